@@ -1,0 +1,71 @@
+# make demo | test | lint | bench | clean
+#
+# Needs make and a Python from 3.10 to 3.13; everything else, ROS 2 Jazzy included, comes from PyPI into .venv.
+# PYTHON=python3.12 chooses the interpreter, VENV=.venv312 keeps its environment beside others,
+# PIP_CONSTRAINT=FILE pins versions, ARGS='-k name' goes to pytest or to the benchmarks.
+
+PYTHON ?= python3
+VENV ?= .venv
+EXTRAS ?= all,dev
+ARGS ?=
+
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+IN_ENVIRONMENT := $(BIN)/python -m biodyn_ros.environment --
+
+# An interpreter that was asked for by name is not replaced by another.
+ifeq ($(origin PYTHON),file)
+CANDIDATES := $(PYTHON) python3.13 python3.12 python3.11 python3.10
+else
+CANDIDATES := $(PYTHON)
+endif
+
+SHELL := /bin/sh
+.SHELLFLAGS := -ec
+
+# What a machine may carry, before the first Python starts. The runs themselves are cleaned by biodyn_ros.environment.
+unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+unexport RMW_IMPLEMENTATION ROS_LOCALHOST_ONLY ROS_STATIC_PEERS ROS_DISCOVERY_SERVER
+unexport FASTRTPS_DEFAULT_PROFILES_FILE FASTDDS_DEFAULT_PROFILES_FILE
+# These three send pip's files elsewhere than into the environment.
+unexport PIP_USER PIP_TARGET PIP_PREFIX
+
+.PHONY: demo test lint bench clean
+.DEFAULT_GOAL := test
+
+demo: $(INSTALLED)
+	@exec $(IN_ENVIRONMENT) biodyn demo
+
+test: lint
+	@exec $(IN_ENVIRONMENT) python -m pytest $(ARGS)
+
+lint: $(INSTALLED)
+	@$(BIN)/python -m ruff check .
+	@$(BIN)/python -m mypy
+
+bench: $(INSTALLED)
+	@exec $(IN_ENVIRONMENT) python -m bench $(ARGS)
+
+clean:
+	rm -rf $(VENV) build install log out *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(INSTALLED): setup.py setup.cfg pyproject.toml package.xml
+	@chosen=; \
+	for candidate in $(CANDIDATES); do \
+	    if "$$candidate" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] < (3, 14))' 2>/dev/null; \
+	    then chosen=$$candidate; break; fi; \
+	done; \
+	if [ -z "$$chosen" ]; then \
+	    echo "biodyn: needs Python 3.10 to 3.13, and found it under none of: $(CANDIDATES); make PYTHON=... names another" >&2; \
+	    exit 1; \
+	fi; \
+	if ! "$$chosen" -c 'import venv, ensurepip' 2>/dev/null; then \
+	    echo "biodyn: $$chosen cannot make an environment: venv or ensurepip is missing; on Debian and Ubuntu: apt install python3-venv" >&2; \
+	    exit 1; \
+	fi; \
+	echo "biodyn: making $(VENV) with $$("$$chosen" --version); this takes a few minutes" >&2; \
+	"$$chosen" -m venv --clear "$(VENV)"; \
+	"$(BIN)/python" -m pip install --quiet --disable-pip-version-check --editable ".[$(EXTRAS)]"; \
+	touch "$@"

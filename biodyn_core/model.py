@@ -1,0 +1,243 @@
+"""Chain: the six-degree-of-freedom seated upper body; its matrices, linear response, modes and time response.
+
+Zaman et al., Eq. 1-20; what the paper contradicts itself on is a named option (`mass_matrix`, `seat_force`).
+Vertical axis only. Not validated beyond the paper's two adult men, upright, without backrest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_core.kernels import integrate_chain
+from biodyn_core.segments import N_SEGMENTS, STIFFENING_SHAPE_PER_M
+from biodyn_core.subject import MassMatrix, Subject
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+SeatForce = Literal["inertia", "joint", "paper"]
+
+MAX_STEP_S: Final = 1e-3
+"""Largest integration step, the paper's own setting (3.3)."""
+
+MAX_EIGENVALUE_STEP: Final = 1.0
+"""Largest |eigenvalue| x step. RK4 is stable to 2.78; the rest is room for strain stiffening, which raises eigenvalues."""
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Natural frequencies (6,) Hz ascending, damping ratios (6,) by Eq. 14, mass-normalised shapes (6, 6) as columns."""
+
+    natural_frequency_hz: Floats
+    damping_ratio: Floats
+    shapes: Floats
+
+
+@dataclass(frozen=True)
+class Response:
+    """What `simulate` answers: absolute accelerations (n, 6) m/s^2, relative displacement and velocity (n, 6), the input."""
+
+    rate_hz: float
+    seat_mps2: Floats
+    accel_mps2: Floats
+    displacement_m: Floats
+    velocity_mps: Floats
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The chain's physical constants, all of shape (6,), joints and segments inferior to superior.
+
+    mass_kg are the segments' masses; inertia_kg is the diagonal of M, equal to them unless the subject says `cascade`.
+    """
+
+    mass_matrix_form: MassMatrix
+    mass_kg: Floats
+    inertia_kg: Floats
+    stiffness_n_per_m: Floats
+    damping_n_s_per_m: Floats
+    stiffening_per_m: Floats
+    rayleigh_rad_per_s: float
+
+    @classmethod
+    def of(cls, subject: Subject) -> Chain:
+        """Build the chain of a subject (Eq. 5-8, 10-12, 16)."""
+        p = subject.parameters
+        mass = subject.segment_mass_kg
+        cascade = np.cumsum(mass[::-1])[::-1]
+        # Stiffness and damping come from the cascade masses under both conventions of M (Eq. 8, 11).
+        stiffness = (2.0 * np.pi * p.natural_frequency_hz) ** 2 * cascade
+        return cls(
+            mass_matrix_form=subject.mass_matrix,
+            mass_kg=mass,
+            inertia_kg=mass if subject.mass_matrix == "segment" else cascade,
+            stiffness_n_per_m=stiffness,
+            damping_n_s_per_m=2.0 * p.damping_ratio * np.sqrt(stiffness * cascade),
+            stiffening_per_m=p.stiffening_scale * STIFFENING_SHAPE_PER_M,
+            rayleigh_rad_per_s=p.rayleigh_rad_per_s,
+        )
+
+    @property
+    def M(self) -> Floats:  # noqa: N802 - the field's symbol
+        """Mass matrix, (6, 6) kg (Eq. 7 in the subject's convention)."""
+        return np.diag(self.inertia_kg)
+
+    @property
+    def K(self) -> Floats:  # noqa: N802 - the field's symbol
+        """Stiffness matrix, (6, 6) N/m (Eq. 9)."""
+        return _chain_matrix(self.stiffness_n_per_m)
+
+    @property
+    def C(self) -> Floats:  # noqa: N802 - the field's symbol
+        """Damping matrix, (6, 6) N s/m, joints plus Rayleigh (Eq. 10-12)."""
+        return _chain_matrix(self.damping_n_s_per_m) + self.rayleigh_rad_per_s * self.M
+
+    def modes(self) -> Modes:
+        """Solve the undamped eigenproblem and project C on it (Eq. 14)."""
+        root = 1.0 / np.sqrt(self.inertia_kg)
+        squares, vectors = np.linalg.eigh(root[:, None] * self.K * root[None, :])
+        shapes = root[:, None] * vectors
+        omega = np.sqrt(squares)
+        damping = np.einsum("ip,ij,jp->p", shapes, self.C, shapes) / (2.0 * omega)
+        return Modes(omega / (2.0 * np.pi), damping, shapes)
+
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complexes:
+        """Relative displacement per seat acceleration at s_nl = 0, (n, 6) s^2 (Eq. 30)."""
+        omega = 2.0 * np.pi * np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))[:, None, None]
+        dynamic = -(omega**2) * self.M + 1j * omega * self.C + self.K
+        load = np.broadcast_to(-self.inertia_kg[:, None], (omega.shape[0], N_SEGMENTS, 1))
+        answer: Complexes = np.linalg.solve(dynamic, load)[:, :, 0]
+        return answer
+
+    def transmissibility(self, frequency_hz: ArrayLike) -> Complexes:
+        """Absolute segment acceleration per seat acceleration at s_nl = 0, (n, 6): 1 - (2 pi f)^2 H."""
+        omega = 2.0 * np.pi * np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))[:, None]
+        return 1.0 - omega**2 * self.frequency_response(frequency_hz)
+
+    def apparent_mass(self, frequency_hz: ArrayLike, form: SeatForce = "inertia", as_printed: bool = False) -> Complexes:
+        """Seat force per seat acceleration at s_nl = 0, (n,) kg (Eq. 19); `form` and `as_printed` as in `seat_force`."""
+        self._check_force(form, as_printed)
+        omega = 2.0 * np.pi * np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+        if form == "inertia":
+            return self.transmissibility(frequency_hz) @ self.inertia_kg.astype(np.complex128)
+        stiffness, damping, sign = self._seat_joint(form)
+        return sign * (stiffness + 1j * omega * damping) * self.frequency_response(frequency_hz)[:, 0]
+
+    def seat_force(self, response: Response, form: SeatForce = "inertia", as_printed: bool = False) -> Floats:
+        """Force of the seat on the body over time, (n,) N.
+
+        `inertia`: sum m_i z_i''; `joint`: -(k1 x1 + b1 x1' + f_nl,1), without the Rayleigh part; `paper`:
+        K11 x1 + C11 x1' with the printed sign and terms (below Eq. 19). Under `cascade` the forces are those of a body
+        three times as heavy: InputError unless `as_printed`.
+        """
+        self._check_force(form, as_printed)
+        if form == "inertia":
+            return response.accel_mps2 @ self.inertia_kg
+        x, v = response.displacement_m[:, 0], response.velocity_mps[:, 0]
+        stiffness, damping, sign = self._seat_joint(form)
+        stiffening = self.stiffness_n_per_m[0] * self.stiffening_per_m[0] * x * np.abs(x) if form == "joint" else 0.0
+        return sign * (stiffness * x + damping * v + stiffening)
+
+    def _seat_joint(self, form: SeatForce) -> tuple[float, float, float]:
+        if form == "joint":
+            return float(self.stiffness_n_per_m[0]), float(self.damping_n_s_per_m[0]), -1.0
+        return float(self.K[0, 0]), float(self.C[0, 0]), 1.0
+
+    def _check_force(self, form: str, as_printed: bool) -> None:
+        if form not in ("inertia", "joint", "paper"):
+            raise InputError(f"seat_force is {form!r}, allowed are inertia, joint and paper")
+        if self.mass_matrix_form == "cascade" and not as_printed:
+            raise InputError("forces under mass_matrix cascade are those of a body three times as heavy: ask for as_printed")
+
+    def largest_eigenvalue_rad_per_s(self) -> float:
+        """Largest |eigenvalue| of the linear state matrix, 1/s."""
+        inverse = 1.0 / self.inertia_kg[:, None]
+        upper = np.hstack([np.zeros((N_SEGMENTS, N_SEGMENTS)), np.eye(N_SEGMENTS)])
+        lower = np.hstack([-inverse * self.K, -inverse * self.C])
+        return float(np.abs(np.linalg.eigvals(np.vstack([upper, lower]))).max())
+
+    def energy_j(self, displacement_m: Floats, velocity_mps: Floats) -> Floats:
+        """Kinetic plus stored energy relative to the seat, (n,) J; it can only fall while the seat rests."""
+        stretch = np.diff(displacement_m, axis=1, prepend=0.0)
+        stored = self.stiffness_n_per_m * (stretch**2 / 2.0 + self.stiffening_per_m * np.abs(stretch) ** 3 / 3.0)
+        energy: Floats = (0.5 * self.inertia_kg * velocity_mps**2 + stored).sum(axis=1)
+        return energy
+
+    def simulate(self, seat_mps2: ArrayLike, rate_hz: float) -> Response:
+        """Answer a seat acceleration (n,) from rest, with the state over time; see `Stepper` for the method."""
+        seat = np.ascontiguousarray(seat_mps2, dtype=np.float64)
+        motion = np.empty((seat.size, 2 * N_SEGMENTS))
+        accel = Stepper(self, rate_hz).push(seat, motion)
+        return Response(rate_hz, seat, accel, motion[:, :N_SEGMENTS], motion[:, N_SEGMENTS:])
+
+
+class Stepper:
+    """The chain in time: seat samples in, absolute accelerations out, the same numbers for any cut into blocks.
+
+    Classical Runge-Kutta, the seat linear between samples (3.3). Substeps are chosen here, once, so that a step is at
+    most 1 ms and at most 1 / |largest eigenvalue|. The chain is at rest at the first sample after `reset`.
+    """
+
+    def __init__(self, chain: Chain, rate_hz: float) -> None:
+        if not (math.isfinite(rate_hz) and rate_hz > 0.0):
+            raise InputError(f"rate_hz is {rate_hz}, expected a positive number")
+        longest = min(MAX_STEP_S, MAX_EIGENVALUE_STEP / chain.largest_eigenvalue_rad_per_s())
+        self.substeps = math.ceil(1.0 / (rate_hz * longest) - 1e-9)
+        self._step_s = 1.0 / (rate_hz * self.substeps)
+        self._k = np.ascontiguousarray(chain.stiffness_n_per_m)
+        self._b = np.ascontiguousarray(chain.damping_n_s_per_m)
+        self._k_alpha = self._k * chain.stiffening_per_m
+        self._inverse_mass = 1.0 / chain.inertia_kg
+        self._alpha_r = float(chain.rayleigh_rad_per_s)
+        self._state = np.zeros(2 * N_SEGMENTS + 1)
+        self._fresh = True
+
+    def reset(self) -> None:
+        """Put the chain back to rest."""
+        self._fresh = True
+
+    def push(self, seat_mps2: Floats, motion: Floats | None = None) -> Floats:
+        """Advance over seat samples (n,) m/s^2 and return absolute accelerations (n, 6) m/s^2.
+
+        `motion` (n, 12), where given, receives relative displacements and velocities.
+        """
+        accel = np.empty((seat_mps2.shape[0], N_SEGMENTS))
+        if seat_mps2.shape[0] == 0:
+            return accel
+        start = 0
+        if self._fresh:
+            # No joint is stretched yet, so nothing has been accelerated: z'' = 0.
+            self._state[:] = 0.0
+            self._state[-1] = seat_mps2[0]
+            accel[0] = 0.0
+            if motion is not None:
+                motion[0] = 0.0
+            self._fresh, start = False, 1
+        integrate_chain(
+            seat_mps2[start:],
+            self._state,
+            self._k,
+            self._b,
+            self._k_alpha,
+            self._inverse_mass,
+            self._alpha_r,
+            self._step_s,
+            self.substeps,
+            accel[start:],
+            _NO_MOTION if motion is None else motion[start:],
+        )
+        return accel
+
+
+_NO_MOTION: Final = np.empty((0, 2 * N_SEGMENTS))
+
+
+def _chain_matrix(joint: Floats) -> Floats:
+    """Assemble joint constants (6,) into the tridiagonal chain matrix (Eq. 9)."""
+    above = np.append(joint[1:], 0.0)
+    return np.diag(joint + above) - np.diag(joint[1:], 1) - np.diag(joint[1:], -1)

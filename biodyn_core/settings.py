@@ -1,0 +1,40 @@
+"""How a setting is described: default, unit, range and meaning in one dataclass field, once.
+
+ROS parameters, the configuration file and the tables of the README are derived from these fields.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from biodyn_core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Range:
+    """What a setting may be, both ends included, and what it means."""
+
+    meaning: str
+    unit: str = ""
+    lower: float = -math.inf
+    upper: float = math.inf
+
+
+def setting(default: Any, meaning: str, unit: str = "", lower: float = -math.inf, upper: float = math.inf) -> Any:
+    """A dataclass field that carries its own description."""
+    return dataclasses.field(default=default, metadata={"range": Range(meaning, unit, lower, upper)})
+
+
+def check_settings(settings: Any) -> None:
+    """Raise InputError naming the first field that is not finite or out of its range."""
+    for item in dataclasses.fields(settings):
+        allowed: Range = item.metadata["range"]
+        value = getattr(settings, item.name)
+        if isinstance(value, (str, bool)) or value is None:
+            continue
+        if not (math.isfinite(value) and allowed.lower <= value <= allowed.upper):
+            unit = f" {allowed.unit}" if allowed.unit else ""
+            raise InputError(f"{item.name} is {value:g}, allowed are {allowed.lower:g} to {allowed.upper:g}{unit}")

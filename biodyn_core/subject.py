@@ -1,0 +1,181 @@
+"""Subject: one person's anthropometry, parameters, options and provenance; YAML in and out.
+
+The file format is schema 1: unknown keys, wrong lengths and values out of range are errors that name them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_core.parameters import Parameters
+from biodyn_core.segments import MASS_FRACTION
+
+SCHEMA: Final = 1
+MassMatrix = Literal["segment", "cascade"]
+MASS_MATRICES: Final = ("segment", "cascade")
+BODY_MASS_KG: Final = (30.0, 200.0)
+STATURE_M: Final = (1.2, 2.3)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A seated person as the model knows them.
+
+    `mass_matrix`: `segment` is Newton's M = diag(m_i); `cascade` is Eq. 7 as printed, whose inertia is three times the
+    body's. There is no default: the choice changes every number. Raises InputError for values out of range.
+    """
+
+    name: str
+    body_mass_kg: float
+    stature_m: float
+    mass_matrix: MassMatrix
+    parameters: Parameters
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.mass_matrix not in MASS_MATRICES:
+            raise InputError(f"mass_matrix is {self.mass_matrix!r}, allowed are {' and '.join(MASS_MATRICES)}")
+        _check_range("body_mass_kg", self.body_mass_kg, BODY_MASS_KG)
+        _check_range("stature_m", self.stature_m, STATURE_M)
+
+    @property
+    def segment_mass_kg(self) -> NDArray[np.float64]:
+        """m_i, shape (6,), kg (Eq. 5)."""
+        return self.parameters.mass_scale * MASS_FRACTION * self.body_mass_kg
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the subject as the mapping its YAML file holds."""
+        p = self.parameters
+        return {
+            "schema": SCHEMA,
+            "name": self.name,
+            "body_mass_kg": self.body_mass_kg,
+            "stature_m": self.stature_m,
+            "mass_matrix": self.mass_matrix,
+            "parameters": {
+                "natural_frequency_hz": [float(v) for v in p.natural_frequency_hz],
+                "damping_ratio": [float(v) for v in p.damping_ratio],
+                "rayleigh_rad_per_s": p.rayleigh_rad_per_s,
+                "stiffening_scale": p.stiffening_scale,
+                "mass_scale": p.mass_scale,
+            },
+            "effects": [],
+            "provenance": dict(self.provenance),
+        }
+
+    def to_yaml(self) -> str:
+        """Return the subject as YAML text."""
+        return yaml.safe_dump(self.to_dict(), sort_keys=False, default_flow_style=None, width=100)
+
+    @classmethod
+    def from_dict(cls, data: object) -> Subject:
+        """Read the mapping of a subject file; raises InputError naming the key."""
+        top = _mapping(data, "subject", required=_TOP_REQUIRED, optional=("effects", "provenance"))
+        schema = top["schema"]
+        if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
+            raise InputError(f"schema is {schema!r}, expected the whole number {SCHEMA}")
+        if schema > SCHEMA:
+            raise InputError(f"schema {schema} is newer than the {SCHEMA} this version reads: update biodyn")
+        if top.get("effects"):
+            raise InputError("effects: this version of biodyn has no catalogue of effects; leave the list empty")
+        values = _mapping(top["parameters"], "parameters", required=_PARAMETER_KEYS)
+        return cls(
+            name=_text(top["name"], "name"),
+            body_mass_kg=_number(top["body_mass_kg"], "body_mass_kg"),
+            stature_m=_number(top["stature_m"], "stature_m"),
+            mass_matrix=top["mass_matrix"],
+            parameters=Parameters(
+                natural_frequency_hz=_numbers(values["natural_frequency_hz"], "parameters.natural_frequency_hz"),
+                damping_ratio=_numbers(values["damping_ratio"], "parameters.damping_ratio"),
+                **{key: _number(values[key], f"parameters.{key}") for key in _PARAMETER_KEYS[2:]},
+            ),
+            provenance=_mapping(top.get("provenance") or {}, "provenance"),
+        )
+
+
+def load_subject(path: str | Path) -> Subject:
+    """Read a subject file; raises InputError naming the file and the key."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        return Subject.from_dict(yaml.load(text, _UniqueKeyLoader))  # noqa: S506 - a SafeLoader with one check more
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give a subject file") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: not a YAML file ({_one_line(error)})") from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """YAML lets a later key silently replace an earlier one; for a person's parameters that is an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=deep) for key, _ in node.value]  # type: ignore[no-untyped-call]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise InputError(f"{key}: given twice")
+        return super().construct_mapping(node, deep=deep)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+_TOP_REQUIRED: Final = ("schema", "name", "body_mass_kg", "stature_m", "mass_matrix", "parameters")
+_PARAMETER_KEYS: Final = (
+    "natural_frequency_hz",
+    "damping_ratio",
+    "rayleigh_rad_per_s",
+    "stiffening_scale",
+    "mass_scale",
+)
+
+
+def _mapping(
+    data: object, where: str, required: tuple[str, ...] = (), optional: tuple[str, ...] | None = None
+) -> dict[str, Any]:
+    if not isinstance(data, Mapping):
+        raise InputError(f"{where}: expected keys and values, got {type(data).__name__}")
+    known = (*required, *(optional or ()))
+    for key in data:
+        if known and key not in known:
+            raise InputError(f"{where}: unknown key {key!r}, known are {', '.join(known)}")
+    for key in required:
+        if key not in data:
+            choice = f": one of {' and '.join(MASS_MATRICES)}, it has no default" if key == "mass_matrix" else ""
+            raise InputError(f"{where}: key {key!r} is missing{choice}")
+    return dict(data)
+
+
+def _text(value: object, where: str) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(f"{where} is {value!r}, expected a text")
+    return value
+
+
+def _number(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(f"{where} is {value!r}, expected a number")
+    if not math.isfinite(value):
+        raise InputError(f"{where} is {value}, expected a finite number")
+    return float(value)
+
+
+def _numbers(value: object, where: str) -> NDArray[np.float64]:
+    if not isinstance(value, list):
+        raise InputError(f"{where} is {value!r}, expected a list of numbers")
+    return np.array([_number(item, f"{where}[{index}]") for index, item in enumerate(value)])
+
+
+def _check_range(name: str, value: float, allowed: tuple[float, float]) -> None:
+    if not allowed[0] <= value <= allowed[1]:
+        raise InputError(f"{name} is {value:g}, allowed are {allowed[0]:g} to {allowed[1]:g}")

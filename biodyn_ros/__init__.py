@@ -1,0 +1,1 @@
+"""The borders of biodyn: ROS 2 nodes, bags and the command line around `biodyn_core`."""

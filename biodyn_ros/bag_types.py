@@ -1,0 +1,130 @@
+"""What the storage back-ends of a bag have in common: topics, blocks of messages, and the protocol they follow."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+TopicKey = tuple[str, str]
+"""Topic name and message type."""
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """One topic of a bag: name, message type (sensor_msgs/msg/Imu), and how many messages it has."""
+
+    name: str
+    type: str
+    messages: int
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Consecutive messages of one topic, lying in a buffer they share with other topics; nothing is copied.
+
+    Message i was logged at log_ns[i] and is buffer[offsets[i] : offsets[i] + lengths[i]]; all three are int64 (n,).
+    """
+
+    topic: str
+    type: str
+    log_ns: Ints
+    buffer: Bytes
+    offsets: Ints
+    lengths: Ints
+
+    def __len__(self) -> int:
+        return len(self.log_ns)
+
+    def messages(self) -> list[bytes]:
+        """The messages as bytes objects, copied."""
+        data = memoryview(self.buffer)
+        return [bytes(data[at : at + n]) for at, n in zip(self.offsets.tolist(), self.lengths.tolist(), strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """The wanted messages of one stretch of a bag, topic after topic, in file order within a topic.
+
+    Rows edges[k] to edges[k + 1] of log_ns, offsets and lengths belong to keys[k]. Chunks come in the order of
+    start_ns, their first log time: every message logged before start_ns is in an earlier chunk.
+    """
+
+    start_ns: int
+    buffer: Bytes
+    keys: tuple[TopicKey, ...]
+    edges: tuple[int, ...]
+    log_ns: Ints
+    offsets: Ints
+    lengths: Ints
+
+    def blocks(self) -> Iterator[Block]:
+        """One block per topic."""
+        for (topic, kind), lo, hi in zip(self.keys, self.edges, self.edges[1:], strict=False):
+            yield Block(topic, kind, self.log_ns[lo:hi], self.buffer, self.offsets[lo:hi], self.lengths[lo:hi])
+
+
+class Storage(Protocol):
+    """One storage file, open for reading. start_ns and end_ns are log times, None in an empty file."""
+
+    topics: tuple[TopicInfo, ...]
+    start_ns: int | None
+    end_ns: int | None
+    recovered: bool
+
+    def chunks(self, topics: frozenset[str]) -> Iterator[Chunk]:
+        """The messages of these topics, one chunk in memory at a time."""
+
+    def metadata(self, name: str) -> dict[str, str]:
+        """The metadata record of that name, empty if there is none."""
+
+    def close(self) -> None:
+        """Close the file."""
+
+
+def require(module: str) -> ModuleType:
+    """Import a module of the 'bags' extra, or raise InputError saying what to install."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        name = module.partition(".")[0]
+        raise InputError(
+            f"bags need the Python module {name}, which is not installed: pip install 'biodyn_ros[bags]'"
+        ) from None
+
+
+def grouped(
+    start_ns: int, buffer: Bytes, keys: tuple[TopicKey, ...], group: Ints, log_ns: Ints, offsets: Ints, lengths: Ints
+) -> Chunk:
+    """A chunk from messages in file order, group[i] being the place in keys of message i's topic."""
+    if (group[1:] < group[:-1]).any():
+        order = np.argsort(group, kind="stable")
+        group, log_ns, offsets, lengths = group[order], log_ns[order], offsets[order], lengths[order]
+    edges = np.searchsorted(group, np.arange(len(keys) + 1))
+    return Chunk(start_ns, buffer, keys, tuple(edges.tolist()), log_ns, offsets, lengths)
+
+
+def refuse_foreign(path: Path, formats: Iterable[tuple[str, str]], warnings: list[str]) -> None:
+    """Raise InputError unless some topic is CDR, and warn of those (topic, format) that are not; none at all is fine.
+
+    A recording of one foreign middleware cannot be read; a stray JSON topic beside ROS 2 topics is only left out.
+    """
+    formats = list(formats)
+    foreign = [(topic, form) for topic, form in formats if form != "cdr"]
+    if foreign and len(foreign) == len(formats):
+        topic, form = foreign[0]
+        raise InputError(
+            f"{path}: topic {topic} is serialized as {form or 'nothing known'!r}, only 'cdr' (ROS 2) can be read:"
+            " record with ROS 2, or convert the bag with rosbags-convert"
+        )
+    warnings.extend(f"{path}: topic {topic} is serialized as {form!r}, not 'cdr': left out" for topic, form in foreign)

@@ -1,0 +1,93 @@
+"""Finds the files that come with biodyn: configuration, subjects, launch file, bags, page and templates; no ROS import.
+
+They lie in the source tree, or in share/biodyn_ros of wherever pip or colcon put the package.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from biodyn_core.errors import InputError
+
+SHARE: Final = Path("share") / "biodyn_ros"
+
+
+def config_file(name: str) -> Path:
+    """The configuration file of this name, such as `limits.yaml`."""
+    return _find("config", name)
+
+
+def launch_file(name: str) -> Path:
+    """The launch file of this name; the source tree keeps it below config, an install where `ros2 launch` looks."""
+    root = _root()
+    directory = root / "launch"
+    return _one_of(directory if directory.is_dir() else root / "config" / "launch", name)
+
+
+def bag_file(name: str) -> Path:
+    """The bundled bag of this name, such as `short.mcap`."""
+    return _find("bags", name)
+
+
+def subject_names() -> list[str]:
+    """The names of the bundled subjects."""
+    return sorted(path.stem for path in (_root() / "config" / "subjects").glob("*.yaml"))
+
+
+def subject_file(name_or_path: str | Path) -> Path:
+    """The subject file at a path, or the bundled one of a bare name such as `subject_1`."""
+    path = Path(name_or_path).expanduser()
+    if path.is_file():
+        return path
+    bundled = _root() / "config" / "subjects" / f"{name_or_path}.yaml"
+    if path.name == str(name_or_path) and bundled.is_file():
+        return bundled
+    raise InputError(f"no subject file {name_or_path}; bundled are {_listed(subject_names())}; give others by path")
+
+
+def package_directory(name: str) -> Path:
+    """The directory `page` or `templates`, which lies beside the code that serves it."""
+    path = Path(__file__).parent / name
+    if not path.is_dir():
+        raise InputError(f"the installation is incomplete: {path} is missing")
+    return path
+
+
+def _find(directory: str, name: str) -> Path:
+    return _one_of(_root() / directory, name)
+
+
+def _one_of(directory: Path, name: str) -> Path:
+    path = directory / name
+    if path.exists():
+        return path
+    there = sorted(entry.name for entry in directory.glob("[!.]*"))
+    raise InputError(f"no {name} in {directory}; there is {_listed(there)}")
+
+
+def _root() -> Path:
+    """The first place that holds our files: a root without them is somebody else's."""
+    roots = list(_roots())
+    for root in roots:
+        if (root / "package.xml").is_file() and (root / "config").is_dir():
+            return root
+    raise InputError(f"the files of biodyn are in none of {_listed([str(root) for root in roots])}; install it again")
+
+
+def _roots() -> Iterator[Path]:
+    # Resolved, because a symlinked build leads back to the source tree.
+    here = Path(__file__).resolve()
+    yield here.parents[1]
+    # An install keeps code and share below one prefix, be it a venv, ~/.local, /usr/local, --target or colcon's.
+    # It comes before every other prefix, so that code never reads the files of another version.
+    yield from (parent / SHARE for parent in here.parents[1:])
+    yield Path(sys.prefix) / SHARE
+    yield from (Path(prefix) / SHARE for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names) if names else "nothing"

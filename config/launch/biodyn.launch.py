@@ -1,0 +1,56 @@
+"""Starts the live node: `ros2 launch biodyn_ros biodyn.launch.py subject_file:=/path/to/subject.yaml`."""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import LifecycleNode
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+# Parameters of the node that are files or names: never read as YAML, so that a subject may be called 1.
+TEXTS = {
+    "subject_file": "Subject YAML, or the name of a bundled subject",
+    "limits_file": "YAML with the action and limit values",
+    "state_file": "File that keeps the exposure over a restart",
+}
+# Parameters of the node that are numbers or truth values.
+VALUES = {
+    "autostart": "Configure and activate at start",
+    "publish_measured": "Publish the conditioned measurement too",
+    "dashboard": "Serve the live page",
+    "yaw_deg": "Yaw from the seat sensor's x axis to the seat's, in degrees",
+    "use_sim_time": "Follow /clock",
+}
+
+
+def live_node(context: LaunchContext) -> list[LifecycleNode]:
+    """The node, with the parameter file and, over it, those arguments that were given."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in (*TEXTS, *VALUES)}
+    texts = {name: ParameterValue(given[name], value_type=str) for name in TEXTS if given[name]}
+    values = {name: given[name] for name in VALUES if given[name]}
+    return [
+        LifecycleNode(
+            package="biodyn_ros",
+            executable="biodyn_live",
+            name="biodyn",
+            namespace=LaunchConfiguration("namespace"),
+            parameters=[LaunchConfiguration("params_file"), {**texts, **values}],
+            output="screen",
+        )
+    ]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """The arguments, and the node once they are known; an argument left empty keeps the parameter file's value."""
+    params_file = PathJoinSubstitution([FindPackageShare("biodyn_ros"), "config", "live.yaml"])
+    arguments = [
+        DeclareLaunchArgument(name, default_value="", description=text) for name, text in {**TEXTS, **VALUES}.items()
+    ]
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("params_file", default_value=params_file, description="Parameters of the node"),
+            DeclareLaunchArgument("namespace", default_value="", description="Namespace of the node and its topics"),
+            *arguments,
+            OpaqueFunction(function=live_node),
+        ]
+    )

@@ -1,0 +1,179 @@
+"""The rules of who imports whom, checked on the source."""
+
+import ast
+import sys
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# From the bottom up. A module imports from lower layers, and from its own as long as no circle arises.
+LAYERS = (
+    ("errors", "segments"),
+    ("parameters", "settings"),
+    ("effects",),
+    ("kernels",),
+    ("subject", "model"),
+    ("conditioning", "alignment", "weighting", "exposure", "response", "recording", "synthesis"),
+    ("pipeline",),
+    ("identification",),
+    ("tracing",),
+)
+CORE_NEEDS = {"numpy", "scipy", "yaml"}
+COMPILED = "biodyn_core.kernels"
+
+ROS_FREE = ("cdr", "bag", "resources", "environment", "blue_trident")
+ROS = {
+    "rclpy",
+    "ament_index_python",
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "launch",
+    "launch_ros",
+    "lifecycle_msgs",
+    "rcl_interfaces",
+    "rosgraph_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+}
+
+
+def modules(root: Path, package: str) -> dict[str, ast.Module]:
+    """Every module of a package by its dotted name."""
+    found = {}
+    for path in sorted((root / package).rglob("*.py")):
+        parts = path.relative_to(root).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        found[name] = ast.parse(path.read_text(encoding="utf-8"), str(path))
+    return found
+
+
+def imported(name: str, tree: ast.Module, known: dict[str, ast.Module], is_package: bool) -> Iterator[str]:
+    """The dotted names that a module imports anywhere, also inside functions."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            here = name.split(".")
+            upward = here[: len(here) - node.level + is_package] if node.level else []
+            origin = ".".join([*upward, *([node.module] if node.module else [])])
+            # `from package import module` names the module, `from module import thing` does not.
+            for alias in node.names:
+                inner = f"{origin}.{alias.name}"
+                yield inner if inner in known else origin
+
+
+def graph(root: Path, package: str) -> dict[str, set[str]]:
+    """What each module of a package imports."""
+    known = modules(root, package)
+    return {
+        name: set(imported(name, tree, known, (root / Path(*name.split("."))).is_dir())) - {name}
+        for name, tree in known.items()
+    }
+
+
+def layer(module: str) -> int | None:
+    """The number of the layer of a module of the core; None where the table does not know it."""
+    room = module.split(".")[1]
+    return next((number for number, rooms in enumerate(LAYERS) if room in rooms), None)
+
+
+def core_faults(root: Path) -> list[str]:
+    """What breaks a rule in `biodyn_core`, a line each."""
+    imports = graph(root, "biodyn_core")
+    faults = []
+    for name, targets in imports.items():
+        inner = {target for target in targets if target.split(".")[0] == "biodyn_core"}
+        for target in sorted(targets - inner):
+            top = target.split(".")[0]
+            allowed = top in CORE_NEEDS or top in sys.stdlib_module_names or (top == "numba" and name == COMPILED)
+            if not allowed:
+                faults.append(f"{name} imports {target}")
+        if name == "biodyn_core":
+            # Every import of the core runs it, so it must cost and need nothing.
+            faults += [f"biodyn_core/__init__.py imports {target}" for target in sorted(inner)]
+        elif layer(name) is None:
+            faults.append(f"{name} is in no layer: add it to LAYERS in {Path(__file__).name}")
+        else:
+            faults += [f"{name} imports {target}" for target in sorted(inner) if not reaches_down(name, target)]
+    try:
+        TopologicalSorter(imports).prepare()
+    except CycleError as error:
+        faults.append("circle: " + " -> ".join(error.args[1]))
+    return faults
+
+
+def reaches_down(name: str, target: str) -> bool:
+    """Whether the target is in the same or a lower layer."""
+    above, below = layer(name), None if target == "biodyn_core" else layer(target)
+    return above is not None and below is not None and below <= above
+
+
+def ros_faults(root: Path) -> list[str]:
+    """Where a module that must run without ROS reaches it, itself or through another of its package."""
+    imports = graph(root, "biodyn_ros")
+    starts = [name for name in imports if name.split(".")[-1].startswith(ROS_FREE)]
+    faults = []
+    for start in starts:
+        seen, waiting = {start}, [start]
+        while waiting:
+            name = waiting.pop()
+            faults += [f"{start}: {name} imports {target}" for target in imports[name] if target.split(".")[0] in ROS]
+            new = imports[name] & imports.keys() - seen
+            seen |= new
+            waiting += new
+    return faults
+
+
+def test_core_imports_point_downward() -> None:
+    assert core_faults(ROOT) == []
+
+
+def test_ros_free_modules_never_reach_ros() -> None:
+    assert ros_faults(ROOT) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "source", "fault"),
+    [
+        ("errors.py", "import rclpy", "biodyn_core.errors imports rclpy"),
+        ("errors.py", "import biodyn_ros.cdr", "biodyn_core.errors imports biodyn_ros.cdr"),
+        ("pipeline.py", "def f():\n    import matplotlib.pyplot", "biodyn_core.pipeline imports matplotlib.pyplot"),
+        ("model.py", "import numba", "biodyn_core.model imports numba"),
+        ("segments.py", "from biodyn_core import model", "biodyn_core.segments imports biodyn_core.model"),
+        ("kernels.py", "from .subject import Subject", "biodyn_core.kernels imports biodyn_core.subject"),
+        ("effects/joint.py", "from ..model import Chain", "biodyn_core.effects.joint imports biodyn_core.model"),
+        ("effects/__init__.py", "from . import seat", "circle: biodyn_core.effects"),
+        ("surprise.py", "", "biodyn_core.surprise is in no layer"),
+        ("__init__.py", "from biodyn_core.model import Chain", "biodyn_core/__init__.py imports biodyn_core.model"),
+    ],
+)
+def test_a_broken_rule_is_seen(tmp_path: Path, path: str, source: str, fault: str) -> None:
+    core = tmp_path / "biodyn_core"
+    (core / "effects").mkdir(parents=True)
+    (core / "__init__.py").touch()
+    (core / "effects/__init__.py").touch()
+    (core / "effects/seat.py").write_text("import biodyn_core.effects")
+    for name in ("model", "subject"):
+        (core / f"{name}.py").touch()
+    assert core_faults(tmp_path) == []
+    (core / path).write_text(source)
+    assert len([line for line in core_faults(tmp_path) if line.startswith(fault)]) == 1
+
+
+def test_numba_is_allowed_in_the_kernels(tmp_path: Path) -> None:
+    (tmp_path / "biodyn_core").mkdir()
+    (tmp_path / "biodyn_core/kernels.py").write_text("import numba")
+    assert core_faults(tmp_path) == []
+
+
+def test_ros_behind_a_second_module_is_seen(tmp_path: Path) -> None:
+    (tmp_path / "biodyn_ros").mkdir()
+    (tmp_path / "biodyn_ros/bag_reader.py").write_text("from biodyn_ros.params import Table")
+    (tmp_path / "biodyn_ros/params.py").write_text("from rcl_interfaces.msg import ParameterDescriptor")
+    assert ros_faults(tmp_path) == ["biodyn_ros.bag_reader: biodyn_ros.params imports rcl_interfaces.msg"]

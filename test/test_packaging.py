@@ -1,0 +1,266 @@
+"""pip and colcon install the package, and what they install finds its files from anywhere."""
+
+import ast
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from configparser import ConfigParser
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from biodyn_core.errors import InputError
+from biodyn_ros import resources
+from biodyn_ros.environment import clean_environment
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# Keys that rosdep resolves on Ubuntu 24.04 for Jazzy: ROS packages of ros-base, and apt packages.
+ROSDEP_KEYS = {
+    "rclpy",
+    "sensor_msgs",
+    "geometry_msgs",
+    "std_msgs",
+    "std_srvs",
+    "diagnostic_msgs",
+    "lifecycle_msgs",
+    "rosgraph_msgs",
+    "python3-numpy",
+    "python3-scipy",
+    "python3-yaml",
+    "python3-pytest",
+}
+
+# Prints every file that resources finds; run where neither the source tree nor its tests can be seen by accident.
+FIND_ALL = """
+import biodyn_ros, biodyn_core
+from biodyn_ros import resources
+print(biodyn_ros.__file__)
+print(biodyn_core.__file__)
+print(resources.launch_file("biodyn.launch.py"))
+for path in sorted(resources.config_file("subjects").parent.glob("*.yaml")):
+    print(resources.config_file(path.name))
+for name in resources.subject_names():
+    print(resources.subject_file(name))
+"""
+
+
+@dataclass(frozen=True)
+class Installed:
+    """One way of installing: its prefix, where its scripts are, and the shell line that makes it known."""
+
+    prefix: Path
+    scripts: Path
+    setup: str
+
+    def run(self, command: str, cwd: Path) -> str:
+        """What a command prints in a shell that knows the installation and nothing else."""
+        return run(["bash", "-c", f"{self.setup}\n{command}"], cwd)
+
+
+def run(command: list[str], cwd: Path, **more: str) -> str:
+    """What a command prints, in a clean environment; its errors when it fails."""
+    environment = {**clean_environment(os.environ), "PIP_NO_INPUT": "1", **more}
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{shlex.join(command)}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def copy_of_the_tree(target: Path) -> Path:
+    """What a clone would hold, changes not yet committed included."""
+    listed = run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], ROOT)
+    for name in filter(None, listed.split("\0")):
+        if (ROOT / name).is_file():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, target / name)
+    return target
+
+
+def colcon(tmp_path: Path, *options: str) -> Installed:
+    """The tree built with colcon in a workspace of its own."""
+    tree = copy_of_the_tree(tmp_path / "src" / "biodyn")
+    # The interpreter that runs colcon is the one in the executables. A home of its own keeps a user's defaults out.
+    build = [sys.executable, "-m", "colcon", "build", "--base-paths", str(tree), *options]
+    run(build, tmp_path, COLCON_HOME=str(tmp_path / "home"))
+    prefix = tmp_path / "install" / "biodyn_ros"
+    return Installed(prefix, prefix / "lib" / "biodyn_ros", f". {shlex.quote(str(tmp_path / 'install/setup.bash'))}")
+
+
+def pip(tmp_path: Path, option: str) -> Installed:
+    """The tree installed with pip below a directory, without its dependencies."""
+    tree, prefix = copy_of_the_tree(tmp_path / "tree"), tmp_path / "prefix"
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "--ignore-installed", option, str(prefix)]
+    run([sys.executable, "-m", "pip", "install", *options, str(tree)], tmp_path)
+    (package,) = prefix.rglob("biodyn_ros/resources.py")
+    setup = f"export PYTHONPATH={shlex.quote(str(package.parents[1]))}"
+    shutil.rmtree(tree)
+    return Installed(prefix, prefix / "bin", setup)
+
+
+@pytest.fixture(scope="module", params=["colcon", "colcon-symlink", "pip-prefix", "pip-target"])
+def installed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    tmp_path = tmp_path_factory.mktemp(request.param)
+    if request.param.startswith("colcon"):
+        return colcon(tmp_path, *(["--symlink-install"] if request.param == "colcon-symlink" else []))
+    return pip(tmp_path, f"--{request.param.removeprefix('pip-')}")
+
+
+def test_everything_beside_the_code_is_installed(installed: Installed) -> None:
+    share = installed.prefix / "share"
+    assert (share / "ament_index/resource_index/packages/biodyn_ros").is_file()
+    assert (share / "biodyn_ros/package.xml").read_bytes() == (ROOT / "package.xml").read_bytes()
+    # `ros2 launch` refuses a launch file that it finds twice.
+    assert list(share.rglob("*.launch.py")) == [share / "biodyn_ros/launch/biodyn.launch.py"]
+    configured = {path.relative_to(ROOT / "config") for path in (ROOT / "config").rglob("*.yaml")}
+    assert configured == {path.relative_to(share / "biodyn_ros/config") for path in share.rglob("config/**/*.yaml")}
+    assert configured
+
+
+def test_what_is_installed_finds_its_files_from_anywhere(installed: Installed, tmp_path: Path) -> None:
+    found = installed.run(f"{shlex.quote(sys.executable)} -c {shlex.quote(FIND_ALL)}", tmp_path).splitlines()
+    workspace = installed.prefix.parents[1] if installed.setup.startswith(".") else installed.prefix
+    assert all(Path(line).is_relative_to(workspace) for line in found), found
+    names = [Path(line).name for line in found]
+    assert names[2] == "biodyn.launch.py"
+    assert sorted(names[3:]) == sorted(path.name for path in (ROOT / "config").rglob("*.yaml"))
+
+
+@pytest.mark.parametrize("script", ["biodyn", "biodyn_live"])
+def test_the_executables_are_where_they_are_looked_for(installed: Installed, script: str, tmp_path: Path) -> None:
+    executable = installed.scripts / script
+    assert os.access(executable, os.X_OK)
+    first = executable.read_text(encoding="utf-8").splitlines()[0]
+    assert first == f"#!{sys.executable}"
+
+
+def test_the_command_starts_where_it_is_installed(installed: Installed, tmp_path: Path) -> None:
+    assert "usage" in installed.run(f"{shlex.quote(str(installed.scripts / 'biodyn'))} --help", tmp_path).lower()
+
+
+def test_a_symlinked_build_leads_back_to_the_source(tmp_path: Path) -> None:
+    built = colcon(tmp_path, "--symlink-install")
+    tree = tmp_path / "src" / "biodyn"
+    launch = built.prefix / "share/biodyn_ros/launch/biodyn.launch.py"
+    assert launch.resolve() == tree / "config/launch/biodyn.launch.py"
+    script = "import biodyn_ros.resources as r; print(r.__file__)"
+    module = built.run(f"{shlex.quote(sys.executable)} -c {shlex.quote(script)}", tmp_path).strip()
+    assert Path(module).resolve() == tree / "biodyn_ros/resources.py"
+
+
+def test_the_manifest_names_only_keys_that_resolve() -> None:
+    manifest = ET.parse(ROOT / "package.xml").getroot()
+    assert (manifest.tag, manifest.get("format")) == ("package", "3")
+    assert manifest.findtext("name") == "biodyn_ros"
+    assert manifest.findtext("license") == "Apache-2.0"
+    assert manifest.findtext("export/build_type") == "ament_python"
+    assert re.fullmatch(r"\d+\.\d+\.\d+", manifest.findtext("version", ""))
+    depends = [child.text for child in manifest if child.tag.endswith("depend")]
+    assert len(depends) == len(set(depends))
+    assert set(depends) == ROSDEP_KEYS
+
+
+def test_the_changelog_tells_of_this_version() -> None:
+    version = ET.parse(ROOT / "package.xml").findtext("version")
+    assert re.search(rf"^## {re.escape(version or '-')}\b", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+
+
+def test_entry_points_name_functions_that_exist(tmp_path: Path) -> None:
+    tree = copy_of_the_tree(tmp_path)
+    run([sys.executable, "setup.py", "--quiet", "egg_info"], tree)
+    parser = ConfigParser()
+    parser.read(tree / "biodyn_ros.egg-info" / "entry_points.txt")
+    scripts = dict(parser["console_scripts"])
+    assert set(scripts) == {"biodyn", "biodyn_live"}
+    for target in scripts.values():
+        module, function = target.split(":")
+        source = ast.parse((tree / Path(*module.split("."))).with_suffix(".py").read_text(encoding="utf-8"))
+        assert function in {node.name for node in source.body if isinstance(node, ast.FunctionDef)}, target
+
+
+def test_the_launch_file_starts_our_node_with_our_file() -> None:
+    # ROS's `launch` has no wheel, so the file is read here and not run.
+    path = ROOT / "config/launch/biodyn.launch.py"
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    compile(tree, str(path), "exec")
+    assert "generate_launch_description" in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert {node.module.split(".")[0] for node in tree.body if isinstance(node, ast.ImportFrom)} == {"launch", "launch_ros"}
+    (node,) = (call for call in ast.walk(tree) if isinstance(call, ast.Call) and name_of(call) == "LifecycleNode")
+    given = {word.arg: word.value.value for word in node.keywords if isinstance(word.value, ast.Constant)}
+    assert given == {"package": "biodyn_ros", "executable": "biodyn_live", "name": "biodyn", "output": "screen"}
+    (share,) = (call for call in ast.walk(tree) if isinstance(call, ast.Call) and name_of(call) == "FindPackageShare")
+    assert ast.literal_eval(share.args[0]) == "biodyn_ros"
+
+
+def test_the_launch_arguments_are_parameters_of_the_node() -> None:
+    tree = ast.parse((ROOT / "config/launch/biodyn.launch.py").read_text(encoding="utf-8"))
+    tables = {target.id: node.value for node in tree.body if isinstance(node, ast.Assign) for target in node.targets}
+    arguments = {*ast.literal_eval(tables["TEXTS"]), *ast.literal_eval(tables["VALUES"])}
+    (parameters,) = (ROOT / "config").glob("live.yaml")
+    declared = set(re.findall(r"^\s+#?\s*(\w+):", parameters.read_text(encoding="utf-8"), re.MULTILINE))
+    assert arguments - {"use_sim_time"} <= declared
+
+
+def name_of(call: ast.Call) -> str:
+    return call.func.id if isinstance(call.func, ast.Name) else ""
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An installation found through AMENT_PREFIX_PATH alone, the module being in no tree and below no prefix."""
+    share = tmp_path / "prefix/share/biodyn_ros"
+    (share / "config/subjects").mkdir(parents=True)
+    (share / "bags").mkdir()
+    for name in ("package.xml", "config/limits.yaml", "config/subjects/tall.yaml", "bags/short.mcap"):
+        (share / name).touch()
+    monkeypatch.setattr(resources, "__file__", str(tmp_path / "code/biodyn_ros/resources.py"))
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "nothing"))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(["", str(tmp_path / "other"), str(tmp_path / "prefix")]))
+    monkeypatch.chdir(tmp_path)
+    return share
+
+
+def test_files_are_found_through_the_ament_prefix_path(elsewhere: Path) -> None:
+    assert resources.config_file("limits.yaml") == elsewhere / "config/limits.yaml"
+    assert resources.bag_file("short.mcap") == elsewhere / "bags/short.mcap"
+    assert resources.subject_names() == ["tall"]
+    assert resources.subject_file("tall") == elsewhere / "config/subjects/tall.yaml"
+
+
+def test_files_are_found_below_the_prefix_of_the_interpreter(
+    elsewhere: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("AMENT_PREFIX_PATH")
+    monkeypatch.setattr(sys, "prefix", str(elsewhere.parents[1]))
+    assert resources.config_file("limits.yaml") == elsewhere / "config/limits.yaml"
+
+
+def test_a_subject_by_path_goes_before_a_bundled_one(elsewhere: Path) -> None:
+    Path("tall").touch()
+    assert resources.subject_file("tall") == Path("tall")
+
+
+@pytest.mark.parametrize(
+    ("find", "name", "message"),
+    [
+        (resources.subject_file, "short", "no subject file short; bundled are tall; give others by path"),
+        (resources.subject_file, "no/tall", "no subject file no/tall; bundled are tall"),
+        (resources.config_file, "live.yaml", "no live.yaml in .*config; there is limits.yaml, subjects"),
+        (resources.bag_file, "long.mcap", "no long.mcap in .*bags; there is short.mcap"),
+        (resources.launch_file, "other.launch.py", "no other.launch.py in .*launch; there is nothing"),
+        (resources.package_directory, "nowhere", "the installation is incomplete: .*nowhere is missing"),
+    ],
+)
+def test_what_is_not_there_is_told_with_what_is(elsewhere: Path, find, name: str, message: str) -> None:
+    with pytest.raises(InputError, match=rf"\A{message}"):
+        find(name)
+
+
+def test_no_files_anywhere_is_told(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("AMENT_PREFIX_PATH")
+    with pytest.raises(InputError, match=r"\Athe files of biodyn are in none of .*; install it again\Z"):
+        resources.subject_names()
