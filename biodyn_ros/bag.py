@@ -10,19 +10,19 @@ Memory is that of a chunk or two, whatever the length of the bag.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import yaml
 
 from biodyn_core.errors import InputError
-from biodyn_ros import bag_mcap, bag_sqlite
-from biodyn_ros.bag_types import Block, Chunk, Ints, Storage, TopicInfo, TopicKey, refuse_foreign
+from biodyn_ros.bag_files import files_of_directory, kind_of
+from biodyn_ros.bag_mcap import McapStorage
+from biodyn_ros.bag_sqlite import SqliteStorage
+from biodyn_ros.bag_types import Block, Chunk, Storage, TopicInfo, TopicKey
 from biodyn_ros.bag_writer import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, ImuBlock, decode_imu_in
 
@@ -31,13 +31,10 @@ __all__ = ["BagReader", "BagWriter", "Block", "Chunk", "TopicInfo", "imu_blocks"
 SLICE_NS: Final = 250_000_000
 """How far in log time one topic may run ahead of the others in `imu_blocks`."""
 
-_STORAGES = {
-    bag_mcap.MAGIC: ("mcap", bag_mcap.McapStorage),
-    bag_sqlite.MAGIC: ("sqlite3", bag_sqlite.SqliteStorage),
-}
-_SUFFIXES = (".mcap", ".db3")
-_ROS1_MAGIC = b"#ROSBAG V"
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_Waiting = list[tuple[int, list[ImuBlock]]]
+"""Parts of one topic not yet yielded, by the slot of log time they belong to, slots ascending."""
+
+_STORAGES: dict[str, Callable[[Path, list[str]], Storage]] = {"mcap": McapStorage, "sqlite3": SqliteStorage}
 
 
 class BagReader:
@@ -90,7 +87,7 @@ class BagReader:
         if missing := sorted(wanted - known):
             there = ", ".join(sorted(known)) or "none"
             raise InputError(f"{self.path}: topic {missing[0]} is not in the bag; topics there: {there}")
-        return (chunk for part in self._storages for chunk in part.chunks(frozenset(wanted)))
+        return chain.from_iterable(part.chunks(frozenset(wanted)) for part in self._storages)
 
     def blocks(self, topics: Iterable[str] | None = None) -> Iterator[Block]:
         """The messages of these topics, or of all: one block per topic and chunk, in file order within it.
@@ -110,19 +107,19 @@ def open_bag(path: str | Path) -> BagReader:
     warnings: list[str] = []
     storages: list[Storage] = []
     try:
-        files = _files_of_directory(path, warnings) if path.is_dir() else [path]
-        kinds = [_kind_of(file) for file in files]
-        if len({name for name, _ in kinds}) > 1:
+        files = files_of_directory(path, warnings) if path.is_dir() else [path]
+        kinds = {kind_of(file) for file in files}
+        if len(kinds) > 1:
             raise InputError(f"{path}: both MCAP and sqlite3 files, one recording has one kind: name one file")
-        for file, (_, make) in zip(files, kinds, strict=True):
-            storages.append(make(file, warnings))
+        (kind,) = kinds
+        storages.extend(_STORAGES[kind](file, warnings) for file in files)
     except OSError as error:
         _close_all(storages)
         raise InputError(f"{error.filename or path}: cannot be read ({error.strerror}): check the path") from None
     except BaseException:
         _close_all(storages)
         raise
-    return BagReader(path, kinds[0][0], storages, warnings)
+    return BagReader(path, kind, storages, warnings)
 
 
 def imu_blocks(reader: BagReader, topics: Iterable[str], time: str = "header") -> Iterator[tuple[str, ImuBlock]]:
@@ -142,61 +139,67 @@ def imu_blocks(reader: BagReader, topics: Iterable[str], time: str = "header") -
     return _sliced(reader, names, reader.chunks(names), time)
 
 
-@dataclass(frozen=True, eq=False)
-class _Waiting:
-    """Samples of one topic not yet yielded, and the slot of each, never falling: int64 (n,)."""
-
-    slots: Ints
-    block: ImuBlock
-
-    def part(self, lo: int, hi: int) -> ImuBlock:
-        block = self.block
-        return ImuBlock(block.stamps_ns[lo:hi], block.accel_mps2[lo:hi], block.gyro_radps[lo:hi])
-
-
 def _sliced(
     reader: BagReader, names: tuple[str, ...], chunks: Iterable[Chunk], time: str
 ) -> Iterator[tuple[str, ImuBlock]]:
-    waiting: dict[str, _Waiting] = {}
+    waiting: dict[str, _Waiting] = {name: [] for name in names}
     for chunk in chunks:
         # Nothing before the chunk's first slot can follow any more: that much of every topic is complete.
-        yield from _advance(waiting, names, chunk.start_ns // SLICE_NS)
-        for name, more in _decoded(reader, chunk, time):
-            waiting[name] = _appended(waiting.get(name), more)
-    yield from _advance(waiting, names, None)
+        yield from _advance(waiting, chunk.start_ns // SLICE_NS)
+        block, runs = _decoded(reader, chunk, time), list(_runs(chunk))
+        del chunk  # its memory serves the next one, which is a third faster than fresh memory
+        for name, slot, lo, hi in runs:
+            part = ImuBlock(block.stamps_ns[lo:hi], block.accel_mps2[lo:hi], block.gyro_radps[lo:hi])
+            slots = waiting[name]
+            if slots and slot <= slots[-1][0]:
+                slots[-1][1].append(part)
+            else:
+                slots.append((slot, [part]))
+    yield from _advance(waiting, None)
 
 
-def _advance(
-    waiting: dict[str, _Waiting], names: tuple[str, ...], end_slot: int | None
-) -> Iterator[tuple[str, ImuBlock]]:
-    """Yield and forget the samples in slots before end_slot, slot by slot, or all of them."""
-    parts: list[tuple[int, str, ImuBlock]] = []
-    for name in names:
-        if name not in waiting:
-            continue
-        item = waiting[name]
-        ready = len(item.slots) if end_slot is None else int(np.searchsorted(item.slots, end_slot))
-        edges = [0, *(np.flatnonzero(np.diff(item.slots[:ready])) + 1).tolist(), ready] if ready else []
-        parts += [(int(item.slots[lo]), name, item.part(lo, hi)) for lo, hi in zip(edges, edges[1:], strict=False)]
-        waiting[name] = _Waiting(item.slots[ready:], item.part(ready, len(item.slots)))
-    parts.sort(key=lambda part: part[0])
-    yield from ((name, block) for _, name, block in parts)
+def _runs(chunk: Chunk) -> Iterator[tuple[str, int, int, int]]:
+    """(topic, slot, first row, end row) for the stretches of a chunk within one topic and one slot of log time."""
+    slots = chunk.log_ns // SLICE_NS
+    cuts = (np.flatnonzero(slots[1:] != slots[:-1]) + 1).tolist()
+    edges = sorted({*cuts, *chunk.edges})
+    slot_of = slots[edges[:-1]].tolist()
+    ends = iter(zip(chunk.edges[1:], chunk.keys, strict=True))
+    end, (name, _) = next(ends)
+    for lo, hi, slot in zip(edges, edges[1:], slot_of, strict=False):
+        while lo >= end:
+            end, (name, _) = next(ends)
+        yield name, slot, lo, hi
 
 
-def _decoded(reader: BagReader, chunk: Chunk, time: str) -> Iterator[tuple[str, _Waiting]]:
-    """All messages of a chunk in one decoding, then cut by topic."""
+def _advance(waiting: dict[str, _Waiting], end_slot: int | None) -> Iterator[tuple[str, ImuBlock]]:
+    """Yield and forget what waits in slots before end_slot, or everything, slot by slot over the topics."""
+    ready = []
+    for name, slots in waiting.items():
+        n = len(slots) if end_slot is None else sum(slot < end_slot for slot, _ in slots)
+        ready += [(slot, name, parts) for slot, parts in slots[:n]]
+        del slots[:n]
+    ready.sort(key=lambda item: item[0])
+    for _, name, parts in ready:
+        yield name, parts[0] if len(parts) == 1 else _concatenated(parts)
+
+
+def _concatenated(parts: list[ImuBlock]) -> ImuBlock:
+    return ImuBlock(
+        np.concatenate([part.stamps_ns for part in parts]),
+        np.concatenate([part.accel_mps2 for part in parts]),
+        np.concatenate([part.gyro_radps for part in parts]),
+    )
+
+
+def _decoded(reader: BagReader, chunk: Chunk, time: str) -> ImuBlock:
+    """All messages of a chunk in one decoding."""
     try:
         block = decode_imu_in(chunk.buffer, chunk.offsets, chunk.lengths)
     except InputError:
         _name_culprit(reader, chunk)
         raise
-    if time == "log":
-        block = ImuBlock(chunk.log_ns, block.accel_mps2, block.gyro_radps)
-    slots = chunk.log_ns // SLICE_NS
-    whole = _Waiting(slots, block)
-    for (name, _), lo, hi in zip(chunk.keys, chunk.edges, chunk.edges[1:], strict=False):
-        if hi > lo:
-            yield name, _Waiting(np.maximum.accumulate(slots[lo:hi]), whole.part(lo, hi))
+    return block if time == "header" else ImuBlock(chunk.log_ns, block.accel_mps2, block.gyro_radps)
 
 
 def _name_culprit(reader: BagReader, chunk: Chunk) -> None:
@@ -208,109 +211,6 @@ def _name_culprit(reader: BagReader, chunk: Chunk) -> None:
             raise InputError(f"{reader.path}: topic {part.topic}: {error}") from None
 
 
-def _appended(before: _Waiting | None, more: _Waiting) -> _Waiting:
-    if before is None or not len(before.slots):
-        return more
-    slots = np.concatenate((before.slots, np.maximum(more.slots, before.slots[-1])))
-    a, b = before.block, more.block
-    block = ImuBlock(
-        np.concatenate((a.stamps_ns, b.stamps_ns)),
-        np.concatenate((a.accel_mps2, b.accel_mps2)),
-        np.concatenate((a.gyro_radps, b.gyro_radps)),
-    )
-    return _Waiting(slots, block)
-
-
-# Finding the files of a bag.
-
-
 def _close_all(storages: list[Storage]) -> None:
     for part in storages:
         part.close()
-
-
-def _kind_of(file: Path) -> tuple[str, Any]:
-    """Storage name and back-end of a file, by its first bytes."""
-    with file.open("rb") as stream:
-        head = stream.read(16)
-    for magic, kind in _STORAGES.items():
-        if head.startswith(magic):
-            return kind
-    if head.startswith(_ROS1_MAGIC):
-        raise InputError(f"{file}: a ROS 1 bag, only ROS 2 bags can be read: convert it with rosbags-convert")
-    if head.startswith(_ZSTD_MAGIC):
-        raise InputError(f"{file}: a compressed file: decompress it first (zstd -d) and open the result")
-    if not head:
-        raise InputError(f"{file}: the file is empty: nothing was recorded")
-    raise InputError(f"{file}: neither an MCAP nor a sqlite3 file: give a .mcap, a .db3 or a rosbag2 directory")
-
-
-def _files_of_directory(path: Path, warnings: list[str]) -> list[Path]:
-    """The storage files of a recording in order: by metadata.yaml where that can be believed, else as found."""
-    found = sorted((f for f in path.iterdir() if f.suffix in _SUFFIXES and f.is_file()), key=_split_order)
-    if (path / "metadata.yaml").is_file():
-        info = _bag_information(path / "metadata.yaml", warnings)
-        if info is not None:
-            return _named_files(path, info, found, warnings)
-    _refuse_several_recordings(path, found)
-    return found
-
-
-def _bag_information(file: Path, warnings: list[str]) -> dict[str, Any] | None:
-    """The content of metadata.yaml; None, with a warning, where it is broken, as after a full disk."""
-    try:
-        info = yaml.safe_load(file.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-        names = info["relative_file_paths"]
-        formats = [
-            (str(t["topic_metadata"]["name"]), str(t["topic_metadata"]["serialization_format"]))
-            for t in info["topics_with_message_count"]
-        ]
-        mode = str(info.get("compression_mode") or "none").lower()
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError):
-        warnings.append(f"{file}: not readable as rosbag2 metadata: the files beside it are used as they are")
-        return None
-    if mode != "none":
-        raise InputError(f"{file}: compressed by {mode}: rewrite the bag with 'ros2 bag convert', zstd in MCAP is fine")
-    refuse_foreign(file, formats, [])
-    return {"names": [Path(str(name)).name for name in names]}
-
-
-def _named_files(path: Path, info: dict[str, Any], found: list[Path], warnings: list[str]) -> list[Path]:
-    """The files metadata.yaml names; when it names none that exists, what lies there instead, with a warning."""
-    named = [path / name for name in info["names"]]
-    there = [file for file in named if file.is_file()]
-    missing = [file.name for file in named if file not in there]
-    if there:
-        warnings.extend(f"{path}: {name} is missing: its part of the recording is left out" for name in missing)
-        return there
-    if found and missing:
-        _refuse_several_recordings(path, found)
-        others = ", ".join(file.name for file in found)
-        warnings.append(f"{path}: metadata.yaml names {missing[0]}, which is missing: {others} is read instead")
-        return found
-    _refuse_several_recordings(path, found)
-    return found
-
-
-def _split_order(file: Path) -> tuple[str, int]:
-    """drive_2.mcap before drive_10.mcap."""
-    stem, number = _stem_and_number(file)
-    return stem, number
-
-
-def _stem_and_number(file: Path) -> tuple[str, int]:
-    match = re.fullmatch(r"(.*)_(\d+)", file.stem)
-    return (match[1], int(match[2])) if match else (file.stem, -1)
-
-
-def _refuse_several_recordings(path: Path, found: list[Path]) -> None:
-    """InputError unless the files are the splits of one recording: name_0, name_1, ..."""
-    if not found:
-        if any(path.glob("*.bag")):
-            raise InputError(f"{path}: a ROS 1 bag, only ROS 2 bags can be read: convert it with rosbags-convert")
-        if any(path.glob("*.zstd")):
-            raise InputError(f"{path}: files compressed as a whole: decompress them first (zstd -d)")
-        raise InputError(f"{path}: no .mcap or .db3 file in the directory: give a bag or the directory of one")
-    if len({_stem_and_number(file)[0] for file in found}) > 1:
-        names = ", ".join(file.name for file in found)
-        raise InputError(f"{path}: several recordings and no metadata.yaml that fits: name one of {names}")

@@ -32,6 +32,7 @@ _CHUNK_INDEX, _STATISTICS, _METADATA, _METADATA_INDEX, _DATA_END = 0x08, 0x0B, 0
 _RECORD = struct.Struct("<BQ")
 # Log times are unsigned in the file; read as signed they fit int64 until the year 2262.
 _CHUNK_HEAD = struct.Struct("<qqQII")
+_CHUNK_INDEX_HEAD = struct.Struct("<qqQQI")
 _MESSAGE_HEAD = struct.Struct("<BQHIqQ")
 _MESSAGE_START = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2")])
 _FOOTER_BYTES = 9 + 20 + len(MAGIC)
@@ -67,6 +68,7 @@ class McapStorage:
     def __init__(self, path: Path, warnings: list[str]) -> None:
         self._records = require("mcap.records")
         self._stream = require("mcap.data_stream").ReadDataStream
+        self._error = require("mcap.exceptions").McapError
         self._path, self._warnings = path, warnings
         self._file: BinaryIO = path.open("rb")
         self._size = path.stat().st_size
@@ -161,7 +163,7 @@ class McapStorage:
         statistics = None
         for opcode, lo, hi in _records_in(summary):
             if opcode == _CHUNK_INDEX:
-                self._pieces.append(self._indexed_piece(self._parse("ChunkIndex", summary[lo:hi])))
+                self._pieces.append(self._indexed_piece(summary[lo:hi]))
             elif opcode == _STATISTICS:
                 statistics = self._parse("Statistics", summary[lo:hi])
             elif opcode == _METADATA_INDEX:
@@ -182,18 +184,18 @@ class McapStorage:
             raise _DamagedError("summary without all counts")
         self._pieces = [p for p in self._pieces if p.channels]
 
-    def _indexed_piece(self, index: Any) -> _Piece:
-        end = index.chunk_start_offset + index.chunk_length + index.message_index_length
-        if end > self._size:
+    def _indexed_piece(self, body: bytes) -> _Piece:
+        """A ChunkIndex record; unpacked here because a long bag has thousands of them."""
+        try:
+            start_ns, end_ns, offset, length, map_bytes = _CHUNK_INDEX_HEAD.unpack_from(body)
+            at = _CHUNK_INDEX_HEAD.size
+            channels = frozenset(channel for channel, _ in struct.iter_unpack("<HQ", body[at : at + map_bytes]))
+            (index_bytes,) = struct.unpack_from("<Q", body, at + map_bytes)
+        except struct.error:
+            raise _DamagedError("chunk index") from None
+        if offset + length + index_bytes > self._size:
             raise _DamagedError("chunk outside the file")
-        return _Piece(
-            index.chunk_start_offset,
-            index.chunk_length,
-            index.message_index_length,
-            _signed(index.message_start_time),
-            _signed(index.message_end_time),
-            frozenset(index.message_index_offsets),
-        )
+        return _Piece(offset, length, index_bytes, start_ns, end_ns, channels)
 
     def _scan(self) -> None:
         """Channels, chunks and counts from the records themselves, up to DataEnd or where the file breaks off."""
@@ -214,7 +216,7 @@ class McapStorage:
         ended = opcode == _DATA_END
         self.recovered = not (ended and self._read(self._size - len(MAGIC), len(MAGIC)) == MAGIC)
         if not ended and self._pieces and not self._pieces[-1].loose:
-            self._forget_last_index()
+            self._forget_index(len(self._pieces) - 1)
         self._look_into_chunks()
 
     def _records_of_file(self) -> Iterator[tuple[int, int, int]]:
@@ -259,42 +261,40 @@ class McapStorage:
             last, length=last.length + end - at, start_ns=first_ns, end_ns=last_ns, channels=channels
         )
 
-    def _forget_last_index(self) -> None:
-        """Where the file breaks off behind a chunk, part of its index may be missing: read the chunk instead."""
-        last = self._pieces[-1]
-        if last.index_bytes:
-            for channel, entries in _index_entries(self._read(last.offset + last.length, last.index_bytes)):
-                self._counts[channel] -= len(entries)
-        self._pieces[-1] = replace(last, index_bytes=0, channels=frozenset())
+    def _forget_index(self, i: int) -> None:
+        """Take back what the index of piece i told: it is incomplete where the file breaks off behind the chunk."""
+        piece = self._pieces[i]
+        for channel, entries in _index_entries(self._read(piece.offset + piece.length, piece.index_bytes)):
+            self._counts[channel] -= len(entries)
+        self._pieces[i] = replace(piece, index_bytes=0, channels=frozenset())
 
     def _look_into_chunks(self) -> None:
         """Count the messages of chunks without index, and find the channels defined inside of chunks."""
         unknown = self._counts.keys() - self._channels.keys()
-        kept = []
-        for piece in self._pieces:
-            bare = not piece.loose and not piece.index_bytes
-            if bare or (not piece.loose and unknown):
-                try:
-                    found = self._counted(self._chunk_data(self._read(piece.offset, piece.length)))
-                except _DamagedError as damage:
-                    self._leave_out(piece, damage)
-                    continue
-                if bare:
-                    self._counts.update(found)
-                    piece = replace(piece, channels=frozenset(found))
-                unknown -= self._channels.keys()
-            if piece.channels:
-                kept.append(piece)
-        self._pieces = kept
+        for i, piece in enumerate(self._pieces):
+            bare = not piece.index_bytes
+            if piece.loose or not (bare or unknown):
+                continue
+            try:
+                found = self._counted(self._chunk_data(self._read(piece.offset, piece.length)))
+            except _DamagedError as damage:
+                self._leave_out(piece, damage)
+                self._forget_index(i)
+                continue
+            if bare:
+                self._counts.update(found)
+                self._pieces[i] = replace(piece, channels=frozenset(found))
+            unknown -= self._channels.keys()
+        self._pieces = [piece for piece in self._pieces if piece.channels]
 
-    def _counted(self, data: bytes) -> Counter[int]:
+    def _counted(self, data: bytes | memoryview) -> Counter[int]:
         """Messages per channel in a chunk's data; notes the schemas and channels in it."""
         counts: Counter[int] = Counter()
         for opcode, lo, hi in _records_in(data):
             if opcode == _MESSAGE and hi - lo >= 22:
                 counts[data[lo] | data[lo + 1] << 8] += 1
             elif opcode in (_SCHEMA, _CHANNEL):
-                self._note_definition(opcode, data[lo:hi])
+                self._note_definition(opcode, bytes(data[lo:hi]))
         return counts
 
     def _note_definition(self, opcode: int, body: bytes) -> None:
@@ -311,8 +311,12 @@ class McapStorage:
         raw = self._read(piece.offset, piece.length + piece.index_bytes)
         data = raw if piece.loose else self._chunk_data(memoryview(raw)[: piece.length])
         buffer = np.frombuffer(data, dtype=np.uint8)
-        found = _by_index(buffer, raw[piece.length :], group_of) if piece.index_bytes else None
-        return grouped(piece.start_ns, buffer, keys, *(found or _by_walking(data, group_of)))
+        if piece.index_bytes:
+            entries = [e for e in _index_entries(raw[piece.length :]) if e[0] in group_of and len(e[1])]
+            chunk = _by_index(piece.start_ns, buffer, entries, keys, group_of)
+            if chunk is not None:
+                return chunk
+        return grouped(piece.start_ns, buffer, keys, *_by_walking(data, group_of))
 
     def _chunk_data(self, record: bytes | memoryview) -> bytes | memoryview:
         """The records inside a chunk, decompressed; the checksum is verified only in a file that is being recovered.
@@ -350,7 +354,7 @@ class McapStorage:
     def _parse(self, record: str, body: bytes) -> Any:
         try:
             return getattr(self._records, record).read(self._stream(BytesIO(body)))
-        except Exception as error:  # mcap raises whatever the bytes provoke
+        except (self._error, struct.error, ValueError) as error:
             raise _DamagedError(f"{record} record: {error}") from None
 
     def _key(self, channel_id: int) -> TopicKey:
@@ -371,10 +375,6 @@ def _records_in(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
             raise _DamagedError(f"a record claims {length} bytes, {size - at} are left")
         yield opcode, at, at + length
         at += length
-
-
-def _signed(time_ns: int) -> int:
-    return time_ns - 2**64 if time_ns >= 2**63 else time_ns
 
 
 def _prefixed(data: bytes) -> str:
@@ -422,32 +422,37 @@ def _index_entries(records: bytes) -> Iterator[tuple[int, Ints]]:
 
 
 def _by_index(
-    buffer: Bytes, records: bytes, group_of: dict[int, int]
-) -> tuple[Ints, Ints, Ints, Ints] | None:
-    """Group, log time, offset and length of the wanted messages by the message index; None if that does not fit.
+    start_ns: int,
+    buffer: Bytes,
+    entries: list[tuple[int, Ints]],
+    keys: tuple[TopicKey, ...],
+    group_of: dict[int, int],
+) -> Chunk | None:
+    """The messages that the index entries of the wanted channels point at; None if one does not point at a message.
 
-    Each entry must point at a message record of its channel that lies inside the chunk.
+    Each must be a message record of its channel that lies inside the chunk.
     """
-    parts = [(channel, e) for channel, e in _index_entries(records) if channel in group_of and len(e)]
-    if not parts:
+    if not entries:
         return None
-    parts.sort(key=lambda part: group_of[part[0]])
-    counts = [len(e) for _, e in parts]
-    log_ns, at = np.concatenate([e for _, e in parts]).T.copy()
+    entries.sort(key=lambda entry: group_of[entry[0]])
+    counts = [len(rows) for _, rows in entries]
+    log_ns, at = np.concatenate([rows for _, rows in entries]).T.copy()
     if at.min() < 0 or at.max() > buffer.size - _MESSAGE_HEAD.size:
         return None
     start = gather(buffer, at, _MESSAGE_START.itemsize).view(_MESSAGE_START)
     lengths = start["length"].astype(np.int64) - 22
-    channel = np.repeat([channel for channel, _ in parts], counts)
-    group = np.repeat([group_of[channel] for channel, _ in parts], counts)
-    fits = (start["opcode"] == _MESSAGE) & (start["channel"] == channel)
+    fits = start["channel"] == np.repeat([channel for channel, _ in entries], counts)
+    fits &= start["opcode"] == _MESSAGE
     fits &= (lengths >= 0) & (lengths <= buffer.size - _MESSAGE_HEAD.size - at)
     if not fits.all():
         return None
-    if ((at[1:] <= at[:-1]) & (group[1:] == group[:-1])).any():  # an index by time, or two channels of one topic
+    group = np.repeat([group_of[channel] for channel, _ in entries], counts)
+    if ((at[1:] <= at[:-1]) & (group[1:] == group[:-1])).any():
+        # An index sorted by time, or two channels of one topic: back to the order of the file.
         order = np.lexsort((at, group))
-        group, log_ns, at, lengths = group[order], log_ns[order], at[order], lengths[order]
-    return group, log_ns, at + _MESSAGE_HEAD.size, lengths
+        log_ns, at, lengths = log_ns[order], at[order], lengths[order]
+    edges = np.searchsorted(group, np.arange(len(keys) + 1)).tolist()
+    return Chunk(start_ns, buffer, keys, tuple(edges), log_ns, at + _MESSAGE_HEAD.size, lengths)
 
 
 def _by_walking(data: bytes | memoryview, group_of: dict[int, int]) -> tuple[Ints, Ints, Ints, Ints]:

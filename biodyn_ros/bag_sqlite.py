@@ -51,13 +51,17 @@ class SqliteStorage:
         keys = tuple((t.name, t.type) for t in self.topics if t.name in topics)
         place = {key: k for k, key in enumerate(keys)}
         group_of = {i: place[key] for i, key in self._keys.items() if key in place}
-        marks = ",".join("?" * len(group_of))
-        rows = self._db.execute(
-            f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id",
-            tuple(group_of),
-        )
+        marks = ",".join("?" * len(group_of))  # nothing else goes into the text of the query
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"  # noqa: S608
+        try:
+            yield from self._chunks(self._db.execute(query, tuple(group_of)), keys, group_of)
+        except sqlite3.Error as error:
+            self.recovered = True
+            self._warnings.append(f"{self._path}: damaged, the messages from here on are left out: {error}")
+
+    def _chunks(self, rows: sqlite3.Cursor, keys: tuple[TopicKey, ...], group_of: dict[int, int]) -> Iterator[Chunk]:
         count = _FIRST_ROWS
-        while found := self._fetch(rows, count):
+        while found := rows.fetchmany(count):
             chunk = self._chunk(found, keys, group_of)
             yield chunk
             count = max(1, min(_MOST_ROWS, _CHUNK_BYTES * len(found) // max(1, chunk.buffer.size)))
@@ -75,17 +79,7 @@ class SqliteStorage:
         (self.start_ns,) = self._db.execute("SELECT min(timestamp) FROM messages").fetchone()
         (self.end_ns,) = self._db.execute("SELECT max(timestamp) FROM messages").fetchone()
 
-    def _fetch(self, rows: sqlite3.Cursor, count: int) -> list[tuple[int, int, bytes]]:
-        try:
-            return rows.fetchmany(count)
-        except sqlite3.Error as error:
-            self.recovered = True
-            self._warnings.append(f"{self._path}: damaged, the messages from here on are left out: {error}")
-            return []
-
-    def _chunk(
-        self, rows: list[tuple[int, int, bytes]], keys: tuple[TopicKey, ...], group_of: dict[int, int]
-    ) -> Chunk:
+    def _chunk(self, rows: list[tuple[int, int, bytes]], keys: tuple[TopicKey, ...], group_of: dict[int, int]) -> Chunk:
         """The rows as one buffer; the joining is the only copy."""
         ids, stamps, data = zip(*rows, strict=True)
         try:

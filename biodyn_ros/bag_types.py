@@ -48,7 +48,7 @@ class Block:
 
     def messages(self) -> list[bytes]:
         """The messages as bytes objects, copied."""
-        data = memoryview(self.buffer)
+        data = self.buffer.data
         return [bytes(data[at : at + n]) for at, n in zip(self.offsets.tolist(), self.lengths.tolist(), strict=True)]
 
 

@@ -35,12 +35,22 @@ ACCEL_STAMPED_TYPE: Final = "geometry_msgs/msg/AccelStamped"
 
 NS_PER_S: Final = 1_000_000_000
 
+
+@dataclass(frozen=True)
+class _Layout:
+    """A stamped message of float64: type, bytes of its body, and where in it the 3-vectors to be read lie."""
+
+    type: str
+    body_bytes: int
+    vectors_at: tuple[int, ...]
+
+
 _HEADER_BYTES = 16
-_IMU_BODY_BYTES = 296
 _GYRO_AT = 104
 _ACCEL_AT = 200
-_ACCEL_STAMPED_BODY_BYTES = 48
-_LINEAR_AT = 0
+_IMU = _Layout(IMU_TYPE, 296, (_ACCEL_AT, _GYRO_AT))
+_ACCEL_STAMPED = _Layout(ACCEL_STAMPED_TYPE, 48, (0,))
+_STAMPED = _Layout("message that starts with std_msgs/Header", 0, ())
 
 _LITTLE = b"\x00\x01\x00\x00"
 _HEAD = {0: struct.Struct(">iII"), 1: struct.Struct("<iII")}
@@ -75,7 +85,7 @@ def decode_imu_in(buffer: Bytes, offsets: Ints, lengths: Ints) -> ImuBlock:
     Only stamp, angular velocity and linear acceleration are touched. Nothing outside a message is read: InputError
     names the first message that reaches beyond the buffer, is cut, or is no Imu.
     """
-    stamps_ns, (accel, gyro) = _decode(buffer, offsets, lengths, (_ACCEL_AT, _GYRO_AT), _IMU_BODY_BYTES, IMU_TYPE)
+    stamps_ns, (accel, gyro) = _decode(_IMU, buffer, offsets, lengths)
     return ImuBlock(stamps_ns, accel, gyro)
 
 
@@ -89,14 +99,13 @@ def decode_imu_one(message: bytes) -> tuple[int, tuple[float, float, float]]:
         sec, nanosec, frame_bytes = _HEAD[order].unpack_from(message, 4)
         x, y, z = _ACCEL[order].unpack_from(message, 4 + _ACCEL_AT + ((frame_bytes + 19) & ~7))
     except (struct.error, IndexError, KeyError):
-        raise InputError(_refusal(message, _IMU_BODY_BYTES, IMU_TYPE)) from None
+        raise InputError(_refusal(_IMU, message)) from None
     return sec * NS_PER_S + nanosec, (x, y, z)
 
 
 def decode_accel_stamped(messages: Sequence[bytes]) -> tuple[Ints, Floats]:
     """Header stamps in ns, int64 (n,), and linear accelerations in m/s^2, (n, 3); InputError as `decode_imu`."""
-    where = _joined(messages)
-    stamps_ns, (linear,) = _decode(*where, (_LINEAR_AT,), _ACCEL_STAMPED_BODY_BYTES, ACCEL_STAMPED_TYPE)
+    stamps_ns, (linear,) = _decode(_ACCEL_STAMPED, *_joined(messages))
     return stamps_ns, linear
 
 
@@ -115,6 +124,13 @@ def restamp(message: bytes, stamp_ns: int) -> bytes:
     return b"".join((message[:4], _pack_stamp(stamp_ns, message[1]), message[12:]))
 
 
+def shift_stamp(message: bytes, by_ns: int) -> bytes:
+    """The same message with its header stamp moved by some ns; otherwise as `restamp`."""
+    _frame_span(message)
+    sec, nanosec = _STAMP[message[1]].unpack_from(message, 4)
+    return restamp(message, sec * NS_PER_S + nanosec + by_ns)
+
+
 def encode_imu(stamps_ns: Ints, accel_mps2: Floats, gyro_radps: Floats, frame_id: str) -> Bytes:
     """Serialize n Imu messages, little endian, uint8 (n, size), padding zeroed.
 
@@ -122,7 +138,7 @@ def encode_imu(stamps_ns: Ints, accel_mps2: Floats, gyro_radps: Floats, frame_id
     = -1, which Imu.msg reads as "not estimated"; the other covariances are 0, "unknown".
     InputError for arrays that do not fit together, a NUL in frame_id, or stamps outside int32 seconds.
     """
-    out, body = _blank(stamps_ns, frame_id, _IMU_BODY_BYTES)
+    out, body = _blank(_IMU, stamps_ns, frame_id)
     _put(out, body + 24, np.float64(1.0))
     _put(out, body + 32, np.float64(-1.0))
     _put(out, body + _GYRO_AT, _vectors(gyro_radps, len(out), "gyro_radps"))
@@ -135,11 +151,11 @@ def encode_accel_stamped(stamps_ns: Ints, vertical_mps2: Floats, frame_id: str) 
 
     InputError as `encode_imu`.
     """
-    out, body = _blank(stamps_ns, frame_id, _ACCEL_STAMPED_BODY_BYTES)
+    out, body = _blank(_ACCEL_STAMPED, stamps_ns, frame_id)
     vertical = np.asarray(vertical_mps2, dtype=np.float64)
     if vertical.shape != (len(out),):
         raise InputError(f"vertical_mps2 has shape {vertical.shape}, one value per stamp is ({len(out)},)")
-    _put(out, body + _LINEAR_AT + 16, vertical)
+    _put(out, body + 16, vertical)
     return out
 
 
@@ -166,20 +182,16 @@ class AccelStampedTemplate:
 
 
 def gather(buffer: Bytes, offsets: Ints, item_bytes: int) -> NDArray[np.void]:
-    """Copies of the item_bytes bytes at each offset, void (n,): one memcpy each, at any alignment.
+    """Copies of the item_bytes bytes at each offset, void (n,), n >= 1: one memcpy each, at any alignment.
 
     The caller has checked that 0 <= offsets and offsets + item_bytes <= buffer.size.
     """
-    if len(offsets) == 0:
-        return np.empty(0, dtype=f"V{item_bytes}")
     return _windows(buffer, item_bytes)[offsets]
 
 
-def scatter(buffer: Bytes, offsets: Ints, items: Bytes) -> None:
-    """Copy row i of items, uint8 (n, item_bytes), to buffer[offsets[i]:]; the caller has checked the bounds."""
-    if items.size:
-        rows = np.ascontiguousarray(items)
-        _windows(buffer, rows.shape[1])[offsets] = rows.view(f"V{rows.shape[1]}")[:, 0]
+def scatter(buffer: Bytes, offsets: Ints, items: NDArray[np.void]) -> None:
+    """Copy item i, void (n,), n >= 1, to buffer[offsets[i]:]; the caller has checked the bounds."""
+    _windows(buffer, items.dtype.itemsize)[offsets] = items
 
 
 def _windows(buffer: Bytes, item_bytes: int) -> NDArray[np.void]:
@@ -192,72 +204,66 @@ def _joined(messages: Sequence[bytes]) -> tuple[Bytes, Ints, Ints]:
     return np.frombuffer(b"".join(messages), dtype=np.uint8), np.cumsum(lengths) - lengths, lengths
 
 
-def _decode(
-    buffer: Bytes, offsets: Ints, lengths: Ints, fields: tuple[int, ...], body_bytes: int, kind: str
-) -> tuple[Ints, list[Floats]]:
-    """Stamps and the 3-vectors at the given places of the body, for messages of either byte order."""
+def _decode(layout: _Layout, buffer: Bytes, offsets: Ints, lengths: Ints) -> tuple[Ints, list[Floats]]:
+    """Stamps and the layout's vectors, for messages of either byte order."""
+    if len(offsets) == 0:
+        return np.empty(0, dtype=np.int64), [np.empty((0, 3)) for _ in layout.vectors_at]
     outside = (lengths < _HEADER_BYTES) | (offsets < 0) | (offsets > buffer.size - lengths)
     if outside.any():
-        raise InputError(_refusal_in(buffer, offsets, lengths, outside, body_bytes, kind))
+        raise InputError(_refusal_of_first(layout, buffer, offsets, lengths, outside))
     head = gather(buffer, offsets, _HEADER_BYTES).view(np.uint8).reshape(-1, _HEADER_BYTES)
-    unknown = (head[:, 0] != 0) | (head[:, 1] > 1)
-    if unknown.any():
-        raise InputError(_refusal_in(buffer, offsets, lengths, unknown, body_bytes, kind))
-
-    little = head[:, 1] == 1
+    encapsulation = head.view("<u2")[:, 0]
+    little = encapsulation == 0x0100
     if little.all():
-        return _decode_ordered(buffer, offsets, lengths, head, fields, body_bytes, kind, "<")
+        return _decode_ordered(layout, "<", head, buffer, offsets, lengths)
+    unknown = ~little & (encapsulation != 0)
+    if unknown.any():
+        raise InputError(_refusal_of_first(layout, buffer, offsets, lengths, unknown))
+
     stamps_ns = np.empty(len(offsets), dtype=np.int64)
-    vectors = [np.empty((len(offsets), 3)) for _ in fields]
+    vectors = [np.empty((len(offsets), 3)) for _ in layout.vectors_at]
     for rows, order in ((np.flatnonzero(little), "<"), (np.flatnonzero(~little), ">")):
-        where = (buffer, offsets[rows], lengths[rows], head[rows])
-        stamps_ns[rows], found = _decode_ordered(*where, fields, body_bytes, kind, order)
+        stamps_ns[rows], found = _decode_ordered(layout, order, head[rows], buffer, offsets[rows], lengths[rows])
         for vector, part in zip(vectors, found, strict=True):
             vector[rows] = part
     return stamps_ns, vectors
 
 
 def _decode_ordered(
-    buffer: Bytes,
-    offsets: Ints,
-    lengths: Ints,
-    head: Bytes,
-    fields: tuple[int, ...],
-    body_bytes: int,
-    kind: str,
-    order: str,
+    layout: _Layout, order: str, head: Bytes, buffer: Bytes, offsets: Ints, lengths: Ints
 ) -> tuple[Ints, list[Floats]]:
     """The same for one byte order, "<" or ">"; head is uint8 (n, 16) and the messages are known to lie inside."""
+    if len(offsets) == 0:
+        return np.empty(0, dtype=np.int64), [np.empty((0, 3)) for _ in layout.vectors_at]
     words = head.view(f"{order}u4")
     body = 4 + ((words[:, 3].astype(np.int64) + 19) & ~7)
-    cut = body > lengths - body_bytes
+    cut = body > lengths - layout.body_bytes
     if cut.any():
-        raise InputError(_refusal_in(buffer, offsets, lengths, cut, body_bytes, kind))
+        raise InputError(_refusal_of_first(layout, buffer, offsets, lengths, cut))
     stamps_ns = head.view(f"{order}i4")[:, 1] * np.int64(NS_PER_S) + words[:, 2]
-    start = offsets + body
-    vectors = [gather(buffer, start + at, 24).view(f"{order}f8").reshape(-1, 3) for at in fields]
-    return stamps_ns, [vector.astype(np.float64, copy=False) for vector in vectors]
+    vectors = [gather(buffer, offsets + body + at, 24).view(f"{order}f8") for at in layout.vectors_at]
+    return stamps_ns, [vector.reshape(-1, 3).astype(np.float64, copy=False) for vector in vectors]
 
 
-def _refusal_in(buffer: Bytes, offsets: Ints, lengths: Ints, bad: NDArray[np.bool_], body_bytes: int, kind: str) -> str:
+def _refusal_of_first(layout: _Layout, buffer: Bytes, offsets: Ints, lengths: Ints, bad: NDArray[np.bool_]) -> str:
     """The line for the first bad message of a block."""
     i = int(np.argmax(bad))
     offset, length = int(offsets[i]), int(lengths[i])
     where = f"message {i + 1} of {len(offsets)}"
     if offset < 0 or length < 0 or offset + length > buffer.size:
         return f"{where}: {length} bytes at byte {offset} reach outside the {buffer.size} bytes there are"
-    return f"{where}: {_refusal(buffer[offset : offset + length].tobytes(), body_bytes, kind)}"
+    return f"{where}: {_refusal(layout, buffer[offset : offset + length].tobytes())}"
 
 
-def _refusal(message: bytes, body_bytes: int, kind: str) -> str:
+def _refusal(layout: _Layout, message: bytes) -> str:
     """Why one message cannot be read, and what to do."""
-    advice = f"it is cut, or no {kind}: check the topic's type and the bag"
+    advice = f"it is cut, or no {layout.type}: check the topic's type and the bag"
     if len(message) < _HEADER_BYTES:
         return f"{len(message)} bytes cannot hold a header; {advice}"
     if message[0] != 0 or message[1] > 1:
         return f"encapsulation {message[:2].hex(' ')} is not plain CDR (00 00 or 00 01); {advice}"
     frame_bytes = _HEAD[message[1]].unpack_from(message, 4)[2]
-    needed = 4 + ((frame_bytes + 19) & ~7) + body_bytes
+    needed = 4 + ((frame_bytes + 19) & ~7) + layout.body_bytes
     return f"{len(message)} bytes, but {needed} are needed behind a frame_id of {frame_bytes}; {advice}"
 
 
@@ -267,7 +273,7 @@ def _frame_span(message: bytes) -> tuple[int, int]:
         end = _HEADER_BYTES + _HEAD[message[1]].unpack_from(message, 4)[2]
         if end <= len(message):
             return _HEADER_BYTES, end
-    raise InputError(_refusal(bytes(message), 0, "message that starts with std_msgs/Header"))
+    raise InputError(_refusal(_STAMPED, bytes(message)))
 
 
 def _pack_stamp(stamp_ns: int, order: int) -> bytes:
@@ -287,8 +293,8 @@ def _frame_bytes(frame_id: str) -> bytes:
     return frame_id.encode("utf-8") + b"\0"
 
 
-def _blank(stamps_ns: Ints, frame_id: str, body_bytes: int) -> tuple[Bytes, int]:
-    """n messages with encapsulation, stamp and frame_id filled and a zero body, and where the body starts."""
+def _blank(layout: _Layout, stamps_ns: Ints, frame_id: str) -> tuple[Bytes, int]:
+    """All messages with encapsulation, stamp and frame_id filled and a zero body, and where the body starts."""
     stamps = np.asarray(stamps_ns)
     if stamps.ndim != 1 or stamps.dtype.kind not in "iu":
         raise InputError(f"stamps_ns must be whole nanoseconds of shape (n,), not {stamps.dtype} {stamps.shape}")
@@ -298,7 +304,7 @@ def _blank(stamps_ns: Ints, frame_id: str, body_bytes: int) -> tuple[Bytes, int]
         raise InputError(_stamp_refusal(int(stamps[np.argmax(outside)])))
     frame = _frame_bytes(frame_id)
     body = 4 + ((len(frame) + 19) & ~7)
-    out = np.zeros((len(stamps), body + body_bytes), dtype=np.uint8)
+    out = np.zeros((len(stamps), body + layout.body_bytes), dtype=np.uint8)
     out[:, :4] = np.frombuffer(_LITTLE, dtype=np.uint8)
     _put(out, 4, sec.astype("<i4"))
     _put(out, 8, nanosec.astype("<u4"))

@@ -11,13 +11,11 @@ from launch_ros.substitutions import FindPackageShare
 TEXTS = {
     "subject_file": "Subject YAML, or the name of a bundled subject",
     "limits_file": "YAML with the action and limit values",
-    "state_file": "File that keeps the exposure over a restart",
 }
 # Parameters of the node that are numbers or truth values.
 VALUES = {
     "autostart": "Configure and activate at start",
     "publish_measured": "Publish the conditioned measurement too",
-    "dashboard": "Serve the live page",
     "yaw_deg": "Yaw from the seat sensor's x axis to the seat's, in degrees",
     "use_sim_time": "Follow /clock",
 }

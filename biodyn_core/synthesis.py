@@ -1,0 +1,238 @@
+"""Synthesis: seat motions of the paper's load cases, and the six IMU streams a subject would give for one.
+
+Made for demos, players and tests of the machinery. The truth comes from this package's own model: a small residual on
+such a recording proves nothing about the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import interpolate, signal
+from scipy.spatial.transform import Rotation
+
+from biodyn_core.errors import InputError
+from biodyn_core.model import Chain
+from biodyn_core.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_core.settings import check_settings, setting
+from biodyn_core.subject import Subject
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+NATIVE_RATE_HZ: Final = 1129.3
+"""Blue Trident, low-g channel (Zaman et al., 5.2)."""
+
+TRUTH_RATE_HZ: Final = 4.0 * NATIVE_RATE_HZ
+MARGIN_S: Final = 0.1
+"""Truth made beyond both ends, so that no sensor's clock reaches past it."""
+
+
+@dataclass(frozen=True)
+class SeatMotion:
+    """Motion of the seat: accel_mps2 (n, 3) forward, left, up without gravity; pitch_rate_radps (n,), nose down positive."""
+
+    rate_hz: float
+    accel_mps2: Floats
+    pitch_rate_radps: Floats
+
+    @property
+    def seconds(self) -> float:
+        """Length of the motion."""
+        return len(self.accel_mps2) / self.rate_hz
+
+    def first(self, seconds: float | None) -> SeatMotion:
+        """The first `seconds` of it, or all."""
+        end = None if seconds is None else round(seconds * self.rate_hz)
+        return SeatMotion(self.rate_hz, self.accel_mps2[:end], self.pitch_rate_radps[:end])
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """How far the synthetic IMUs are from perfect ones."""
+
+    rate_hz: float = setting(NATIVE_RATE_HZ, "sampling rate", "Hz", 250.0, 4000.0)
+    tilt_deg: float = setting(8.0, "mounting tilt, rms per axis", "deg", 0.0, 60.0)
+    noise_mps2: float = setting(0.05, "white noise of the accelerometer, rms", "m/s^2", 0.0, 5.0)
+    bias_mps2: float = setting(0.05, "constant bias of the accelerometer, rms per axis", "m/s^2", 0.0, 2.0)
+    gyro_noise_radps: float = setting(0.002, "white noise of the gyroscope, rms", "rad/s", 0.0, 1.0)
+    range_g: float = setting(16.0, "range of the 16-bit accelerometer, either way", "g", 1.0, 400.0)
+    clock_offset_ms: float = setting(0.2, "constant clock offset, rms", "ms", 0.0, 50.0)
+    clock_drift_ppm: float = setting(20.0, "clock drift, rms", "ppm", 0.0, 1000.0)
+    jitter_ms: float = setting(0.02, "white jitter of the stamps, rms", "ms", 0.0, 0.2)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class ImuStream:
+    """What one sensor would have sent: stamps_ns (n,), specific force (n, 3) m/s^2, angular velocity (n, 3) rad/s."""
+
+    sensor: str
+    stamps_ns: Integers
+    accel_mps2: Floats
+    gyro_radps: Floats
+
+
+def load_case(name: str, seconds: float, rng: np.random.Generator, rate_hz: float = TRUTH_RATE_HZ) -> SeatMotion:
+    """Draw a seat motion of one of the paper's load cases (5.3): road, pothole (1-3 g) or rail (3-8 g).
+
+    Fore-aft and pitch companions come with it. Raises InputError for an unknown case or less than two seconds.
+    """
+    if name not in _CASES:
+        raise InputError(f"case {name!r} is unknown, known are {', '.join(_CASES)}")
+    if not 2.0 <= seconds <= 3600.0:
+        raise InputError(f"a case of {seconds:g} s is not made, 2 to 3600 s are allowed")
+    time = np.arange(round(seconds * rate_hz)) / rate_hz
+    up = _CASES[name](time, rate_hz, rng)
+    forward = 0.3 * _delayed(up, 0.03, rate_hz) + 0.15 * _shaped_noise(time, rate_hz, rng, 3.0)
+    left = 0.15 * _shaped_noise(time, rate_hz, rng, 3.0)
+    # Axles meet a bump one after the other, so a bump pitches the vehicle: about 0.02 rad/s per m/s^2 below 5 Hz.
+    slow = signal.sosfiltfilt(signal.butter(2, 5.0, fs=rate_hz, output="sos"), _delayed(up, 0.05, rate_hz))
+    fade = _fade(time, seconds)
+    return SeatMotion(rate_hz, np.column_stack([forward, left, up]) * fade[:, None], 0.02 * slow * fade)
+
+
+def imu_streams(
+    subject: Subject, motion: SeatMotion, rng: np.random.Generator, sensors: SensorSettings | None = None,
+    start_ns: int = 0, quiet_s: float = 1.0,
+) -> list[ImuStream]:  # fmt: skip
+    """What six IMUs on a subject would send for a seat motion, with `quiet_s` at rest before and after it."""
+    settings = sensors or SensorSettings()
+    time, accel, pitch = _with_quiet(motion, quiet_s)
+    segments = Chain.of(subject).simulate(accel[:, 2], TRUTH_RATE_HZ).accel_mps2
+    streams = []
+    for name in SENSORS:
+        up = accel[:, 2] if name == SEAT else segments[:, SEGMENTS.index(name)]
+        truth = interpolate.CubicSpline(time, np.column_stack([accel[:, :2], up, pitch]), axis=0)
+        streams.append(_sensor(name, truth, float(time[-1]), settings, rng, start_ns))
+    return streams
+
+
+def _sensor(
+    name: str, truth: Callable[[Floats], Floats], end_s: float, settings: SensorSettings, rng: np.random.Generator, start_ns: int
+) -> ImuStream:
+    """One sensor: its own clock decides when it samples, its mounting what it sees, its electronics what it says."""
+    count = int((end_s - 2.0 * MARGIN_S) * settings.rate_hz)
+    own_s = MARGIN_S + np.arange(count) / settings.rate_hz
+    drift, offset_s = 1e-6 * settings.clock_drift_ppm * rng.standard_normal(), 1e-3 * settings.clock_offset_ms * rng.standard_normal()
+    state = truth((own_s - offset_s) / (1.0 + drift))
+    mounting = Rotation.from_euler("xyz", settings.tilt_deg * rng.standard_normal(3), degrees=True).as_matrix()
+    force = state[:, :3] + [0.0, 0.0, STANDARD_GRAVITY_MPS2]
+    spin = np.zeros((count, 3))
+    spin[:, 1] = state[:, 3]
+    bias = settings.bias_mps2 * rng.standard_normal(3)
+    accel = force @ mounting + bias + settings.noise_mps2 * rng.standard_normal((count, 3))
+    gyro = spin @ mounting + settings.gyro_noise_radps * rng.standard_normal((count, 3))
+    jitter_s = 1e-3 * settings.jitter_ms * rng.standard_normal(count)
+    stamps_s = np.maximum.accumulate(own_s + jitter_s)
+    return ImuStream(
+        name,
+        start_ns + np.rint(stamps_s * 1e9).astype(np.int64),
+        _sixteen_bits(accel, settings.range_g * STANDARD_GRAVITY_MPS2),
+        _sixteen_bits(gyro, np.deg2rad(2000.0)),
+    )
+
+
+def _sixteen_bits(values: Floats, full_scale: float) -> Floats:
+    step = full_scale / 32768.0
+    digits: Floats = np.clip(np.rint(values / step), -32768.0, 32767.0)
+    return digits * step
+
+
+def _with_quiet(motion: SeatMotion, quiet_s: float) -> tuple[Floats, Floats, Floats]:
+    """Time, acceleration (n, 3) and pitch rate (n,) at the truth's rate, with rest on both sides."""
+    edge = np.zeros((round((quiet_s + MARGIN_S) * TRUTH_RATE_HZ), 4))
+    state = np.column_stack([motion.accel_mps2, motion.pitch_rate_radps])
+    if motion.rate_hz != TRUTH_RATE_HZ:
+        old = np.arange(len(state)) / motion.rate_hz
+        new = np.arange(int(old[-1] * TRUTH_RATE_HZ)) / TRUTH_RATE_HZ
+        state = interpolate.CubicSpline(old, state, axis=0)(new) * _fade(new, float(new[-1]))[:, None]
+    state = np.concatenate([edge, state, edge])
+    return np.arange(len(state)) / TRUTH_RATE_HZ, state[:, :3], state[:, 3]
+
+
+def _road(time: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
+    """Continuous roughness: body bounce at 1.4 Hz, wheel hop at 11 Hz and a broad floor, 1.3 m/s^2 rms."""
+    mix = _resonance(1.4, 0.3, time, rate_hz, rng) + 0.8 * _resonance(11.0, 0.2, time, rate_hz, rng)
+    mix = mix + 0.35 * _shaped_noise(time, rate_hz, rng, 40.0)
+    return 1.3 * mix / mix.std()
+
+
+def _pothole(time: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
+    """A drop and an impact of 1 to 3 g every few seconds, ringing at wheel hop, on a smoother road."""
+    up = 0.3 * _road(time, rate_hz, rng)
+    begin = 0.5
+    while begin < time[-1] - 0.8:
+        peak = STANDARD_GRAVITY_MPS2 * rng.uniform(1.0, 3.0)
+        up = up + _impact(time - begin, peak, rng.uniform(9.0, 13.0), 0.09)
+        begin += rng.uniform(2.0, 3.5)
+    return up
+
+
+def _rail(time: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
+    """Two rails under two axles: four sharp impacts of 3 to 8 g, every few seconds, on a smoother road."""
+    up = 0.3 * _road(time, rate_hz, rng)
+    begin = 0.5
+    while begin < time[-1] - 1.0:
+        strongest = STANDARD_GRAVITY_MPS2 * rng.uniform(3.0, 8.0)
+        for late, share in ((0.0, 1.0), (0.13, 0.8), (0.35, 0.9), (0.48, 0.7)):
+            up = up + _impact(time - begin - late, share * strongest, rng.uniform(22.0, 32.0), 0.025)
+        begin += rng.uniform(2.5, 4.0)
+    return up
+
+
+_CASES: Final[dict[str, Callable[[Floats, float, np.random.Generator], Floats]]] = {
+    "road": _road,
+    "pothole": _pothole,
+    "rail": _rail,
+}
+CASES: Final = tuple(_CASES)
+
+
+def _impact(since_s: Floats, peak_mps2: float, frequency_hz: float, decay_s: float) -> Floats:
+    """A smooth burst that starts from rest, down first, with its largest absolute value at `peak_mps2`."""
+    s = np.maximum(since_s, 0.0)
+    shape = -np.sin(2.0 * np.pi * frequency_hz * s) * (s / decay_s) * np.exp(-s / decay_s)
+    largest = np.abs(shape).max()
+    return shape * (peak_mps2 / largest) if largest > 0.0 else shape
+
+
+def _resonance(frequency_hz: float, zeta: float, time: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
+    omega = 2.0 * np.pi * frequency_hz
+    system = signal.bilinear([2.0 * zeta * omega, 0.0], [1.0, 2.0 * zeta * omega, omega**2], rate_hz)
+    ringing: Floats = signal.lfilter(*system, rng.standard_normal(time.size))
+    return ringing / ringing.std()
+
+
+def _shaped_noise(time: Floats, rate_hz: float, rng: np.random.Generator, top_hz: float) -> Floats:
+    """White noise between 0.5 Hz and `top_hz`, unit rms."""
+    sos = signal.butter(2, [0.5, top_hz], "bandpass", fs=rate_hz, output="sos")
+    noise: Floats = signal.sosfilt(sos, rng.standard_normal(time.size))
+    return noise / noise.std()
+
+
+def _delayed(values: Floats, seconds: float, rate_hz: float) -> Floats:
+    shift = round(seconds * rate_hz)
+    return np.concatenate([np.zeros(shift), values[: values.size - shift]])
+
+
+def _fade(time: Floats, seconds: float) -> Floats:
+    """Rise from 0 to 1 and back over a quarter of a second at both ends, so that rest turns into motion smoothly."""
+    edge = np.minimum(time, seconds - time) / 0.25
+    fade: Floats = 0.5 - 0.5 * np.cos(np.pi * np.clip(edge, 0.0, 1.0))
+    return fade
+
+
+def joined(motions: list[SeatMotion]) -> SeatMotion:
+    """Motions of one rate, one after the other; each begins and ends at rest."""
+    return SeatMotion(
+        motions[0].rate_hz,
+        np.concatenate([motion.accel_mps2 for motion in motions]),
+        np.concatenate([motion.pitch_rate_radps for motion in motions]),
+    )

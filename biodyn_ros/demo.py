@@ -1,0 +1,136 @@
+"""The demo: the bundled bag played by one process, the live node in another, exposure and residual in this terminal."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from std_msgs.msg import Float64
+
+from biodyn_core.errors import InputError
+from biodyn_core.segments import MEASURED_SEGMENTS, SEAT
+from biodyn_core.subject import load_subject
+from biodyn_ros import topics
+from biodyn_ros.live import NODE_NAME
+from biodyn_ros.replay import replay_to_directory
+from biodyn_ros.resources import bag_file, subject_file
+from biodyn_ros.summary import summary
+
+BAG: Final = "subject_1.mcap"
+START_WITHIN_S: Final = 60.0
+QUIET_S: Final = 3.0
+NOTE: Final = "This recording was made by the model itself, so its small residual proves nothing about the model."
+
+_SHOWN: Final = {
+    f"{topics.EXPOSURE}/dri": "DRI",
+    f"{topics.EXPOSURE}/{SEAT}/vdv": "seat VDV",
+    f"{topics.ROLLING}/{SEAT}/vdv": "seat VDV, window",
+    f"{topics.EXPOSURE}/{SEAT}/aw": "seat aw",
+    f"{topics.EXPOSURE}/predicted/head/vdv": "head VDV predicted",
+    f"{topics.EXPOSURE}/head/vdv": "head VDV",
+    **{topic: segment for segment, topic in topics.RESIDUAL.items()},
+}
+
+
+class _Observer(Node):
+    """Listens to the live node as any other user of its topics would."""
+
+    def __init__(self) -> None:
+        super().__init__("biodyn_demo")
+        self.latest: dict[str, float] = {}
+        self.state = ""
+        for topic in _SHOWN:
+            self.create_subscription(Float64, topics.absolute(topic, NODE_NAME), self._keeper(topic), 10)
+        self.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 10)
+
+    def _keeper(self, topic: str) -> Any:
+        return lambda message: self.latest.__setitem__(topic, message.data)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.state = next((s.message for s in message.status if s.name == "biodyn: prediction"), self.state)
+
+    def line(self) -> str:
+        """One line of what is known now."""
+        get = self.latest.get
+        residual = " ".join(f"{get(topics.RESIDUAL[segment], float('nan')):7.3f}" for segment in MEASURED_SEGMENTS)
+        vdv, rolling = get(f"{topics.EXPOSURE}/{SEAT}/vdv"), get(f"{topics.ROLLING}/{SEAT}/vdv")
+        if vdv is None or rolling is None:
+            return self.state
+        head, predicted = get(f"{topics.EXPOSURE}/head/vdv", 0.0), get(f"{topics.EXPOSURE}/predicted/head/vdv", 0.0)
+        dri = get(f"{topics.EXPOSURE}/dri", 0.0)
+        return f"{vdv:9.3f}{rolling:9.3f}{dri:7.2f}{head:10.3f}{predicted:10.3f}   {residual}   {self.state}"
+
+
+def demo(out: Path, subject_name: str) -> int:
+    """Run the main job and leave report, exposure and predicted bag under `out`."""
+    bag, subject_path = bag_file(BAG), subject_file(subject_name)
+    subject = load_subject(subject_path)
+    print(f"playing {bag.name} onto six topics; the live node answers for {subject.name}\n{NOTE}\n")
+    rclpy.init()
+    live = _child("live", "--ros-args", "-p", f"subject_file:={subject_path}", "--log-level", "warn")
+    player = None
+    try:
+        observer = _Observer()
+        _wait_until_listening(observer, live)
+        player = _child("play", str(bag))
+        last = _watch(observer, player)
+        observer.destroy_node()
+    finally:
+        for process in (player, live):
+            if process is not None:
+                _stop(process)
+        rclpy.try_shutdown()
+    print("\nthe same bag offline, by the same path:\n")
+    replayed = replay_to_directory(bag, subject, out)
+    print(summary(replayed.document))
+    offline = replayed.document["sensors"][SEAT]["vdv_mps175"]
+    print(f"\nseat VDV live {last:.9f}, offline {offline:.9f} m/s^1.75\n{NOTE}")
+    print(f"report: {out / 'report.html'}   predicted bag: {out / 'predicted.mcap'}   figures: {out / 'exposure.json'}")
+    return 0
+
+
+def _child(*arguments: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, "-m", "biodyn_ros.cli", *arguments], stdout=subprocess.DEVNULL)
+
+
+def _wait_until_listening(observer: _Observer, live: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + START_WITHIN_S
+    while observer.count_subscribers(topics.INPUT[SEAT]) == 0:
+        rclpy.spin_once(observer, timeout_sec=0.1)
+        if live.poll() is not None:
+            raise InputError(f"the live node ended at once (exit code {live.returncode}); its message stands above")
+        if time.monotonic() > deadline:
+            raise InputError("the live node did not start listening within a minute")
+
+
+def _watch(observer: _Observer, player: subprocess.Popen[bytes]) -> float:
+    """Print a line a second until the bag has ended and the last figures have come; return the seat's VDV."""
+    print(f"{'seat VDV':>9s}{'window':>9s}{'DRI':>7s}{'head VDV':>10s}{'model':>10s}   residual rms over the window, m/s^2")
+    print(f"{'m/s^1.75':>9s}{'':>9s}{'':>7s}{'m/s^1.75':>10s}{'':>10s}   {' '.join(f'{s[:7]:>7s}' for s in MEASURED_SEGMENTS)}")
+    ended, next_line = None, time.monotonic()
+    while ended is None or time.monotonic() < ended + QUIET_S:
+        rclpy.spin_once(observer, timeout_sec=0.05)
+        if ended is None and player.poll() is not None:
+            ended = time.monotonic()
+        if time.monotonic() >= next_line and ended is None:
+            next_line += 1.0
+            print(observer.line(), flush=True)
+    return observer.latest.get(f"{topics.EXPOSURE}/{SEAT}/vdv", float("nan"))
+
+
+def _stop(process: subprocess.Popen[bytes]) -> None:
+    """End a process of ours as Ctrl-C would, and only it."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

@@ -1,0 +1,383 @@
+"""The live node: parameters to settings, messages to arrays, answers to messages; no mathematics.
+
+One lifecycle node named `biodyn`. The seat's callback carries the model at once; the other sensors are drained twenty
+times a second, because only the comparison needs them. Exposure runs on data time, watchdogs on a steady clock.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import AccelStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from biodyn_core import kernels
+from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.errors import InputError
+from biodyn_core.limits import EU_LIMITS, load_limits
+from biodyn_core.pipeline import Exposure, Frames, Pipeline, PipelineSettings
+from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.settings import check_settings, setting
+from biodyn_core.subject import load_subject
+from biodyn_ros import params, topics
+from biodyn_ros.cdr import IMU_TYPE, AccelStampedTemplate, decode_imu, decode_imu_one
+from biodyn_ros.health import SensorHealth, Status, prediction_status, sensor_status
+from biodyn_ros.resources import subject_file
+from biodyn_ros.warmup import warm_up
+
+NODE_NAME: Final = "biodyn"
+DRAIN_RATE_HZ: Final = 20.0
+DIAGNOSTICS_RATE_HZ: Final = 1.0
+OUTPUT_DEPTH: Final = 2000
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """What the live node itself may be told; the pipeline's settings are parameters beside these."""
+
+    subject_file: str = setting("subject_1", "path of a subject file, or the name of a bundled subject")
+    limits_file: str = setting("", "path of a limits file; empty: 2002/44/EC")
+    autostart: bool = setting(True, "configure and activate at start")
+    queue_depth: int = setting(2000, "subscription queue of every sensor, in messages", "", 200, 10_000_000)
+    publish_measured: bool = setting(False, "publish the conditioned measurements too")
+    exposure_rate_hz: float = setting(2.0, "how often exposure is published", "Hz", 1.0, 10.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+SETTINGS: Final = (LiveSettings, ConditioningSettings, PipelineSettings)
+
+
+class BiodynNode(LifecycleNode):
+    """The pipeline as a lifecycle node: configured with a subject, active while it listens and answers."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(NODE_NAME, **kwargs)
+        params.declare(self, SETTINGS)
+        self.failure: str | None = None
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._health = {sensor: SensorHealth() for sensor in SENSORS}
+        self._mark = ""
+        self._marks = 0
+
+    # --- lifecycle ---------------------------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read subject and settings, warm the kernels, make publishers and services."""
+        return self._transition("configure", self._configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Subscribe to the sensors and start the timers."""
+        return self._transition("activate", self._activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop listening; exposure stays as it is."""
+        return self._transition("deactivate", self._deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget subject, filters and exposure."""
+        return self._transition("clean up", self._cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop listening, whatever the state."""
+        return self._transition("shut down", self._deactivate)
+
+    def _transition(self, name: str, step: Callable[[], None]) -> TransitionCallbackReturn:
+        """Run one transition; rclpy swallows exceptions, so the cause is logged here in one line."""
+        try:
+            step()
+        except Exception as error:
+            known = isinstance(error, InputError)
+            self.failure = str(error) if known else f"{type(error).__name__}: {error}"
+            self.get_logger().error(f"cannot {name}: {self.failure}")
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+    def _configure(self) -> None:
+        self.settings = params.read(self, LiveSettings)
+        subject = load_subject(subject_file(self.settings.subject_file))
+        limits = load_limits(self.settings.limits_file) if self.settings.limits_file else EU_LIMITS
+        conditioning, pipeline = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
+        self._warn_of_slow_kernels(warm_up(subject))
+        self._pipeline = Pipeline(subject, conditioning, pipeline, limits)
+        self._publishers_of = {name: self._accel_outputs(name) for name in ("predicted", "measured")}
+        self._scalars: dict[str, Any] = {}
+        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+        self._services_made = [
+            self.create_service(Trigger, topics.RESET, self._on_reset),
+            self.create_service(Trigger, topics.MARK, self._on_mark),
+        ]
+
+    def _activate(self) -> None:
+        self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS if sensor != SEAT}
+        self._subscriptions_made = [self._subscribe(sensor) for sensor in SENSORS]
+        self._timers_made = [
+            self.create_timer(1.0 / rate_hz, self._guarded(callback), clock=self._steady)
+            for rate_hz, callback in (
+                (DRAIN_RATE_HZ, self._drain),
+                (self.settings.exposure_rate_hz, self._publish_exposure),
+                (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
+            )
+        ]
+        self._refresh_wanted()
+        self.get_logger().info(f"predicting for {self._pipeline.subject.name}, listening to {len(SENSORS)} sensors")
+
+    def _deactivate(self) -> None:
+        for subscription in getattr(self, "_subscriptions_made", []):
+            self.destroy_subscription(subscription)
+        for timer in getattr(self, "_timers_made", []):
+            self.destroy_timer(timer)
+        self._subscriptions_made, self._timers_made = [], []
+
+    def _cleanup(self) -> None:
+        for output in self._publishers_of.values():
+            for publisher, _ in output:
+                self.destroy_publisher(publisher)
+        for publisher in (*self._scalars.values(), self._diagnostics):
+            self.destroy_publisher(publisher)
+        for service in self._services_made:
+            self.destroy_service(service)
+        self._health = {sensor: SensorHealth() for sensor in SENSORS}
+        del self._pipeline
+
+    def _warn_of_slow_kernels(self, rate_hz: float) -> None:
+        if not kernels.COMPILED:
+            self.get_logger().warning(f"numba is missing: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor")
+
+    # --- in ----------------------------------------------------------------------------------------------------------
+
+    def _subscribe(self, sensor: str) -> Any:
+        topic = topics.INPUT[sensor]
+        callback = self._on_seat if sensor == SEAT else partial(self._on_sensor, sensor)
+        return self.create_subscription(
+            Imu,
+            topic,
+            self._guarded(callback, sensor),
+            QoSProfile(
+                history=HistoryPolicy.KEEP_LAST,
+                depth=self.settings.queue_depth,
+                reliability=ReliabilityPolicy.BEST_EFFORT,
+            ),
+            raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            event_callbacks=SubscriptionEventCallbacks(
+                message_lost=partial(self._on_lost, sensor),
+                incompatible_qos=partial(self._on_incompatible_qos, sensor),
+            ),
+        )
+
+    def _on_seat(self, message: bytes) -> None:
+        stamp_ns, accel = decode_imu_one(message)
+        self._publish(self._pipeline.push(SEAT, np.array([stamp_ns]), np.array([accel])))
+        self._health[SEAT].arrived()
+        self._seat_stamp_ns = stamp_ns
+
+    def _on_sensor(self, sensor: str, message: bytes) -> None:
+        self._inbox[sensor].append(message)
+
+    def _drain(self) -> None:
+        """Hand the other sensors' messages to the pipeline, and see who listens."""
+        self._refresh_wanted()
+        for sensor, messages in self._inbox.items():
+            if messages:
+                self._inbox[sensor] = []
+                self._guarded(partial(self._take, sensor), sensor)(messages)
+
+    def _take(self, sensor: str, messages: list[bytes]) -> None:
+        self._health[sensor].arrived(len(messages))
+        block = decode_imu(messages)
+        self._publish(self._pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
+        self._note_lag(sensor, int(block.stamps_ns[-1]))
+
+    def _note_lag(self, sensor: str, stamp_ns: int) -> None:
+        now_ns = self.get_clock().now().nanoseconds
+        self._health[sensor].offset(1e-9 * (now_ns - stamp_ns), self._pipeline.settings.window_s)
+
+    def _on_lost(self, sensor: str, event: Any) -> None:
+        self._health[sensor].lost += event.total_count_change
+
+    def _on_incompatible_qos(self, sensor: str, event: Any) -> None:
+        topic = self.resolve_topic_name(topics.INPUT[sensor])
+        self._health[sensor].incompatible_qos = f"{topic}: a publisher offers incompatible QoS, override it or ours"
+        self.get_logger().error(self._health[sensor].incompatible_qos)
+
+    def _guarded(self, callback: Callable[..., None], sensor: str | None = None) -> Callable[..., None]:
+        """A callback that raises is counted, reported and survived; EventsExecutor would end its loop."""
+
+        def guarded(*arguments: Any) -> None:
+            try:
+                callback(*arguments)
+            except Exception as error:
+                text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+                if sensor is not None:
+                    self._health[sensor].errors += 1
+                    self._health[sensor].last_error = text
+                self.get_logger().error(f"{sensor or 'timer'}: {text}", throttle_duration_sec=1.0)
+
+        return guarded
+
+    # --- out ---------------------------------------------------------------------------------------------------------
+
+    def _accel_outputs(self, kind: str) -> list[tuple[Any, AccelStampedTemplate]]:
+        names = topics.PREDICTED if kind == "predicted" else topics.MEASURED
+        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=OUTPUT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+        return [
+            (self.create_publisher(AccelStamped, topic, qos), AccelStampedTemplate(frame_id=name))
+            for name, topic in names.items()
+        ]
+
+    def _refresh_wanted(self) -> None:
+        """Samples are serialised only for topics somebody subscribes to."""
+        kinds = ("predicted", "measured") if self.settings.publish_measured else ("predicted",)
+        self._wanted = {
+            kind: [
+                (column, publisher.publish, template.fill)
+                for column, (publisher, template) in enumerate(self._publishers_of[kind])
+                if publisher.get_subscription_count() > 0
+            ]
+            for kind in kinds
+        }
+
+    def _publish(self, frames: Frames) -> None:
+        for kind, wanted in self._wanted.items():
+            frame = frames.predicted if kind == "predicted" else frames.measured
+            if wanted and frame.stamps_ns.size:
+                rows = zip(frame.stamps_ns.tolist(), frame.accel_mps2.tolist(), strict=True)
+                for stamp_ns, row in rows:
+                    for column, publish, fill in wanted:
+                        value = row[column]
+                        if value == value:  # an instant without a number is not sent
+                            publish(fill(stamp_ns, value))
+
+    def _publish_exposure(self) -> None:
+        self._publish_span(topics.EXPOSURE, self._pipeline.exposure())
+        rolling = self._pipeline.exposure(rolling=True)
+        self._publish_span(topics.ROLLING, rolling)
+        for segment, (rms, _) in rolling.residual.items():
+            self._scalar(topics.RESIDUAL[segment], rms)
+        seat = self._pipeline.seat()
+        if seat is not None:
+            self._scalar(f"{topics.EXPOSURE}/seat/a8", seat.a8_so_far_mps2)
+            for kind in ("action", "limit"):
+                left_s = getattr(seat, f"time_to_{kind}_value_s")
+                if left_s is not None:
+                    self._scalar(f"{topics.EXPOSURE}/seat/time_to_{kind}_value", left_s)
+
+    def _publish_span(self, root: str, exposure: Exposure) -> None:
+        for sensor, dose in exposure.sensors.items():
+            self._scalar(f"{root}/{sensor}/vdv", dose.vdv_mps175)
+            self._scalar(f"{root}/{sensor}/aw", dose.aw_mps2)
+        for segment, dose in exposure.predicted.items():
+            self._scalar(f"{root}/predicted/{segment}/vdv", dose.vdv_mps175)
+            self._scalar(f"{root}/predicted/{segment}/aw", dose.aw_mps2)
+        if exposure.dri:
+            self._scalar(f"{root}/dri", exposure.dri.compression)
+        if exposure.hic15:
+            self._scalar(f"{root}/head/hic15", exposure.hic15.resultant)
+
+    def _scalar(self, topic: str, value: float) -> None:
+        if topic not in self._scalars:
+            self._scalars[topic] = self.create_publisher(Float64, topic, 10)
+        self._scalars[topic].publish(Float64(data=float(value)))
+
+    def _publish_diagnostics(self) -> None:
+        self._look_at_publishers()
+        statuses = [prediction_status(self._pipeline, self._health[SEAT], self._mark)]
+        statuses += [sensor_status(name, self._health[name], self._pipeline.status(name)) for name in SENSORS]
+        message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def _look_at_publishers(self) -> None:
+        """The event for a wrong message type does not fire across processes, so it is polled."""
+        if self._health[SEAT].arrived_s is not None:
+            self._note_lag(SEAT, self._seat_stamp_ns)
+        for sensor, health in self._health.items():
+            topic = self.resolve_topic_name(topics.INPUT[sensor])
+            found = self.get_publishers_info_by_topic(topic)
+            wrong = [info.topic_type for info in found if info.topic_type != IMU_TYPE]
+            text = f"{topic}: a publisher sends {wrong[0]}, {IMU_TYPE} is needed" if wrong else ""
+            if text and text != health.wrong_type:
+                self.get_logger().error(text)
+            health.publishers, health.wrong_type = len(found), text
+
+    # --- services ----------------------------------------------------------------------------------------------------
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._pipeline.reset()
+        self.get_logger().info("exposure since reset starts anew")
+        response.success, response.message = True, "exposure since reset starts anew"
+        return response
+
+    def _on_mark(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._marks += 1
+        stamp = self.get_clock().now().nanoseconds
+        self._mark = f"mark {self._marks} at {stamp * 1e-9:.3f} s"
+        self.get_logger().info(self._mark)
+        response.success, response.message = True, self._mark
+        return response
+
+
+def _diagnostic(status: Status) -> DiagnosticStatus:
+    values = [KeyValue(key=key, value=value) for key, value in status.values.items()]
+    return DiagnosticStatus(
+        level=bytes([status.level]), name=status.name, message=status.message, hardware_id=NODE_NAME, values=values
+    )
+
+
+def make_executor(context: Any = None) -> Any:
+    """EventsExecutor where rclpy has it, eight times cheaper per message; never the multi-threaded one for IMU topics."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
+def spin(executor: Any, until: Callable[[], bool]) -> None:
+    """Spin with a timeout: EventsExecutor's own `spin` busy-loops in rclpy 7.1."""
+    while not until():
+        executor.spin_once(timeout_sec=0.1)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the live node until SIGINT or SIGTERM; exit code 2, with one line, when it cannot start."""
+    rclpy.init(args=sys.argv if args is None else ["biodyn_live", *args])
+    node = None
+    try:
+        node = BiodynNode()
+        executor = make_executor()
+        executor.add_node(node)
+        if params.read(node, LiveSettings).autostart:
+            node.trigger_configure()
+            if node.failure is None:
+                node.trigger_activate()
+            if node.failure is not None:
+                return 2
+        spin(executor, until=lambda: not rclpy.ok())
+    except InputError as error:
+        print(f"biodyn live: {error}", file=sys.stderr)
+        return 2
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,50 @@
+"""What playing a bag means, without ROS: its settings, what was sent, and the order of messages."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from biodyn_core.settings import check_settings, setting
+from biodyn_ros.bag import BagReader
+
+
+@dataclass(frozen=True)
+class PlayerSettings:
+    """How a bag is played."""
+
+    rate: float = setting(1.0, "speed, as a multiple of recorded time", "", 0.01, 100.0)
+    wait_s: float = setting(10.0, "how long to wait for subscribers; 0: do not wait", "s", 0.0, 3600.0)
+    depth: int = setting(2000, "queue of every publisher, in messages", "", 1, 10_000_000)
+    loop: bool = setting(False, "start again at the end")
+    clock: bool = setting(False, "publish /clock")
+    keep_stamps: bool = setting(False, "leave the header stamps as recorded")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class Played:
+    """What was sent: messages by topic, and how long it took."""
+
+    messages: dict[str, int]
+    seconds: float
+
+
+def in_order(reader: BagReader, topics: list[str]) -> Iterator[tuple[int, str, bytes]]:
+    """All messages of the topics as (log time, topic, bytes), in order of log time, a chunk or two in memory."""
+    waiting: list[tuple[int, int, str, bytes]] = []
+    number = 0
+    for chunk in reader.chunks(topics):
+        while waiting and waiting[0][0] < chunk.start_ns:
+            log_ns, _, name, message = heapq.heappop(waiting)
+            yield log_ns, name, message
+        for block in chunk.blocks():
+            for log_ns, message in zip(block.log_ns.tolist(), block.messages(), strict=True):
+                heapq.heappush(waiting, (log_ns, number, block.topic, message))
+                number += 1
+    while waiting:
+        log_ns, _, name, message = heapq.heappop(waiting)
+        yield log_ns, name, message

@@ -1,0 +1,137 @@
+"""Plays a bag onto its topics: paced by log time, stamps rebased to now unless kept, waiting for its subscribers.
+
+Serialized messages go out as they are; only the header stamp is patched. It publishes RELIABLE, which serves both
+kinds of subscriber, and waits until it is matched, because a publisher that does not wait loses its first messages.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import rclpy
+from builtin_interfaces.msg import Time
+from rclpy.clock import ROSClock
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from biodyn_core.errors import InputError
+from biodyn_ros.bag import open_bag
+from biodyn_ros.cdr import shift_stamp
+from biodyn_ros.playback import Played, PlayerSettings, in_order
+
+CLOCK_STEP_NS: Final = 10_000_000
+PATIENCE_S: Final = 0.05
+
+
+class Player(Node):
+    """A node that publishes a bag's topics: `wait_for_subscribers`, then `play`."""
+
+    def __init__(self, bag: str | Path, settings: PlayerSettings | None = None, **kwargs: Any) -> None:
+        super().__init__("biodyn_player", **kwargs)
+        self.settings = settings or PlayerSettings()
+        self.bag = Path(bag)
+        with open_bag(bag) as reader:
+            self._types = {topic.name: topic.type for topic in reader.topics if topic.messages}
+            for warning in reader.warnings:
+                self.get_logger().warning(warning)
+        if not self._types:
+            raise InputError(f"{bag}: the bag is empty, there is nothing to play")
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=self.settings.depth, reliability=ReliabilityPolicy.RELIABLE
+        )
+        self._outputs = {
+            name: self.create_publisher(cls, name, qos)
+            for name, cls in ((name, message_class(kind)) for name, kind in self._types.items())
+            if cls is not None
+        }
+        self._stamped = {name for name, output in self._outputs.items() if _has_header(output.msg_type)}
+        for name in self._types.keys() - self._outputs.keys():
+            self.get_logger().warning(f"{name}: no Python class for {self._types[name]} is installed: not played")
+        self._clock_output = self.create_publisher(Clock, "/clock", 10) if self.settings.clock else None
+
+    def wait_for_subscribers(self, going: Callable[[], bool] = lambda: True) -> list[str]:
+        """Wait, `wait_s` at most, until every topic is subscribed to; return those that nobody listens to."""
+        deadline = time.monotonic() + self.settings.wait_s
+        alone = list(self._outputs)
+        while alone and going() and time.monotonic() < deadline:
+            time.sleep(PATIENCE_S)
+            alone = [name for name, output in self._outputs.items() if output.get_subscription_count() == 0]
+        return alone
+
+    def play(self, going: Callable[[], bool] = lambda: True) -> Played:
+        """Publish everything, in order of log time, as long as `going()`."""
+        sent = dict.fromkeys(self._outputs, 0)
+        began = time.monotonic()
+        while going():
+            self._play_once(sent, going)
+            if not self.settings.loop:
+                break
+        return Played(sent, time.monotonic() - began)
+
+    def flush(self, timeout_s: float = 5.0) -> bool:
+        """Wait until reliable subscribers have acknowledged everything; False when the time ran out."""
+        return all(output.wait_for_all_acked(Duration(seconds=timeout_s)) for output in self._outputs.values())
+
+    def _play_once(self, sent: dict[str, int], going: Callable[[], bool]) -> None:
+        with open_bag(self.bag) as reader:
+            start_ns = reader.start_ns or 0
+            rebase_ns = 0 if self.settings.keep_stamps else ROSClock().now().nanoseconds - start_ns
+            begin_s, next_clock_ns = time.monotonic(), 0
+            for log_ns, name, message in in_order(reader, list(self._outputs)):
+                elapsed_ns = log_ns - start_ns
+                due_s = begin_s + elapsed_ns * 1e-9 / self.settings.rate
+                if due_s > time.monotonic() + 0.0005:
+                    time.sleep(max(0.0, due_s - time.monotonic()))
+                    if not going():
+                        return
+                if self._clock_output and elapsed_ns >= next_clock_ns:
+                    self._publish_clock(log_ns + rebase_ns)
+                    next_clock_ns = elapsed_ns + CLOCK_STEP_NS
+                if rebase_ns and name in self._stamped:
+                    message = shift_stamp(message, rebase_ns)
+                self._outputs[name].publish(message)
+                sent[name] += 1
+
+    def _publish_clock(self, now_ns: int) -> None:
+        assert self._clock_output is not None
+        self._clock_output.publish(Clock(clock=Time(sec=now_ns // 10**9, nanosec=now_ns % 10**9)))
+
+
+def message_class(kind: str) -> Any:
+    """The Python class of a message type such as sensor_msgs/msg/Imu, None where its package is not installed."""
+    package, _, name = kind.replace("/msg/", "/").partition("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        return None
+
+
+def _has_header(cls: Any) -> bool:
+    fields = list(cls.get_fields_and_field_types().values())
+    return bool(fields) and fields[0] == "std_msgs/Header"
+
+
+def play(bag: Path, settings: PlayerSettings) -> Played:
+    """Play a bag as a process of its own until its end, SIGINT or SIGTERM."""
+    rclpy.init()
+    player = None
+    try:
+        player = Player(bag, settings)
+        for topic in player.wait_for_subscribers(rclpy.ok):
+            player.get_logger().warning(f"nobody listens to {topic}")
+        played = player.play(rclpy.ok)
+        player.flush()
+        return played
+    except ExternalShutdownException:
+        return Played({}, 0.0)
+    finally:
+        if player is not None:
+            player.destroy_node()
+        rclpy.try_shutdown()

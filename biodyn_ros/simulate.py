@@ -1,0 +1,56 @@
+"""Simulate: a subject and a seat motion become a six-IMU bag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.errors import InputError
+from biodyn_core.subject import Subject
+from biodyn_core.synthesis import SeatMotion, SensorSettings, imu_streams, joined, load_case
+from biodyn_ros import __version__
+from biodyn_ros.bag import BagWriter
+from biodyn_ros.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.topics import INPUT
+
+START_NS: Final = 1_767_225_600 * 10**9
+"""2026-01-01, so that the same seed gives the same bag."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What was written."""
+
+    bag: str
+    messages: int
+    seconds: float
+    seed: int
+
+
+def motion_of_cases(cases: list[str], seconds: float, seed: int) -> SeatMotion:
+    """Draw load cases of `seconds` each, one after the other."""
+    rng = np.random.default_rng([seed, 0])
+    return joined([load_case(case, seconds, rng) for case in cases])
+
+
+def simulate_bag(
+    path: Path, subject: Subject, motion: SeatMotion, seed: int, sensors: SensorSettings, compression: str = "zstd"
+) -> Simulated:
+    """Write the bag; it says in its metadata that the model made it. Raises InputError where the path cannot be."""
+    if seed < 0:
+        raise InputError(f"seed is {seed}, expected a whole number from 0")
+    streams = imu_streams(subject, motion, np.random.default_rng([seed, 1]), sensors, START_NS)
+    with BagWriter(path, compression=compression) as writer:
+        for stream in streams:
+            writer.add_topic(INPUT[stream.sensor], IMU_TYPE)
+            payload = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, f"imu_{stream.sensor}")
+            writer.write(INPUT[stream.sensor], stream.stamps_ns, payload)
+        writer.add_metadata(
+            "biodyn", {"made_by": "biodyn simulate", "subject": subject.name, "seed": str(seed), "version": __version__}
+        )
+    first = min(int(stream.stamps_ns[0]) for stream in streams)
+    last = max(int(stream.stamps_ns[-1]) for stream in streams)
+    return Simulated(str(path), sum(len(stream.stamps_ns) for stream in streams), 1e-9 * (last - first), seed)

@@ -1,0 +1,69 @@
+"""The summary of a recording for the terminal, from the mapping of `exposure.json`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def summary(document: dict[str, Any]) -> str:
+    """A page of text: the seat against its limits, exposure by sensor, prediction and residual, warnings."""
+    lines = [
+        f"{document['bag']}  subject {document['subject']} ({document['mass_matrix']})",
+        f"{document['seconds']:.1f} s, {document['uncounted_s']:.2f} s of them before gravity was known and not counted",
+        "",
+        *_seat_lines(document),
+        *_dri_lines(document),
+        "",
+        f"{'':14s}{'aw':>9s}{'VDV':>11s}{'predicted':>12s}{'VDV':>11s}{'residual rms':>15s}{'NRMSE':>9s}",
+        f"{'':14s}{'m/s^2':>9s}{'m/s^1.75':>11s}{'aw m/s^2':>12s}{'m/s^1.75':>11s}{'m/s^2':>15s}{'%':>9s}",
+    ]
+    names = dict.fromkeys([*document["sensors"], *document["predicted"]])
+    lines += [_row(name, document) for name in names]
+    lines += ["", "aw and VDV: Wk, vertical, before the low-pass. Predictions are a model's: not validated."]
+    lines += [f"note: {text}" for text in document["warnings"]]
+    return "\n".join(lines)
+
+
+def _row(name: str, document: dict[str, Any]) -> str:
+    measured, predicted = document["sensors"].get(name), document["predicted"].get(name)
+    residual = document["residual"].get(name)
+    mark = ">=" if measured and measured["lower_bound"] else "  "
+    cells = [
+        f"{mark}{measured['aw_mps2']:7.3f}{measured['vdv_mps175']:11.3f}" if measured else f"{'-':>9s}{'-':>11s}",
+        f"{predicted['aw_mps2']:12.3f}{predicted['vdv_mps175']:11.3f}" if predicted else f"{'-':>12s}{'-':>11s}",
+        f"{residual['rms_mps2']:15.3f}" if residual else f"{'-':>15s}",
+        f"{residual['nrmse_rms_percent']:9.2f}" if residual and residual["nrmse_rms_percent"] is not None else f"{'-':>9s}",
+    ]
+    return f"{name:14s}" + "".join(cells)
+
+
+def _seat_lines(document: dict[str, Any]) -> list[str]:
+    seat, limits = document["seat"], document["limits"]
+    if seat is None:
+        return ["seat: nothing counted"]
+    mark = ">= " if seat["lower_bound"] else ""
+    times = [
+        f"{kind} value in {seat[key] / 60.0:.0f} min at this rate" if seat[key] is not None else f"{kind} value: no time given"
+        for kind, key in (("action", "time_to_action_value_s"), ("limit", "time_to_limit_value_s"))
+    ]
+    return [
+        f"seat A(8) so far {mark}{seat['a8_so_far_mps2']:.4f} m/s^2 of {limits['action_a8_mps2']:g} / {limits['limit_a8_mps2']:g}, "
+        f"VDV so far {mark}{seat['vdv_so_far_mps175']:.3f} m/s^1.75 of {limits['action_vdv_mps175']:g} / "
+        f"{limits['limit_vdv_mps175']:g} ({limits['source']})",
+        f"governed by axis {seat['axis']} (horizontal: {seat['horizontal']}) and {seat['governing']}; {'; '.join(times)}",
+    ]
+
+
+def _dri_lines(document: dict[str, Any]) -> list[str]:
+    dri, hic = document["dri"], document["hic15"]
+    lines = []
+    if dri:
+        lines.append(
+            f"DRI {dri['compression']:.2f} (compression, band {dri['class']}; as printed {dri['as_printed']:.2f}); "
+            "a criterion for a single upward pulse, not a dose"
+        )
+    if hic:
+        lines.append(
+            f"HIC15 head {hic['resultant']:.3f} resultant, {hic['vertical']:.3f} vertical, {hic['as_printed']:.3f} with 1 g as printed"
+        )
+    return lines
