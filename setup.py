@@ -64,7 +64,7 @@ def data_files() -> list[tuple[str, list[str]]]:
 
 
 def version() -> str:
-    """The version, which is kept in package.xml alone."""
+    """The version that package.xml has."""
     found = ET.parse("package.xml").findtext("version")
     if found is None:
         raise SystemExit("setup.py: package.xml has no <version>")

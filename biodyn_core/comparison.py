@@ -1,4 +1,4 @@
-"""Comparison: measurement beside prediction on the seat's grid, their residual, and the doses of the low-passed sensors.
+"""Comparison: measurement beside prediction on the seat's grid, their residual, and doses of the low-passed sensors.
 
 Instants wait until every sensor has come, or until they are `wait_s` of stamp time old; what is missing then is NaN.
 """
@@ -22,7 +22,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class MeasuredFrames:
-    """Conditioned vertical acceleration on the seat's grid: stamps_ns (n,), accel_mps2 (n, 6) in sensor order, NaN: none.
+    """Conditioned vertical acceleration on the seat's grid: stamps_ns (n,), accel_mps2 (n, 6) by sensor, NaN: none.
 
     residual_mps2 (n, 5) is predicted minus measured for the five segments that carry a sensor.
     """
@@ -46,7 +46,9 @@ class _Pending:
 
     @classmethod
     def join(cls, parts: list[_Pending]) -> _Pending:
-        return parts[0] if len(parts) == 1 else cls(*(np.concatenate([vars(p)[f] for p in parts]) for f in vars(parts[0])))
+        return (
+            parts[0] if len(parts) == 1 else cls(*(np.concatenate([vars(p)[f] for p in parts]) for f in vars(parts[0])))
+        )
 
     def split(self, at: int) -> tuple[_Pending, _Pending]:
         fields = vars(self).values()

@@ -41,9 +41,13 @@ class ConditioningSettings:
 
     cutoff_hz: float = setting(100.0, "low-pass cut-off of the model's input and of comparisons", "Hz", 5.0, 200.0)
     rest_s: float = setting(0.8, "seconds at rest from which gravity, vertical and clock are taken", "s", 0.2, 60.0)
-    rest_patience_s: float = setting(10.0, "seconds to wait for rest before motion is averaged instead", "s", 0.2, 600.0)
+    rest_patience_s: float = setting(
+        10.0, "seconds to wait for rest before motion is averaged instead", "s", 0.2, 600.0
+    )
     rest_rms_mps2: float = setting(0.3, "largest rms about the mean that still counts as rest", "m/s^2", 0.01, 5.0)
-    max_gap_s: float = setting(0.05, "longest gap that is interpolated; a longer one splits the record", "s", 0.002, 1.0)
+    max_gap_s: float = setting(
+        0.05, "longest gap that is interpolated; a longer one splits the record", "s", 0.002, 1.0
+    )
     saturation_mps2: float = setting(156.9, "reading of one axis that counts as clipped (16 g)", "m/s^2", 10.0, 5000.0)
 
     def __post_init__(self) -> None:
@@ -54,8 +58,9 @@ class ConditioningSettings:
 class Block:
     """Conditioned samples of one sensor, evenly spaced within one run.
 
-    stamps_ns (n,) and time_s (n,) are the instants answered, filter delay taken off (time_s since epoch_ns, the sensor's
-    first stamp, for alignment); levelled_mps2 (n, 3), gravity-free, third axis up, before the low-pass; low_passed_mps2 (n,).
+    stamps_ns (n,) and time_s (n,) are the instants answered, filter delay taken off (time_s since epoch_ns, the
+    sensor's first stamp, for alignment); levelled_mps2 (n, 3), gravity-free, third axis up, before the low-pass;
+    low_passed_mps2 (n,), vertical.
     """
 
     stamps_ns: Integers
@@ -124,7 +129,7 @@ class Conditioner:
             self.epoch_ns = int(stamps_ns[0])
         # Copies: what comes from a message may be read-only or strided, and each such kind would be compiled anew.
         samples_mps2 = np.array(samples_mps2, dtype=np.float64, order="C")
-        stamps_s = (stamps_ns - self.epoch_ns) * 1e-9
+        stamps_s: Floats = np.asarray(stamps_ns - self.epoch_ns, dtype=np.float64) * 1e-9
         if self.rest is None:
             kept = self._look_for_rest(stamps_s, samples_mps2)
             if kept is None:
@@ -175,7 +180,7 @@ class Conditioner:
         return stamps_s, samples
 
     def _start(self, rest: Rest) -> None:
-        """Design the filters for the rate found; they start in steady state for gravity, which is zero once levelled."""
+        """Design the filters for the rate found; they start in steady state for gravity: zero, once levelled."""
         self._sos = signal.butter(FILTER_ORDER, self.settings.cutoff_hz, fs=self.rate_hz, output="sos")
         self.delay_s = group_delay_s(self._sos, self.rate_hz)
         self._delay_ns = round(self.delay_s * 1e9)
@@ -328,4 +333,3 @@ def rotation_to_vertical(up: Floats) -> Floats:
     cross = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
     rotation: Floats = np.eye(3) + cross + cross @ cross / (1.0 + z)
     return rotation
-

@@ -52,7 +52,7 @@ class Dose:
 class Dri:
     """Dynamic Response Index: for one upward pulse, not a dose of repeated shocks (Eq. 24, 25).
 
-    `compression` counts spinal compression alone and is the headline; `as_printed` takes |z|. time_s: when, since reset.
+    `compression` counts spinal compression alone and is the headline; `as_printed` takes |z|. time_s: since reset.
     """
 
     compression: float
@@ -67,7 +67,7 @@ class Dri:
 
 @dataclass(frozen=True)
 class Hic:
-    """Head Injury Criterion over all windows up to one length: |vertical + 1 g|, |vertical|, and the resultant (Eq. 23)."""
+    """Head Injury Criterion over all windows up to one length: |vertical + 1 g|, |vertical|, resultant (Eq. 23)."""
 
     as_printed: float
     vertical: float
@@ -170,7 +170,13 @@ class HorizontalMeter:
         angle = np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))
         c, s = np.cos(angle), np.sin(angle)
         second = row[0] * c**2 + 2.0 * row[1] * c * s + row[2] * s**2
-        fourth = row[3] * c**4 + 4.0 * row[4] * c**3 * s + 6.0 * row[5] * (c * s) ** 2 + 4.0 * row[6] * c * s**3 + row[7] * s**4
+        fourth = (
+            row[3] * c**4
+            + 4.0 * row[4] * c**3 * s
+            + 6.0 * row[5] * (c * s) ** 2
+            + 4.0 * row[6] * c * s**3
+            + row[7] * s**4
+        )
         aw = np.sqrt(np.maximum(second, 0.0) / max(row[8], 1.0))
         return aw, (np.maximum(fourth, 0.0) / self._rate_hz) ** 0.25
 
@@ -180,7 +186,7 @@ class HorizontalMeter:
 
 
 class DriMeter:
-    """The DRI oscillator driven by the seat's vertical acceleration (n, 1) m/s^2, gravity-free, exact between samples."""
+    """The DRI oscillator driven by the seat's vertical acceleration, gravity-free, exact between samples."""
 
     def __init__(self, rate_hz: float, window_s: float) -> None:
         self._rate_hz = rate_hz
@@ -229,8 +235,8 @@ class HicMeter:
         channels = np.column_stack([np.abs(g[:, 2] + 1.0), np.abs(g[:, 2]), np.sqrt((g**2).sum(axis=1))])
         t = self._tally
         kernels.head_injury(
-            channels, 1.0 / self._rate_hz, self._length_s, self._history, self._filled, t.bin, t.total, t.ring, t.position,
-            t.length,
+            channels, 1.0 / self._rate_hz, self._length_s, self._history, self._filled,
+            t.bin, t.total, t.ring, t.position, t.length,
         )  # fmt: skip
 
     def since_reset(self) -> Hic:
@@ -246,7 +252,8 @@ class HicMeter:
         self._tally.reset()
 
     def _hic(self, rows: Floats) -> Hic:
-        return Hic(*(float(value) for value in rows[:, 0]), bandwidth_hz=self._rate_hz / 2.0)
+        as_printed, vertical, resultant = rows[:, 0].tolist()
+        return Hic(as_printed, vertical, resultant, self._rate_hz / 2.0)
 
 
 class ResidualMeter:

@@ -1,6 +1,6 @@
 """The compiled loops: small plain functions over arrays and floats, sequential so that block cuts never change a bit.
 
-The only module that imports numba. Without it every kernel runs as ordinary Python, correct and slow: `COMPILED` says which.
+The only module that imports numba. Without it every kernel runs as ordinary Python, correct and slow (`COMPILED`).
 No kernel checks its input; the classes that own the arrays do.
 """
 
@@ -52,7 +52,7 @@ _CACHE = _cache_folder() if COMPILED else None
 
 
 def compiled(function: F) -> F:
-    """Compile with numba where it is present, with a cache where one can be kept; otherwise return the function itself."""
+    """Compile with numba where it is present, cached where a cache can be kept; otherwise return the function."""
     if numba is None:
         return function
     before = numba.config.CACHE_DIR
@@ -70,7 +70,15 @@ def compiled(function: F) -> F:
 
 @compiled
 def _accelerations(
-    x: Floats, v: Floats, seat: float, k: Floats, b: Floats, k_alpha: Floats, inverse_mass: Floats, alpha_r: float, out: Floats
+    x: Floats,
+    v: Floats,
+    seat: float,
+    k: Floats,
+    b: Floats,
+    k_alpha: Floats,
+    inverse_mass: Floats,
+    alpha_r: float,
+    out: Floats,
 ) -> None:
     """Relative accelerations x'' of Eq. 4, joint by joint from the head down (Eq. 17, 18)."""
     above = 0.0
@@ -150,12 +158,48 @@ def integrate_chain(
 # --- one sensor: clock, gaps, level, low-pass ------------------------------------------------------------------------
 
 CLOCK_TIME, CLOCK_PERIOD, CLOCK_NOMINAL, CLOCK_LAST_STAMP, CLOCK_SIZE = range(5)
-COUNT_ACCEPTED, COUNT_LATE, COUNT_NONFINITE, COUNT_FILLED, COUNT_RUNS, COUNT_LATE_IN_A_ROW, COUNT_CLIPPED, COUNT_SIZE = range(8)
+(
+    COUNT_ACCEPTED,
+    COUNT_LATE,
+    COUNT_NONFINITE,
+    COUNT_FILLED,
+    COUNT_RUNS,
+    COUNT_LATE_IN_A_ROW,
+    COUNT_CLIPPED,
+    COUNT_SIZE,
+) = range(8)
 IMPLAUSIBLE: Final = 10.0
 """So many times the saturation limit is no reading of such a sensor: rejected like a sample that is not finite."""
 
 RESTART_AFTER: Final = 20
 """So many stamps in a row before the last accepted one mean that time itself jumped back (a looping bag)."""
+
+
+@compiled
+def _usable(sample: Floats, saturation: float) -> bool:
+    """Whether every axis is a finite, plausible reading."""
+    limit = IMPLAUSIBLE * saturation
+    return abs(sample[0]) < limit and abs(sample[1]) < limit and abs(sample[2]) < limit
+
+
+@compiled
+def _periods_missing(stamp: float, clock: Floats) -> int:
+    """How many samples are lost before this one, by the tracked clock and by the stamps themselves."""
+    period = clock[CLOCK_PERIOD]
+    early = stamp - clock[CLOCK_TIME] - period
+    if early <= 0.0 or stamp - clock[CLOCK_LAST_STAMP] < 1.5 * period:
+        return 0  # where no sample fits in between, the clock is off, not the stream
+    return int(np.floor(early / period + 0.5))
+
+
+@compiled
+def _tracked_time(stamp: float, missing: int, clock: Floats, gain_time: float, gain_period: float) -> float:
+    """Where the sample lies on the tracked clock, whose period follows the stamps slowly, within 2 % of nominal."""
+    period, nominal = clock[CLOCK_PERIOD], clock[CLOCK_NOMINAL]
+    now = clock[CLOCK_TIME] + (missing + 1) * period
+    error = min(max(stamp - now, -0.5 * period), 0.5 * period)
+    clock[CLOCK_PERIOD] = min(max(period + gain_period * error, 0.98 * nominal), 1.02 * nominal)
+    return now + gain_time * error
 
 
 @compiled
@@ -185,10 +229,7 @@ def regularise(
     room = times.shape[0] - int(max_gap_s / (0.98 * clock[CLOCK_NOMINAL])) - 2
     for i in range(start, stamps_s.shape[0]):
         stamp = stamps_s[i]
-        finite = True
-        for c in range(3):
-            finite = finite and abs(samples[i, c]) < IMPLAUSIBLE * saturation
-        if not finite:
+        if not _usable(samples[i], saturation):
             counts[COUNT_NONFINITE] += 1
             continue
         if stamp <= clock[CLOCK_LAST_STAMP]:
@@ -196,49 +237,32 @@ def regularise(
             counts[COUNT_LATE_IN_A_ROW] += 1
             if counts[COUNT_LATE_IN_A_ROW] < RESTART_AFTER:
                 continue
+            counts[COUNT_LATE_IN_A_ROW] = 0
             clock[CLOCK_LAST_STAMP] = -np.inf
             clock[CLOCK_TIME] = np.nan
-            counts[COUNT_LATE_IN_A_ROW] = 0
             return i, written, True
         if written > room:
             return i, written, False
         counts[COUNT_LATE_IN_A_ROW] = 0
-        period = clock[CLOCK_PERIOD]
-        if np.isnan(clock[CLOCK_TIME]):
-            now, missing = stamp, 0
-        else:
-            early = stamp - clock[CLOCK_TIME] - period
-            missing = int(np.floor(early / period + 0.5)) if early > 0.0 else 0
-            if stamp - clock[CLOCK_LAST_STAMP] < 1.5 * period:
-                missing = 0  # no sample fits in between: the clock is off, not the stream
-            if (missing + 1) * period > max_gap_s:
+        now = stamp
+        if not np.isnan(clock[CLOCK_TIME]):
+            missing = _periods_missing(stamp, clock)
+            if (missing + 1) * clock[CLOCK_PERIOD] > max_gap_s:
                 clock[CLOCK_TIME] = np.nan
                 return i, written, True
-            now = clock[CLOCK_TIME] + (missing + 1) * period
-            error = min(max(stamp - now, -0.5 * period), 0.5 * period)
-            now += gain_time * error
-            nominal = clock[CLOCK_NOMINAL]
-            clock[CLOCK_PERIOD] = min(max(period + gain_period * error, 0.98 * nominal), 1.02 * nominal)
+            now = _tracked_time(stamp, missing, clock, gain_time, gain_period)
             for m in range(1, missing + 1):
                 share = m / (missing + 1)
                 times[written] = clock[CLOCK_TIME] + share * (now - clock[CLOCK_TIME])
+                out[written] = last + share * (samples[i] - last)
                 source[written] = -1
-                for c in range(3):
-                    out[written, c] = last[c] + share * (samples[i, c] - last[c])
                 written += 1
             counts[COUNT_FILLED] += missing
-        clipped = False
-        for c in range(3):
-            last[c] = samples[i, c]
-            out[written, c] = samples[i, c]
-            clipped = clipped or abs(samples[i, c]) >= saturation
-        times[written] = now
-        source[written] = i
+        times[written], source[written], out[written], last[:] = now, i, samples[i], samples[i]
         written += 1
-        clock[CLOCK_TIME] = now
-        clock[CLOCK_LAST_STAMP] = stamp
+        clock[CLOCK_TIME], clock[CLOCK_LAST_STAMP] = now, stamp
         counts[COUNT_ACCEPTED] += 1
-        counts[COUNT_CLIPPED] += clipped
+        counts[COUNT_CLIPPED] += np.abs(samples[i]).max() >= saturation
     return stamps_s.shape[0], written, False
 
 
@@ -256,7 +280,7 @@ def level(samples: Floats, rotation: Floats, gravity: float, out: Floats) -> Non
 
 @compiled
 def filter_sections(sos: Floats, state: Floats, x: Floats, y: Floats) -> None:
-    """Filter x (n, c) into y (n, c) by second-order sections (s, 6), transposed direct form; state (s, 2, c) is carried."""
+    """Filter x (n, c) into y by second-order sections (s, 6), transposed direct form; state (s, 2, c) is carried."""
     for n in range(x.shape[0]):
         for c in range(x.shape[1]):
             value = x[n, c]
@@ -272,7 +296,7 @@ def filter_sections(sos: Floats, state: Floats, x: Floats, y: Floats) -> None:
 def interpolate(
     times: Floats, runs: Integers, values: Floats, grid: Floats, weights: Floats, out: Floats
 ) -> int:  # fmt: skip
-    """Read evenly sampled values at the grid's instants by Lagrange polynomials through 2h neighbours (h = weights / 2).
+    """Read evenly sampled values at the grid's instants by Lagrange polynomials through 2h neighbours.
 
     times, runs, values (m,); grid (n,) ascending; weights (2h,) barycentric; out (n,) is left as it is where a run's
     edge or a gap leaves no neighbours. Returns how many instants are answered: it stops at the first whose neighbours
@@ -411,8 +435,18 @@ def dynamic_response(
             state[1] = 0.0
             state[2] = 0.0
             continue
-        z = transition[0, 0] * state[0] + transition[0, 1] * state[1] + transition[0, 2] * state[2] + transition[0, 3] * value
-        rate = transition[1, 0] * state[0] + transition[1, 1] * state[1] + transition[1, 2] * state[2] + transition[1, 3] * value
+        z = (
+            transition[0, 0] * state[0]
+            + transition[0, 1] * state[1]
+            + transition[0, 2] * state[2]
+            + transition[0, 3] * value
+        )
+        rate = (
+            transition[1, 0] * state[0]
+            + transition[1, 1] * state[1]
+            + transition[1, 2] * state[2]
+            + transition[1, 3] * value
+        )
         state[0] = z
         state[1] = rate
         state[2] = value

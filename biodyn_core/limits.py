@@ -119,7 +119,7 @@ def seat_exposure(
 
 
 def _time_left_s(aw: float, vdv: float, seconds: float, a8_value: float, vdv_value: float) -> float | None:
-    """Seconds until A(8) or VDV reaches its value if exposure goes on as it has been; 0 once reached, None for never."""
+    """Seconds until A(8) or VDV reaches its value if exposure goes on as before; 0 once reached, None for never."""
     by_a8 = EIGHT_HOURS_S * (a8_value / aw) ** 2 if aw > 0.0 else math.inf
     by_vdv = seconds * (vdv_value / vdv) ** 4 if vdv > 0.0 else math.inf
     left = max(0.0, min(by_a8, by_vdv) - seconds)

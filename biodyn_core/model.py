@@ -26,12 +26,12 @@ MAX_STEP_S: Final = 1e-3
 """Largest integration step, the paper's own setting (3.3)."""
 
 MAX_EIGENVALUE_STEP: Final = 1.0
-"""Largest |eigenvalue| x step. RK4 is stable to 2.78; the rest is room for strain stiffening, which raises eigenvalues."""
+"""Largest |eigenvalue| x step. RK4 is stable to 2.78; the rest is room for strain stiffening."""
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Natural frequencies (6,) Hz ascending, damping ratios (6,) by Eq. 14, mass-normalised shapes (6, 6) as columns."""
+    """Natural frequencies (6,) ascending, damping ratios (6,) by Eq. 14, mass-normalised shapes as columns (6, 6)."""
 
     natural_frequency_hz: Floats
     damping_ratio: Floats
@@ -40,7 +40,7 @@ class Modes:
 
 @dataclass(frozen=True)
 class Response:
-    """What `simulate` answers: absolute accelerations (n, 6) m/s^2, relative displacement and velocity (n, 6), the input."""
+    """What `simulate` answers: absolute accelerations, relative displacements and velocities, each (n, 6)."""
 
     rate_hz: float
     seat_mps2: Floats
@@ -111,16 +111,17 @@ class Chain:
         omega = 2.0 * np.pi * np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))[:, None, None]
         dynamic = -(omega**2) * self.M + 1j * omega * self.C + self.K
         load = np.broadcast_to(-self.inertia_kg[:, None], (omega.shape[0], N_SEGMENTS, 1))
-        answer: Complexes = np.linalg.solve(dynamic, load)[:, :, 0]
-        return answer
+        return np.asarray(np.linalg.solve(dynamic, load)[:, :, 0], dtype=np.complex128)
 
     def transmissibility(self, frequency_hz: ArrayLike) -> Complexes:
         """Absolute segment acceleration per seat acceleration at s_nl = 0, (n, 6): 1 - (2 pi f)^2 H."""
         omega = 2.0 * np.pi * np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))[:, None]
         return 1.0 - omega**2 * self.frequency_response(frequency_hz)
 
-    def apparent_mass(self, frequency_hz: ArrayLike, form: SeatForce = "inertia", as_printed: bool = False) -> Complexes:
-        """Seat force per seat acceleration at s_nl = 0, (n,) kg (Eq. 19); `form` and `as_printed` as in `seat_force`."""
+    def apparent_mass(
+        self, frequency_hz: ArrayLike, form: SeatForce = "inertia", as_printed: bool = False
+    ) -> Complexes:
+        """Seat force per seat acceleration at s_nl = 0, (n,) kg (Eq. 19); options as in `seat_force`."""
         self._check_force(form, as_printed)
         omega = 2.0 * np.pi * np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
         if form == "inertia":
@@ -152,7 +153,9 @@ class Chain:
         if form not in ("inertia", "joint", "paper"):
             raise InputError(f"seat_force is {form!r}, allowed are inertia, joint and paper")
         if self.mass_matrix_form == "cascade" and not as_printed:
-            raise InputError("forces under mass_matrix cascade are those of a body three times as heavy: ask for as_printed")
+            raise InputError(
+                "forces under mass_matrix cascade are those of a body three times as heavy: ask for as_printed"
+            )
 
     def largest_eigenvalue_rad_per_s(self) -> float:
         """Largest |eigenvalue| of the linear state matrix, 1/s."""

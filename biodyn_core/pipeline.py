@@ -48,7 +48,7 @@ class PipelineSettings:
 
 @dataclass(frozen=True)
 class PredictedFrames:
-    """Predicted accelerations: stamps_ns (n,) of the instants answered, accel_mps2 (n, 6) absolute, gravity-free, up."""
+    """Predictions: stamps_ns (n,) of the instants answered, accel_mps2 (n, 6) absolute, gravity-free, up."""
 
     stamps_ns: Integers
     accel_mps2: Floats
@@ -142,7 +142,9 @@ class Pipeline:
         if meters is None:
             return None
         yaw = None if self.settings.yaw_deg is None else -math.radians(self.settings.yaw_deg)
-        return seat_exposure(meters.vertical(), meters.plane(), yaw, self.limits, trusted=not self.lower_bound(SEAT, 0.01))
+        return seat_exposure(
+            meters.vertical(), meters.plane(), yaw, self.limits, trusted=not self.lower_bound(SEAT, 0.01)
+        )
 
     def status(self, sensor: str) -> SensorStatus:
         """What a sensor's conditioning has seen."""
@@ -154,7 +156,7 @@ class Pipeline:
         return status.gap_s + (status.filled / status.rate_hz if status.rate_hz else 0.0)
 
     def lower_bound(self, sensor: str, share: float = 0.0) -> bool:
-        """Whether the sensor's figures are lower bounds: samples clipped, or more than a share of the record missing."""
+        """Whether the sensor's figures are lower bounds: samples clipped, or more than a share of them missing."""
         missing = self.missing_s(sensor)
         counted = self._meters[sensor].vertical().seconds if sensor in self._meters else 0.0
         return self.status(sensor).clipped > 0 or missing > share * (counted + missing)
@@ -205,7 +207,7 @@ class Pipeline:
 
 
 class _Batch:
-    """Gathers rows until there are METER_BATCH of them; a run's first row is preceded by NaN, the meters' sign of a break."""
+    """Gathers rows until there are METER_BATCH; a run's first row is preceded by NaN, the meters' sign of a break."""
 
     def __init__(self, columns: int) -> None:
         self._break = np.full((1, columns), np.nan)

@@ -34,7 +34,7 @@ MARGIN_S: Final = 0.1
 
 @dataclass(frozen=True)
 class SeatMotion:
-    """Motion of the seat: accel_mps2 (n, 3) forward, left, up without gravity; pitch_rate_radps (n,), nose down positive."""
+    """Motion of the seat: accel_mps2 (n, 3) forward, left, up, no gravity; pitch_rate_radps (n,), nose down."""
 
     rate_hz: float
     accel_mps2: Floats
@@ -115,12 +115,20 @@ def imu_streams(
 
 
 def _sensor(
-    name: str, truth: Callable[[Floats], Floats], end_s: float, settings: SensorSettings, rng: np.random.Generator, start_ns: int
+    name: str,
+    truth: Callable[[Floats], Floats],
+    end_s: float,
+    settings: SensorSettings,
+    rng: np.random.Generator,
+    start_ns: int,
 ) -> ImuStream:
     """One sensor: its own clock decides when it samples, its mounting what it sees, its electronics what it says."""
     count = int((end_s - 2.0 * MARGIN_S) * settings.rate_hz)
     own_s = MARGIN_S + np.arange(count) / settings.rate_hz
-    drift, offset_s = 1e-6 * settings.clock_drift_ppm * rng.standard_normal(), 1e-3 * settings.clock_offset_ms * rng.standard_normal()
+    drift, offset_s = (
+        1e-6 * settings.clock_drift_ppm * rng.standard_normal(),
+        1e-3 * settings.clock_offset_ms * rng.standard_normal(),
+    )
     state = truth((own_s - offset_s) / (1.0 + drift))
     mounting = Rotation.from_euler("xyz", settings.tilt_deg * rng.standard_normal(3), degrees=True).as_matrix()
     force = state[:, :3] + [0.0, 0.0, STANDARD_GRAVITY_MPS2]

@@ -114,5 +114,7 @@ def weighting_sections(name: WeightingName, rate_hz: float) -> Floats:
     if name not in CURVES:
         raise InputError(f"weighting {name!r} is unknown, known are {', '.join(CURVES)}")
     if not rate_hz >= MIN_RATE_HZ:
-        raise InputError(f"a rate of {rate_hz:g} Hz does not carry {name} to 80 Hz: at least {MIN_RATE_HZ:g} Hz is needed")
+        raise InputError(
+            f"a rate of {rate_hz:g} Hz does not carry {name} to 80 Hz: at least {MIN_RATE_HZ:g} Hz is needed"
+        )
     return np.array(_design(name, float(rate_hz)))

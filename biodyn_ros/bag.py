@@ -10,8 +10,10 @@ Memory is that of a chunk or two, whatever the length of the bag.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
+from itertools import chain, groupby, pairwise
+from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -31,8 +33,10 @@ __all__ = ["BagReader", "BagWriter", "Block", "Chunk", "TopicInfo", "imu_blocks"
 SLICE_NS: Final = 250_000_000
 """How far in log time one topic may run ahead of the others in `imu_blocks`."""
 
-_Waiting = list[tuple[int, list[ImuBlock]]]
-"""Parts of one topic not yet yielded, by the slot of log time they belong to, slots ascending."""
+_NEVER = -(2**63)
+
+_Run = tuple[int, int, int, ImuBlock]
+"""Samples not yet yielded: slot of log time, number of the topic, log time of the first, the samples."""
 
 _STORAGES: dict[str, Callable[[Path, list[str]], Storage]] = {"mcap": McapStorage, "sqlite3": SqliteStorage}
 
@@ -126,8 +130,8 @@ def imu_blocks(reader: BagReader, topics: Iterable[str], time: str = "header") -
     """Decoded samples of these Imu topics, which advance together: (topic, block), over and over.
 
     Blocks are cut at multiples of 0.25 s of log time: all topics' samples of one such slot come before any of the
-    next, however the bag is chunked. Samples of a topic stay in file order; one logged earlier than its predecessor
-    belongs to the predecessor's slot. time "log" replaces the header stamps by log times.
+    next, however the bag is chunked. Within a chunk the samples of a topic stay in file order; one logged earlier than
+    its predecessor belongs to the predecessor's slot. time "log" replaces the header stamps by log times.
     InputError for an unknown time, a topic not in the bag or of another type, or a message that cannot be decoded.
     """
     names = tuple(dict.fromkeys(topics))
@@ -142,46 +146,44 @@ def imu_blocks(reader: BagReader, topics: Iterable[str], time: str = "header") -
 def _sliced(
     reader: BagReader, names: tuple[str, ...], chunks: Iterable[Chunk], time: str
 ) -> Iterator[tuple[str, ImuBlock]]:
-    waiting: dict[str, _Waiting] = {name: [] for name in names}
+    waiting: list[_Run] = []
     for chunk in chunks:
         # Nothing before the chunk's first slot can follow any more: that much of every topic is complete.
-        yield from _advance(waiting, chunk.start_ns // SLICE_NS)
+        yield from _advance(waiting, names, chunk.start_ns // SLICE_NS)
         block, runs = _decoded(reader, chunk, time), list(_runs(chunk))
         del chunk  # its memory serves the next one, which is a third faster than fresh memory
-        for name, slot, lo, hi in runs:
+        for name, slot, first_ns, lo, hi in runs:
             part = ImuBlock(block.stamps_ns[lo:hi], block.accel_mps2[lo:hi], block.gyro_radps[lo:hi])
-            slots = waiting[name]
-            if slots and slot <= slots[-1][0]:
-                slots[-1][1].append(part)
-            else:
-                slots.append((slot, [part]))
-    yield from _advance(waiting, None)
+            waiting.append((slot, names.index(name), first_ns, part))
+    yield from _advance(waiting, names, None)
 
 
-def _runs(chunk: Chunk) -> Iterator[tuple[str, int, int, int]]:
-    """(topic, slot, first row, end row) for the stretches of a chunk within one topic and one slot of log time."""
+def _runs(chunk: Chunk) -> Iterator[tuple[str, int, int, int, int]]:
+    """(topic, slot, log time, first row, end row) for the stretches of a chunk within one topic and slot.
+
+    Slot and time are those of the first row, or of an earlier run of the topic where they would fall behind it.
+    """
     slots = chunk.log_ns // SLICE_NS
-    cuts = (np.flatnonzero(slots[1:] != slots[:-1]) + 1).tolist()
-    edges = sorted({*cuts, *chunk.edges})
-    slot_of = slots[edges[:-1]].tolist()
-    ends = iter(zip(chunk.edges[1:], chunk.keys, strict=True))
-    end, (name, _) = next(ends)
-    for lo, hi, slot in zip(edges, edges[1:], slot_of, strict=False):
-        while lo >= end:
-            end, (name, _) = next(ends)
-        yield name, slot, lo, hi
+    cuts = np.flatnonzero(slots[1:] != slots[:-1]) + 1
+    for (name, _), start, end in zip(chunk.keys, chunk.edges, chunk.edges[1:], strict=False):
+        lo, hi = np.searchsorted(cuts, (start, end), side="right")
+        edges = [start, *cuts[lo:hi].tolist(), end]
+        slot, first_ns = _NEVER, _NEVER
+        for first, stop in pairwise(edges):
+            if stop > first:
+                slot, first_ns = max(slot, int(slots[first])), max(first_ns, int(chunk.log_ns[first]))
+                yield name, slot, first_ns, first, stop
 
 
-def _advance(waiting: dict[str, _Waiting], end_slot: int | None) -> Iterator[tuple[str, ImuBlock]]:
+def _advance(waiting: list[_Run], names: tuple[str, ...], end_slot: int | None) -> Iterator[tuple[str, ImuBlock]]:
     """Yield and forget what waits in slots before end_slot, or everything, slot by slot over the topics."""
-    ready = []
-    for name, slots in waiting.items():
-        n = len(slots) if end_slot is None else sum(slot < end_slot for slot, _ in slots)
-        ready += [(slot, name, parts) for slot, parts in slots[:n]]
-        del slots[:n]
-    ready.sort(key=lambda item: item[0])
-    for _, name, parts in ready:
-        yield name, parts[0] if len(parts) == 1 else _concatenated(parts)
+    waiting.sort(key=itemgetter(0, 1, 2))
+    n = len(waiting) if end_slot is None else bisect_left(waiting, end_slot, key=itemgetter(0))
+    ready = waiting[:n]
+    del waiting[:n]
+    for (_, topic), runs in groupby(ready, key=itemgetter(0, 1)):
+        parts = [part for _, _, _, part in runs]
+        yield names[topic], parts[0] if len(parts) == 1 else _concatenated(parts)
 
 
 def _concatenated(parts: list[ImuBlock]) -> ImuBlock:

@@ -54,8 +54,8 @@ def _simulate(options: argparse.Namespace) -> int:
     from biodyn_core.synthesis import SensorSettings
     from biodyn_ros.mapping import parse_map
     from biodyn_ros.resources import subject_file
-    from biodyn_ros.simulate import motion_of_cases, simulate_bag
     from biodyn_ros.seat_motion import read_seat_motion
+    from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
     subject = load_subject(subject_file(options.subject))
     if options.seat:
@@ -65,7 +65,11 @@ def _simulate(options: argparse.Namespace) -> int:
     result = simulate_bag(
         Path(options.output), subject, motion, options.seed, _settings(options, SensorSettings), options.compression
     )
-    _print(options, dataclasses.asdict(result), f"{result.bag}: {result.messages} messages, {result.seconds:.1f} s, six IMUs")
+    _print(
+        options,
+        dataclasses.asdict(result),
+        f"{result.bag}: {result.messages} messages, {result.seconds:.1f} s, six IMUs",
+    )
     return 0
 
 
@@ -77,7 +81,8 @@ def _play(options: argparse.Namespace) -> int:
         played = play(Path(options.bag), _settings(options, PlayerSettings))
     except KeyboardInterrupt:
         return 0
-    text = f"{options.bag}: {sum(played.messages.values())} messages on {len(played.messages)} topics in {played.seconds:.1f} s"
+    count, topics = sum(played.messages.values()), len(played.messages)
+    text = f"{options.bag}: {count} messages on {topics} topics in {played.seconds:.1f} s"
     _print(options, dataclasses.asdict(played), text)
     return 0
 
@@ -141,7 +146,9 @@ def _add_simulate(commands: Any) -> None:
     source.add_argument("--seat", metavar="FILE", help="measured seat motion: CSV, or a bag")
     source.add_argument("--case", metavar="CASES", help=f"drawn load cases, in a row: {','.join(CASES)}")
     command.add_argument("--seat-rate", type=float, metavar="HZ", help="rate of a CSV without a time column")
-    command.add_argument("--seconds", type=float, metavar="N", help="length of each case (default 10), or of the file used")
+    command.add_argument(
+        "--seconds", type=float, metavar="N", help="length of each case (default 10), or of the file used"
+    )
     command.add_argument("--seed", type=int, default=0, metavar="N", help="of everything drawn (default 0)")
     command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the bag's chunks")
     _add_map(command)
@@ -165,7 +172,9 @@ def _add_replay(commands: Any) -> None:
     command.add_argument("bag", metavar="BAG")
     _add_subject(command)
     _add_map(command)
-    command.add_argument("--time", choices=("header", "log"), default="header", help="whose stamps count (default header)")
+    command.add_argument(
+        "--time", choices=("header", "log"), default="header", help="whose stamps count (default header)"
+    )
     command.add_argument("--limits", metavar="FILE", help="limits file (default: 2002/44/EC)")
     command.add_argument("--no-predicted", action="store_true", help="leave out predicted.mcap")
     command.add_argument("--no-report", action="store_true", help="leave out report.html")
@@ -186,7 +195,9 @@ def _add_subject(command: argparse.ArgumentParser) -> None:
 
 
 def _add_map(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--map", action="append", default=[], metavar="SENSOR=TOPIC", help="which topic is which sensor")
+    command.add_argument(
+        "--map", action="append", default=[], metavar="SENSOR=TOPIC", help="which topic is which sensor"
+    )
 
 
 def _add_settings(command: argparse.ArgumentParser, title: str, kind: type[Any]) -> None:

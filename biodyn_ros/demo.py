@@ -112,8 +112,9 @@ def _wait_until_listening(observer: _Observer, live: subprocess.Popen[bytes]) ->
 
 def _watch(observer: _Observer, player: subprocess.Popen[bytes]) -> float:
     """Print a line a second until the bag has ended and the last figures have come; return the seat's VDV."""
-    print(f"{'seat VDV':>9s}{'window':>9s}{'DRI':>7s}{'head VDV':>10s}{'model':>10s}   residual rms over the window, m/s^2")
-    print(f"{'m/s^1.75':>9s}{'':>9s}{'':>7s}{'m/s^1.75':>10s}{'':>10s}   {' '.join(f'{s[:7]:>7s}' for s in MEASURED_SEGMENTS)}")
+    segments = " ".join(f"{name[:7]:>7s}" for name in MEASURED_SEGMENTS)
+    print(" seat VDV   window    DRI  head VDV     model   residual rms over the window, m/s^2")
+    print(f" m/s^1.75                  m/s^1.75             {segments}")
     ended, next_line = None, time.monotonic()
     while ended is None or time.monotonic() < ended + QUIET_S:
         rclpy.spin_once(observer, timeout_sec=0.05)

@@ -31,7 +31,9 @@ def exposure_document(pipeline: Pipeline, bag: str, seconds: float, warnings: li
         "sensors": {name: _sensor(pipeline, name, dose) for name, dose in since.sensors.items()},
         # Held-out errors come with the fit of a subject; until a file carries them no prediction is validated.
         "predicted": {name: _dose(dose) | {"status": "not_validated"} for name, dose in since.predicted.items()},
-        "measured_low_passed": {name: _sensor(pipeline, name, dose) for name, dose in since.measured_low_passed.items()},
+        "measured_low_passed": {
+            name: _sensor(pipeline, name, dose) for name, dose in since.measured_low_passed.items()
+        },
         "seat": _seat(pipeline),
         "dri": _dri(since),
         "hic15": _hic(since.hic15),

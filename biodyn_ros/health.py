@@ -104,12 +104,17 @@ def prediction_status(pipeline: Pipeline, seat: SensorHealth, mark: str) -> Stat
     seen = pipeline.status(SEAT)
     silent = seat.silent_s
     if seen.fault or seat.wrong_type or silent is None or silent > SILENT_AFTER_S:
-        cause = seen.fault or seat.wrong_type or ("has sent nothing" if silent is None else f"is silent for {silent:.1f} s")
+        cause = (
+            seen.fault or seat.wrong_type or ("has sent nothing" if silent is None else f"is silent for {silent:.1f} s")
+        )
         level, message = ERROR, f"predictions stopped: seat {cause}"
     elif seen.rate_hz is None:
         level, message = WARN, "waiting for the seat at rest"
     elif pipeline.divergences:
-        level, message = ERROR, f"the model left the finite numbers {pipeline.divergences} times and was put back to rest"
+        level, message = (
+            ERROR,
+            f"the model left the finite numbers {pipeline.divergences} times and was put back to rest",
+        )
     else:
         level, message = OK, "predicting"
     subject = pipeline.subject

@@ -6,6 +6,7 @@ times a second, because only the comparison needs them. Exposure runs on data ti
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import AccelStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -102,7 +104,7 @@ class BiodynNode(LifecycleNode):
         """Run one transition; rclpy swallows exceptions, so the cause is logged here in one line."""
         try:
             step()
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - whatever fails, the state machine goes on and the cause is told
             known = isinstance(error, InputError)
             self.failure = str(error) if known else f"{type(error).__name__}: {error}"
             self.get_logger().error(f"cannot {name}: {self.failure}")
@@ -158,7 +160,9 @@ class BiodynNode(LifecycleNode):
 
     def _warn_of_slow_kernels(self, rate_hz: float) -> None:
         if not kernels.COMPILED:
-            self.get_logger().warning(f"numba is missing: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor")
+            self.get_logger().warning(
+                f"numba is missing: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor"
+            )
 
     # --- in ----------------------------------------------------------------------------------------------------------
 
@@ -223,7 +227,7 @@ class BiodynNode(LifecycleNode):
         def guarded(*arguments: Any) -> None:
             try:
                 callback(*arguments)
-            except Exception as error:
+            except Exception as error:  # noqa: BLE001 - a node that judges exposure survives a bad message
                 text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
                 if sensor is not None:
                     self._health[sensor].errors += 1
@@ -262,7 +266,7 @@ class BiodynNode(LifecycleNode):
                 for stamp_ns, row in rows:
                     for column, publish, fill in wanted:
                         value = row[column]
-                        if value == value:  # an instant without a number is not sent
+                        if not math.isnan(value):
                             publish(fill(stamp_ns, value))
 
     def _publish_exposure(self) -> None:
@@ -342,7 +346,7 @@ def _diagnostic(status: Status) -> DiagnosticStatus:
 
 
 def make_executor(context: Any = None) -> Any:
-    """EventsExecutor where rclpy has it, eight times cheaper per message; never the multi-threaded one for IMU topics."""
+    """EventsExecutor where rclpy has it, eight times cheaper a message; never the multi-threaded one."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
@@ -353,7 +357,11 @@ def make_executor(context: Any = None) -> Any:
 def spin(executor: Any, until: Callable[[], bool]) -> None:
     """Spin with a timeout: EventsExecutor's own `spin` busy-loops in rclpy 7.1."""
     while not until():
-        executor.spin_once(timeout_sec=0.1)
+        try:
+            executor.spin_once(timeout_sec=0.1)
+        except RCLError:
+            if not until():  # a signal may end the context between the question and the spin
+                raise
 
 
 def main(args: list[str] | None = None) -> int:
@@ -376,6 +384,9 @@ def main(args: list[str] | None = None) -> int:
         return 2
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:
+        if rclpy.ok():  # otherwise a signal ended the context in the middle of a transition
+            raise
     finally:
         if node is not None:
             node.destroy_node()

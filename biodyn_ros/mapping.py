@@ -34,16 +34,18 @@ def sensors_of(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
     for sensor in SENSORS:
         if sensor in given:
             if given[sensor] not in imus:
-                raise InputError(f"{reader.path}: --map {sensor}={given[sensor]}: no such Imu topic; there is {', '.join(imus)}")
+                raise InputError(
+                    f"{reader.path}: --map {sensor}={given[sensor]}: no such Imu topic; there is {', '.join(imus)}"
+                )
             found[given[sensor]] = sensor
             continue
         matches = [name for name in imus if f"/{name.lstrip('/')}".endswith(f"/{INPUT[sensor]}")]
         if len(matches) > 1:
-            raise InputError(f"{reader.path}: {', '.join(matches)} may all be the {sensor}: say which with --map {sensor}=TOPIC")
+            raise InputError(
+                f"{reader.path}: {', '.join(matches)} may all be the {sensor}: say which with --map {sensor}=TOPIC"
+            )
         if matches and matches[0] not in given.values():
             found[matches[0]] = sensor
     if SEAT not in found.values():
-        raise InputError(
-            f"{reader.path}: no seat sensor among {', '.join(imus)}: name it with --map seat=TOPIC"
-        )
+        raise InputError(f"{reader.path}: no seat sensor among {', '.join(imus)}: name it with --map seat=TOPIC")
     return found

@@ -66,7 +66,9 @@ def _descriptor(item: dataclasses.Field[Any], default: Any) -> ParameterDescript
     descriptor = ParameterDescriptor(description=f"{allowed.meaning}{unit}", dynamic_typing=True)
     if math.isfinite(allowed.lower) and item.default is not None:
         if isinstance(default, int):
-            descriptor.integer_range = [IntegerRange(from_value=int(allowed.lower), to_value=int(allowed.upper), step=1)]
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(allowed.lower), to_value=int(allowed.upper), step=1)
+            ]
         else:
             descriptor.floating_point_range = [FloatingPointRange(from_value=allowed.lower, to_value=allowed.upper)]
     return descriptor

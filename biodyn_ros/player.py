@@ -94,9 +94,8 @@ class Player(Node):
                 if self._clock_output and elapsed_ns >= next_clock_ns:
                     self._publish_clock(log_ns + rebase_ns)
                     next_clock_ns = elapsed_ns + CLOCK_STEP_NS
-                if rebase_ns and name in self._stamped:
-                    message = shift_stamp(message, rebase_ns)
-                self._outputs[name].publish(message)
+                moves = rebase_ns and name in self._stamped
+                self._outputs[name].publish(shift_stamp(message, rebase_ns) if moves else message)
                 sent[name] += 1
 
     def _publish_clock(self, now_ns: int) -> None:
@@ -128,9 +127,10 @@ def play(bag: Path, settings: PlayerSettings) -> Played:
             player.get_logger().warning(f"nobody listens to {topic}")
         played = player.play(rclpy.ok)
         player.flush()
-        return played
     except ExternalShutdownException:
         return Played({}, 0.0)
+    else:
+        return played
     finally:
         if player is not None:
             player.destroy_node()

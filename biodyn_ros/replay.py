@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -82,7 +81,9 @@ def _check_seat(pipeline: Pipeline, bag: str) -> None:
     if status.fault:
         raise InputError(f"{bag}: {status.fault}")
     if status.rate_hz is None:
-        raise InputError(f"{bag}: seat: shorter than the seconds of rest that gravity needs: record longer, or lower rest_s")
+        raise InputError(
+            f"{bag}: seat: shorter than the seconds of rest that gravity needs: record longer, or lower rest_s"
+        )
 
 
 class PredictedBag:
@@ -157,4 +158,4 @@ def write_json(path: Path, document: dict[str, Any]) -> None:
     """Write a JSON file beside and rename it, so that it is never half there."""
     part = path.with_name(f".{path.name}.part")
     part.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(part, path)
+    part.replace(path)

@@ -27,7 +27,7 @@ MIN_RATE_HZ: Final = 20.0
 
 
 def read_seat_motion(path: str | Path, rate_hz: float | None, mapping: dict[str, str]) -> SeatMotion:
-    """Read a seat motion; `rate_hz` is needed for a CSV without a time column. Raises InputError naming file and place."""
+    """Read a seat motion; a CSV without a time column needs `rate_hz`. Raises InputError naming file and place."""
     path = Path(path)
     if path.suffix.lower() in (".csv", ".txt"):
         time_s, accel, pitch = _from_csv(path, rate_hz)
@@ -48,7 +48,7 @@ def _from_bag(path: Path, mapping: dict[str, str]) -> tuple[Floats, Floats, Floa
         stamps_ns = np.concatenate([block.stamps_ns for block in blocks])
     accel = np.concatenate([block.accel_mps2 for block in blocks])
     gyro = np.concatenate([block.gyro_radps for block in blocks])
-    rotation, levelled = _level(path, accel)
+    rotation, levelled = _level(accel)
     return (stamps_ns - stamps_ns[0]) * 1e-9, levelled, (gyro @ rotation.T)[:, 1]
 
 
@@ -57,13 +57,17 @@ def _from_csv(path: Path, rate_hz: float | None) -> tuple[Floats, Floats, Floats
     time_column = next((i for i, name in enumerate(names) if name in TIME_NAMES), None)
     if time_column is None and rate_hz is None:
         raise InputError(f"{path}: no time column among {', '.join(names)}: give --seat-rate")
-    time_s = table[:, time_column] - table[0, time_column] if time_column is not None else np.arange(len(table)) / (rate_hz or 1.0)
+    time_s = (
+        table[:, time_column] - table[0, time_column]
+        if time_column is not None
+        else np.arange(len(table)) / (rate_hz or 1.0)
+    )
     columns = _accel_columns(path, names)
     accel = table[:, columns]
     if accel.shape[1] == 1:
         up = accel[:, 0] - accel[:, 0].mean()
         return time_s, np.column_stack([np.zeros_like(up), np.zeros_like(up), up]), np.zeros_like(up)
-    return time_s, _level(path, accel)[1], np.zeros(len(table))
+    return time_s, _level(accel)[1], np.zeros(len(table))
 
 
 def _read_table(path: Path) -> tuple[list[str], Floats]:
@@ -100,7 +104,7 @@ def _accel_columns(path: Path, names: list[str]) -> list[int]:
     raise InputError(f"{path}: no acceleration columns among {', '.join(names)}: name them ax, ay, az or x, y, z")
 
 
-def _level(path: Path, accel: Floats) -> tuple[Floats, Floats]:
+def _level(accel: Floats) -> tuple[Floats, Floats]:
     mean = accel.mean(axis=0)
     norm = float(np.linalg.norm(mean))
     if norm < 0.5 * STANDARD_GRAVITY_MPS2:
@@ -117,7 +121,9 @@ def _even(path: Path, time_s: Floats, accel: Floats, pitch: Floats) -> SeatMotio
         raise InputError(f"{path}: at least 2 s of motion are needed, with a time that moves on")
     rate = (time_s.size - 1) / float(time_s[-1])
     if rate < MIN_RATE_HZ:
-        raise InputError(f"{path}: a rate of {rate:.3g} Hz does not carry a seat motion, at least {MIN_RATE_HZ:g} Hz is needed")
+        raise InputError(
+            f"{path}: a rate of {rate:.3g} Hz does not carry a seat motion, at least {MIN_RATE_HZ:g} Hz is needed"
+        )
     grid = np.arange(int(time_s[-1] * rate)) / rate
     even = np.column_stack([np.interp(grid, time_s, column) for column in (*accel.T, pitch)])
     return SeatMotion(rate, even[:, :3], even[:, 3])

@@ -9,7 +9,7 @@ def summary(document: dict[str, Any]) -> str:
     """A page of text: the seat against its limits, exposure by sensor, prediction and residual, warnings."""
     lines = [
         f"{document['bag']}  subject {document['subject']} ({document['mass_matrix']})",
-        f"{document['seconds']:.1f} s, {document['uncounted_s']:.2f} s of them before gravity was known and not counted",
+        f"{document['seconds']:.1f} s, {document['uncounted_s']:.2f} s of it uncounted, until gravity was known",
         "",
         *_seat_lines(document),
         *_dri_lines(document),
@@ -32,7 +32,9 @@ def _row(name: str, document: dict[str, Any]) -> str:
         f"{mark}{measured['aw_mps2']:7.3f}{measured['vdv_mps175']:11.3f}" if measured else f"{'-':>9s}{'-':>11s}",
         f"{predicted['aw_mps2']:12.3f}{predicted['vdv_mps175']:11.3f}" if predicted else f"{'-':>12s}{'-':>11s}",
         f"{residual['rms_mps2']:15.3f}" if residual else f"{'-':>15s}",
-        f"{residual['nrmse_rms_percent']:9.2f}" if residual and residual["nrmse_rms_percent"] is not None else f"{'-':>9s}",
+        f"{residual['nrmse_rms_percent']:9.2f}"
+        if residual and residual["nrmse_rms_percent"] is not None
+        else f"{'-':>9s}",
     ]
     return f"{name:14s}" + "".join(cells)
 
@@ -42,16 +44,21 @@ def _seat_lines(document: dict[str, Any]) -> list[str]:
     if seat is None:
         return ["seat: nothing counted"]
     mark = ">= " if seat["lower_bound"] else ""
-    times = [
-        f"{kind} value in {seat[key] / 60.0:.0f} min at this rate" if seat[key] is not None else f"{kind} value: no time given"
-        for kind, key in (("action", "time_to_action_value_s"), ("limit", "time_to_limit_value_s"))
-    ]
+    a8 = f"{mark}{seat['a8_so_far_mps2']:.4f} m/s^2 of {limits['action_a8_mps2']:g} / {limits['limit_a8_mps2']:g}"
+    vdv = f"{mark}{seat['vdv_so_far_mps175']:.3f} m/s^1.75 of {limits['action_vdv_mps175']:g} / "
+    times = [_time_left(kind, seat[f"time_to_{kind}_value_s"]) for kind in ("action", "limit")]
     return [
-        f"seat A(8) so far {mark}{seat['a8_so_far_mps2']:.4f} m/s^2 of {limits['action_a8_mps2']:g} / {limits['limit_a8_mps2']:g}, "
-        f"VDV so far {mark}{seat['vdv_so_far_mps175']:.3f} m/s^1.75 of {limits['action_vdv_mps175']:g} / "
-        f"{limits['limit_vdv_mps175']:g} ({limits['source']})",
-        f"governed by axis {seat['axis']} (horizontal: {seat['horizontal']}) and {seat['governing']}; {'; '.join(times)}",
+        f"seat A(8) so far {a8}, VDV so far {vdv}{limits['limit_vdv_mps175']:g} ({limits['source']})",
+        f"governed by {seat['governing']}, axis {seat['axis']} (horizontal: {seat['horizontal']}); {'; '.join(times)}",
     ]
+
+
+def _time_left(kind: str, seconds: float | None) -> str:
+    if seconds is None:
+        return f"{kind} value: no time given"
+    if seconds == 0.0:
+        return f"{kind} value reached"
+    return f"{kind} value in {seconds / 60.0:.1f} min at this rate"
 
 
 def _dri_lines(document: dict[str, Any]) -> list[str]:
@@ -64,6 +71,7 @@ def _dri_lines(document: dict[str, Any]) -> list[str]:
         )
     if hic:
         lines.append(
-            f"HIC15 head {hic['resultant']:.3f} resultant, {hic['vertical']:.3f} vertical, {hic['as_printed']:.3f} with 1 g as printed"
+            f"HIC15 of the head {hic['resultant']:.3f} resultant, {hic['vertical']:.3f} vertical, "
+            f"{hic['as_printed']:.3f} with 1 g as printed"
         )
     return lines

@@ -1,5 +1,6 @@
 """The clean environment: cleared variables, an own domain, and a command run as if it had been run directly."""
 
+import importlib.util
 import os
 import signal
 import subprocess
@@ -155,8 +156,8 @@ def test_a_command_that_cannot_be_run_is_one_line_and_exit_code_2(command: tuple
     assert errors.startswith(message)
 
 
+@pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="ROS is not installed")
 def test_rclpy_loads_in_the_command_although_the_machine_says_it_is_set_up() -> None:
-    pytest.importorskip("rclpy", reason="ROS is not installed")
     with start(sys.executable, "-c", "import rclpy, sensor_msgs.msg; rclpy.init(); print(rclpy.ok())") as process:
         output, errors = process.communicate()
     assert (process.returncode, output) == (0, "True\n"), errors

@@ -3,17 +3,21 @@
 import ast
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from configparser import ConfigParser
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree as ET
 
 import pytest
 
+import biodyn_ros
 from biodyn_core.errors import InputError
 from biodyn_ros import resources
 from biodyn_ros.environment import clean_environment
@@ -164,9 +168,11 @@ def test_the_manifest_names_only_keys_that_resolve() -> None:
     assert set(depends) == ROSDEP_KEYS
 
 
-def test_the_changelog_tells_of_this_version() -> None:
-    version = ET.parse(ROOT / "package.xml").findtext("version")
-    assert re.search(rf"^## {re.escape(version or '-')}\b", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+def test_manifest_code_and_changelog_have_one_version() -> None:
+    assert ET.parse(ROOT / "package.xml").findtext("version") == biodyn_ros.__version__
+    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert newest is not None
+    assert newest[1] == biodyn_ros.__version__
 
 
 def test_entry_points_name_functions_that_exist(tmp_path: Path) -> None:
@@ -182,31 +188,49 @@ def test_entry_points_name_functions_that_exist(tmp_path: Path) -> None:
         assert function in {node.name for node in source.body if isinstance(node, ast.FunctionDef)}, target
 
 
-def test_the_launch_file_starts_our_node_with_our_file() -> None:
-    # ROS's `launch` has no wheel, so the file is read here and not run.
+class Said:
+    """What the launch file says about an action or a substitution; LaunchConfiguration answers from a dict."""
+
+    def __init__(self, *places: object, **words: object) -> None:
+        self.places, self.words = places, words
+
+    def perform(self, context: dict[str, str]) -> str:
+        """The argument as given."""
+        return context[str(self.places[0])]
+
+
+@pytest.fixture
+def launch(monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..., list[Said]]]:
+    """What the launch file defines, over stand-ins for ROS's launch, which has no wheel."""
     path = ROOT / "config/launch/biodyn.launch.py"
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    compile(tree, str(path), "exec")
-    assert "generate_launch_description" in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-    assert {node.module.split(".")[0] for node in tree.body if isinstance(node, ast.ImportFrom)} == {"launch", "launch_ros"}
-    (node,) = (call for call in ast.walk(tree) if isinstance(call, ast.Call) and name_of(call) == "LifecycleNode")
-    given = {word.arg: word.value.value for word in node.keywords if isinstance(word.value, ast.Constant)}
-    assert given == {"package": "biodyn_ros", "executable": "biodyn_live", "name": "biodyn", "output": "screen"}
-    (share,) = (call for call in ast.walk(tree) if isinstance(call, ast.Call) and name_of(call) == "FindPackageShare")
-    assert ast.literal_eval(share.args[0]) == "biodyn_ros"
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            assert node.module.split(".")[0] in {"launch", "launch_ros"}
+            names = SimpleNamespace(**{alias.name: type(alias.name, (Said,), {}) for alias in node.names})
+            monkeypatch.setitem(sys.modules, node.module, names)
+    return runpy.run_path(str(path))
 
 
-def test_the_launch_arguments_are_parameters_of_the_node() -> None:
-    tree = ast.parse((ROOT / "config/launch/biodyn.launch.py").read_text(encoding="utf-8"))
-    tables = {target.id: node.value for node in tree.body if isinstance(node, ast.Assign) for target in node.targets}
-    arguments = {*ast.literal_eval(tables["TEXTS"]), *ast.literal_eval(tables["VALUES"])}
+def test_the_launch_file_starts_our_node_with_what_is_given(launch: dict[str, Callable[..., list[Said]]]) -> None:
+    nothing = dict.fromkeys([*launch["TEXTS"], *launch["VALUES"]], "")
+    (node,) = launch["live_node"]({**nothing, "subject_file": "1", "yaw_deg": "90.0"})
+    words = {name: word for name, word in node.words.items() if isinstance(word, str)}
+    assert words == {"package": "biodyn_ros", "executable": "biodyn_live", "name": "biodyn", "output": "screen"}
+    params_file, given = node.words["parameters"]
+    assert params_file.places == ("params_file",)
+    assert set(given) == {"subject_file", "yaw_deg"}
+    assert given["yaw_deg"] == "90.0"
+    # A name that looks like a number must reach the node as text.
+    assert (given["subject_file"].places, given["subject_file"].words) == (("1",), {"value_type": str})
+
+
+def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Callable[..., list[Said]]]) -> None:
+    (entities,) = launch["generate_launch_description"]().places
+    arguments = {entity.places[0] for entity in entities if type(entity).__name__ == "DeclareLaunchArgument"}
+    assert arguments == {"params_file", "namespace", *launch["TEXTS"], *launch["VALUES"]}
     (parameters,) = (ROOT / "config").glob("live.yaml")
     declared = set(re.findall(r"^\s+#?\s*(\w+):", parameters.read_text(encoding="utf-8"), re.MULTILINE))
-    assert arguments - {"use_sim_time"} <= declared
-
-
-def name_of(call: ast.Call) -> str:
-    return call.func.id if isinstance(call.func, ast.Name) else ""
+    assert arguments - {"params_file", "namespace", "use_sim_time"} <= declared
 
 
 @pytest.fixture
@@ -231,9 +255,7 @@ def test_files_are_found_through_the_ament_prefix_path(elsewhere: Path) -> None:
     assert resources.subject_file("tall") == elsewhere / "config/subjects/tall.yaml"
 
 
-def test_files_are_found_below_the_prefix_of_the_interpreter(
-    elsewhere: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_are_found_below_the_prefix_of_the_interpreter(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("AMENT_PREFIX_PATH")
     monkeypatch.setattr(sys, "prefix", str(elsewhere.parents[1]))
     assert resources.config_file("limits.yaml") == elsewhere / "config/limits.yaml"
@@ -255,7 +277,9 @@ def test_a_subject_by_path_goes_before_a_bundled_one(elsewhere: Path) -> None:
         (resources.package_directory, "nowhere", "the installation is incomplete: .*nowhere is missing"),
     ],
 )
-def test_what_is_not_there_is_told_with_what_is(elsewhere: Path, find, name: str, message: str) -> None:
+def test_what_is_not_there_is_told_with_what_is(
+    elsewhere: Path, find: Callable[[str], Path], name: str, message: str
+) -> None:
     with pytest.raises(InputError, match=rf"\A{message}"):
         find(name)
 
