@@ -76,7 +76,7 @@ def _design(name: WeightingName, rate_hz: float) -> tuple[tuple[float, ...], ...
     sos = np.array([_bilinear(num, den, rate_hz) for num, den in analog_sections(name)])
     top = min(_FIT_BAND_HZ[1], _HIGHEST_SHARE * rate_hz)
     frequency = np.geomspace(_FIT_BAND_HZ[0], top, 200)
-    wanted = analog_response(name, frequency) / signal.freqz_sos(sos, frequency, fs=rate_hz)[1]
+    wanted = analog_response(name, frequency) / signal.sosfreqz(sos, frequency, fs=rate_hz)[1]
     return tuple(map(tuple, np.vstack([sos, _fit_section(wanted, 2.0 * np.pi * frequency / rate_hz)]).tolist()))
 
 

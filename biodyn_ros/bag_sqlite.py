@@ -24,10 +24,10 @@ class SqliteStorage:
     def __init__(self, path: Path, warnings: list[str]) -> None:
         self._path, self._warnings = path, warnings
         self.recovered = False
-        self._db = _connect(path)
+        self._db = _connect(path, warnings)
         try:
             self._open()
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError, TypeError) as error:
             self.close()
             raise InputError(f"{path}: not a readable rosbag2 database ({error}): check the file") from None
         except BaseException:
@@ -68,6 +68,8 @@ class SqliteStorage:
 
     def _open(self) -> None:
         rows = self._db.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
+        if not all(isinstance(text, str) for row in rows for text in row[1:]):
+            raise TypeError("a topic without name, type or format")
         refuse_foreign(self._path, [(name, form) for _, name, _, form in rows], self._warnings)
         self._keys: dict[int, TopicKey] = {i: (name, kind) for i, name, kind, form in rows if form == "cdr"}
         counts = dict.fromkeys(self._keys.values(), 0)
@@ -76,8 +78,8 @@ class SqliteStorage:
                 counts[self._keys[i]] += n
         self.topics = tuple(TopicInfo(topic, kind, n) for (topic, kind), n in counts.items())
         # Two queries, for the index on timestamp answers only one at a time without a full scan.
-        (self.start_ns,) = self._db.execute("SELECT min(timestamp) FROM messages").fetchone()
-        (self.end_ns,) = self._db.execute("SELECT max(timestamp) FROM messages").fetchone()
+        (self.start_ns,) = self._db.execute("SELECT CAST(min(timestamp) AS INTEGER) FROM messages").fetchone()
+        (self.end_ns,) = self._db.execute("SELECT CAST(max(timestamp) AS INTEGER) FROM messages").fetchone()
 
     def _chunk(self, rows: list[tuple[int, int, bytes]], keys: tuple[TopicKey, ...], group_of: dict[int, int]) -> Chunk:
         """The rows as one buffer; the joining is the only copy."""
@@ -92,14 +94,25 @@ class SqliteStorage:
         return grouped(int(log_ns[0]), buffer, keys, group, log_ns, np.cumsum(lengths) - lengths, lengths)
 
 
-def _connect(path: Path) -> sqlite3.Connection:
+def _connect(path: Path, warnings: list[str]) -> sqlite3.Connection:
     """Open read-only; immutable, so that nothing is created beside the bag, unless a write-ahead log must be read.
 
-    A recorder that was killed leaves its last messages in that log; an immutable connection would not see them.
+    A recorder that was killed leaves its last messages in that log; an immutable connection does not see them.
     """
     log = path.with_name(path.name + "-wal")
-    unmerged = log.exists() and log.stat().st_size > 0
-    mode = "mode=ro" if unmerged else "mode=ro&immutable=1"
+    if log.exists() and log.stat().st_size:
+        database = _connect_by(path, "mode=ro")
+        try:
+            database.execute("SELECT count(*) FROM sqlite_master")
+        except sqlite3.Error as error:
+            database.close()
+            warnings.append(f"{log}: its messages are left out ({error}): copy the bag to a writable directory")
+        else:
+            return database
+    return _connect_by(path, "mode=ro&immutable=1")
+
+
+def _connect_by(path: Path, mode: str) -> sqlite3.Connection:
     try:
         return sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True, check_same_thread=False)
     except sqlite3.Error as error:

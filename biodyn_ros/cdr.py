@@ -240,7 +240,7 @@ def _decode_ordered(
     cut = body > lengths - layout.body_bytes
     if cut.any():
         raise InputError(_refusal_of_first(layout, buffer, offsets, lengths, cut))
-    stamps_ns = head.view(f"{order}i4")[:, 1] * np.int64(NS_PER_S) + words[:, 2]
+    stamps_ns = head.view(f"{order}i4")[:, 1].astype(np.int64) * NS_PER_S + words[:, 2]
     vectors = [gather(buffer, offsets + body + at, 24).view(f"{order}f8") for at in layout.vectors_at]
     return stamps_ns, [vector.reshape(-1, 3).astype(np.float64, copy=False) for vector in vectors]
 

@@ -63,6 +63,7 @@ class LiveSettings:
         check_settings(self)
 
 
+_OVERRIDES: Final = QoSOverridingOptions.with_default_policies()
 SETTINGS: Final = (LiveSettings, ConditioningSettings, PipelineSettings)
 
 
@@ -179,7 +180,7 @@ class BiodynNode(LifecycleNode):
                 reliability=ReliabilityPolicy.BEST_EFFORT,
             ),
             raw=True,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            qos_overriding_options=_OVERRIDES,
             event_callbacks=SubscriptionEventCallbacks(
                 message_lost=partial(self._on_lost, sensor),
                 incompatible_qos=partial(self._on_incompatible_qos, sensor),
@@ -242,7 +243,10 @@ class BiodynNode(LifecycleNode):
         names = topics.PREDICTED if kind == "predicted" else topics.MEASURED
         qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=OUTPUT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
         return [
-            (self.create_publisher(AccelStamped, topic, qos), AccelStampedTemplate(frame_id=name))
+            (
+                self.create_publisher(AccelStamped, topic, qos, qos_overriding_options=_OVERRIDES),
+                AccelStampedTemplate(frame_id=name),
+            )
             for name, topic in names.items()
         ]
 

@@ -1,0 +1,70 @@
+"""Six IMU streams for tests of pipeline and nodes, and the seat motion behind them integrated by another method."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from biodyn_core.model import Chain
+from biodyn_core.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_core.subject import Subject, load_subject
+from biodyn_core.synthesis import ImuStream, SensorSettings, imu_streams, load_case
+from biodyn_ros.resources import subject_file
+
+RATE_HZ = 1129.3
+START_NS = 1_767_225_600 * 10**9
+PERFECT = SensorSettings(
+    tilt_deg=0.0,
+    noise_mps2=0.0,
+    bias_mps2=0.0,
+    gyro_noise_radps=0.0,
+    clock_offset_ms=0.0,
+    clock_drift_ppm=0.0,
+    jitter_ms=0.0,
+)
+
+
+@cache
+def subject() -> Subject:
+    """The paper's first subject."""
+    return load_subject(subject_file("subject_1"))
+
+
+@cache
+def noisy_streams(seconds: float = 3.0, case: str = "pothole", seed: int = 5) -> tuple[ImuStream, ...]:
+    """Streams with every sensor error on."""
+    rng = np.random.default_rng(seed)
+    return tuple(imu_streams(subject(), load_case(case, seconds, rng), rng, start_ns=START_NS))
+
+
+@cache
+def independent_streams(seconds: float = 4.0) -> tuple[ImuStream, ...]:
+    """Perfect sensors on a chain that SciPy's DOP853 integrates, from matrices, with a smooth seat motion."""
+    chain = Chain.of(subject())
+
+    def seat(t: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
+        rise = np.clip((np.asarray(t) - 1.5) / 0.5, 0.0, 1.0)
+        return rise**2 * (3 - 2 * rise) * (3.0 * np.sin(2 * np.pi * 4.1 * t) + 2.0 * np.sin(2 * np.pi * 9.3 * t + 1.0))
+
+    def law(x: NDArray[np.float64], v: NDArray[np.float64], t: float) -> NDArray[np.float64]:
+        stretch = np.diff(x, prepend=0.0)
+        joint = chain.stiffness_n_per_m * chain.stiffening_per_m * stretch * np.abs(stretch)
+        force = chain.K @ x + chain.C @ v + joint - np.append(joint[1:], 0.0)
+        return -force / chain.inertia_kg - seat(t)
+
+    t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
+    answer = solve_ivp(
+        lambda t, y: np.concatenate([y[6:], law(y[:6], y[6:], t)]), (0.0, t[-1]), np.zeros(12), "DOP853", t, rtol=1e-10,
+        atol=1e-12, max_step=2e-3,
+    )  # fmt: skip
+    absolute = np.array([law(y[:6], y[6:], at) + seat(at) for at, y in zip(t, answer.y.T, strict=True)])
+    stamps = START_NS + np.rint(t * 1e9).astype(np.int64)
+    streams = []
+    for name in SENSORS:
+        accel = np.zeros((t.size, 3))
+        accel[:, 2] = STANDARD_GRAVITY_MPS2 + (seat(t) if name == SEAT else absolute[:, SEGMENTS.index(name)])
+        streams.append(ImuStream(name, stamps, accel, np.zeros_like(accel)))
+    return tuple(streams)
