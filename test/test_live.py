@@ -1,0 +1,327 @@
+"""The live node over real rclpy and DDS, built in-process: what it answers, what it reports, what it survives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import AccelStamped
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from ros import Graph, Sensors, ros_graph
+from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64, String
+from std_srvs.srv import Trigger
+from streams import noisy_streams, subject
+
+from biodyn_core.errors import InputError
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
+from biodyn_ros import params, topics
+from biodyn_ros.cdr import decode_accel_stamped
+from biodyn_ros.live import SETTINGS, LiveSettings
+from biodyn_ros.resources import config_file
+
+OK, WARN, ERROR = (bytes([level]) for level in range(3))
+
+
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    with ros_graph() as made:
+        yield made
+
+
+class Diagnostics:
+    """The newest diagnostics by name."""
+
+    def __init__(self, graph: Graph, node: Any) -> None:
+        self._got = graph.collect(node, DiagnosticArray, topics.DIAGNOSTICS)
+
+    def status(self, name: str) -> Any:
+        return next((s for s in self._got[-1].status if s.name == f"biodyn: {name}"), None) if self._got else None
+
+    def says(self, name: str, level: bytes, text: str) -> bool:
+        status = self.status(name)
+        return status is not None and status.level == level and text in status.message
+
+
+def offline(streams=None):
+    """What the pipeline gives for the same streams without ROS."""
+    pipeline = Pipeline(subject())
+    by_name = {stream.sensor: stream for stream in streams or noisy_streams()}
+    frames = [
+        pipeline.push(name, by_name[name].stamps_ns[at : at + 100], by_name[name].accel_mps2[at : at + 100])
+        for at in range(0, 6000, 100)
+        for name in SENSORS
+    ]
+    return (
+        np.concatenate([f.predicted.stamps_ns for f in frames]),
+        np.concatenate([f.predicted.accel_mps2 for f in frames]),
+        pipeline,
+    )
+
+
+def test_it_predicts_every_sample_of_every_segment_as_the_pipeline_does(graph: Graph) -> None:
+    tester = graph.node()
+    got = [graph.collect(tester, AccelStamped, topics.absolute(topic), raw=True) for topic in topics.PREDICTED.values()]
+    typed = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]))
+    graph.active()
+    sensors = Sensors(graph, SENSORS)
+    graph.wait(sensors.matched, "six inputs matched")
+    sensors.send()
+    stamps, predicted, _ = offline()
+    graph.wait(lambda: all(len(messages) >= len(stamps) for messages in got), "all predictions")
+    for column, messages in enumerate(got):
+        got_stamps, linear = decode_accel_stamped(messages)
+        np.testing.assert_array_equal(got_stamps, stamps)
+        np.testing.assert_array_equal(linear[:, 2], predicted[:, column])
+        np.testing.assert_array_equal(linear[:, :2], 0.0)
+    assert {message.header.frame_id for message in typed} == {"head"}
+
+
+def test_exposure_and_residual_are_published_and_agree_with_the_pipeline(graph: Graph) -> None:
+    tester = graph.node()
+    names = (
+        "dri",
+        "seat/vdv",
+        "head/aw",
+        "seat/a8",
+        "predicted/head/vdv",
+        "head/hic15",
+        "rolling/seat/vdv",
+        "rolling/dri",
+    )
+    got = {name: graph.collect(tester, Float64, f"/biodyn/exposure/{name}") for name in names}
+    residual = graph.collect(tester, Float64, "/biodyn/residual/head")
+    node = graph.active(exposure_rate_hz=10.0)
+    sensors = Sensors(graph, SENSORS)
+    graph.wait(sensors.matched, "six inputs matched")
+    sensors.send()
+    _, _, pipeline = offline()
+    exposure, seat = pipeline.exposure(), pipeline.seat()
+    expected = {
+        "dri": exposure.dri.compression,
+        "seat/vdv": exposure.sensors[SEAT].vdv_mps175,
+        "head/aw": exposure.sensors["head"].aw_mps2,
+        "seat/a8": seat.a8_so_far_mps2,
+        "predicted/head/vdv": exposure.predicted["head"].vdv_mps175,
+        "head/hic15": exposure.hic15.resultant,
+    }
+    for name, value in expected.items():
+        graph.wait(
+            lambda n=name, v=value: got[n] and got[n][-1].data == pytest.approx(v, rel=1e-12), f"{name} at {value}"
+        )
+    graph.wait(lambda: residual and 0.0 < residual[-1].data < 0.2, "residual of the head")
+    assert got["rolling/seat/vdv"][-1].data == pytest.approx(expected["seat/vdv"], rel=1e-9)
+    assert node.count_publishers("/biodyn/exposure/seat/time_to_action_value") == 1
+
+
+def test_samples_are_sent_only_where_somebody_listens(graph: Graph) -> None:
+    tester = graph.node()
+    measured = graph.collect(tester, AccelStamped, topics.absolute(topics.MEASURED["head"]), raw=True)
+    pelvis = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["pelvis"]), raw=True)
+    node = graph.active(publish_measured=True)
+    sensors = Sensors(graph, SENSORS)
+    graph.wait(sensors.matched, "six inputs matched")
+    assert [len(wanted) for wanted in node._wanted.values()] == [1, 1]
+    sensors.send()
+    graph.wait(lambda: len(pelvis) > 4000 and len(measured) > 3000, "measured and predicted")
+
+
+def test_without_a_sensor_predictions_go_on_and_the_status_says_which(graph: Graph) -> None:
+    tester = graph.node()
+    head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
+    diagnostics = Diagnostics(graph, tester)
+    graph.active()
+    sensors = Sensors(graph, tuple(name for name in SENSORS if name != "neck"))
+    graph.wait(sensors.matched, "five inputs matched")
+    sensors.send(10_000)
+    graph.wait(lambda: len(head) > 1000, "predictions")
+    graph.wait(lambda: diagnostics.says("neck", WARN, "no message yet"), "the neck is missed")
+    sensors.send(only=tuple(name for name in SENSORS if name != "pelvis"))
+    graph.wait(lambda: diagnostics.says("pelvis", WARN, "silent for"), "the pelvis is silent")
+
+
+def test_a_dead_seat_stops_predictions_and_says_so_and_comes_back(graph: Graph) -> None:
+    tester = graph.node()
+    head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
+    diagnostics = Diagnostics(graph, tester)
+    graph.active()
+    sensors = Sensors(graph, SENSORS)
+    graph.wait(sensors.matched, "six inputs matched")
+    graph.wait(lambda: diagnostics.says("prediction", ERROR, "seat has sent nothing"), "no seat yet")
+    sensors.send(12_000)
+    graph.wait(lambda: len(head) > 500, "predictions")
+    graph.wait(
+        lambda: diagnostics.says("prediction", ERROR, "predictions stopped: seat is silent"), "the seat is silent"
+    )
+    stopped = len(head)
+    sensors.send(6_000, only=SENSORS[1:])
+    assert len(head) == stopped
+    sensors.send(6_000)
+    graph.wait(lambda: len(head) > stopped + 300, "predictions again")
+
+
+def test_a_publisher_of_another_type_is_an_error_naming_the_topic(graph: Graph) -> None:
+    diagnostics = Diagnostics(graph, graph.node())
+    graph.active()
+    # A type clash inside one participant is refused by DDS at once, so the stranger is a participant of its own.
+    with other_participant(graph) as stranger:
+        stranger.create_publisher(String, topics.INPUT["head"], 10)
+        wanted = "/imu/head/data: a publisher sends std_msgs/msg/String, sensor_msgs/msg/Imu is needed"
+        graph.wait(lambda: diagnostics.says("head", ERROR, wanted), "the wrong type")
+
+
+def test_incompatible_qos_is_an_error_naming_the_topic(graph: Graph) -> None:
+    tester = graph.node()
+    diagnostics = Diagnostics(graph, tester)
+    graph.active(("-p", "qos_overrides./imu/neck/data.subscription.reliability:=reliable"))
+    tester.create_publisher(Imu, topics.INPUT["neck"], QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+    graph.wait(
+        lambda: diagnostics.says("neck", ERROR, "/imu/neck/data: a publisher offers incompatible QoS"), "the QoS"
+    )
+
+
+def test_a_message_that_cannot_be_read_is_counted_and_survived(graph: Graph) -> None:
+    tester = graph.node()
+    head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
+    diagnostics = Diagnostics(graph, tester)
+    node = graph.active()
+    sensors = Sensors(graph, SENSORS)
+    graph.wait(sensors.matched, "six inputs matched")
+    sensors.send(8_000)
+    for name in (SEAT, "head"):
+        sensors.outputs[name].publish(b"\x00\x01\x00\x00" + b"\xff" * 20)
+    sensors.send()
+    stamps, predicted, _ = offline()
+    graph.wait(lambda: len(head) == len(stamps), "every prediction all the same")
+    np.testing.assert_array_equal(decode_accel_stamped(head)[1][:, 2], predicted[:, SEGMENTS.index("head")])
+    assert node._health[SEAT].errors == 1
+    graph.wait(lambda: diagnostics.status(SEAT) and dict_of(diagnostics.status(SEAT))["refused"] == "1", "the refusal")
+
+
+def test_predictions_and_diagnostics_go_on_while_the_clock_stands_still(graph: Graph) -> None:
+    tester = graph.node()
+    head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
+    dri = graph.collect(tester, Float64, "/biodyn/exposure/dri")
+    diagnostics = Diagnostics(graph, tester)
+    graph.active(use_sim_time=True)
+    sensors = Sensors(graph, SENSORS)
+    graph.wait(sensors.matched, "six inputs matched")
+    sensors.send()
+    graph.wait(lambda: len(head) > 3000 and dri, "predictions and exposure")
+    graph.wait(lambda: diagnostics.says("prediction", ERROR, "silent"), "the watchdog")
+
+
+def test_reset_and_mark_answer(graph: Graph) -> None:
+    tester = graph.node()
+    node = graph.active()
+    sensors = Sensors(graph, SENSORS)
+    graph.wait(sensors.matched, "six inputs matched")
+    sensors.send()
+    graph.wait(lambda: SEAT in node._pipeline.exposure().sensors, "exposure")
+    for service, text in (("reset", "starts anew"), ("mark", "mark 1 at")):
+        client = tester.create_client(Trigger, f"/biodyn/{service}")
+        graph.wait(client.service_is_ready, service)
+        future = client.call_async(Trigger.Request())
+        graph.wait(future.done, service)
+        assert future.result().success
+        assert text in future.result().message
+    assert node._pipeline.exposure().sensors[SEAT].vdv_mps175 < 0.1
+
+
+def test_lifecycle_listens_only_while_active(graph: Graph) -> None:
+    node = graph.live()
+    assert node.count_subscribers(topics.INPUT[SEAT]) == 0
+    node.trigger_configure()
+    assert node.count_subscribers(topics.INPUT[SEAT]) == 0
+    node.trigger_activate()
+    assert node.count_subscribers(topics.INPUT[SEAT]) == 1
+    node.trigger_deactivate()
+    assert node.count_subscribers(topics.INPUT[SEAT]) == 0
+    node.trigger_activate()
+    assert node.count_subscribers(topics.INPUT[SEAT]) == 1
+    node.trigger_deactivate()
+    node.trigger_cleanup()
+    assert node.count_publishers("/biodyn/predicted/head/accel") == 0
+    node.trigger_configure()
+    assert node.failure is None
+    node.trigger_shutdown()
+
+
+def test_a_subject_that_cannot_be_read_fails_the_transition_in_one_line(graph: Graph) -> None:
+    node = graph.live(subject_file="nobody")
+    node.trigger_configure()
+    assert node.failure is not None
+    assert "no subject file nobody" in node.failure
+    assert "\n" not in node.failure
+    assert node.count_publishers("/biodyn/predicted/head/accel") == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"cutof_hz": 100.0}, "parameter cutof_hz is unknown; did you mean cutoff_hz?"),
+        ({"cutoff_hz": 3.0}, "parameter cutoff_hz"),
+        ({"queue_depth": 10}, "parameter queue_depth"),
+    ],
+)
+def test_a_parameter_that_does_not_fit_is_named_at_the_start(graph: Graph, given: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        graph.live(**given)
+
+
+def test_a_parameter_of_the_wrong_type_is_named(graph: Graph) -> None:
+    node = graph.live(window_s="long")
+    node.trigger_configure()
+    assert "parameter window_s is 'long', expected a number" in (node.failure or "")
+
+
+def test_whole_numbers_serve_as_real_ones(graph: Graph) -> None:
+    node = graph.active(window_s=20, exposure_rate_hz=5)
+    assert node._pipeline.settings.window_s == 20.0
+    assert isinstance(params.read(node, LiveSettings).exposure_rate_hz, float)
+
+
+def test_every_parameter_has_a_description_and_the_shipped_file_holds_the_defaults(graph: Graph) -> None:
+    node = graph.live(("--params-file", str(config_file("live.yaml"))))
+    plain = graph_defaults()
+    for name, default in plain.items():
+        assert node.describe_parameter(name).description
+        value = node.get_parameter(name).value
+        assert value == default or (default is None and np.isnan(value)), name
+    text = config_file("live.yaml").read_text(encoding="utf-8")
+    assert all(f"    {name}: " in text for name in plain)
+
+
+def graph_defaults() -> dict[str, Any]:
+    """Every setting's default, as the code has it."""
+    return {name: field.default for kind in SETTINGS for name, field in kind.__dataclass_fields__.items()}
+
+
+def dict_of(status: Any) -> dict[str, str]:
+    """A diagnostic's values by key."""
+    return {pair.key: pair.value for pair in status.values}
+
+
+class other_participant:  # noqa: N801 - used as a with-statement's word
+    """A node in a context of its own, in the graph's domain."""
+
+    def __init__(self, graph: Graph) -> None:
+        self._domain = graph.context.get_domain_id()
+
+    def __enter__(self) -> Any:
+        import rclpy
+
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=self._domain)
+        self._node = rclpy.create_node("stranger", context=self._context)
+        return self._node
+
+    def __exit__(self, *error: object) -> None:
+        import rclpy
+
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
