@@ -75,7 +75,7 @@ class Player(Node):
                 break
         return Played(sent, time.monotonic() - began)
 
-    def flush(self, timeout_s: float = 5.0) -> bool:
+    def flush(self, timeout_s: float = 20.0) -> bool:
         """Wait until reliable subscribers have acknowledged everything; False when the time ran out."""
         return all(output.wait_for_all_acked(Duration(seconds=timeout_s)) for output in self._outputs.values())
 

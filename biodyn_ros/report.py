@@ -5,9 +5,10 @@ jinja2 and matplotlib come late: whoever wants no report needs neither.
 
 from __future__ import annotations
 
+import io
 import math
-import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -30,7 +31,7 @@ ENVELOPE_BINS: Final = 800
 
 EVENT_HALF_NS: Final = 1_000_000_000
 DIGEST_SAMPLES: Final = 4096
-"""Frames are digested in batches of so many instants: a block alone is too short to be worth it. No figure depends on it."""
+"""Frames are digested in batches of so many instants, because a block alone is too short. No figure depends on it."""
 
 RECENT_SAMPLES: Final = 1 << 16
 """Predictions wait for their measurement no longer than this: 16 s at the highest rate, more than a pipeline waits."""
@@ -43,7 +44,10 @@ EVENT_SENSORS: Final = (SENSORS.index(SEAT), SENSORS.index(HEAD))
 
 @dataclass(frozen=True)
 class Envelope:
-    """Smallest and largest value per bin: begins_ns (m,) ascending, low_mps2 and high_mps2 (m, 6), NaN where none came."""
+    """Smallest and largest value per bin.
+
+    begins_ns (m,) ascending, low_mps2 and high_mps2 (m, 6), NaN where a channel gave nothing.
+    """
 
     width_ns: int
     begins_ns: Integers
@@ -201,7 +205,7 @@ def _columns(envelope: Envelope) -> tuple[Integers, Floats, Floats]:
 
 
 def _binned(stamps_ns: Integers, low: Floats, high: Floats, width_ns: int) -> tuple[Integers, Floats, Floats]:
-    """Join rows of one bin: where bins begin (m,), ascending, the smallest of `low` and the largest of `high` (m, 6)."""
+    """Join the rows of each bin: begins_ns (m,) ascending, smallest of `low` and largest of `high`, each (m, 6)."""
     bins = stamps_ns // width_ns
     if np.any(bins[1:] < bins[:-1]):  # stamps may jump back, as those of a looped bag do
         order = np.argsort(bins, kind="stable")
@@ -321,7 +325,8 @@ def _vdv_axis(seat: dict[str, Any] | None) -> str | None:
 
 
 def _worst_residual(document: dict[str, Any]) -> tuple[str, float] | None:
-    known = {name: r["nrmse_rms_percent"] for name, r in document["residual"].items() if r["nrmse_rms_percent"] is not None}
+    shares = {name: residual["nrmse_rms_percent"] for name, residual in document["residual"].items()}
+    known = {name: share for name, share in shares.items() if share is not None}
     worst = max(known, key=lambda name: known[name], default=None)
     return (worst, known[worst]) if worst else None
 
@@ -385,7 +390,7 @@ def _write_beside(path: Path, text: str) -> None:
     try:
         # A file name that is not UTF-8 comes as lone surrogates; the page shows them as escapes.
         part.write_text(text, encoding="utf-8", errors="backslashreplace")
-        os.replace(part, path)
+        part.replace(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
     finally:
@@ -398,7 +403,8 @@ MEASURED_COLOUR: Final = "#1f2933"
 PREDICTED_COLOUR: Final = "#d9480f"
 BAND_COLOUR: Final = "#a9b5c0"
 
-_STYLE: Final = {
+_STYLE: Final[Any] = {
+    "axes.axisbelow": True,
     "axes.edgecolor": "#8894a0",
     "axes.grid": True,
     "axes.linewidth": 0.6,
@@ -428,19 +434,18 @@ def _overlay(event: Event, origin_ns: int, document: dict[str, Any]) -> Any:
         predicted = event.predicted_mps2[:, SEGMENTS.index(name)] if name in SEGMENTS else None
         extent = _extent(measured, predicted)
         if measured is not None:
-            axes.plot(*_line(event.measured_ns, measured, origin_ns), color=MEASURED_COLOUR, lw=1.3)
+            axes.plot(*_line(event.measured_ns, measured, origin_ns), color=MEASURED_COLOUR, lw=1.7)
         if predicted is not None:
             clipped = np.clip(predicted, -10.0 * extent, 10.0 * extent)
             axes.plot(*_line(event.predicted_ns, clipped, origin_ns), color=PREDICTED_COLOUR, lw=0.9)
         axes.set_ylim(-extent, extent)
         axes.set_title(_note(name, measured, document), loc="right", color="#52606d", fontsize=8.0)
 
-    return _draw(draw, 7.4, _seconds(event.measured_ns[[0, -1]], origin_ns))
+    return _draw(draw, 7.4, _seconds(event.measured_ns, origin_ns))
 
 
 def _envelopes(predicted: Envelope, measured: Envelope, event: Event | None, origin_ns: int) -> Any:
     """Smallest and largest value per bin over the whole record."""
-    ends = np.array([measured.begins_ns[0], measured.begins_ns[-1] + measured.width_ns])
 
     def draw(axes: Any, name: str) -> None:
         there = _steps(measured, SENSORS.index(name), origin_ns) if name in SENSORS else None
@@ -455,24 +460,25 @@ def _envelopes(predicted: Envelope, measured: Envelope, event: Event | None, ori
         if event is not None:
             axes.axvline(1e-9 * (event.peak_ns - origin_ns), color="#52606d", lw=0.6, ls=(0, (2, 2)))
 
-    return _draw(draw, 6.2, _seconds(ends, origin_ns))
+    ends_ns = np.append(measured.begins_ns, measured.begins_ns[-1] + measured.width_ns)
+    return _draw(draw, 6.2, _seconds(ends_ns, origin_ns))
 
 
-def _draw(draw: Any, height_in: float, ends_s: Floats) -> Any:
-    """Lay out the panels, let `draw(axes, name)` fill each, and return the drawing as markup."""
-    import matplotlib
+def _draw(draw: Callable[[Any, str], None], height_in: float, times_s: Floats) -> Any:
+    """Lay out the panels over the span of times_s, let `draw(axes, name)` fill each, and return the markup."""
+    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()  # the user's own style is for the user's own figures
-        matplotlib.rcParams.update(_STYLE)
+    with mpl.rc_context():
+        mpl.rcdefaults()  # the user's own style is for the user's own figures
+        mpl.rcParams.update(_STYLE)
         figure = Figure(figsize=(10.4, height_in), layout="constrained")
         grid = figure.add_gridspec(4, 2)
         for place, name in enumerate(_PANELS):
             axes = figure.add_subplot(grid[3, :] if name == SEAT else grid[place // 2, place % 2])
             draw(axes, name)
             axes.set_title(words(name), loc="left", fontweight="bold")
-            axes.set_xlim(*ends_s.tolist())
+            axes.set_xlim(times_s.min(), times_s.max() + 1e-3)  # one instant alone has no span
             axes.tick_params(length=2.5, width=0.6)
         figure.supylabel("vertical acceleration, m/s²", fontsize=8.0, color="#52606d")
         axes.set_xlabel("seconds since the first predicted instant", color="#52606d")
@@ -480,11 +486,12 @@ def _draw(draw: Any, height_in: float, ends_s: Floats) -> Any:
 
 
 def _steps(envelope: Envelope, column: int, origin_ns: int) -> tuple[Floats, Floats, Floats]:
-    """Seconds, smallest and largest of one channel; every bin reaches over its width, a NaN stands where one is missing."""
-    edges_ns = (envelope.begins_ns[:, None] + [0, envelope.width_ns]).ravel()
+    """Seconds, smallest and largest of one channel, each bin over its whole width, NaN where bins are missing."""
+    edges_ns = np.column_stack([envelope.begins_ns, envelope.begins_ns + envelope.width_ns]).ravel()
     apart = 2 * np.flatnonzero(np.diff(envelope.begins_ns) > envelope.width_ns) + 2
-    low, high = (np.repeat(values[:, column], 2) for values in (envelope.low_mps2, envelope.high_mps2))
-    return tuple(np.insert(values, apart, np.nan) for values in (_seconds(edges_ns, origin_ns), low, high))
+    low, high = np.repeat(envelope.low_mps2[:, column], 2), np.repeat(envelope.high_mps2[:, column], 2)
+    seconds = _seconds(edges_ns, origin_ns)
+    return np.insert(seconds, apart, np.nan), np.insert(low, apart, np.nan), np.insert(high, apart, np.nan)
 
 
 def _line(stamps_ns: Integers, values: Floats, origin_ns: int) -> tuple[Floats, Floats]:
@@ -518,13 +525,11 @@ def _note(name: str, measured: Floats | None, document: dict[str, Any]) -> str:
 
 
 def _seconds(stamps_ns: Integers, origin_ns: int) -> Floats:
-    return 1e-9 * (stamps_ns - origin_ns)
+    return np.multiply(stamps_ns - origin_ns, 1e-9, dtype=np.float64)
 
 
 def _markup(figure: Any) -> Any:
-    """A figure as SVG inside HTML: no prolog, no metadata, no names that a second drawing would repeat, short numbers."""
-    import io
-
+    """A figure as SVG inside HTML: without prolog, metadata and names that a second drawing repeats, numbers short."""
     from markupsafe import Markup
 
     file = io.StringIO()

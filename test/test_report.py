@@ -1,0 +1,462 @@
+"""The replay's page: what it says, that it says it safely, and that its traces are those of the whole record."""
+
+from __future__ import annotations
+
+import builtins
+import copy
+import html
+import re
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from biodyn_core.comparison import NO_MEASURED, MeasuredFrames
+from biodyn_core.errors import InputError
+from biodyn_core.limits import EU_LIMITS
+from biodyn_core.pipeline import NO_PREDICTED, Frames, PredictedFrames
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
+from biodyn_ros import report
+from biodyn_ros.report import Traces, bound, duration, judge, number, write_replay_report
+
+START_NS = 1_767_225_600 * 10**9 + 37
+RATE_HZ = 1000.0
+NASTY = "/data/<script>alert('x')</script> & \"rail\".mcap"
+VOID = {"meta", "br", "path", "use", "rect", "link", "hr", "img"}
+
+
+# --- material --------------------------------------------------------------------------------------------------------
+
+
+def dose(level: float, **more: object) -> dict[str, object]:
+    numbers = {
+        "aw_mps2": level,
+        "mtvv_mps2": 2 * level,
+        "crest_factor": 7.25,
+        "vdv_mps175": 5 * level,
+        "peak_mps2": 9 * level,
+    }
+    return numbers | more
+
+
+def measured(level: float) -> dict[str, object]:
+    return dose(level, clipped_samples=0, missing_s=0.0, lower_bound=False)
+
+
+def document() -> dict[str, object]:
+    """What exposure_document makes of a quiet recording without fault."""
+    return {
+        "bag": "rail.mcap",
+        "subject": "subject_1",
+        "mass_matrix": "segment",
+        "path": "causal",
+        "seconds": 61.25,
+        "uncounted_s": 0.75,
+        "window_s": 10.0,
+        "limits": EU_LIMITS.to_dict(),
+        "sensors": {name: measured(0.1 + 0.011 * i) for i, name in enumerate(SENSORS)},
+        "predicted": {name: dose(0.2 + 0.013 * i, status="not_validated") for i, name in enumerate(SEGMENTS)},
+        "measured_low_passed": {name: measured(0.3 + 0.017 * i) for i, name in enumerate(SENSORS)},
+        "seat": {
+            "axis": "z",
+            "horizontal": "worst_direction",
+            "aw_weighted_mps2": {"worst_direction": 0.0313, "z": 0.412},
+            "vdv_weighted_mps175": {"worst_direction": 0.213, "z": 2.317},
+            "a8_so_far_mps2": 0.0187,
+            "vdv_so_far_mps175": 2.317,
+            "time_to_action_value_s": 14_400.0,
+            "time_to_limit_value_s": 400_000.0,
+            "governing": "vdv",
+            "a8_projected_8h_mps2": None,
+            "vdv_projected_8h_mps175": None,
+            "lower_bound": False,
+        },
+        "dri": {"compression": 6.78, "as_printed": 7.89, "class": "5.2-13.0", "time_s": 23.456},
+        "hic15": {"as_printed": 1.234, "vertical": 0.456, "resultant": 0.567, "bandwidth_hz": 564.6},
+        "hic36": {"as_printed": 2.345, "vertical": 0.678, "resultant": 0.789, "bandwidth_hz": 564.6},
+        "residual": {
+            name: {"nrmse_rms_percent": 11.0 + i, "rms_mps2": 0.123} for i, name in enumerate(MEASURED_SEGMENTS)
+        },
+        "warnings": [],
+        "version": "0.1.0",
+    }
+
+
+def record(samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stamps, predicted and measured of a record with gaps, jumps of level and NaN in both."""
+    rng = np.random.default_rng(seed)
+    stamps = START_NS + np.arange(samples) * round(1e9 / RATE_HZ)
+    stamps[samples // 2 :] += 730_000_000
+    loud = 1.0 + 20.0 * np.exp(-0.5 * ((np.arange(samples) - 0.7 * samples) / 50.0) ** 2)
+    predicted = loud[:, None] * rng.standard_normal((samples, 6))
+    measured = predicted + 0.1 * rng.standard_normal((samples, 6))
+    measured[:, 4] = np.nan
+    measured[rng.random((samples, 6)) < 0.05] = np.nan
+    predicted[100:105] = np.nan
+    return stamps, predicted, measured
+
+
+def frames_of(stamps, predicted, measured) -> tuple[PredictedFrames, MeasuredFrames]:
+    residual = predicted[:, MEASURED_SEGMENT_INDEX] - measured[:, 1:]
+    return PredictedFrames(stamps, predicted), MeasuredFrames(stamps, measured, residual)
+
+
+def feed(traces: Traces, stamps, predicted, measured, cuts, late: int = 0) -> None:
+    """Push blocks as the pipeline does: predictions at once, measurements `late` blocks later."""
+    edges = [0, *sorted(cuts), len(stamps)]
+    parts = [frames_of(stamps[a:b], predicted[a:b], measured[a:b]) for a, b in pairwise(edges)]
+    for i in range(len(parts) + late):
+        first = parts[i][0] if i < len(parts) else NO_PREDICTED
+        second = parts[i - late][1] if i >= late else NO_MEASURED
+        traces.add(Frames(first, second))
+
+
+def traces_of(samples: int = 4000) -> Traces:
+    traces = Traces()
+    feed(traces, *record(samples), range(280, samples, 280), late=3)
+    return traces
+
+
+class Page(HTMLParser):
+    """Reads a page, remembers its text and tags, and fails on tags that do not close."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.pieces: list[str] = []
+        self.feed(source)
+        self.close()
+        assert self.open == []
+        self.text = " ".join("".join(self.pieces).split())
+
+    def handle_starttag(self, tag, attrs):
+        """Open a tag."""
+        self.tags.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        """Note a tag that closes itself."""
+        self.tags.append(tag)
+
+    def handle_endtag(self, tag):
+        """Close the innermost tag."""
+        if tag not in VOID:
+            assert self.open.pop() == tag
+        if tag not in {"sup", "b"}:
+            self.pieces.append(" ")
+
+    def handle_data(self, data):
+        """Keep what a reader sees."""
+        if not self.open or self.open[-1] != "style":
+            self.pieces.append(data)
+
+
+def page_of(tmp_path: Path, changed: dict[str, object], traces: Traces | None = None) -> Page:
+    path = tmp_path / "report.html"
+    write_replay_report(path, changed, traces_of() if traces is None else traces)
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+    return Page(path.read_text(encoding="utf-8"))
+
+
+# --- traces ----------------------------------------------------------------------------------------------------------
+
+
+def assert_envelope(envelope: report.Envelope, stamps, values) -> None:
+    bins = stamps // envelope.width_ns
+    begins = np.unique(bins)
+    np.testing.assert_array_equal(envelope.begins_ns, begins * envelope.width_ns)
+    for row, begin in enumerate(begins):
+        inside = values[bins == begin]
+        for column in range(values.shape[1]):
+            known = inside[:, column][~np.isnan(inside[:, column])]
+            expected = (known.min(), known.max()) if known.size else (np.nan, np.nan)
+            np.testing.assert_array_equal((envelope.low_mps2[row, column], envelope.high_mps2[row, column]), expected)
+
+
+@given(st.lists(st.integers(1, 2999), max_size=30), st.integers(0, 4), st.integers(1, 3000), st.integers(3, 40))
+def test_any_cut_gives_the_envelope_and_event_of_the_whole(cuts, late, digest, bins):
+    stamps, predicted, measured = record(3000)
+    traces = Traces()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "DIGEST_SAMPLES", digest)
+        patch.setattr(report, "ENVELOPE_BINS", bins)
+        patch.setattr(report, "EVENT_HALF_NS", 150_000_000)
+        feed(traces, stamps, predicted, measured, cuts, late)
+        envelopes, event = (traces.predicted(), traces.measured()), traces.event()
+    for envelope, values in zip(envelopes, (predicted, measured), strict=True):
+        assert envelope.begins_ns.size <= bins
+        assert envelope.width_ns % report.ENVELOPE_BIN_NS == 0
+        assert_envelope(envelope, stamps, values)
+    felt = np.nan_to_num(np.abs(measured[:, [0, 5]]))
+    row, column = np.unravel_index(felt.argmax(), felt.shape)
+    assert (event.peak_ns, event.peak_mps2, event.sensor) == (stamps[row], felt.max(), ("seat", "head")[column])
+    near = np.abs(stamps - stamps[row]) <= 150_000_000
+    for found, expected in (
+        (event.measured_ns, stamps[near]),
+        (event.predicted_ns, stamps[near]),
+        (event.measured_mps2, measured[near]),
+        (event.predicted_mps2, predicted[near]),
+    ):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_bins_are_tenths_of_a_second_while_they_fit():
+    assert traces_of().measured().width_ns == 100_000_000
+
+
+def test_memory_is_flat_in_the_length_of_the_record():
+    traces, most = Traces(), 0
+    rng = np.random.default_rng(0)
+    for block in range(3000):
+        stamps = START_NS + (280 * block + np.arange(280)) * 1_000_000
+        # Ever stronger, so that a new event begins in every block.
+        feed(traces, stamps, *(block * rng.random((280, 6)) for _ in range(2)), [])
+        most = max(most, traces.stored_samples)
+    # One batch, two streams of recent instants and of bins, and the event.
+    assert most < report.DIGEST_SAMPLES + 560 + 2 * (6100 + report.ENVELOPE_BINS) + 2 * 2001
+
+
+def test_predictions_without_measurement_are_not_hoarded():
+    traces = Traces()
+    for block in range(200):
+        stamps = START_NS + (1000 * block + np.arange(1000)) * 1_000_000
+        traces.add(Frames(PredictedFrames(stamps, np.ones((1000, N_SEGMENTS))), NO_MEASURED))
+    assert traces.event() is None
+    assert traces.stored_samples <= report.RECENT_SAMPLES + report.ENVELOPE_BINS
+
+
+def test_stamps_that_jump_back_go_to_their_bins():
+    stamps, predicted, measured = record(2000)
+    stamps[1000:] = stamps[:1000]
+    traces = Traces()
+    feed(traces, stamps, predicted, measured, range(100, 2000, 100))
+    assert_envelope(traces.measured(), stamps, measured)
+
+
+# --- page ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_page_says_every_figure_with_its_unit(tmp_path):
+    text = page_of(tmp_path, document()).text
+    for expected in (
+        "Replay of rail.mcap", "subject_1", "segment", "61.2 s", "0.75 s", "0.1.0", "causal",
+        "Below the action values so far", "A(8), m/s2 0.0187 0.5 1.15 z", "VDV, m/s1.75 2.32 9.1 21.0 z",
+        "Governed by VDV, axis z (2002/44/EC)", "4 h 0 min left", "more than 24 h left", "use the seat alone",
+        "No yaw given", "worst direction 0.0313 0.213 1.4 0.0438 0.298",
+        "Residual at worst 15.0 % of the measured rms (head)", "neck 0.123 14.0",
+        "seat 0.100 0.500 0.200 7.25 0.900 0.000 0", "pelvis 0.200 0.317 1.00 1.58 0.400 7.25 1.80 not validated",
+        "central torso 0.226 – 1.13 –", "DRI 6.78", "band 5.2-13.0", "7.89 as the paper prints it", "23.456 s counted",
+        "a single upward pulse", "not a dose of repeated shocks", "HIC15 1.23 0.456 0.567 565",
+        "HIC36 2.35 0.678 0.789 565",
+        "before the 100 Hz low-pass", "Predictions are a model's",
+        "aw, m/s2 VDV, m/s1.75 MTVV, m/s2 crest factor peak, m/s2", "whole record: residual 0.123 m/s² rms, 15.0 %",
+    ):  # fmt: skip
+        assert expected in text, expected
+    assert ">= " not in text
+    assert "made by the model" not in text
+
+
+def test_the_page_needs_no_network_and_repeats_no_id(tmp_path):
+    page_of(tmp_path, document())
+    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert set(re.findall(r'(\S*)="https?://', source)) <= {"xmlns", "xmlns:xlink"}
+    assert not re.search(r"https?://", re.sub(r'xmlns(:\w+)?="[^"]*"', "", source))
+    assert not re.search(r"@import|<script|<link|src=|url\((?!#)", source)
+    drawings = re.findall(r"<svg.*?</svg>", source, flags=re.DOTALL)
+    assert len(drawings) == 2
+    names = [set(re.findall(r' id="([^"]+)"', drawing)) for drawing in drawings]
+    for drawing, own in zip(drawings, names, strict=True):
+        assert set(re.findall(r'(?:href="|url\()#([^")]+)', drawing)) <= own
+
+
+def test_the_same_replay_gives_the_same_page(tmp_path):
+    for name in ("a", "b"):
+        write_replay_report(tmp_path / name, document(), traces_of())
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_names_from_outside_are_text_and_nothing_else(tmp_path):
+    changed = document() | {"bag": NASTY, "subject": "<b>x</b>", "warnings": ["seat: <img src=x> & more"]}
+    page = page_of(tmp_path, changed)
+    assert NASTY in page.text
+    assert "<b>x</b>" in page.text
+    assert "1 warning seat: <img src=x> & more" in page.text
+    assert not {"script", "img"} & set(page.tags)
+    assert html.escape(NASTY, quote=False) not in "".join(page.tags)
+
+
+def test_a_bag_name_that_is_not_utf8_does_not_stop_the_page(tmp_path):
+    assert r"rail\udcff.mcap" in page_of(tmp_path, document() | {"bag": "rail\udcff.mcap"}).text
+
+
+def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
+    changed = copy.deepcopy(document())
+    changed["seat"] |= {"lower_bound": True, "time_to_action_value_s": None, "time_to_limit_value_s": None}
+    changed["sensors"]["seat"] |= {"lower_bound": True, "missing_s": 1.234}
+    changed["sensors"]["head"] |= {"lower_bound": True, "clipped_samples": 17}
+    page = page_of(tmp_path, changed)
+    for expected in (
+        "No verdict: the seat's figures are lower bounds", "A(8), m/s2 >= 0.0187", "VDV, m/s1.75 >= 2.32",
+        "1.234 s are missing and 0 samples are clipped", "time left withheld",
+        "seat 0.100 >= 0.500 >= 0.200 7.25 >= 0.900 1.234 0",
+        "head >= 0.155 >= 0.775 >= 0.310 7.25 >= 1.40 0.000 17",
+        "pelvis 0.200 0.317 >= 1.00 1.58 >= 0.400", "DRI >= 6.78", "HIC15 >= 1.23 >= 0.456 >= 0.567 565",
+    ):  # fmt: skip
+        assert expected in page.text, expected
+    assert judge(changed).tone == "none"
+
+
+@pytest.mark.parametrize(
+    ("change", "tone", "headline"),
+    [
+        ({}, "good", "Below"),
+        ({"horizontal": "yaw_given"}, "good", "Below"),
+        ({"horizontal": "missing"}, "none", "vertical only"),
+        ({"lower_bound": True}, "none", "lower bounds"),
+        ({"vdv_so_far_mps175": 9.1}, "warn", "Action value reached"),
+        ({"a8_so_far_mps2": 0.6, "lower_bound": True}, "warn", "Action value reached"),
+        ({"a8_so_far_mps2": 1.2, "horizontal": "missing"}, "bad", "Limit value reached"),
+    ],
+)
+def test_the_verdict(change, tone, headline):
+    changed = document()
+    changed["seat"] |= change
+    verdict = judge(changed)
+    assert verdict.tone == tone
+    assert headline in verdict.headline
+
+
+def test_what_is_reached_is_said_even_where_times_are_withheld():
+    changed = document()
+    changed["seat"] |= {
+        "vdv_so_far_mps175": 10.0, "lower_bound": True, "time_to_action_value_s": None, "time_to_limit_value_s": None,
+    }  # fmt: skip
+    reasons = " ".join(judge(changed).reasons)
+    assert "Action value: reached." in reasons
+    assert "Limit value: time left withheld" in reasons
+
+
+def test_time_left_of_a_lower_bound_is_at_most_that():
+    changed = document()
+    changed["seat"]["lower_bound"] = True
+    assert "Action value: at most 4 h 0 min left" in " ".join(judge(changed).reasons)
+
+
+def test_projections_carry_their_length(tmp_path):
+    changed = document() | {"seconds": 1800.0}
+    changed["seat"] |= {"a8_projected_8h_mps2": 0.412, "vdv_projected_8h_mps175": 4.634}
+    text = page_of(tmp_path, changed).text
+    assert "A(8) projected, m/s2 0.412 to 8 h, from 30 min" in text
+    assert "VDV projected, m/s1.75 4.63 to 8 h, from 30 min" in text
+
+
+def test_a_recording_made_by_the_model_says_so(tmp_path):
+    note = "This recording was made by the model itself, so its small residual proves nothing about the model."
+    assert note in page_of(tmp_path, document() | {"bag_made_by_model": note}).text
+
+
+def test_a_page_of_almost_nothing(tmp_path):
+    empty = {"sensors": {}, "predicted": {}, "measured_low_passed": {}, "residual": {}}
+    none = {"seat": None, "dri": None, "hic15": None, "hic36": None}
+    text = page_of(tmp_path, document() | empty | none, Traces()).text
+    for expected in ("nothing counted at the seat", "Nothing to compare", "No measured instant", "none were made"):
+        assert expected in text
+
+
+def test_a_page_without_known_shares_and_of_a_diverging_model(tmp_path):
+    changed = document()
+    changed["residual"]["neck"]["nrmse_rms_percent"] = None
+    changed["sensors"]["seat"]["crest_factor"] = None
+    stamps, predicted, measured = record(1000)
+    predicted[500] = 1e200
+    measured[:, 1:] = np.nan
+    traces = Traces()
+    feed(traces, stamps, predicted, measured, [300])
+    text = page_of(tmp_path, changed, traces).text
+    assert "neck 0.123 –" in text
+    assert "not measured" in text
+
+
+def test_a_page_of_one_instant(tmp_path):
+    traces = Traces()
+    feed(traces, *(part[:1] for part in record(2000)), [])
+    page_of(tmp_path, document(), traces)
+
+
+# --- what can go wrong -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fails", ["write_text", "replace"])
+def test_nothing_is_left_when_writing_fails(tmp_path, monkeypatch, fails):
+    path = tmp_path / "report.html"
+    path.write_text("the report of yesterday")
+
+    def full(*arguments: object, **more: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    if fails == "replace":
+        monkeypatch.setattr(Path, "replace", full)
+    else:
+        monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(InputError, match=r"report\.html: cannot be written \(No space left on device\)"):
+        write_replay_report(path, document(), traces_of())
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+    assert path.read_text() == "the report of yesterday"
+
+
+def test_a_directory_that_is_not_there_is_one_clear_line(tmp_path):
+    with pytest.raises(InputError, match="cannot be written"):
+        write_replay_report(tmp_path / "nowhere" / "report.html", document(), traces_of())
+
+
+@pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])
+def test_a_missing_library_is_named_with_its_remedy(tmp_path, monkeypatch, missing):
+    real = builtins.__import__
+
+    def without(name: str, *arguments: object, **more: object) -> object:
+        if name.partition(".")[0] == missing:
+            raise ImportError(name)
+        return real(name, *arguments, **more)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match=rf"reports need {missing}: pip install 'biodyn_ros\[reports\]'"):
+        write_replay_report(tmp_path / "report.html", document(), Traces())
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- words and numbers -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(None, "–"), (float("nan"), "–"), (0.0, "0"), (0.01234, "0.0123"), (1.0, "1.00"), (17.64, "17.6"), (564.6, "565"),
+     (123456.0, "123456"), (1e-5, "1e-05"), (-2.5, "-2.50")],
+)  # fmt: skip
+def test_numbers_have_three_digits(value, expected):
+    assert number(value) == expected
+
+
+def test_a_bound_of_nothing_is_nothing():
+    assert bound(None, lower=True) == "–"
+    assert bound(2.0, lower=True) == ">= 2.00"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [
+        (8.42, "8.42 s"),
+        (59.7, "1 min"),
+        (720.0, "12 min"),
+        (3599.0, "1 h 0 min"),
+        (12000.0, "3 h 20 min"),
+        (1e9, "more than 24 h"),
+    ],
+)
+def test_durations_are_for_people(seconds, expected):
+    assert duration(seconds) == expected

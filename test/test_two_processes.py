@@ -1,0 +1,173 @@
+"""The bundled bag through two processes over DDS: what the live node publishes is what replay computes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import AccelStamped
+from ros import Graph, ros_graph
+from std_msgs.msg import Float64
+from streams import subject
+
+from biodyn_core.segments import SEAT, SENSORS
+from biodyn_ros import topics
+from biodyn_ros.cdr import decode_accel_stamped
+from biodyn_ros.replay import replay
+from biodyn_ros.resources import bag_file
+
+BAG_DEPTH = 200_000
+STARTUP_S = 120.0  # a cold cache compiles every kernel first
+
+
+@contextmanager
+def child(graph: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """One of our commands as a process of its own, in the graph's domain; ended by Ctrl-C at the latest."""
+    environment = os.environ | {"ROS_DOMAIN_ID": str(graph.context.get_domain_id())}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "biodyn_ros.cli", *arguments], env=environment, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+
+
+def reliable(*inputs: str) -> list[str]:
+    """Overrides that make the node's subscriptions lossless and deep enough for the whole bag."""
+    given = []
+    for topic in inputs:
+        prefix = f"qos_overrides./{topic}.subscription"
+        given += ["-p", f"{prefix}.reliability:=reliable", "-p", f"{prefix}.depth:={BAG_DEPTH}"]
+    return given
+
+
+def offline() -> tuple[dict[str, dict[int, float]], Any]:
+    """Every frame of the replay by topic and stamp, and its document."""
+    frames: dict[str, dict[int, float]] = {t: {} for t in (*topics.PREDICTED.values(), *topics.MEASURED.values())}
+
+    def keep(names: dict[str, str], stamps_ns: np.ndarray, accel: np.ndarray) -> None:
+        for column, topic in enumerate(names.values()):
+            here = ~np.isnan(accel[:, column])
+            frames[topic].update(zip(stamps_ns[here].tolist(), accel[here, column].tolist(), strict=True))
+
+    def each(pushed: Any) -> None:
+        keep(topics.PREDICTED, pushed.predicted.stamps_ns, pushed.predicted.accel_mps2)
+        keep(topics.MEASURED, pushed.measured.stamps_ns, pushed.measured.accel_mps2)
+
+    return frames, replay(bag_file("subject_1.mcap"), subject(), each=each).document
+
+
+@pytest.mark.timeout(300)
+def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
+    expected, document = offline()
+    bag = str(bag_file("subject_1.mcap"))
+    with ros_graph() as graph:
+        tester = graph.node()
+        got = {topic: graph.collect(tester, AccelStamped, topics.absolute(topic), raw=True) for topic in expected}
+        diagnostics = graph.collect(tester, DiagnosticArray, topics.DIAGNOSTICS)
+        vdv = graph.collect(tester, Float64, "/biodyn/exposure/seat/vdv")
+        overrides = reliable(*topics.INPUT.values())
+        with child(graph, "live", "--ros-args", "-p", "publish_measured:=true", *overrides) as live:
+            graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
+            with child(graph, "play", bag, "--keep-stamps", "--depth", str(BAG_DEPTH)) as player:
+                graph.wait(lambda: player.poll() is not None, "the bag is played", 60.0)
+                assert player.returncode == 0
+                predicted = {topic: expected[topic] for topic in topics.PREDICTED.values()}
+                graph.wait(lambda: all(len(got[t]) >= len(predicted[t]) for t in predicted), "every prediction")
+                final = document["sensors"][SEAT]["vdv_mps175"]
+                graph.wait(lambda: vdv and vdv[-1].data == pytest.approx(final, rel=1e-9), "the final VDV")
+                count = len(diagnostics)
+                graph.wait(lambda: len(diagnostics) > count + 1, "diagnostics after the end")
+            live.send_signal(signal.SIGINT)
+            assert live.wait(20) == 0
+    for topic, frames in expected.items():
+        assert_equal_by_stamp(topic, got[topic], frames)
+    for sensor in SENSORS:
+        status = next(s for s in diagnostics[-1].status if s.name == f"biodyn: {sensor}")
+        values = {pair.key: pair.value for pair in status.values}
+        assert values["lost"] == "0"
+        assert values["late"] == "0"
+        assert values["runs"] == "1"
+
+
+def assert_equal_by_stamp(topic: str, messages: list[bytes], frames: dict[int, float]) -> None:
+    """Joined by stamp, live and offline agree to 1e-9; only the last second of measurements may still be waiting."""
+    stamps, linear = decode_accel_stamped(messages)
+    live = dict(zip(stamps.tolist(), linear[:, 2].tolist(), strict=True))
+    assert len(live) == len(messages), f"{topic}: a stamp came twice"
+    missing = frames.keys() - live.keys()
+    assert live.keys() <= frames.keys(), topic
+    last = max(frames)
+    waiting_ns = 0 if topic in topics.PREDICTED.values() else 1_100_000_000
+    assert all(stamp > last - waiting_ns for stamp in missing), f"{topic}: {len(missing)} frames are missing"
+    shared = sorted(live)
+    np.testing.assert_allclose(
+        [live[s] for s in shared], [frames[s] for s in shared], rtol=1e-9, atol=1e-12, err_msg=topic
+    )
+
+
+def test_the_live_command_ends_with_zero_on_sigterm_and_two_on_bad_input() -> None:
+    with ros_graph() as graph:
+        tester = graph.node()
+        with child(graph, "live") as live:
+            graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
+            live.send_signal(signal.SIGTERM)
+            assert live.wait(20) == 0
+        for given, said in (
+            (("-p", "cutof_hz:=50.0"), "parameter cutof_hz is unknown; did you mean cutoff_hz?"),
+            (("-p", "subject_file:=nobody"), "no subject file nobody"),
+        ):
+            with child(graph, "live", "--ros-args", *given) as live:
+                _, errors = live.communicate(timeout=STARTUP_S)
+            assert live.returncode == 2
+            assert said in errors
+            assert "Traceback" not in errors
+
+
+_APT_ONLY = """
+import sys
+for name in ("numba", "mcap", "rosbags", "matplotlib", "jinja2", "aiohttp", "lz4", "zstandard"):
+    sys.modules[name] = None
+from biodyn_ros.live import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_says_how_fast() -> None:
+    with ros_graph() as graph:
+        tester = graph.node()
+        head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
+        environment = os.environ | {"ROS_DOMAIN_ID": str(graph.context.get_domain_id())}
+        live = subprocess.Popen(
+            [sys.executable, "-c", _APT_ONLY, "--ros-args", *reliable(*topics.INPUT.values())],
+            env=environment, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        try:
+            graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
+            with child(graph, "play", str(bag_file("subject_1.mcap")), "--keep-stamps", "--depth", str(BAG_DEPTH)) as player:
+                graph.wait(lambda: player.poll() is not None, "the bag is played", 60.0)
+            expected, _ = offline()
+            frames = expected[topics.PREDICTED["head"]]
+            graph.wait(lambda: len(head) >= len(frames), "every prediction", 60.0)
+        finally:
+            live.send_signal(signal.SIGINT)
+            _, errors = live.communicate(timeout=20)
+    assert "numba is missing: kernels run uncompiled" in errors
+    # Compiled and uncompiled kernels differ in the last bits alone.
+    stamps, linear = decode_accel_stamped(head)
+    np.testing.assert_allclose(linear[:, 2], [frames[s] for s in stamps.tolist()], rtol=1e-9, atol=1e-9)
