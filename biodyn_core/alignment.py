@@ -59,6 +59,10 @@ class Aligner:
         own_s = grid_s + (epoch_ns - self._epoch_ns) * 1e-9
         return out, int(kernels.interpolate(self._time_s, self._run, self._values, own_s, _WEIGHTS, out))
 
+    def reaches(self, time_s: float, epoch_ns: int) -> bool:
+        """Whether any sample lies beyond an instant, so that it may be answered."""
+        return self._time_s.size > 0 and float(self._time_s[-1]) > time_s + (epoch_ns - self._epoch_ns) * 1e-9
+
     def forget(self, before_s: float, epoch_ns: int) -> None:
         """Drop samples that no instant from `before_s` since epoch_ns on can need."""
         self._forget(before_s + (epoch_ns - self._epoch_ns) * 1e-9)

@@ -5,8 +5,7 @@ Instants wait until every sensor has come, or until they are `wait_s` of stamp t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +19,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class MeasuredFrames:
+class MeasuredFrames(NamedTuple):
     """Conditioned vertical acceleration on the seat's grid: stamps_ns (n,), accel_mps2 (n, 6) by sensor, NaN: none.
 
     residual_mps2 (n, 5) is predicted minus measured for the five segments that carry a sensor.
@@ -35,9 +33,8 @@ class MeasuredFrames:
 NO_MEASURED: Final = MeasuredFrames(np.empty(0, dtype=np.int64), np.empty((0, N_SENSORS)), np.empty((0, N_SENSORS - 1)))
 
 
-@dataclass(frozen=True)
-class _Pending:
-    """Instants of the seat that wait for the other sensors."""
+class _Instants(NamedTuple):
+    """Instants of the seat that wait for the other sensors: stamps, time, seat (n,), and all predictions (n, 6)."""
 
     stamps_ns: Integers
     time_s: Floats
@@ -45,14 +42,14 @@ class _Pending:
     predicted_mps2: Floats
 
     @classmethod
-    def join(cls, parts: list[_Pending]) -> _Pending:
-        return (
-            parts[0] if len(parts) == 1 else cls(*(np.concatenate([vars(p)[f] for p in parts]) for f in vars(parts[0])))
-        )
+    def join(cls, parts: list[_Instants]) -> _Instants:
+        """All of them in a row."""
+        stamps, time, seat, predicted = zip(*parts, strict=True)
+        return cls(np.concatenate(stamps), np.concatenate(time), np.concatenate(seat), np.concatenate(predicted))
 
-    def split(self, at: int) -> tuple[_Pending, _Pending]:
-        fields = vars(self).values()
-        return _Pending(*(f[:at] for f in fields)), _Pending(*(f[at:] for f in fields))
+    def after(self, at: int) -> _Instants:
+        """Those from `at` on."""
+        return _Instants(self.stamps_ns[at:], self.time_s[at:], self.seat_mps2[at:], self.predicted_mps2[at:])
 
 
 class Comparison:
@@ -61,7 +58,7 @@ class Comparison:
     def __init__(self, seat_rate_hz: float, wait_s: float, window_s: float) -> None:
         self._wait_s = wait_s
         self._aligners = {name: Aligner(keep_s=2.0 * wait_s) for name in MEASURED_SEGMENTS}
-        self._pending: list[_Pending] = []
+        self._pending: list[_Instants] = []
         self._epoch_ns = 0
         self.residual = ResidualMeter(seat_rate_hz, len(MEASURED_SEGMENTS), window_s)
         self.doses = DoseMeter("Wk", seat_rate_hz, N_SENSORS, window_s)
@@ -69,8 +66,7 @@ class Comparison:
     def seat(self, block: Block, predicted_mps2: Floats) -> None:
         """Add the seat's instants with what the model predicts there, (n, 6)."""
         self._epoch_ns = block.epoch_ns
-        measured_segments = np.ascontiguousarray(predicted_mps2[:, MEASURED_SEGMENT_INDEX])
-        self._pending.append(_Pending(block.stamps_ns, block.time_s, block.low_passed_mps2, measured_segments))
+        self._pending.append(_Instants(block.stamps_ns, block.time_s, block.low_passed_mps2, predicted_mps2))
 
     def sensor(self, name: str, blocks: list[Block]) -> None:
         """Add another sensor's samples."""
@@ -82,25 +78,29 @@ class Comparison:
         waiting = self._pending
         return bool(waiting) and float(waiting[-1].time_s[-1] - waiting[0].time_s[0]) > 1.1 * self._wait_s
 
+    def _first_is_reached(self) -> bool:
+        first_s = float(self._pending[0].time_s[0])
+        return all(aligner.reaches(first_s, self._epoch_ns) for aligner in self._aligners.values())
+
     def release(self, give_up: bool = False) -> MeasuredFrames:
         """Answer what all sensors have reached, or what is overdue; everything where `give_up`."""
-        if not self._pending:
+        if not self._pending or not (give_up or self.overdue or self._first_is_reached()):
             return NO_MEASURED
-        grid = _Pending.join(self._pending)
+        grid = _Instants.join(self._pending)
         answers = [aligner.read(grid.time_s, self._epoch_ns) for aligner in self._aligners.values()]
         overdue = int(np.searchsorted(grid.time_s, grid.time_s[-1] - self._wait_s))
         ready = grid.time_s.size if give_up else max(overdue, min(answered for _, answered in answers))
-        done, rest = grid.split(ready)
-        self._pending = [rest] if rest.time_s.size else []
+        self._pending = [grid.after(ready)] if ready < grid.time_s.size else []
         if ready == 0:
             return NO_MEASURED
         for aligner in self._aligners.values():
             aligner.forget(float(grid.time_s[ready - 1]), self._epoch_ns)
-        accel = np.column_stack([done.seat_mps2, *(values[:ready] for values, _ in answers)])
-        segments = np.ascontiguousarray(accel[:, 1:])
+        accel = np.column_stack([grid.seat_mps2[:ready], *(values[:ready] for values, _ in answers)])
+        measured = np.ascontiguousarray(accel[:, 1:])
+        predicted = np.ascontiguousarray(grid.predicted_mps2[:ready, MEASURED_SEGMENT_INDEX])
         self.doses.push(accel)
-        self.residual.push(done.predicted_mps2, segments)
-        return MeasuredFrames(done.stamps_ns, accel, done.predicted_mps2 - segments)
+        self.residual.push(predicted, measured)
+        return MeasuredFrames(grid.stamps_ns[:ready], accel, predicted - measured)
 
     def reset(self) -> None:
         """Start "since reset" anew."""

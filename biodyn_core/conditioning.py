@@ -5,9 +5,8 @@ Causal, and the same numbers for any cut into blocks. The low-pass's low-frequen
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +53,7 @@ class ConditioningSettings:
         check_settings(self)
 
 
-@dataclass(frozen=True)
-class Block:
+class Block(NamedTuple):
     """Conditioned samples of one sensor, evenly spaced within one run.
 
     stamps_ns (n,) and time_s (n,) are the instants answered, filter delay taken off (time_s since epoch_ns, the
@@ -136,7 +134,7 @@ class Conditioner:
                 return []
             stamps_s, samples_mps2 = kept
             stamps_ns = self.epoch_ns + np.rint(stamps_s * 1e9).astype(np.int64)
-        return list(self._condition(stamps_ns, stamps_s, samples_mps2))
+        return self._condition(stamps_ns, stamps_s, samples_mps2, self.epoch_ns)
 
     @property
     def rate_hz(self) -> float:
@@ -187,7 +185,8 @@ class Conditioner:
         self._filter_state = np.zeros((len(self._sos), 2, 1))
         self._rotation = rotation_to_vertical(np.array(rest.vertical))
         turns = CLOCK_TIME_CONSTANT_S * self.rate_hz
-        self._gains = 2.0 / turns, 1.0 / turns**2
+        limits = self.settings
+        self._constants = (limits.max_gap_s, 2.0 / turns, 1.0 / turns**2, limits.saturation_mps2, rest.gravity_mps2)
         self._clock[:] = rest.last_time_s, rest.period_s, rest.period_s, rest.last_time_s
         self._max_fill = int(self.settings.max_gap_s / (0.98 * rest.period_s)) + 2
         if rest.in_motion:
@@ -195,20 +194,32 @@ class Conditioner:
         if abs(rest.gravity_mps2 / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
             self.warnings.append(f"gravity at rest reads {rest.gravity_mps2:.2f} m/s^2: gain, unit or mounting is off")
 
-    def _condition(self, stamps_ns: Integers, stamps_s: Floats, samples: Floats) -> Iterator[Block]:
+    def _condition(self, stamps_ns: Integers, stamps_s: Floats, samples: Floats, epoch_ns: int) -> list[Block]:
+        blocks: list[Block] = []
         done, n = 0, stamps_s.shape[0]
         while done < n:
             room = n - done + self._max_fill + 2
-            times, raw, source = np.empty(room), np.empty((room, 3)), np.empty(room, dtype=np.int64)
-            before = float(self._clock[kernels.CLOCK_TIME])
-            done, written, breaks = kernels.regularise(
-                stamps_s, samples, done, self._clock, self._last, self._counts, self.settings.max_gap_s, *self._gains,
-                self.settings.saturation_mps2, times, raw, source,
+            stamps, times = np.empty(room, dtype=np.int64), np.empty(room)
+            levelled, low_passed = np.empty((room, 3)), np.empty((room, 1))
+            last_s = self._clock[kernels.CLOCK_TIME]
+            used, written, breaks = kernels.condition(
+                stamps_ns[done:], stamps_s[done:], samples[done:], self._clock, self._last, self._counts,
+                self._rotation, self._sos, self._filter_state, self._constants, epoch_ns, self._delay_ns,
+                stamps, times, levelled, low_passed,
             )  # fmt: skip
+            done += used
             if written:
-                yield self._filter(stamps_ns, times[:written], raw[:written], source[:written])
+                last_s = times[written - 1]
+                shift_s = self._lap * LAP_S - self.delay_s
+                low = low_passed[:written, 0]
+                blocks.append(
+                    Block(stamps[:written], times[:written] + shift_s, levelled[:written], low, self._new_run, epoch_ns)
+                )
+                self._counts[kernels.COUNT_RUNS] += self._new_run
+                self._new_run = False
             if breaks:
-                self._begin_run(float(times[written - 1]) if written else before, float(stamps_s[done]))
+                self._begin_run(float(last_s), float(stamps_s[done]))
+        return blocks
 
     def _begin_run(self, ended_s: float, begins_s: float) -> None:
         """Nothing integrates across a break: filters start anew, and time that jumped back goes on in the next lap."""
@@ -218,27 +229,6 @@ class Conditioner:
             self.gap_s += begins_s - ended_s
         else:
             self._lap += 1
-
-    def _filter(self, stamps_ns: Integers, times: Floats, raw: Floats, source: Integers) -> Block:
-        assert self.rest is not None and self.epoch_ns is not None
-        levelled = np.empty_like(raw)
-        kernels.level(raw, self._rotation, self.rest.gravity_mps2, levelled)
-        low_passed = np.empty((levelled.shape[0], 1))
-        kernels.filter_sections(self._sos, self._filter_state, np.ascontiguousarray(levelled[:, 2:]), low_passed)
-        begins_run, self._new_run = self._new_run, False
-        self._counts[kernels.COUNT_RUNS] += begins_run
-        stamps = stamps_ns[source]
-        if self._counts[kernels.COUNT_FILLED]:
-            filled = source < 0
-            stamps[filled] = self.epoch_ns + np.rint(times[filled] * 1e9).astype(np.int64)
-        return Block(
-            stamps_ns=stamps - self._delay_ns,
-            time_s=times + (self._lap * LAP_S - self.delay_s),
-            levelled_mps2=levelled,
-            low_passed_mps2=low_passed[:, 0],
-            begins_run=begins_run,
-            epoch_ns=self.epoch_ns,
-        )
 
 
 class _RestWindow:
@@ -264,19 +254,19 @@ class _RestWindow:
             end = begin + int(past[0])
             rest = self._judge(begin, end)
             if rest is not None:
-                return rest, self._stamps_s[end:], self._samples[end:], self._samples[end - 1]
+                return rest, self._stamps_s[end:], self._samples[end:], self._usable(0, end)[-1]
             self._start = end
 
     def _judge(self, begin: int, end: int) -> Rest | None:
         """The window [begin, end) if it is at rest; once patience has run out, everything so far."""
-        window = self._finite(begin, end)
+        window = self._usable(begin, end)
         moving = len(window) < 2 or float(np.sqrt(((window - window.mean(axis=0)) ** 2).sum(axis=1).mean())) > (
             self._settings.rest_rms_mps2
         )
         if moving and self._stamps_s[end] - self._stamps_s[0] < self._settings.rest_patience_s:
             return None
         if moving:
-            begin, window = 0, self._finite(0, end)
+            begin, window = 0, self._usable(0, end)
         if len(window) < 2:
             raise InputError("no finite sample arrived: check the sensor")
         period, last = fit_clock(self._stamps_s[begin:end])
@@ -291,10 +281,11 @@ class _RestWindow:
         x, y, z = (mean / norm).tolist()
         return Rest(period, last, norm, (x, y, z), moving)
 
-    def _finite(self, begin: int, end: int) -> Floats:
+    def _usable(self, begin: int, end: int) -> Floats:
         part = self._samples[begin:end]
-        finite: Floats = part[np.isfinite(part).all(axis=1)]
-        return finite
+        # As the kernel does later; squares of what it would reject may overflow, and one such sample spoils a mean.
+        usable: Floats = part[(np.abs(part) < kernels.IMPLAUSIBLE * self._settings.saturation_mps2).all(axis=1)]
+        return usable
 
 
 def fit_clock(stamps_s: Floats) -> tuple[float, float]:

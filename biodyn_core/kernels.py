@@ -293,6 +293,44 @@ def filter_sections(sos: Floats, state: Floats, x: Floats, y: Floats) -> None:
 
 
 @compiled
+def condition(
+    stamps_ns: Integers,
+    stamps_s: Floats,
+    samples: Floats,
+    clock: Floats,
+    last: Floats,
+    counts: Integers,
+    rotation: Floats,
+    sos: Floats,
+    state: Floats,
+    constants: tuple[float, float, float, float, float],
+    epoch_ns: int,
+    delay_ns: int,
+    out_stamps_ns: Integers,
+    times: Floats,
+    levelled: Floats,
+    low_passed: Floats,
+) -> tuple[int, int, bool]:
+    """One sensor's whole path in one call: `regularise`, `level`, `filter_sections` on the vertical, stamps less delay.
+
+    constants = (max_gap_s, gain_time, gain_period, saturation, gravity). Arrays and answer as in `regularise`, from the
+    first sample; out_stamps_ns, times (m,), levelled (m, 3), low_passed (m, 1).
+    """
+    max_gap_s, gain_time, gain_period, saturation, gravity = constants
+    raw = np.empty(levelled.shape)
+    source = np.empty(times.shape, dtype=np.int64)
+    done, written, breaks = regularise(
+        stamps_s, samples, 0, clock, last, counts, max_gap_s, gain_time, gain_period, saturation, times, raw, source
+    )
+    level(raw[:written], rotation, gravity, levelled)
+    filter_sections(sos, state, levelled[:written, 2:], low_passed)
+    for n in range(written):
+        own = epoch_ns + np.int64(np.rint(times[n] * 1e9))
+        out_stamps_ns[n] = (stamps_ns[source[n]] if source[n] >= 0 else own) - delay_ns
+    return done, written, breaks
+
+
+@compiled
 def interpolate(
     times: Floats, runs: Integers, values: Floats, grid: Floats, weights: Floats, out: Floats
 ) -> int:  # fmt: skip

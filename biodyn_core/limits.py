@@ -6,6 +6,7 @@ Colours, times and projections use the seat alone, never a prediction.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -44,14 +45,14 @@ def load_limits(path: str | Path) -> Limits:
     """Read a limits file (the keys of `Limits`); raises InputError naming file and key."""
     try:
         data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
     names = tuple(Limits.__dataclass_fields__)
     if not isinstance(data, dict) or set(data) != set(names):
         raise InputError(f"{path}: exactly the keys {', '.join(names)} are needed")
     for name in names[1:]:
         value = data[name]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
             raise InputError(f"{path}: {name} is {value!r}, expected a positive number")
     return Limits(str(data["source"]), *(float(data[name]) for name in names[1:]))
 

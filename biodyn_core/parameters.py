@@ -100,7 +100,7 @@ class Parameters:
         return isinstance(other, Parameters) and np.array_equal(self.vector(), other.vector())
 
     def __hash__(self) -> int:
-        return hash(self.vector().tobytes())
+        return hash((self.vector() + 0.0).tobytes())  # -0.0 and 0.0 are equal
 
     def vector(self) -> Floats:
         """Return theta, shape (15,), in the order of `PARAMETERS` (Eq. 28)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,7 @@ class PipelineSettings:
         check_settings(self)
 
 
-@dataclass(frozen=True)
-class PredictedFrames:
+class PredictedFrames(NamedTuple):
     """Predictions: stamps_ns (n,) of the instants answered, accel_mps2 (n, 6) absolute, gravity-free, up."""
 
     stamps_ns: Integers
@@ -57,8 +56,7 @@ class PredictedFrames:
 NO_PREDICTED: Final = PredictedFrames(np.empty(0, dtype=np.int64), np.empty((0, N_SEGMENTS)))
 
 
-@dataclass(frozen=True)
-class Frames:
+class Frames(NamedTuple):
     """What one push brought forth; either part may be empty."""
 
     predicted: PredictedFrames
@@ -299,7 +297,7 @@ class _SeatSide:
         if block.begins_run:
             self.stepper.reset()
         accel = self.stepper.push(block.low_passed_mps2)
-        if not math.isfinite(accel[-1].sum()):
+        if not math.isfinite(accel[-1, 0] + accel[-1, -1]):
             # Never a wrong number as a good one: nothing is predicted for this block, and the chain starts from rest.
             self.stepper.reset()
             self.divergences += 1

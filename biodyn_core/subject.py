@@ -5,7 +5,7 @@ The file format is schema 1: unknown keys, wrong lengths and values out of range
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -109,10 +109,10 @@ def load_subject(path: str | Path) -> Subject:
         return Subject.from_dict(yaml.load(text, _UniqueKeyLoader))  # noqa: S506 - a SafeLoader with one check more
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give a subject file") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: not a YAML file ({_one_line(error)})") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # PyYAML lets ValueErrors of a bad date or int out
+        raise InputError(f"{path}: not a YAML file ({_one_line(error)})") from error
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):
@@ -165,7 +165,7 @@ def _text(value: object, where: str) -> str:
 def _number(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise InputError(f"{where} is {value!r}, expected a number")
-    if not math.isfinite(value):
+    if not abs(value) <= sys.float_info.max:  # math.isfinite raises for a whole number beyond it
         raise InputError(f"{where} is {value}, expected a finite number")
     return float(value)
 

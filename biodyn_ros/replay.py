@@ -132,7 +132,9 @@ def replay_to_directory(
             traces = Traces()
             listeners.append(traces.add)
         if predicted:
-            writer = open_files.enter_context(BagWriter(directory / "predicted.mcap", compression="lz4", overwrite=True))
+            writer = open_files.enter_context(
+                BagWriter(directory / "predicted.mcap", compression="lz4", overwrite=True)
+            )
             writer.add_metadata("biodyn", {"subject": subject.name, "bag": str(bag), "version": __version__})
             listeners.append(PredictedBag(writer).add)
 

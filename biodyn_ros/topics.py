@@ -1,9 +1,11 @@
-"""The names of the topics, once: relative, so that namespaces and remapping work (REP-145 for the inputs)."""
+"""The topics, once: relative names, for namespaces and remapping (REP-145 inputs), and what the scalars carry."""
 
 from __future__ import annotations
 
 from typing import Final
 
+from biodyn_core.limits import SeatExposure
+from biodyn_core.pipeline import Exposure
 from biodyn_core.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 
 INPUT: Final = {sensor: f"imu/{sensor}/data" for sensor in SENSORS}
@@ -16,7 +18,53 @@ RESET: Final = "~/reset"
 MARK: Final = "~/mark"
 DIAGNOSTICS: Final = "/diagnostics"
 
+_SPAN: Final = (
+    "dri",
+    "head/hic15",
+    *(f"{sensor}/{figure}" for sensor in SENSORS for figure in ("vdv", "aw")),
+    *(f"predicted/{segment}/{figure}" for segment in SEGMENTS for figure in ("vdv", "aw")),
+)
+_SEAT: Final = ("a8", "time_to_action_value", "time_to_limit_value")
+SCALARS: Final = (
+    *RESIDUAL.values(),
+    *(f"{root}/{name}" for root in (EXPOSURE, ROLLING) for name in _SPAN),
+    *(f"{EXPOSURE}/seat/{name}" for name in _SEAT),
+)
+"""Every std_msgs/Float64 topic of the live node."""
+
 
 def absolute(topic: str, node: str = "biodyn") -> str:
-    """The topic as a bag of the node's output names it."""
+    """The topic as others see it when the node runs under its own name."""
     return topic.replace("~", f"/{node}", 1)
+
+
+def exposure_values(exposure: Exposure, root: str) -> dict[str, float]:
+    """What the topics of one span carry; a figure not counted yet is absent."""
+    values = {}
+    for sensor, dose in exposure.sensors.items():
+        values[f"{root}/{sensor}/vdv"], values[f"{root}/{sensor}/aw"] = dose.vdv_mps175, dose.aw_mps2
+    for segment, dose in exposure.predicted.items():
+        values[f"{root}/predicted/{segment}/vdv"] = dose.vdv_mps175
+        values[f"{root}/predicted/{segment}/aw"] = dose.aw_mps2
+    if exposure.dri:
+        values[f"{root}/dri"] = exposure.dri.compression
+    if exposure.hic15:
+        values[f"{root}/head/hic15"] = exposure.hic15.resultant
+    return values
+
+
+def residual_values(exposure: Exposure) -> dict[str, float]:
+    """The residual's rms by topic, m/s^2."""
+    return {RESIDUAL[segment]: rms for segment, (rms, _) in exposure.residual.items()}
+
+
+def seat_values(seat: SeatExposure | None) -> dict[str, float]:
+    """The seat against its limits; a time that cannot be given honestly is absent."""
+    if seat is None:
+        return {}
+    values = {
+        "a8": seat.a8_so_far_mps2,
+        "time_to_action_value": seat.time_to_action_value_s,
+        "time_to_limit_value": seat.time_to_limit_value_s,
+    }
+    return {f"{EXPOSURE}/seat/{name}": value for name, value in values.items() if value is not None}

@@ -10,14 +10,14 @@ from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.subject import Subject
 
-_RATE_HZ = 1000.0
+_RATE_HZ = 1129.3  # the native rate, so that its weightings are designed by then
 _SECONDS = 1.2
 
 
 def warm_up(subject: Subject) -> float:
     """Run the whole pipeline over a second of rest and return the sampling rate per sensor it keeps up with, Hz."""
     pipeline = Pipeline(subject)
-    stamps_ns = np.arange(round(_SECONDS * _RATE_HZ), dtype=np.int64) * round(1e9 / _RATE_HZ)
+    stamps_ns = np.rint(np.arange(round(_SECONDS * _RATE_HZ)) * (1e9 / _RATE_HZ)).astype(np.int64)
     samples = np.zeros((stamps_ns.size, 3))
     samples[:, 2] = STANDARD_GRAVITY_MPS2
     rest = round(0.9 * stamps_ns.size)
