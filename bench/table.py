@@ -37,7 +37,7 @@ def render(rows: Iterable[Row]) -> str:
 def _cells(row: Row) -> tuple[str, ...]:
     baseline = ratio = "-"
     if row.baseline is not None:
-        baseline, ratio = _number(row.baseline), f"{row.ours / row.baseline:.2f}"
+        baseline, ratio = _number(row.baseline), _ratio(row.ours, row.baseline)
     met = {True: "yes", False: "NO", None: "-"}[row.met]
     return row.what, _number(row.ours), row.unit, baseline, row.baseline_name, ratio, row.mark, met
 
@@ -45,3 +45,11 @@ def _cells(row: Row) -> tuple[str, ...]:
 def _number(value: float) -> str:
     """Three digits at least, thousands set off."""
     return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def _ratio(ours: float, baseline: float) -> str:
+    """Two decimals where they say something, otherwise two digits."""
+    if baseline == 0.0:
+        return "-"
+    ratio = ours / baseline
+    return f"{ratio:.2f}" if ratio == 0.0 or abs(ratio) >= 0.1 else f"{ratio:.2g}"

@@ -30,8 +30,8 @@ GRAVITY_TOLERANCE: Final = 0.05
 LAP_S: Final = 1e6
 """Added to a sensor's own seconds whenever its stamps jump back, so that time inside never does."""
 
-_REST_LIMIT: Final = 60_000
-"""Samples after which stamps that do not move on are called standing still."""
+_STANDING_SAMPLES: Final = 1_000
+"""So many samples without a later stamp mean that stamps stand still."""
 
 
 @dataclass(frozen=True)
@@ -248,8 +248,9 @@ class _RestWindow:
             begin = self._start
             past = np.flatnonzero(self._stamps_s[begin:] - self._stamps_s[begin] >= self._settings.rest_s)
             if past.size == 0:
-                if self._stamps_s.size - begin > _REST_LIMIT:
-                    raise InputError("stamps stand still or jump back: use log time, or mend the driver's stamps")
+                first = self._stamps_s[begin : begin + _STANDING_SAMPLES]
+                if first.size == _STANDING_SAMPLES and first.max() == first[0]:
+                    raise InputError("stamps stand still: use log time (--time log), or mend the driver's stamps")
                 return None
             end = begin + int(past[0])
             rest = self._judge(begin, end)

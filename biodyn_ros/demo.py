@@ -21,12 +21,12 @@ from biodyn_ros import topics
 from biodyn_ros.live import NODE_NAME
 from biodyn_ros.replay import replay_to_directory
 from biodyn_ros.resources import bag_file, subject_file
+from biodyn_ros.simulate import MADE_BY_MODEL
 from biodyn_ros.summary import summary
 
 BAG: Final = "subject_1.mcap"
 START_WITHIN_S: Final = 60.0
 QUIET_S: Final = 3.0
-NOTE: Final = "This recording was made by the model itself, so its small residual proves nothing about the model."
 
 _SHOWN: Final = {
     f"{topics.EXPOSURE}/dri": "DRI",
@@ -72,7 +72,7 @@ def demo(out: Path, subject_name: str) -> int:
     """Run the main job and leave report, exposure and predicted bag under `out`."""
     bag, subject_path = bag_file(BAG), subject_file(subject_name)
     subject = load_subject(subject_path)
-    print(f"playing {bag.name} onto six topics; the live node answers for {subject.name}\n{NOTE}\n")
+    print(f"playing {bag.name} onto six topics; the live node answers for {subject.name}\n{MADE_BY_MODEL}\n")
     rclpy.init()
     live = _child("live", "--ros-args", "-p", f"subject_file:={subject_path}", "--log-level", "warn")
     player = None
@@ -91,7 +91,7 @@ def demo(out: Path, subject_name: str) -> int:
     replayed = replay_to_directory(bag, subject, out)
     print(summary(replayed.document))
     offline = replayed.document["sensors"][SEAT]["vdv_mps175"]
-    print(f"\nseat VDV live {last:.9f}, offline {offline:.9f} m/s^1.75\n{NOTE}")
+    print(f"\nseat VDV live {last:.9f}, offline {offline:.9f} m/s^1.75")
     print(f"report: {out / 'report.html'}   predicted bag: {out / 'predicted.mcap'}   figures: {out / 'exposure.json'}")
     return 0
 

@@ -1,12 +1,14 @@
 """The live node: parameters to settings, messages to arrays, answers to messages; no mathematics.
 
-One lifecycle node named `biodyn`. The seat's callback carries the model at once; the other sensors are drained twenty
-times a second, because only the comparison needs them. Exposure runs on data time, watchdogs on a steady clock.
+One lifecycle node named `biodyn`. The seat's callback carries the model at once; the other sensors are drained in turn,
+twenty times a second each, because only the comparison needs them. Exposure runs on data time, watchdogs on a steady
+clock.
 """
 
 from __future__ import annotations
 
 import gc
+import itertools
 import math
 import sys
 from collections.abc import Callable
@@ -44,7 +46,10 @@ from biodyn_ros.resources import subject_file
 from biodyn_ros.warmup import warm_up
 
 NODE_NAME: Final = "biodyn"
-DRAIN_RATE_HZ: Final = 20.0
+DRAIN_RATE_HZ: Final = 100.0
+"""One of the five waiting sensors is drained at each tick, so that no drain holds up the seat for long."""
+
+REFRESH_RATE_HZ: Final = 20.0
 DIAGNOSTICS_RATE_HZ: Final = 1.0
 OUTPUT_DEPTH: Final = 2000
 
@@ -130,11 +135,13 @@ class BiodynNode(LifecycleNode):
 
     def _activate(self) -> None:
         self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS if sensor != SEAT}
+        self._turn = itertools.cycle(self._inbox)
         self._subscriptions_made = [self._subscribe(sensor) for sensor in SENSORS]
         self._timers_made = [
             self.create_timer(1.0 / rate_hz, self._guarded(callback), clock=self._steady)
             for rate_hz, callback in (
                 (DRAIN_RATE_HZ, self._drain),
+                (REFRESH_RATE_HZ, self._refresh_wanted),
                 (self.settings.exposure_rate_hz, self._publish_exposure),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
             )
@@ -199,13 +206,13 @@ class BiodynNode(LifecycleNode):
         self._seat_stamp_ns = stamp_ns
 
     def _drain(self) -> None:
-        """Hand the other sensors' messages to the pipeline, and see who listens."""
-        self._refresh_wanted()
-        for sensor, messages in self._inbox.items():
-            if messages:
-                taken = messages.copy()
-                messages.clear()
-                self._guarded(partial(self._take, sensor), sensor)(taken)
+        """Hand the next sensor's messages to the pipeline."""
+        sensor = next(self._turn)
+        messages = self._inbox[sensor]
+        if messages:
+            taken = messages.copy()
+            messages.clear()
+            self._guarded(partial(self._take, sensor), sensor)(taken)
 
     def _take(self, sensor: str, messages: list[bytes]) -> None:
         self._health[sensor].arrived(len(messages))

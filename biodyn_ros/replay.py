@@ -22,6 +22,7 @@ from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
 from biodyn_ros.mapping import sensors_of
+from biodyn_ros.simulate import MADE_BY, MADE_BY_MODEL
 
 
 @dataclass(frozen=True)
@@ -69,11 +70,15 @@ def replay(
             progress(done, total)
         each(pipeline.finish())
         warnings = [str(line) for line in reader.warnings]
+        made_by_model = reader.metadata("biodyn").get("made_by") == MADE_BY
     _check_seat(pipeline, str(bag))
     warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.values()]
     warnings += [line for line in sensor_warnings(pipeline) if line.split(":")[0] in (*sensors.values(), "the model")]
     seconds = 1e-9 * (max(last_ns) - min(first_ns)) if first_ns else 0.0
-    return Replayed(exposure_document(pipeline, str(bag), seconds, warnings), pipeline)
+    document = exposure_document(pipeline, str(bag), seconds, warnings)
+    if made_by_model:
+        document["bag_made_by_model"] = MADE_BY_MODEL
+    return Replayed(document, pipeline)
 
 
 def _check_seat(pipeline: Pipeline, bag: str) -> None:
@@ -127,8 +132,9 @@ def replay_to_directory(
     listeners: list[Callable[[Frames], None]] = []
     with contextlib.ExitStack() as open_files:
         if report:
-            from biodyn_ros.report import Traces, write_replay_report  # drawing is an extra of its own
+            from biodyn_ros.report import Traces, check_reports, write_replay_report  # an extra of its own
 
+            check_reports()
             traces = Traces()
             listeners.append(traces.add)
         if predicted:

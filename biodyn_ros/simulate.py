@@ -16,6 +16,11 @@ from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.topics import INPUT
 
+MADE_BY: Final = "biodyn simulate"
+MADE_BY_MODEL: Final = (
+    "This recording was made by the model itself, so its small residual proves nothing about how well the model "
+    "describes a person."
+)
 START_NS: Final = 1_767_225_600 * 10**9
 """2026-01-01, so that the same seed gives the same bag."""
 
@@ -32,7 +37,7 @@ class Simulated:
 
 def motion_of_cases(cases: list[str], seconds: float, seed: int) -> SeatMotion:
     """Draw load cases of `seconds` each, one after the other."""
-    rng = np.random.default_rng([seed, 0])
+    rng = _generator(seed, 0)
     return joined([load_case(case, seconds, rng) for case in cases])
 
 
@@ -40,17 +45,22 @@ def simulate_bag(
     path: Path, subject: Subject, motion: SeatMotion, seed: int, sensors: SensorSettings, compression: str = "zstd"
 ) -> Simulated:
     """Write the bag; it says in its metadata that the model made it. Raises InputError where the path cannot be."""
-    if seed < 0:
-        raise InputError(f"seed is {seed}, expected a whole number from 0")
-    streams = imu_streams(subject, motion, np.random.default_rng([seed, 1]), sensors, START_NS)
+    streams = imu_streams(subject, motion, _generator(seed, 1), sensors, START_NS)
     with BagWriter(path, compression=compression) as writer:
         for stream in streams:
             writer.add_topic(INPUT[stream.sensor], IMU_TYPE)
             payload = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, f"imu_{stream.sensor}")
             writer.write(INPUT[stream.sensor], stream.stamps_ns, payload)
         writer.add_metadata(
-            "biodyn", {"made_by": "biodyn simulate", "subject": subject.name, "seed": str(seed), "version": __version__}
+            "biodyn", {"made_by": MADE_BY, "subject": subject.name, "seed": str(seed), "version": __version__}
         )
     first = min(int(stream.stamps_ns[0]) for stream in streams)
     last = max(int(stream.stamps_ns[-1]) for stream in streams)
     return Simulated(str(path), sum(len(stream.stamps_ns) for stream in streams), 1e-9 * (last - first), seed)
+
+
+def _generator(seed: int, stream: int) -> np.random.Generator:
+    """Independent streams of one seed: the sensors' errors do not depend on how the motion was drawn."""
+    if seed < 0:
+        raise InputError(f"seed is {seed}, expected a whole number from 0")
+    return np.random.default_rng([seed, stream])

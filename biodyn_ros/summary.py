@@ -20,16 +20,16 @@ def summary(document: dict[str, Any]) -> str:
     names = dict.fromkeys([*document["sensors"], *document["predicted"]])
     lines += [_row(name, document) for name in names]
     lines += ["", "aw and VDV: Wk, vertical, before the low-pass. Predictions are a model's: not validated."]
-    lines += [f"note: {text}" for text in document["warnings"]]
+    lines += [f"note: {text}" for text in (*document["warnings"], document.get("bag_made_by_model")) if text]
     return "\n".join(lines)
 
 
 def _row(name: str, document: dict[str, Any]) -> str:
     measured, predicted = document["sensors"].get(name), document["predicted"].get(name)
     residual = document["residual"].get(name)
-    mark = ">=" if measured and measured["lower_bound"] else "  "
+    mark = ">=" if measured and measured["lower_bound"] else ""  # a dose is a bound; a mean is none
     cells = [
-        f"{mark}{measured['aw_mps2']:7.3f}{measured['vdv_mps175']:11.3f}" if measured else f"{'-':>9s}{'-':>11s}",
+        f"{measured['aw_mps2']:9.3f}{mark:>3s}{measured['vdv_mps175']:8.3f}" if measured else f"{'-':>9s}{'-':>11s}",
         f"{predicted['aw_mps2']:12.3f}{predicted['vdv_mps175']:11.3f}" if predicted else f"{'-':>12s}{'-':>11s}",
         f"{residual['rms_mps2']:15.3f}" if residual else f"{'-':>15s}",
         f"{residual['nrmse_rms_percent']:9.2f}"

@@ -36,7 +36,7 @@ def ride(seconds: float, rate_hz: float = RATE_HZ, frequency_hz: float = 5.0, si
 
 def raw(accel: np.ndarray, mounting: np.ndarray | None = None) -> np.ndarray:
     """What a sensor mounted so reports: specific force, (n, 3)."""
-    force = accel + [0.0, 0.0, naive.GRAVITY]
+    force = accel + np.array([0.0, 0.0, naive.GRAVITY])
     return force if mounting is None else force @ mounting.T
 
 
@@ -138,7 +138,6 @@ FAULTS = [
     (stamps(60_000, 30_000.0), np.tile(STILL[0], (60_000, 1)), "a rate of 3e+04 Hz does not fit"),
     (np.full(61_000, START_NS), np.tile(STILL[0], (61_000, 1)), "stamps stand still or jump back"),
     (stamps(20_000), STILL * np.nan, "no finite sample arrived"),
-    (np.repeat(stamps(30), 2)[:40] + np.arange(40) // 39 * 10**9, STILL[:40], "does not fit"),
 ]
 
 
@@ -150,8 +149,6 @@ def test_a_hopeless_sensor_is_told_in_one_line_and_answers_nothing(stamps_ns, sa
     assert found.blocks == []
     assert found.status.fault.startswith("seat: ") and told in found.status.fault
     assert "\n" not in found.status.fault
-    later = Conditioned.__new__(Conditioned)
-    later.conditioner = found.conditioner
     assert found.conditioner.push(stamps(5000), STILL[:5000]) == []  # a fault stays, it does not flicker
 
 
@@ -233,18 +230,16 @@ def test_even_stamps_come_back_less_the_delay():
 @pytest.mark.parametrize("ppm", [-200.0, 0.0, 50.0])
 def test_rate_and_time_are_recovered_from_jittering_stamps(rate_hz, ppm):
     own_hz, count = rate_hz * (1.0 + ppm * 1e-6), round(20.0 * rate_hz)
-    jitter_ns = np.random.default_rng(3).normal(0.0, 0.1e6, count)
+    jitter_ns = np.random.default_rng(3).normal(0.0, 0.06e9 / rate_hz, count)  # 6 % of a period: 0.05 ms
     true_ns = np.arange(count) * 1e9 / own_hz
     jittered = START_NS + np.maximum.accumulate(np.rint(true_ns + jitter_ns)).astype(np.int64)
     found = Conditioned(jittered, np.tile(STILL[0], (count, 1)))
     assert found.status.rate_hz == pytest.approx(own_hz, rel=20e-6)
     truth_s = true_ns[-len(found.time_s) :] * 1e-9 - found.status.filter_delay_s
-    # A second of 0.1 ms white jitter averages to 0.1 / sqrt(500 / 2) = 0.006 ms; the first stamp's own stays.
-    offset_s = (jittered[0] - START_NS) * 1e-9
-    assert np.abs(found.time_s + offset_s - truth_s).max() < 0.05e-3
-    assert found.status.filled == 0 and found.status.runs == 1
-    # Equal stamps, where jitter made some, are late ones.
-    assert found.status.accepted + found.status.late == len(truth_s) + found.status.late
+    offset_s = (jittered[0] - START_NS) * 1e-9  # inside, time counts from the first stamp
+    # Averaged over a second, white jitter of 0.12 ms at most leaves 0.12 / sqrt(500 / 2) = 0.008 ms.
+    assert np.abs(found.time_s + offset_s - truth_s).max() < 0.04e-3
+    assert (found.status.filled, found.status.late, found.status.runs) == (0, 0, 1)
 
 
 def test_a_clock_whose_rate_changes_is_followed():
@@ -476,6 +471,24 @@ def known(reason: str) -> Any:
 def test_a_sensor_of_the_lowest_rate_is_accepted_though_its_clock_drifts(ppm):
     found = Conditioned(stamps(1000, 250.0 * (1.0 + ppm * 1e-6)), STILL[:1000])
     assert found.status.fault is None
+
+
+@known("jitter above 0.15 of a period is taken for lost samples: 1195 Hz are found, 1259 samples invented in 20 s")
+def test_a_fifth_of_a_millisecond_of_jitter_invents_no_samples():
+    count = round(20.0 * RATE_HZ)
+    jitter_ns = np.random.default_rng(3).normal(0.0, 0.2e6, count)
+    jittered = np.maximum.accumulate(stamps(count) + np.rint(jitter_ns).astype(np.int64))
+    status = Conditioned(jittered, np.tile(STILL[0], (count, 1))).status
+    assert status.rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+    assert status.filled <= 0.005 * count
+
+
+@known("a handful of samples before a pause pass for a second at rest, and the rate is frozen from them")
+def test_three_samples_before_a_pause_are_no_rest():
+    rng = np.random.default_rng(5)
+    stamps_ns = stamps(3000) + np.rint(rng.normal(0.0, 3e4, 3000)).astype(np.int64)
+    stamps_ns[3:] += 2 * 10**9
+    assert Conditioned(stamps_ns, STILL[:3000]).conditioner.rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
 
 
 @known("a first stamp of zero ends the search for rest with 'no finite sample arrived'")

@@ -40,9 +40,11 @@ class Diagnostics:
         self._got = graph.collect(node, DiagnosticArray, topics.DIAGNOSTICS)
 
     def status(self, name: str) -> Any:
+        """The status of the node's part of that name, None before the first."""
         return next((s for s in self._got[-1].status if s.name == f"biodyn: {name}"), None) if self._got else None
 
     def says(self, name: str, level: bytes, text: str) -> bool:
+        """Whether the status has this level and text."""
         status = self.status(name)
         return status is not None and status.level == level and text in status.message
 
@@ -122,7 +124,7 @@ def test_samples_are_sent_only_where_somebody_listens(graph: Graph) -> None:
     tester = graph.node()
     measured = graph.collect(tester, AccelStamped, topics.absolute(topics.MEASURED["head"]), raw=True)
     pelvis = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["pelvis"]), raw=True)
-    node = graph.active(publish_measured=True)
+    node = graph.active(publish_measured=True, wait_s=10.0)  # what is sent here comes faster than life
     sensors = Sensors(graph, SENSORS)
     graph.wait(sensors.matched, "six inputs matched")
     assert [len(wanted) for wanted in node._wanted.values()] == [1, 1]

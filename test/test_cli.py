@@ -1,0 +1,380 @@
+"""The command line: results where they belong, bad input in one clear line, exit code 2, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from streams import noisy_streams, subject
+
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
+from biodyn_core.synthesis import imu_streams
+from biodyn_ros import topics
+from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
+from biodyn_ros.cdr import IMU_TYPE, decode_accel_stamped, encode_imu
+from biodyn_ros.cli import main
+from biodyn_ros.exposure_json import exposure_document
+from biodyn_ros.resources import bag_file, subject_file
+from biodyn_ros.simulate import START_NS, motion_of_cases
+
+BAG = str(bag_file("subject_1.mcap"))
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Run a command in-process: (exit code, stdout, stderr)."""
+    try:
+        code = main([str(argument) for argument in arguments])
+    except SystemExit as error:  # argparse
+        code = int(error.code or 0)
+    out = capsys.readouterr()
+    return code, out.out, out.err
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """Run a command that must fail with one clear line and exit code 2; return the line."""
+    code, out, errors = run(capsys, *arguments)
+    assert code == 2, errors
+    assert out == ""
+    assert "Traceback" not in errors
+    assert len(errors.strip().splitlines()) == 1, errors
+    return errors.strip()
+
+
+def write_bag(path: Path, sensors: tuple[str, ...] = SENSORS, change: Any = None, namespace: str = "") -> Path:
+    """A small bag of the noisy streams; `change` may alter a sensor's (stamps, acceleration)."""
+    with BagWriter(path) as writer:
+        for stream in noisy_streams():
+            if stream.sensor in sensors:
+                stamps, accel = stream.stamps_ns, stream.accel_mps2
+                if change:
+                    stamps, accel = change(stream.sensor, stamps.copy(), accel.copy())
+                topic = namespace + topics.INPUT[stream.sensor]
+                writer.add_topic(topic, IMU_TYPE)
+                writer.write(topic, stamps, encode_imu(stamps, accel, np.zeros_like(accel), "imu"))
+    return path
+
+
+def test_replay_writes_bag_figures_and_report(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, out, _ = run(capsys, "replay", BAG, "--subject", "subject_1", "-o", tmp_path / "out")
+    assert code == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["exposure.json", "predicted.mcap", "report.html"]
+    document = json.loads((tmp_path / "out" / "exposure.json").read_text(encoding="utf-8"))
+    assert set(document["sensors"]) == set(SENSORS)
+    assert set(document["predicted"]) == set(SEGMENTS)
+    assert set(document["residual"]) == set(MEASURED_SEGMENTS)
+    assert {p["status"] for p in document["predicted"].values()} == {"not_validated"}
+    assert "made by the model itself" in document["bag_made_by_model"]
+    assert "made by the model itself" in out
+    with open_bag(tmp_path / "out" / "predicted.mcap") as reader:
+        names = {topic.name for topic in reader.topics}
+        assert names == {topics.absolute(t) for t in (*topics.PREDICTED.values(), *topics.MEASURED.values())}
+        (head,) = [b.messages() for b in reader.blocks(["/biodyn/predicted/head/accel"])][:1]
+    assert np.abs(decode_accel_stamped(head)[1][:, 2]).max() < 100.0
+
+
+def test_json_is_the_same_document_and_nothing_else_is_on_stdout(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    arguments = ("replay", BAG, "--subject", "subject_1", "-o", tmp_path, "--no-predicted", "--no-report", "--json")
+    code, out, _ = run(capsys, *arguments)
+    assert code == 0
+    assert json.loads(out) == json.loads((tmp_path / "exposure.json").read_text(encoding="utf-8"))
+    assert [p.name for p in tmp_path.iterdir()] == ["exposure.json"]
+
+
+def test_replay_again_replaces_its_own_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag.mcap")
+    for _ in range(2):
+        code, _, errors = run(capsys, "replay", bag, "--subject", "subject_2", "-o", tmp_path / "out")
+        assert code == 0, errors
+
+
+def test_a_remapped_namespace_and_a_mapped_topic_are_found(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag.mcap", namespace="/car/left/")
+    arguments = ("--subject", "subject_1", "-o", tmp_path / "out", "--no-report", "--no-predicted", "--json")
+    code, out, _ = run(capsys, "replay", bag, *arguments)
+    assert code == 0
+    named = json.loads(out)
+    code, out, _ = run(capsys, "replay", bag, *arguments, "--map", "head=/car/left/imu/neck/data")
+    assert code == 0
+    swapped = json.loads(out)
+    assert swapped["sensors"]["head"]["vdv_mps175"] == named["sensors"]["neck"]["vdv_mps175"]
+    assert "neck" not in swapped["sensors"]
+    assert any("neck: not in the bag" in line for line in swapped["warnings"])
+
+
+def test_simulate_is_reproducible_and_looks_like_imus(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        arguments = ("--subject", "subject_2", "--case", "rail", "--seconds", 3, "--seed", seed)
+        code, _, errors = run(capsys, "simulate", *arguments, "-o", tmp_path / f"{name}.mcap")
+        assert code == 0, errors
+    blocks = {name: gathered(tmp_path / f"{name}.mcap") for name in "abc"}
+    for topic in topics.INPUT.values():
+        np.testing.assert_array_equal(blocks["a"][topic], blocks["b"][topic])
+        assert not np.array_equal(blocks["a"][topic], blocks["c"][topic])
+        still = blocks["a"][topic][:1000]
+        assert np.linalg.norm(still.mean(axis=0)) == pytest.approx(9.807, abs=0.3)
+        assert 0.02 < still.std(axis=0).max() < 0.1
+        assert np.abs(blocks["a"][topic]).max() < 16 * 9.81
+    peak = np.abs(np.linalg.norm(blocks["a"]["imu/seat/data"], axis=1) - 9.81).max() / 9.81
+    assert 2.0 < peak < 9.0
+
+
+def gathered(path: Path) -> dict[str, np.ndarray]:
+    """All accelerations by topic."""
+    parts: dict[str, list[np.ndarray]] = {}
+    with open_bag(path) as reader:
+        for topic, block in imu_blocks(reader, [t.name for t in reader.topics]):
+            parts.setdefault(topic, []).append(block.accel_mps2)
+    return {topic: np.concatenate(blocks) for topic, blocks in parts.items()}
+
+
+@cache
+def replayed_road() -> dict[str, Any]:
+    """What two seconds of road give without a bag in between."""
+    streams = imu_streams(
+        subject(), motion_of_cases(["road"], 2.0, 0), np.random.default_rng([0, 1]), start_ns=START_NS
+    )
+    pipeline = Pipeline(subject())
+    for stream in streams:
+        pipeline.push(stream.sensor, stream.stamps_ns, stream.accel_mps2)
+    document = exposure_document(pipeline, "", 4.0, [])
+    return json.loads(json.dumps(document["sensors"]))
+
+
+@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
+def test_every_compression_replays_to_the_same_figures(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, compression: str
+) -> None:
+    arguments = ("--subject", "subject_1", "--case", "road", "--seconds", 2, "--compression", compression)
+    assert run(capsys, "simulate", *arguments, "-o", tmp_path / "bag")[0] == 0
+    code, out, _ = run(
+        capsys, "replay", tmp_path / "bag", "--subject", "subject_1", "-o", tmp_path / "out", "--no-report",
+        "--no-predicted", "--json",
+    )  # fmt: skip
+    assert code == 0
+    figures = json.loads(out)["sensors"]
+    assert figures == replayed_road()
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("comma2k19_car_imu_104hz/imu.csv", ()),
+        ("bratislava_tram_bus_500hz/L3_StnVinohrady_Riazanska.csv", ("--seat-rate", "500")),
+        ("rosbag2_real_imu/av_start_position_A", ("--map", "seat=/ins/imu")),
+        ("rosbag2_real_imu/byu_SO_bag", ("--map", "seat=/coug2/modem_imu")),
+    ],
+)
+def test_measured_seat_motions_drive_a_simulation(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, shared_data: Path, name: str, options: tuple[str, ...]
+) -> None:
+    bag = tmp_path / "bag.mcap"
+    given = ("--subject", "subject_1", "--seat", shared_data / name, "--seconds", 12, *options)
+    code, out, errors = run(capsys, "simulate", *given, "-o", bag)
+    if "byu" in name:  # no seat motion, and its stamps are all zero: the recorder's times served
+        assert code == 2
+        assert "a rate of 10.1 Hz does not carry a seat motion" in errors
+        assert not bag.exists()
+        return
+    assert code == 0, errors
+    code, out, _ = run(
+        capsys,
+        "replay",
+        bag,
+        "--subject",
+        "subject_1",
+        "-o",
+        tmp_path / "out",
+        "--no-report",
+        "--no-predicted",
+        "--json",
+    )
+    document = json.loads(out)
+    assert code == 0
+    assert document["seconds"] == pytest.approx(14.0, abs=0.3)
+    assert all(row["nrmse_rms_percent"] < 60.0 for row in document["residual"].values())
+    assert 0.01 < document["sensors"]["seat"]["aw_mps2"] < 2.0
+
+
+def test_the_real_tram_has_the_weighted_rms_that_others_measured(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, shared_data: Path
+) -> None:
+    # SOURCE.txt: Wk rms 0.148 m/s^2, VDV 1.03 m/s^1.75 over the whole record, in the frequency domain.
+    tram = shared_data / "bratislava_tram_bus_500hz" / "L3_StnVinohrady_Riazanska.csv"
+    bag, perfect = tmp_path / "bag.mcap", ("--noise-mps2", 0, "--bias-mps2", 0, "--tilt-deg", 0)
+    given = ("--subject", "subject_1", "--seat", tram, "--seat-rate", 500, *perfect)
+    assert run(capsys, "simulate", *given, "-o", bag)[0] == 0
+    code, out, _ = run(
+        capsys,
+        "replay",
+        bag,
+        "--subject",
+        "subject_1",
+        "-o",
+        tmp_path / "out",
+        "--no-report",
+        "--no-predicted",
+        "--json",
+    )
+    seat = json.loads(out)["sensors"]["seat"]
+    assert code == 0
+    assert seat["aw_mps2"] == pytest.approx(0.148, rel=0.02)
+    assert seat["vdv_mps175"] == pytest.approx(1.03, rel=0.02)
+
+
+# --- bad input -------------------------------------------------------------------------------------------------------
+
+
+def test_no_seat_sensor(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag.mcap", ("pelvis", "head"))
+    said = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "no seat sensor among" in said
+    assert "--map seat=TOPIC" in said
+    assert not (tmp_path / "out" / "predicted.mcap").exists()
+
+
+def test_a_bag_without_imu_or_without_anything(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "text.mcap") as writer:
+        writer.add_topic("/chatter", "std_msgs/msg/String")
+        payload = np.frombuffer(b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00\x00\x00", dtype=np.uint8)[None, :]
+        writer.write("/chatter", np.array([1]), payload)
+    said = refused(capsys, "replay", tmp_path / "text.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "no sensor_msgs/msg/Imu in the bag" in said
+    assert "/chatter" in said
+    with BagWriter(tmp_path / "empty.mcap"):
+        pass
+    said = refused(capsys, "replay", tmp_path / "empty.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "no sensor_msgs/msg/Imu in the bag" in said
+    assert "empty.mcap" in refused(capsys, "play", tmp_path / "empty.mcap")
+    assert "missing.mcap" in refused(capsys, "replay", tmp_path / "missing.mcap", "--subject", "subject_1", "-o", "x")
+
+
+def test_a_rate_that_does_not_fit(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    def slow(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return (stamps[0] + (stamps - stamps[0]) * 10, accel) if sensor == "seat" else (stamps, accel)
+
+    bag = write_bag(tmp_path / "bag.mcap", change=slow)
+    said = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "seat: a rate of 112.9 Hz does not fit" in said
+
+
+def test_stamps_that_stand_still_ask_for_log_time_which_then_serves(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag.mcap"
+    with BagWriter(bag) as writer:
+        for stream in noisy_streams():
+            topic = topics.INPUT[stream.sensor]
+            writer.add_topic(topic, IMU_TYPE)
+            payload = encode_imu(0 * stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "")
+            writer.write(topic, stream.stamps_ns, payload)
+    said = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--no-report")
+    assert "seat" in said
+    assert "--time log" in said
+    code, _, errors = run(
+        capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--time", "log", "--no-report"
+    )
+    assert code == 0, errors
+
+
+def test_nan_samples_are_rejected_and_counted(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    def spoil(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        accel[2000:2005, 2] = np.nan
+        accel[2100] = np.inf
+        return stamps, accel
+
+    bag = write_bag(tmp_path / "bag.mcap", change=spoil)
+    arguments = ("-o", tmp_path / "out", "--no-report", "--no-predicted", "--json")
+    code, out, _ = run(capsys, "replay", bag, "--subject", "subject_1", *arguments)
+    document = json.loads(out)
+    assert code == 0
+    assert document["sensors"]["seat"]["lower_bound"] is True
+    assert document["sensors"]["seat"]["missing_s"] == pytest.approx(6 / 1129.3, rel=1e-3)
+    assert any("seat: 0.005 s missing" in line for line in document["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("colour: blue\n", "unknown key 'colour'"),
+        ("schema: 2\n", "schema"),
+    ],
+)
+def test_a_subject_that_does_not_fit_names_file_and_key(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, change: str, said: str
+) -> None:
+    path = tmp_path / "mine.yaml"
+    text = subject_file("subject_1").read_text(encoding="utf-8")
+    path.write_text(text.replace("schema: 1\n", "") + change if "schema" in change else text + change, encoding="utf-8")
+    line = refused(capsys, "replay", BAG, "--subject", path, "-o", tmp_path / "out")
+    assert "mine.yaml" in line
+    assert said in line
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("replay", BAG, "--subject", "nobody", "-o", "x"), "no subject file nobody"),
+        (
+            ("replay", BAG, "--subject", "subject_1", "-o", "x", "--map", "knee=/a"),
+            "--map knee=/a: expected sensor=topic",
+        ),
+        (("replay", BAG, "--subject", "subject_1", "-o", "x", "--map", "head=/a"), "no such Imu topic"),
+        (
+            ("replay", BAG, "--subject", "subject_1", "-o", "x", "--cutoff-hz", "3"),
+            "cutoff_hz is 3, allowed are 5 to 200",
+        ),
+        (("replay", BAG, "--subject", "subject_1", "-o", "x", "--window-s", "nan"), "window_s is nan"),
+        (("simulate", "--subject", "subject_1", "--case", "lunar", "-o", "x.mcap"), "case 'lunar' is unknown"),
+        (
+            ("simulate", "--subject", "subject_1", "--case", "road", "--seconds", "0.5", "-o", "x.mcap"),
+            "0.5 s is not made",
+        ),
+        (("simulate", "--subject", "subject_1", "--case", "road", "--seed", "-1", "-o", "x.mcap"), "seed is -1"),
+        (
+            ("simulate", "--subject", "subject_1", "--case", "road", "--jitter-ms", "9", "-o", "x.mcap"),
+            "jitter_ms is 9",
+        ),
+        (("simulate", "--subject", "subject_1", "--seat", "none.csv", "-o", "x.mcap"), "none.csv: cannot be read"),
+        (("play", BAG, "--rate", "0"), "rate is 0, allowed are 0.01 to 100"),
+    ],
+)
+def test_bad_arguments_are_one_clear_line(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    arguments: tuple[str, ...],
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert said in refused(capsys, *arguments)
+    assert [p.name for p in tmp_path.rglob("*.mcap")] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x,y,z\n1,2,3\n1,2\n", "rows of 3 numbers are needed"),
+        ("x,y,z\n1,2,3\n1,nan,3\n", "line 3 holds a value that is not finite"),
+        ("t,p,q\n0,2,3\n1,2,3\n", "no acceleration columns"),
+        ("x,y,z\n0,0,9.8\n0,0,9.8\n", "no time column"),
+        ("t,x,y,z\n0,0,0,9.8\n0.5,0,0,9.8\n", "at least 2 s of motion"),
+        ("", "a header line and rows"),
+    ],
+)
+def test_a_broken_seat_file_is_one_clear_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, said: str
+) -> None:
+    path = tmp_path / "seat.csv"
+    path.write_text(text, encoding="utf-8")
+    line = refused(capsys, "simulate", "--subject", "subject_1", "--seat", path, "-o", tmp_path / "bag.mcap")
+    assert "seat.csv" in line
+    assert said in line
+    assert not (tmp_path / "bag.mcap").exists()

@@ -1,0 +1,295 @@
+"""Compiled and plain Python give one answer, and the cache goes where its user may write."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from biodyn_core import kernels
+from biodyn_core.alignment import _WEIGHTS
+from biodyn_core.exposure import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, _first_order_hold
+from biodyn_core.model import Chain, Stepper
+from biodyn_core.parameters import LOWER, UPPER, Parameters
+from biodyn_core.subject import Subject
+from biodyn_core.weighting import weighting_sections
+
+RATE_HZ = 1129.3
+ROWS = 260
+INPUTS = ("random", "constant", "holes", "tiny", "zero", "one row", "no row")
+
+
+def given(kind: str, columns: int) -> np.ndarray:
+    """Input of every sort, (n, columns)."""
+    rng = np.random.default_rng(INPUTS.index(kind))
+    x = 10.0 * rng.standard_normal((ROWS, columns))
+    if kind == "constant":
+        x[:] = 9.81
+    elif kind == "holes":
+        x[rng.integers(0, ROWS, 20)] = np.nan
+        x[rng.integers(0, ROWS, 5), rng.integers(0, columns, 5)] = np.nan
+    elif kind == "tiny":
+        x *= 1e-160  # squares reach denormal numbers, fourth powers vanish
+    elif kind == "zero":
+        x[:] = 0.0
+    return np.ascontiguousarray(x[: {"one row": 1, "no row": 0}.get(kind, ROWS)])
+
+
+def plain(function: Callable) -> Callable:
+    """The kernel as ordinary Python; without numba it is that already."""
+    return getattr(function, "py_func", function)
+
+
+class Uncompiled:
+    """Kernels call each other by name: while it lasts those names are plain functions too."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        for name, value in vars(kernels).items():
+            if hasattr(value, "py_func"):
+                monkeypatch.setattr(kernels, name, value.py_func)
+
+
+def answers(name: str, kind: str) -> list[np.ndarray]:
+    """Run one kernel, as the module has it now, on fresh arrays; everything it returns or changes."""
+    arguments = ARGUMENTS[name](kind)
+    with np.errstate(all="ignore"):  # plain Python warns where compiled code does not
+        returned = getattr(kernels, name)(*arguments)
+    changed = [np.array(a, dtype=np.float64) for a in arguments if isinstance(a, np.ndarray)]
+    return [*changed, np.array(np.nan if returned is None else returned, dtype=np.float64)]
+
+
+def _tally(channels: int, columns: int) -> list:
+    """Bin, total, ring, position and bin length."""
+    arrays = [np.zeros((channels, columns)), np.zeros((channels, columns)), np.zeros((3, channels, columns))]
+    return [*arrays, np.zeros(2, dtype=np.int64), 47]
+
+
+def _chain(kind: str, keep_motion: bool, high: float) -> list:
+    theta = LOWER + high * (UPPER - LOWER)
+    chain = Chain.of(Subject("s", 70.0, 1.7, "segment", Parameters.from_vector(theta)))
+    seat = given(kind, 1)[:, 0]
+    stepper = Stepper(chain, RATE_HZ)
+    return [
+        seat, np.linspace(-1e-3, 1e-3, 13), stepper._k, stepper._b, stepper._k_alpha, stepper._inverse_mass,
+        stepper._alpha_r, stepper._step_s, 2, np.empty((seat.size, 6)),
+        np.empty((seat.size, 12)) if keep_motion and seat.size else np.empty((0, 12)),
+    ]  # fmt: skip
+
+
+def _stream(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps with jitter, losses, a gap and a jump back; samples with what `kind` has."""
+    samples = given(kind, 3)
+    rng = np.random.default_rng(3)
+    stamps = (1.0 + np.arange(ROWS) + 0.05 * rng.standard_normal(ROWS)) / RATE_HZ
+    stamps[60:] += 5.0 / RATE_HZ
+    stamps[100:] += 1.0
+    stamps[150:153] = stamps[150]
+    stamps[200:] -= 0.5
+    return stamps[: len(samples)], samples
+
+
+def _clock() -> np.ndarray:
+    return np.array([0.0, 1.0 / RATE_HZ, 1.0 / RATE_HZ, 0.0])
+
+
+def _regularise(kind: str) -> list:
+    stamps, samples = _stream(kind)
+    room = len(stamps) + 80
+    return [
+        stamps, samples, 0, _clock(), np.zeros(3), np.zeros(kernels.COUNT_SIZE, dtype=np.int64), 0.05, 2e-3, 1e-6,
+        20.0, np.zeros(room), np.zeros((room, 3)), np.zeros(room, dtype=np.int64),
+    ]  # fmt: skip
+
+
+def _condition(kind: str) -> list:
+    stamps, samples = _stream(kind)
+    room = len(stamps) + 80
+    low_pass = signal.butter(4, 100.0, fs=RATE_HZ, output="sos")
+    return [
+        np.rint(stamps * 1e9).astype(np.int64), stamps, samples, _clock(), np.zeros(3),
+        np.zeros(kernels.COUNT_SIZE, dtype=np.int64), np.eye(3)[[1, 2, 0]], low_pass, np.zeros((2, 2, 1)),
+        (0.05, 2e-3, 1e-6, 20.0, 9.81), 7, 4_050_000,
+        np.zeros(room, dtype=np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros((room, 1)),
+    ]  # fmt: skip
+
+
+def _filter_sections(kind: str) -> list:
+    x = given(kind, 2)
+    sections = weighting_sections("Wk", RATE_HZ)
+    return [sections, np.zeros((len(sections), 2, 2)), x, np.empty_like(x)]
+
+
+def _interpolate(kind: str) -> list:
+    values = given(kind, 1)[:, 0]
+    times = np.arange(values.size) / RATE_HZ
+    runs = (np.arange(values.size) > 130).astype(np.int64)
+    grid = np.sort(np.append(np.linspace(-0.01, 0.25, 300), times[20:40]))
+    return [times, runs, values, grid, _WEIGHTS, np.full(grid.size, np.nan)]
+
+
+def _dose(kind: str) -> list:
+    sections = weighting_sections("Wk", RATE_HZ)
+    state = np.zeros((len(sections), 2, 2))
+    return [given(kind, 2), sections, state, 1e-3, np.zeros(2), *_tally(2, 5)]
+
+
+def _planar_dose(kind: str) -> list:
+    sections = weighting_sections("Wd", RATE_HZ)
+    return [given(kind, 2), sections, np.zeros((len(sections), 2, 2)), *_tally(1, 9)]
+
+
+def _dynamic_response(kind: str) -> list:
+    hold = _first_order_hold(DRI_OMEGA_RAD_PER_S, DRI_DAMPING_RATIO, 1.0 / RATE_HZ)
+    return [given(kind, 1), hold, np.zeros(3), *_tally(1, 2), np.zeros(2, dtype=np.int64)]
+
+
+def _head_injury(kind: str) -> list:
+    x = np.abs(given(kind, 3))
+    return [x, 1.0 / RATE_HZ, 0.015, np.zeros((18, 2, 3)), np.zeros(1, dtype=np.int64), *_tally(3, 1)]
+
+
+def _level(kind: str) -> list:
+    x = given(kind, 3)
+    return [x, np.linalg.qr(np.arange(9.0).reshape(3, 3) ** 2 + np.eye(3))[0], 9.81, np.empty_like(x)]
+
+
+def _residual(kind: str) -> list:
+    x = given(kind, 4)
+    return [np.ascontiguousarray(x[:, :2]), np.ascontiguousarray(x[:, 2:]), *_tally(2, 3)]
+
+
+ARGUMENTS: dict[str, Callable[[str], list]] = {
+    "integrate_chain": lambda kind: _chain(kind, keep_motion=True, high=0.5),
+    "regularise": _regularise,
+    "condition": _condition,
+    "level": _level,
+    "filter_sections": _filter_sections,
+    "interpolate": _interpolate,
+    "dose": _dose,
+    "planar_dose": _planar_dose,
+    "dynamic_response": _dynamic_response,
+    "head_injury": _head_injury,
+    "residual": _residual,
+}
+
+
+def test_every_kernel_is_compared():
+    if not kernels.COMPILED:
+        pytest.skip("without numba there is nothing to compare")
+    found = {name for name, value in vars(kernels).items() if hasattr(value, "py_func") and not name.startswith("_")}
+    assert found == set(ARGUMENTS)
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+@pytest.mark.parametrize("kind", INPUTS)
+def test_compiled_and_plain_kernels_agree(name, kind, monkeypatch):
+    compiled = answers(name, kind)
+    with monkeypatch.context() as patch:
+        Uncompiled(patch)
+        twin = answers(name, kind)
+    for one, other in zip(compiled, twin, strict=True):
+        # Contracted multiplications may differ in the last bit; a tally near the smallest number in all of them.
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-300)
+
+
+@pytest.mark.parametrize("high", [0.0, 1.0])
+@pytest.mark.parametrize("keep_motion", [False, True])
+def test_the_chain_agrees_at_both_ends_of_table_1(high, keep_motion, monkeypatch):
+    monkeypatch.setitem(ARGUMENTS, "integrate_chain", lambda kind: _chain(kind, keep_motion, high))
+    test_compiled_and_plain_kernels_agree("integrate_chain", "random", monkeypatch)
+
+
+# --- the cache -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bare(monkeypatch, tmp_path):
+    """No variable that names a cache, and a temporary folder of the test's own."""
+    for variable in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    return tmp_path
+
+
+@pytest.fixture
+def closed(tmp_path):
+    """A path below which nobody can write, not even root: its parent is a file."""
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    return str(tmp_path / "file" / "below")
+
+
+def test_the_cache_goes_where_the_user_says(bare, monkeypatch):
+    monkeypatch.setenv("HOME", str(bare / "home"))
+    assert kernels._cache_folder() == str(bare / "home" / ".cache" / "biodyn")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(bare / "xdg"))
+    assert kernels._cache_folder() == str(bare / "xdg" / "biodyn")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(bare / "numba"))
+    assert kernels._cache_folder() == str(bare / "numba" / "biodyn")
+
+
+def test_without_home_the_cache_is_temporary_and_the_users_own(bare):
+    folder = Path(kernels._cache_folder())
+    assert folder.parent == bare / "tmp" and folder.name.startswith("biodyn-cache-")
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"])
+def test_what_cannot_be_written_is_passed_over(bare, closed, monkeypatch, variable):
+    monkeypatch.setenv(variable, closed)
+    assert Path(kernels._cache_folder()).parent == bare / "tmp"
+
+
+def test_a_read_only_folder_is_passed_over(bare, monkeypatch):
+    def refuse(dir):  # noqa: A002 - the name tempfile has
+        raise PermissionError(dir)
+
+    monkeypatch.setenv("HOME", str(bare))
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
+    assert kernels._cache_folder() is None
+
+
+def test_a_folder_of_somebody_else_is_passed_over(bare, monkeypatch):
+    if not hasattr(os, "getuid"):
+        pytest.skip("no owners here")
+    monkeypatch.setenv("HOME", str(bare))
+    monkeypatch.setattr(os, "getuid", lambda: 4_000_001)
+    assert kernels._cache_folder() is None
+
+
+def test_nothing_writable_at_all_means_no_cache(bare, closed, monkeypatch):
+    monkeypatch.setenv("HOME", closed)
+    monkeypatch.setattr(tempfile, "tempdir", closed)
+    assert kernels._cache_folder() is None
+
+
+SCRIPT = """
+import sys
+{block}
+import numpy as np
+from biodyn_core import kernels
+out = np.empty((3, 1))
+kernels.filter_sections(np.array([[0.5, 0.5, 0, 1, 0, 0]]), np.zeros((1, 2, 1)), np.array([[1.0], [2.0], [4.0]]), out)
+print(kernels.COMPILED, kernels._CACHE, out.ravel().tolist())
+"""
+
+
+@pytest.mark.parametrize("block", ["", "sys.modules['numba'] = None"])
+def test_kernels_run_without_home_cache_or_numba(closed, block):
+    if not block and not kernels.COMPILED:
+        pytest.skip("numba is not here")
+    environment = {"PATH": os.environ["PATH"], "TMPDIR": closed, "HOME": closed, "XDG_CACHE_HOME": closed}
+    setup = f"import tempfile; tempfile.tempdir = {closed!r}; {block}"
+    root = Path(__file__).parents[1]
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", SCRIPT.format(block=setup)],
+        env=environment, cwd=root, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stdout.split(maxsplit=2) == [str(not block), "None", "[0.5, 1.5, 3.0]\n"], done.stderr
