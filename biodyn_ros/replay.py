@@ -23,6 +23,7 @@ from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
 from biodyn_ros.mapping import sensors_of
 from biodyn_ros.simulate import MADE_BY, MADE_BY_MODEL
+from biodyn_ros.traces import Traces
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ def replay_to_directory(
     listeners: list[Callable[[Frames], None]] = []
     with contextlib.ExitStack() as open_files:
         if report:
-            from biodyn_ros.report import Traces, check_reports, write_replay_report  # an extra of its own
+            from biodyn_ros.report import check_reports, write_replay_report  # an extra of its own
 
             check_reports()
             traces = Traces()

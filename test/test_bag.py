@@ -267,7 +267,7 @@ def test_topics_written_far_apart_still_come_in_the_order_of_time(tmp_path):
 
 
 def test_pending_messages_are_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("biodyn_ros.bag_writer._MOST_PENDING_BYTES", 50_000)
+    monkeypatch.setattr("biodyn_ros.bag.writer._MOST_PENDING_BYTES", 50_000)
     payload, stamps = np.zeros((100, 400), dtype=np.uint8), START_NS + np.arange(100)
     with BagWriter(tmp_path / "a.mcap", chunk_bytes=10_000) as writer:
         writer.add_topic(SEAT, IMU_TYPE)

@@ -20,8 +20,10 @@ from biodyn_core.errors import InputError
 from biodyn_core.limits import EU_LIMITS
 from biodyn_core.pipeline import NO_PREDICTED, Frames, PredictedFrames
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
-from biodyn_ros import report
-from biodyn_ros.report import Traces, bound, duration, judge, number, write_replay_report
+from biodyn_ros import traces as traces_of_replay
+from biodyn_ros.report import judge, write_replay_report
+from biodyn_ros.traces import DIGEST_SAMPLES, ENVELOPE_BIN_NS, ENVELOPE_BINS, RECENT_SAMPLES, Envelope, Traces
+from biodyn_ros.wording import bound, duration, number
 
 START_NS = 1_767_225_600 * 10**9 + 37
 RATE_HZ = 1000.0
@@ -167,7 +169,7 @@ def page_of(tmp_path: Path, changed: dict[str, object], traces: Traces | None = 
 # --- traces ----------------------------------------------------------------------------------------------------------
 
 
-def assert_envelope(envelope: report.Envelope, stamps, values) -> None:
+def assert_envelope(envelope: Envelope, stamps, values) -> None:
     bins = stamps // envelope.width_ns
     begins = np.unique(bins)
     np.testing.assert_array_equal(envelope.begins_ns, begins * envelope.width_ns)
@@ -184,14 +186,14 @@ def test_any_cut_gives_the_envelope_and_event_of_the_whole(cuts, late, digest, b
     stamps, predicted, measured = record(3000)
     traces = Traces()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report, "DIGEST_SAMPLES", digest)
-        patch.setattr(report, "ENVELOPE_BINS", bins)
-        patch.setattr(report, "EVENT_HALF_NS", 150_000_000)
+        patch.setattr(traces_of_replay, "DIGEST_SAMPLES", digest)
+        patch.setattr(traces_of_replay, "ENVELOPE_BINS", bins)
+        patch.setattr(traces_of_replay, "EVENT_HALF_NS", 150_000_000)
         feed(traces, stamps, predicted, measured, cuts, late)
         envelopes, event = (traces.predicted(), traces.measured()), traces.event()
     for envelope, values in zip(envelopes, (predicted, measured), strict=True):
         assert envelope.begins_ns.size <= bins
-        assert envelope.width_ns % report.ENVELOPE_BIN_NS == 0
+        assert envelope.width_ns % ENVELOPE_BIN_NS == 0
         assert_envelope(envelope, stamps, values)
     felt = np.nan_to_num(np.abs(measured[:, [0, 5]]))
     row, column = np.unravel_index(felt.argmax(), felt.shape)
@@ -219,7 +221,7 @@ def test_memory_is_flat_in_the_length_of_the_record():
         feed(traces, stamps, *(block * rng.random((280, 6)) for _ in range(2)), [])
         most = max(most, traces.stored_samples)
     # One batch, two streams of recent instants and of bins, and the event.
-    assert most < report.DIGEST_SAMPLES + 560 + 2 * (6100 + report.ENVELOPE_BINS) + 2 * 2001
+    assert most < DIGEST_SAMPLES + 560 + 2 * (6100 + ENVELOPE_BINS) + 2 * 2001
 
 
 def test_predictions_without_measurement_are_not_hoarded():
@@ -228,7 +230,7 @@ def test_predictions_without_measurement_are_not_hoarded():
         stamps = START_NS + (1000 * block + np.arange(1000)) * 1_000_000
         traces.add(Frames(PredictedFrames(stamps, np.ones((1000, N_SEGMENTS))), NO_MEASURED))
     assert traces.event() is None
-    assert traces.stored_samples <= report.RECENT_SAMPLES + report.ENVELOPE_BINS
+    assert traces.stored_samples <= RECENT_SAMPLES + ENVELOPE_BINS
 
 
 def test_stamps_that_jump_back_go_to_their_bins():

@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from biodyn_core.errors import InputError
-from biodyn_ros.bag_types import Bytes, Chunk, Ints, TopicInfo, TopicKey, grouped, refuse_foreign, require
+from biodyn_ros.bag.storage import Bytes, Chunk, Ints, TopicInfo, TopicKey, grouped, refuse_foreign, require
 from biodyn_ros.cdr import gather
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -63,7 +63,7 @@ class _Piece:
 
 
 class McapStorage:
-    """One MCAP file, open for reading; see `bag_types.Storage`. Raises InputError for what is no ROS 2 MCAP."""
+    """One MCAP file, open for reading; see `storage.Storage`. Raises InputError for what is no ROS 2 MCAP."""
 
     def __init__(self, path: Path, warnings: list[str]) -> None:
         self._records = require("mcap.records")

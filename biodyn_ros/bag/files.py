@@ -9,8 +9,8 @@ from typing import Any
 import yaml
 
 from biodyn_core.errors import InputError
-from biodyn_ros import bag_mcap, bag_sqlite
-from biodyn_ros.bag_types import refuse_foreign
+from biodyn_ros.bag import mcap, sqlite
+from biodyn_ros.bag.storage import refuse_foreign
 
 _SUFFIXES = (".mcap", ".db3")
 _ROS1 = "a ROS 1 bag, only ROS 2 bags can be read: convert it with rosbags-convert"
@@ -20,9 +20,9 @@ def kind_of(file: Path) -> str:
     """The storage of a file by its first bytes, "mcap" or "sqlite3"; InputError for anything else."""
     with file.open("rb") as stream:
         head = stream.read(16)
-    if head.startswith(bag_mcap.MAGIC):
+    if head.startswith(mcap.MAGIC):
         return "mcap"
-    if head.startswith(bag_sqlite.MAGIC):
+    if head.startswith(sqlite.MAGIC):
         return "sqlite3"
     if head.startswith(b"#ROSBAG V"):
         raise InputError(f"{file}: {_ROS1}")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from biodyn_core.errors import InputError
-from biodyn_ros.bag_types import Chunk, TopicInfo, TopicKey, grouped, refuse_foreign
+from biodyn_ros.bag.storage import Chunk, TopicInfo, TopicKey, grouped, refuse_foreign
 
 MAGIC = b"SQLite format 3\0"
 
@@ -19,7 +19,7 @@ _CHUNK_BYTES = 4 << 20
 
 
 class SqliteStorage:
-    """One .db3 file, open for reading; see `bag_types.Storage`. Raises InputError for what is no rosbag2 database."""
+    """One .db3 file, open for reading; see `storage.Storage`. Raises InputError for what is no rosbag2 database."""
 
     def __init__(self, path: Path, warnings: list[str]) -> None:
         self._path, self._warnings = path, warnings

@@ -21,11 +21,11 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.errors import InputError
-from biodyn_ros.bag_files import files_of_directory, kind_of
-from biodyn_ros.bag_mcap import McapStorage
-from biodyn_ros.bag_sqlite import SqliteStorage
-from biodyn_ros.bag_types import Block, Chunk, Storage, TopicInfo, TopicKey
-from biodyn_ros.bag_writer import BagWriter
+from biodyn_ros.bag.files import files_of_directory, kind_of
+from biodyn_ros.bag.mcap import McapStorage
+from biodyn_ros.bag.sqlite import SqliteStorage
+from biodyn_ros.bag.storage import Block, Chunk, Storage, TopicInfo, TopicKey
+from biodyn_ros.bag.writer import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, ImuBlock, decode_imu_in
 
 __all__ = ["BagReader", "BagWriter", "Block", "Chunk", "TopicInfo", "imu_blocks", "open_bag"]

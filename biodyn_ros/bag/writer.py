@@ -25,8 +25,8 @@ import yaml
 from numpy.typing import NDArray
 
 from biodyn_core.errors import InputError
-from biodyn_ros.bag_mcap import MAGIC
-from biodyn_ros.bag_types import Bytes, Ints, require
+from biodyn_ros.bag.mcap import MAGIC
+from biodyn_ros.bag.storage import Bytes, Ints, require
 from biodyn_ros.cdr import scatter
 
 COMPRESSIONS: Final = ("none", "lz4", "zstd")

@@ -1,0 +1,208 @@
+"""The other processes of the live benchmark: `python -m bench.graph publisher|subscriber|minimal ARGUMENT...`.
+
+publisher RATE SECONDS FILE, subscriber TOPICS FILE and minimal TOPICS; TOPICS is predicted or measured (both kinds).
+All three handle serialized messages, so that what they cost does not hide what the node costs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import gc
+import json
+import struct
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import AccelStamped
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu
+
+from biodyn_core.segments import SEAT, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_ros import topics
+from biodyn_ros.cdr import AccelStampedTemplate, decode_accel_stamped, encode_imu
+
+REST_S = 1.5
+PATIENCE_S = 180.0  # a cold cache compiles every kernel before the node listens
+FLUSH_S = 5.0
+STAMP = struct.Struct("<iI")
+
+Messages = list[tuple[int, bytes]]
+
+
+def _qos(depth: int, reliable: bool) -> QoSProfile:
+    kind = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=kind)
+
+
+def _outputs(kind: str) -> dict[str, str]:
+    """The node's per-sample topics by name: predicted, or measured too."""
+    named = {f"predicted/{name}": topic for name, topic in topics.PREDICTED.items()}
+    if kind == "measured":
+        named |= {f"measured/{name}": topic for name, topic in topics.MEASURED.items()}
+    return {name: topics.absolute(topic) for name, topic in named.items()}
+
+
+# --- publisher -------------------------------------------------------------------------------------------------------
+
+
+def publisher(rate_hz: float, seconds: float, path: Path) -> None:
+    """Publish six Imu topics at one rate, stamped as they leave; save the seat's stamps and every tick's lateness."""
+    node = Node("bench_publisher")
+    outputs = [node.create_publisher(Imu, topics.INPUT[sensor], _qos(2000, reliable=True)) for sensor in SENSORS]
+    rest, motion = _tails(rate_hz)
+    _wait(node, outputs)
+    print("streaming", flush=True)
+    stamps_ns, late_ns = _stream(outputs, rest, motion, 1e9 / rate_hz, round(seconds * rate_hz))
+    for output in outputs:
+        output.wait_for_all_acked(Duration(seconds=FLUSH_S))
+    np.savez(path, stamps_ns=stamps_ns, late_ns=late_ns)
+    node.destroy_node()
+
+
+def _stream(outputs: list[Any], rest: list[bytes], motion: list[list[bytes]], period_ns: float, ticks: int) -> Any:
+    """All six sensors at every tick; the seat's stamps and how late each tick came, ns."""
+    stamps_ns, late_ns = [], []
+    resting = round(REST_S * 1e9 / period_ns)
+    begin_ns = time.monotonic_ns()
+    for tick in range(ticks):
+        due_ns = begin_ns + round(tick * period_ns)
+        wait_ns = due_ns - time.monotonic_ns()
+        if wait_ns > 0:
+            time.sleep(1e-9 * wait_ns)
+        late_ns.append(time.monotonic_ns() - due_ns)
+        tails = rest if tick < resting else motion[(tick - resting) % len(motion)]
+        for output, tail in zip(outputs, tails, strict=True):
+            # Stamped last, so that a publisher that comes late delays the sample, not the answer.
+            now_ns = time.time_ns()
+            output.publish(b"\0\1\0\0" + STAMP.pack(*divmod(now_ns, 10**9)) + tail)
+            if output is outputs[0]:
+                stamps_ns.append(now_ns)
+    return np.array(stamps_ns), np.array(late_ns)
+
+
+def _tails(rate_hz: float) -> tuple[list[bytes], list[list[bytes]]]:
+    """What follows the stamp in each sensor's message: at rest, and in every sample of a motion that comes round."""
+    t = np.arange(round(rate_hz)) / round(rate_hz)
+    # Whole cycles a second, so that the motion closes; 3 m/s^2 in all, as on a rough road.
+    up = 1.5 * np.sin(2 * np.pi * 2 * t) + np.sin(2 * np.pi * 5 * t) + 0.5 * np.sin(2 * np.pi * 13 * t)
+    accel = np.column_stack([0.3 * up, 0.2 * up, STANDARD_GRAVITY_MPS2 + up])
+    still = np.array([[0.0, 0.0, STANDARD_GRAVITY_MPS2]])
+    moving = [_tails_of(sensor, accel) for sensor in SENSORS]
+    return [_tails_of(sensor, still)[0] for sensor in SENSORS], [list(each) for each in zip(*moving, strict=True)]
+
+
+def _tails_of(sensor: str, accel: Any) -> list[bytes]:
+    messages = encode_imu(np.zeros(len(accel), dtype=np.int64), accel, np.zeros_like(accel), f"imu_{sensor}")
+    return [message[12:].tobytes() for message in messages]
+
+
+def _wait(node: Node, outputs: list[Any]) -> None:
+    """Until the node listens to every sensor and somebody to the node, and all of them have found each other."""
+    heard = topics.absolute(topics.PREDICTED["head"])
+    deadline = time.monotonic() + PATIENCE_S
+    while not (all(output.get_subscription_count() for output in outputs) and node.count_subscribers(heard)):
+        if time.monotonic() > deadline:
+            raise SystemExit("bench: nobody listens to the publisher")
+        time.sleep(0.05)
+    time.sleep(1.0)
+
+
+# --- subscriber ------------------------------------------------------------------------------------------------------
+
+
+def subscriber(kind: str, path: Path) -> None:
+    """Keep every answer with the time of its arrival until SIGINT, then save them and the last diagnostics."""
+    node, outputs = Node("bench_subscriber"), _outputs(kind)
+    got: dict[str, Messages] = {name: [] for name in outputs}
+    statuses: dict[str, dict[str, str]] = {}
+    for name, topic in outputs.items():
+        keep = functools.partial(_keep, got[name])
+        node.create_subscription(AccelStamped, topic, keep, _qos(50_000, reliable=True), raw=True)
+    node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, functools.partial(_note, statuses), 10)
+    _spin(node)
+    arrays = {f"{name}/arrived_ns": np.array([at for at, _ in kept]) for name, kept in got.items()}
+    arrays |= {f"{name}/stamps_ns": decode_accel_stamped([data for _, data in kept])[0] for name, kept in got.items()}
+    np.savez(path, diagnostics=json.dumps(statuses), **arrays)
+    node.destroy_node()
+
+
+def _keep(kept: Messages, message: bytes) -> None:
+    kept.append((time.time_ns(), message))
+
+
+def _note(statuses: dict[str, dict[str, str]], message: DiagnosticArray) -> None:
+    for status in message.status:
+        statuses[status.name] = {item.key: item.value for item in status.values}
+
+
+# --- the baseline ----------------------------------------------------------------------------------------------------
+
+
+def minimal(kind: str) -> None:
+    """The live node without mathematics: as many messages in and out, of the same size, through the same executor."""
+    node = Node("biodyn")
+    outputs = {
+        name: (node.create_publisher(AccelStamped, topic, _qos(2000, reliable=True)), _around(name))
+        for name, topic in _outputs(kind).items()
+    }
+    for sensor in SENSORS:
+        answered = [name for name in outputs if _belongs(name, sensor)]
+        answer = functools.partial(_answer, [outputs[name] for name in answered])
+        node.create_subscription(Imu, topics.INPUT[sensor], answer, _qos(2000, reliable=False), raw=True)
+    _spin(node)
+    node.destroy_node()
+
+
+def _belongs(name: str, sensor: str) -> bool:
+    return name == f"measured/{sensor}" or (sensor == SEAT and name.startswith("predicted"))
+
+
+def _around(name: str) -> tuple[bytes, bytes]:
+    """A serialized answer before and after its stamp."""
+    message = AccelStampedTemplate(name.partition("/")[2]).fill(0, 0.0)
+    return message[:4], message[12:]
+
+
+def _answer(outputs: list[tuple[Any, tuple[bytes, bytes]]], message: bytes) -> None:
+    stamp = message[4:12]
+    for output, (before, after) in outputs:
+        output.publish(before + stamp + after)
+
+
+def _spin(node: Node) -> None:
+    """Until SIGINT; with a timeout, because EventsExecutor's own `spin` busy-loops in rclpy 7.1."""
+    executor = EventsExecutor()
+    executor.add_node(node)
+    # A signal may end the context between the question and the spin.
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException, RCLError):
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=0.1)
+
+
+def main(role: str, *arguments: str) -> None:
+    """Run one role until its end."""
+    rclpy.init(args=[])
+    # What piles up here is measured data: walking it again and again would show as latency of the node.
+    gc.disable()
+    if role == "publisher":
+        publisher(float(arguments[0]), float(arguments[1]), Path(arguments[2]))
+    elif role == "subscriber":
+        subscriber(arguments[0], Path(arguments[1]))
+    else:
+        minimal(arguments[0])
+    rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
