@@ -82,7 +82,9 @@ def _main_rows(ours: Run, baseline: Run) -> list[Row]:
         Row("live: lost, as the node counts", ours.counted_lost, "messages", None, "", "0", ours.counted_lost == 0),
         Row("live: answer after stamp, p50", ours.p50_ms, "ms", baseline.p50_ms, BASELINE, "-", None),
         Row("live: answer after stamp, p99", ours.p99_ms, "ms", baseline.p99_ms, BASELINE, "<= 1", ours.p99_ms <= 1.0),
-        Row("live: resident", ours.resident_mb, "MB", baseline.resident_mb, BASELINE, "<= 300", ours.resident_mb <= 300),
+        Row(
+            "live: resident", ours.resident_mb, "MB", baseline.resident_mb, BASELINE, "<= 300", ours.resident_mb <= 300
+        ),
         Row("live: growth in 20 s", ours.growth_mb, "MB", baseline.growth_mb, BASELINE, "-", None),
         Row("live: publisher's own lateness, p99", ours.late_p99_ms, "ms", baseline.late_p99_ms, BASELINE, "-", None),
     ]

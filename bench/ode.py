@@ -28,7 +28,9 @@ Slope = Callable[[float, Floats], Floats]
 def rows() -> list[Row]:
     """Measure; about half a minute, most of it the reference solutions."""
     chain = Chain.of(load_subject(subject_file("subject_1")))
-    seats = {name: load_case(name, SECONDS, np.random.default_rng(0), NATIVE_RATE_HZ).accel_mps2[:, 2] for name in CASES}
+    seats = {
+        name: load_case(name, SECONDS, np.random.default_rng(0), NATIVE_RATE_HZ).accel_mps2[:, 2] for name in CASES
+    }
     ours_ms, paper_ms = _times_ms(chain, seats["road"])
     errors, paper_errors = zip(*(_errors(chain, seat) for seat in seats.values()), strict=True)
     what, paper = "5 s simulation, one core", "SciPy RK45, the paper's settings"

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from biodyn_core import kernels
 from biodyn_core.errors import InputError
 from biodyn_core.model import MAX_STEP_S, Chain, Stepper
 from biodyn_core.parameters import LOWER, UPPER, Parameters
@@ -25,6 +26,8 @@ RATES_HZ = (250.0, 500.0, 1000.0, 1600.0)
 NAMES = ("subject_1", "subject_2", "subject_1_as_printed", "subject_2_as_printed")
 FORMS = st.sampled_from(["segment", "cascade"])
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15).map(np.array)
+
+MILLIONS_OF_STEPS = pytest.mark.skipif(not kernels.COMPILED, reason="without numba this takes many minutes")
 
 
 def shipped(name: str, **changes: float) -> Subject:
@@ -258,6 +261,7 @@ def steady_sine(subject: Subject, frequency_hz: float, rate_hz: float):
     return chain, response, amplitude
 
 
+@MILLIONS_OF_STEPS
 @pytest.mark.parametrize("name", ["subject_1", "subject_2_as_printed"])
 @pytest.mark.parametrize("frequency_hz", [0.5, 4.0, 12.0, 31.0])
 def test_a_steady_sine_is_answered_as_the_frequency_response_says(name, frequency_hz):
@@ -274,6 +278,7 @@ def test_a_steady_sine_is_answered_as_the_frequency_response_says(name, frequenc
     np.testing.assert_allclose(speed, amplitude(response.displacement_m), rtol=1e-6)
 
 
+@MILLIONS_OF_STEPS
 @pytest.mark.parametrize("form", ["inertia", "joint", "paper"])
 @pytest.mark.parametrize("frequency_hz", [0.5, 4.0])
 def test_seat_force_over_time_is_the_apparent_mass_over_frequency(form, frequency_hz):
@@ -384,6 +389,7 @@ def test_at_the_corners_of_table_1_a_shock_is_answered_at_any_rate(form, rate_hz
     assert max(errors) <= 1e-4  # found: 4.6e-5 at 1000 Hz with segment masses; the paper's solver has 4e-5
 
 
+@MILLIONS_OF_STEPS
 @pytest.mark.parametrize("form", ["segment", "cascade"])
 @pytest.mark.parametrize("rate_hz", [250.0, 400.0, NATIVE_HZ])
 def test_at_the_corners_of_table_1_the_worst_shock_dies_out(form, rate_hz):
@@ -450,6 +456,7 @@ def test_up_and_down_are_alike(subject, seed):
     np.testing.assert_array_equal(chain.simulate(-seat, 500.0).accel_mps2, -chain.simulate(seat, 500.0).accel_mps2)
 
 
+@MILLIONS_OF_STEPS
 @given(bodies)
 def test_a_body_on_a_steady_seat_ends_up_moving_with_it(subject):
     seat = np.full(round(120.0 * 250.0), 2.0)  # the slowest corner needs 100 s
