@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import datetime
+import datetime as dt
 import importlib
 import os
 import platform
@@ -37,8 +37,8 @@ def _setting() -> str:
     lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
     model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown CPU")
     versions = f"Python {platform.python_version()}, numba {numba.__version__}, numpy {np.__version__}"
-    load = os.getloadavg()[0]
-    return f"{os.cpu_count()} cores, {model}, load {load:.1f}; {versions}; {datetime.datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
+    machine = f"{os.cpu_count()} cores, {model}, load {os.getloadavg()[0]:.1f}"
+    return f"{machine}; {versions}; {dt.datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import resource
 import statistics
 import subprocess
 import sys
@@ -133,8 +132,13 @@ def _child(task: str, bag: str, directory: str) -> Cost:
     else:
         replay_to_directory(bag, subject, out, predicted=task == "predicted", report=False)
     cpu_s = time.process_time() - begin
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return Cost(cpu_s, peak_mb, _messages(out / "predicted.mcap") if task == "predicted" else 0)
+    return Cost(cpu_s, _peak_mb(), _messages(out / "predicted.mcap") if task == "predicted" else 0)
+
+
+def _peak_mb() -> float:
+    """Not getrusage's ru_maxrss: a child inherits that from the process that started it."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith("VmHWM"))) / 1024.0
 
 
 def _messages(bag: Path) -> int:

@@ -5,6 +5,7 @@ Causal, and the same numbers for any cut into blocks. The low-pass's low-frequen
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -141,6 +142,14 @@ class Conditioner:
         """Sampling rate the filters were designed for; known after rest."""
         assert self.rest is not None
         return 1.0 / self.rest.period_s
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest accepted sample; None before gravity is known and right after time jumped back."""
+        newest_s = float(self._clock[kernels.CLOCK_LAST_STAMP])
+        if self.rest is None or self.epoch_ns is None or not math.isfinite(newest_s):
+            return None
+        return self.epoch_ns + round(newest_s * 1e9)
 
     def status(self) -> SensorStatus:
         """What was seen so far."""

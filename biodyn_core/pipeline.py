@@ -149,9 +149,17 @@ class Pipeline:
         return self._conditioners[sensor].status()
 
     def missing_s(self, sensor: str) -> float:
-        """Seconds of a sensor's record that are interpolated or lie in gaps."""
+        """Seconds of a sensor's record that are interpolated, lie in gaps, or have passed since it fell silent."""
         status = self.status(sensor)
-        return status.gap_s + (status.filled / status.rate_hz if status.rate_hz else 0.0)
+        interpolated_s = status.filled / status.rate_hz if status.rate_hz else 0.0
+        return status.gap_s + interpolated_s + self._silent_s(sensor)
+
+    def _silent_s(self, sensor: str) -> float:
+        """How far a sensor's newest stamp lies behind the newest of all, once that is longer than `wait_s`."""
+        own = self._conditioners[sensor].newest_ns
+        newest = [stamp for c in self._conditioners.values() if (stamp := c.newest_ns) is not None]
+        silent_s = 1e-9 * (max(newest) - own) if own is not None else 0.0
+        return silent_s if silent_s > self.settings.wait_s else 0.0
 
     def lower_bound(self, sensor: str, share: float = 0.0) -> bool:
         """Whether the sensor's figures are lower bounds: samples clipped, or more than a share of them missing."""

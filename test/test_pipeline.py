@@ -130,6 +130,10 @@ def test_a_dead_sensor_leaves_a_hole_and_nothing_else_changes() -> None:
     np.testing.assert_array_equal(dead.measured_ns, whole.measured_ns)
     others = [column for column, name in enumerate(SENSORS) if name != "neck"]
     np.testing.assert_array_equal(dead.measured[:, others], whole.measured[:, others])
+    # What was not recorded is missing, though no later sample of the sensor ever said so.
+    assert dead.pipeline.missing_s("neck") == pytest.approx((len(streams[4].stamps_ns) - 1960) / 1129.3, abs=0.01)
+    assert dead.pipeline.lower_bound("neck")
+    assert whole.pipeline.missing_s("neck") == 0.0
     neck = dead.measured[:, SENSORS.index("neck")]
     assert np.isnan(neck[1500:]).all()
     assert not np.isnan(neck[10:800]).any()
