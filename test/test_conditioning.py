@@ -136,7 +136,7 @@ FAULTS = [
     (stamps(2000), STILL[:2000] * 0.01, "without gravity the vertical is unknown"),
     (stamps(2000, 100.0), STILL[:2000], "a rate of 100 Hz does not fit, 250 to 20000 Hz"),
     (stamps(60_000, 30_000.0), np.tile(STILL[0], (60_000, 1)), "a rate of 3e+04 Hz does not fit"),
-    (np.full(61_000, START_NS), np.tile(STILL[0], (61_000, 1)), "stamps stand still or jump back"),
+    (np.full(61_000, START_NS), np.tile(STILL[0], (61_000, 1)), "stamps stand still"),
     (stamps(20_000), STILL * np.nan, "no finite sample arrived"),
 ]
 
@@ -467,7 +467,7 @@ def known(reason: str) -> Any:
 
 
 @known("249.99 Hz is refused, so a sensor of 250 Hz is accepted or not as its clock drifts")
-@pytest.mark.parametrize("ppm", [0.0, -20.0])
+@pytest.mark.parametrize("ppm", [-20.0, -200.0])
 def test_a_sensor_of_the_lowest_rate_is_accepted_though_its_clock_drifts(ppm):
     found = Conditioned(stamps(1000, 250.0 * (1.0 + ppm * 1e-6)), STILL[:1000])
     assert found.status.fault is None
@@ -489,6 +489,13 @@ def test_three_samples_before_a_pause_are_no_rest():
     stamps_ns = stamps(3000) + np.rint(rng.normal(0.0, 3e4, 3000)).astype(np.int64)
     stamps_ns[3:] += 2 * 10**9
     assert Conditioned(stamps_ns, STILL[:3000]).conditioner.rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+
+
+@known("stamps that jump back before rest was found are taken for standing ones, which is for good")
+def test_a_bag_that_loops_before_rest_was_found_is_no_fault():
+    looping = np.concatenate([stamps(70_000)[-400:], stamps(20_000)])
+    status = Conditioned(looping, STILL[np.zeros(20_400, dtype=int)], cuts=range(280, 20_400, 280)).status
+    assert status.fault is None and status.accepted > 18_000
 
 
 @known("a first stamp of zero ends the search for rest with 'no finite sample arrived'")

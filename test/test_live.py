@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros import Graph, Sensors, ros_graph
 from sensor_msgs.msg import Imu
@@ -215,6 +217,19 @@ def test_predictions_and_diagnostics_go_on_while_the_clock_stands_still(graph: G
     sensors.send()
     graph.wait(lambda: len(head) > 3000 and dri, "predictions and exposure")
     graph.wait(lambda: diagnostics.says("prediction", ERROR, "silent"), "the watchdog")
+
+
+def test_without_the_events_executor_the_plain_one_serves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rclpy.experimental.events_executor", None)
+    with ros_graph() as graph:
+        assert isinstance(graph.executor, SingleThreadedExecutor)
+        tester = graph.node()
+        head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
+        graph.active()
+        sensors = Sensors(graph, (SEAT,))
+        graph.wait(sensors.matched, "the seat matched")
+        sensors.send(2_000)
+        graph.wait(lambda: len(head) > 500, "predictions")
 
 
 def test_reset_and_mark_answer(graph: Graph) -> None:
