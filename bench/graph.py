@@ -149,19 +149,27 @@ def _note(statuses: dict[str, dict[str, str]], message: DiagnosticArray) -> None
 # --- the baseline ----------------------------------------------------------------------------------------------------
 
 
-def minimal(kind: str) -> None:
+class _Minimal(Node):
     """The live node without mathematics: as many messages in and out, of the same size, through the same executor."""
-    node = Node("biodyn")
-    outputs = {
-        name: (node.create_publisher(AccelStamped, topic, _qos(2000, reliable=True)), _around(name))
-        for name, topic in _outputs(kind).items()
-    }
-    for sensor in SENSORS:
-        answered = [name for name in outputs if _belongs(name, sensor)]
-        answer = functools.partial(_answer, [outputs[name] for name in answered])
-        node.create_subscription(Imu, topics.INPUT[sensor], answer, _qos(2000, reliable=False), raw=True)
-    _spin(node)
-    node.destroy_node()
+
+    def __init__(self, kind: str) -> None:
+        super().__init__("biodyn")
+        self._stamp = bytes(8)
+        outputs = {
+            name: (self.create_publisher(AccelStamped, topic, _qos(2000, reliable=True)), _around(name))
+            for name, topic in _outputs(kind).items()
+        }
+        for sensor in SENSORS:
+            answers = [output for name, output in outputs.items() if _belongs(name, sensor)]
+            callback = functools.partial(self._answer, sensor == SEAT, answers)
+            self.create_subscription(Imu, topics.INPUT[sensor], callback, _qos(2000, reliable=False), raw=True)
+
+    def _answer(self, seat: bool, outputs: list[tuple[Any, tuple[bytes, bytes]]], message: bytes) -> None:
+        """Every answer bears the seat's stamp, as in the live node."""
+        if seat:
+            self._stamp = message[4:12]
+        for output, (before, after) in outputs:
+            output.publish(before + self._stamp + after)
 
 
 def _belongs(name: str, sensor: str) -> bool:
@@ -172,12 +180,6 @@ def _around(name: str) -> tuple[bytes, bytes]:
     """A serialized answer before and after its stamp."""
     message = AccelStampedTemplate(name.partition("/")[2]).fill(0, 0.0)
     return message[:4], message[12:]
-
-
-def _answer(outputs: list[tuple[Any, tuple[bytes, bytes]]], message: bytes) -> None:
-    stamp = message[4:12]
-    for output, (before, after) in outputs:
-        output.publish(before + stamp + after)
 
 
 def _spin(node: Node) -> None:
@@ -200,7 +202,9 @@ def main(role: str, *arguments: str) -> None:
     elif role == "subscriber":
         subscriber(arguments[0], Path(arguments[1]))
     else:
-        minimal(arguments[0])
+        node = _Minimal(arguments[0])
+        _spin(node)
+        node.destroy_node()
     rclpy.try_shutdown()
 
 
