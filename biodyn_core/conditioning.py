@@ -17,7 +17,7 @@ from biodyn_core import kernels
 from biodyn_core.errors import InputError
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
-from biodyn_core.weighting import MIN_RATE_HZ
+from biodyn_core.weighting import MIN_RATE_HZ, RATE_TOLERANCE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -72,10 +72,15 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class Rest:
-    """What a second at rest tells of a sensor: sampling period, gravity (norm, m/s^2) and vertical (unit vector)."""
+    """What a second at rest tells of a sensor: its clock, gravity (norm, m/s^2) and vertical (unit vector).
+
+    uncounted_s is what passed until then.
+    """
 
     period_s: float
     last_time_s: float
+    jitter_s: float
+    uncounted_s: float
     gravity_mps2: float
     vertical: tuple[float, float, float]
     in_motion: bool
@@ -111,7 +116,6 @@ class Conditioner:
         self.rest: Rest | None = None
         self.fault: str | None = None
         self.warnings: list[str] = []
-        self.uncounted_s = 0.0
         self.gap_s = 0.0
         self._waiting = _RestWindow(self.settings)
         self._counts = np.zeros(kernels.COUNT_SIZE, dtype=np.int64)
@@ -124,17 +128,15 @@ class Conditioner:
         """Condition raw specific force (n, 3) m/s^2 with header stamps (n,) ns, in order of arrival."""
         if stamps_ns.shape[0] == 0 or self.fault is not None:
             return []
-        if self.epoch_ns is None:
-            self.epoch_ns = int(stamps_ns[0])
         # Copies: what comes from a message may be read-only or strided, and each such kind would be compiled anew.
         samples_mps2 = np.array(samples_mps2, dtype=np.float64, order="C")
-        stamps_s: Floats = np.asarray(stamps_ns - self.epoch_ns, dtype=np.float64) * 1e-9
-        if self.rest is None:
-            kept = self._look_for_rest(stamps_s, samples_mps2)
-            if kept is None:
+        if self.epoch_ns is None:
+            found = self._look_for_rest(stamps_ns, samples_mps2)
+            if found is None:
                 return []
-            stamps_s, samples_mps2 = kept
-            stamps_ns = self.epoch_ns + np.rint(stamps_s * 1e9).astype(np.int64)
+            stamps_ns, samples_mps2 = found
+        assert self.epoch_ns is not None
+        stamps_s: Floats = np.asarray(stamps_ns - self.epoch_ns, dtype=np.float64) * 1e-9
         return self._condition(stamps_ns, stamps_s, samples_mps2, self.epoch_ns)
 
     @property
@@ -166,25 +168,24 @@ class Conditioner:
             filled=counts[kernels.COUNT_FILLED],
             runs=counts[kernels.COUNT_RUNS],
             clipped=counts[kernels.COUNT_CLIPPED],
-            uncounted_s=self.uncounted_s,
+            uncounted_s=rest.uncounted_s if rest else 0.0,
             gap_s=self.gap_s,
             warnings=tuple(self.warnings),
             fault=self.fault,
         )
 
-    def _look_for_rest(self, stamps_s: Floats, samples: Floats) -> tuple[Floats, Floats] | None:
+    def _look_for_rest(self, stamps_ns: Integers, samples: Floats) -> tuple[Integers, Floats] | None:
         """Collect until gravity is known; return the samples that come after it, or None while it is not."""
         try:
-            found = self._waiting.push(stamps_s, samples)
+            found = self._waiting.push(stamps_ns, samples)
         except InputError as error:
             self.fault = f"{self.sensor}: {error}"
             return None
         if found is None:
             return None
-        self.rest, stamps_s, samples, self._last[:] = found
-        self.uncounted_s = self.rest.last_time_s + self.rest.period_s
+        self.rest, self.epoch_ns, self._last[:] = found.rest, found.epoch_ns, found.last_mps2
         self._start(self.rest)
-        return stamps_s, samples
+        return found.stamps_ns, found.samples_mps2
 
     def _start(self, rest: Rest) -> None:
         """Design the filters for the rate found; they start in steady state for gravity: zero, once levelled."""
@@ -196,7 +197,7 @@ class Conditioner:
         turns = CLOCK_TIME_CONSTANT_S * self.rate_hz
         limits = self.settings
         self._constants = (limits.max_gap_s, 2.0 / turns, 1.0 / turns**2, limits.saturation_mps2, rest.gravity_mps2)
-        self._clock[:] = rest.last_time_s, rest.period_s, rest.period_s, rest.last_time_s
+        self._clock[:] = rest.last_time_s, rest.period_s, rest.period_s, rest.last_time_s, rest.jitter_s
         self._max_fill = int(self.settings.max_gap_s / (0.98 * rest.period_s)) + 2
         if rest.in_motion:
             self.warnings.append("no rest found: gravity was averaged over motion")
@@ -240,56 +241,87 @@ class Conditioner:
             self._lap += 1
 
 
+class _Found(NamedTuple):
+    """The end of waiting: what rest told, the epoch its times count from, what comes after it, its last sample."""
+
+    rest: Rest
+    epoch_ns: int
+    stamps_ns: Integers
+    samples_mps2: Floats
+    last_mps2: Floats
+
+
 class _RestWindow:
-    """Collects the first seconds of a sensor until one window of them is at rest, or patience runs out."""
+    """Collects the first seconds of a sensor until one window of them is at rest, or patience runs out.
+
+    No window spans a gap or a jump of the stamps: behind one, waiting starts anew.
+    """
 
     def __init__(self, settings: ConditioningSettings) -> None:
         self._settings = settings
-        self._stamps_s: Floats = np.empty(0)
+        self._stamps_ns: Integers = np.empty(0, dtype=np.int64)
         self._samples: Floats = np.empty((0, 3))
         self._start = 0
+        self._first = 0
 
-    def push(self, stamps_s: Floats, samples: Floats) -> tuple[Rest, Floats, Floats, Floats] | None:
-        """Return (what rest told, stamps and samples after it, the last sample in it), or None; raises InputError."""
-        self._stamps_s = np.concatenate([self._stamps_s, stamps_s])
+    def push(self, stamps_ns: Integers, samples: Floats) -> _Found | None:
+        """Return what was found, or None while there is no rest yet; raises InputError where there never will be."""
+        self._stamps_ns = np.concatenate([self._stamps_ns, stamps_ns])
         self._samples = np.concatenate([self._samples, samples])
         while True:
-            begin = self._start
-            past = np.flatnonzero(self._stamps_s[begin:] - self._stamps_s[begin] >= self._settings.rest_s)
-            if past.size == 0:
-                first = self._stamps_s[begin : begin + _STANDING_SAMPLES]
-                if first.size == _STANDING_SAMPLES and first.max() == first[0]:
-                    raise InputError("stamps stand still: use log time (--time log), or mend the driver's stamps")
+            end = self._window_end()
+            if end is None:
                 return None
-            end = begin + int(past[0])
-            rest = self._judge(begin, end)
-            if rest is not None:
-                return rest, self._stamps_s[end:], self._samples[end:], self._usable(0, end)[-1]
+            found = self._judge(self._start, end)
+            if found is not None:
+                return found
             self._start = end
 
-    def _judge(self, begin: int, end: int) -> Rest | None:
-        """The window [begin, end) if it is at rest; once patience has run out, everything so far."""
+    def _window_end(self) -> int | None:
+        """End of the window that begins at `_start`, moved behind the first break in it; None while it is not full."""
+        while True:
+            stamps_ns = self._stamps_ns[self._start :]
+            past = np.flatnonzero(stamps_ns - stamps_ns[0] >= round(self._settings.rest_s * 1e9))
+            inside = stamps_ns[: past[0] + 1] if past.size else stamps_ns
+            steps_s = np.diff(inside) * 1e-9
+            breaks = np.flatnonzero((steps_s > self._settings.max_gap_s) | (steps_s < -kernels.JUMP_BACK_S))
+            if breaks.size == 0:
+                break
+            self._start = self._first = self._start + int(breaks[0]) + 1
+        first = stamps_ns[:_STANDING_SAMPLES]
+        if first.size == _STANDING_SAMPLES and first.max() == first.min():
+            raise InputError("stamps stand still: use log time (--time log), or mend the driver's stamps")
+        return self._start + int(past[0]) if past.size else None
+
+    def _judge(self, begin: int, end: int) -> _Found | None:
+        """The window [begin, end) if it is at rest; once patience has run out, everything since the last break."""
         window = self._usable(begin, end)
-        moving = len(window) < 2 or float(np.sqrt(((window - window.mean(axis=0)) ** 2).sum(axis=1).mean())) > (
-            self._settings.rest_rms_mps2
-        )
-        if moving and self._stamps_s[end] - self._stamps_s[0] < self._settings.rest_patience_s:
+        moving = len(window) < 2 or _rms_about_mean(window) > self._settings.rest_rms_mps2
+        waited_s = 1e-9 * int(self._stamps_ns[end] - self._stamps_ns[self._first])
+        if moving and waited_s < self._settings.rest_patience_s:
             return None
         if moving:
-            begin, window = 0, self._usable(0, end)
+            begin, window = self._first, self._usable(self._first, end)
         if len(window) < 2:
             raise InputError("no finite sample arrived: check the sensor")
-        period, last = fit_clock(self._stamps_s[begin:end])
-        rate = 1.0 / period
-        if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ or rate < 2.5 * self._settings.cutoff_hz:
-            least = max(MIN_RATE_HZ, 2.5 * self._settings.cutoff_hz)
+        epoch_ns = int(self._stamps_ns[begin])
+        rest = self._told(begin, end, window.mean(axis=0), moving)
+        return _Found(rest, epoch_ns, self._stamps_ns[end:], self._samples[end:], self._usable(0, end)[-1])
+
+    def _told(self, begin: int, end: int, mean: Floats, moving: bool) -> Rest:
+        stamps_s = np.asarray(self._stamps_ns[begin:end] - self._stamps_ns[begin], dtype=np.float64) * 1e-9
+        samples = self._samples[begin:end]
+        fresh = np.concatenate([[True], (np.diff(stamps_s) != 0.0) | (samples[1:] != samples[:-1]).any(axis=1)])
+        clock = fit_clock(stamps_s[fresh])
+        rate = 1.0 / clock.period_s
+        least = max(MIN_RATE_HZ, 2.5 * self._settings.cutoff_hz)
+        if not least * (1.0 - RATE_TOLERANCE) <= rate <= MAX_RATE_HZ:
             raise InputError(f"a rate of {rate:.4g} Hz does not fit, {least:g} to {MAX_RATE_HZ:g} Hz are needed")
-        mean = window.mean(axis=0)
         norm = float(np.linalg.norm(mean))
         if norm < 0.5 * STANDARD_GRAVITY_MPS2:
             raise InputError(f"at rest it reads {norm:.2f} m/s^2: without gravity the vertical is unknown (REP-145)")
         x, y, z = (mean / norm).tolist()
-        return Rest(period, last, norm, (x, y, z), moving)
+        return Rest(clock.period_s, clock.last_s, clock.jitter_s, end * clock.period_s, norm, (x, y, z), moving)
 
     def _usable(self, begin: int, end: int) -> Floats:
         part = self._samples[begin:end]
@@ -298,19 +330,38 @@ class _RestWindow:
         return usable
 
 
-def fit_clock(stamps_s: Floats) -> tuple[float, float]:
-    """Return (sampling period, fitted time of the last stamp) of nearly even stamps (n,), lost samples allowed."""
-    rising = stamps_s[np.concatenate([[True], np.diff(np.maximum.accumulate(stamps_s)) > 0.0])]
-    if rising.size < 3:
-        raise InputError("fewer than three different stamps: the rate is unknown")
-    index = np.arange(rising.size, dtype=np.float64)
-    period, first = _line(index, rising)
-    if np.abs(rising - first - period * index).max() > 0.5 * period:
-        # Something is missing: count the periods in every gap instead of the samples.
-        gaps = np.diff(rising)
-        index[1:] = np.cumsum(np.maximum(1.0, np.rint(gaps / np.median(gaps))))
-        period, first = _line(index, rising)
-    return period, first + period * float(index[-1])
+def _rms_about_mean(samples: Floats) -> float:
+    return float(np.sqrt(((samples - samples.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+class Clock(NamedTuple):
+    """A sensor's clock by its stamps: sampling period, fitted time of the last stamp, mean absolute jitter, seconds."""
+
+    period_s: float
+    last_s: float
+    jitter_s: float
+
+
+def fit_clock(stamps_s: Floats) -> Clock:
+    """Fit an even clock to stamps (n,) in order of arrival; jittered, in bursts, quantised, or with samples lost.
+
+    Samples are counted as lost only in gaps that jitter does not explain; raises InputError below three stamps.
+    """
+    if stamps_s.size < 3:
+        raise InputError("fewer than three different samples: the rate is unknown")
+    index = np.arange(stamps_s.size, dtype=np.float64)
+    period, first = _line(index, stamps_s)
+    gaps = np.diff(stamps_s)
+    spread = 1.4826 * float(np.median(np.abs(gaps - np.median(gaps))))
+    for _ in range(2):
+        longest = max(1.5 * period, period + 5.0 * spread)
+        lost = np.where(gaps > longest, np.maximum(np.rint(gaps / period) - 1.0, 0.0), 0.0)
+        if lost.sum() > 0.5 * stamps_s.size:
+            lost[:] = 0.0  # not a stream that loses most of itself, but one that comes in bursts
+        index[1:] = np.cumsum(1.0 + lost)
+        period, first = _line(index, stamps_s)
+    jitter = float(np.abs(stamps_s - first - period * index).mean())
+    return Clock(period, first + period * float(index[-1]), jitter)
 
 
 def _line(index: Floats, stamps_s: Floats) -> tuple[float, float]:

@@ -157,22 +157,32 @@ def integrate_chain(
 
 # --- one sensor: clock, gaps, level, low-pass ------------------------------------------------------------------------
 
-CLOCK_TIME, CLOCK_PERIOD, CLOCK_NOMINAL, CLOCK_LAST_STAMP, CLOCK_SIZE = range(5)
+CLOCK_TIME, CLOCK_PERIOD, CLOCK_NOMINAL, CLOCK_LAST_STAMP, CLOCK_JITTER, CLOCK_SIZE = range(6)
 (
     COUNT_ACCEPTED,
     COUNT_LATE,
     COUNT_NONFINITE,
     COUNT_FILLED,
     COUNT_RUNS,
-    COUNT_LATE_IN_A_ROW,
     COUNT_CLIPPED,
+    COUNT_BACK_IN_A_ROW,
+    COUNT_AHEAD_IN_A_ROW,
     COUNT_SIZE,
-) = range(8)
+) = range(9)
 IMPLAUSIBLE: Final = 10.0
 """So many times the saturation limit is no reading of such a sensor: rejected like a sample that is not finite."""
 
+JITTER_MARGIN: Final = 6.0
+"""So many times its mean jitter a stamp may be off before it means a lost or a late sample: 4.8 sigma if Gaussian."""
+
+JUMP_BACK_S: Final = 1.0
+"""Stamps behind the last by less than this are late, or will catch up; further behind, time may have jumped."""
+
 RESTART_AFTER: Final = 20
-"""So many stamps in a row before the last accepted one mean that time itself jumped back (a looping bag)."""
+"""So many stamps in a row that far behind mean that time itself jumped back (a looping bag)."""
+
+SUSPICIOUS_PERIODS: Final = 3
+"""A stamp further ahead than this must be confirmed by the next one before it is believed."""
 
 
 @compiled
@@ -183,11 +193,23 @@ def _usable(sample: Floats, saturation: float) -> bool:
 
 
 @compiled
+def _is_late(stamp: float, sample: Floats, clock: Floats, last: Floats) -> bool:
+    """Whether a sample comes twice, or lies further behind the last than jitter explains."""
+    behind = clock[CLOCK_LAST_STAMP] - stamp
+    if behind == 0.0 and sample[0] == last[0] and sample[1] == last[1] and sample[2] == last[2]:
+        return True
+    tolerance = JITTER_MARGIN * clock[CLOCK_JITTER]
+    return behind > tolerance or (behind >= 0.0 and tolerance < 0.5 * clock[CLOCK_PERIOD])
+
+
+@compiled
 def _periods_missing(stamp: float, clock: Floats) -> int:
     """How many samples are lost before this one, by the tracked clock and by the stamps themselves."""
     period = clock[CLOCK_PERIOD]
     early = stamp - clock[CLOCK_TIME] - period
-    if early <= 0.0 or stamp - clock[CLOCK_LAST_STAMP] < 1.5 * period:
+    if early <= max(0.5 * period, JITTER_MARGIN * clock[CLOCK_JITTER]):
+        return 0
+    if stamp - clock[CLOCK_LAST_STAMP] < 1.5 * period:
         return 0  # where no sample fits in between, the clock is off, not the stream
     return int(np.floor(early / period + 0.5))
 
@@ -195,9 +217,11 @@ def _periods_missing(stamp: float, clock: Floats) -> int:
 @compiled
 def _tracked_time(stamp: float, missing: int, clock: Floats, gain_time: float, gain_period: float) -> float:
     """Where the sample lies on the tracked clock, whose period follows the stamps slowly, within 2 % of nominal."""
-    period, nominal = clock[CLOCK_PERIOD], clock[CLOCK_NOMINAL]
+    period, nominal, jitter = clock[CLOCK_PERIOD], clock[CLOCK_NOMINAL], clock[CLOCK_JITTER]
     now = clock[CLOCK_TIME] + (missing + 1) * period
-    error = min(max(stamp - now, -0.5 * period), 0.5 * period)
+    limit = max(0.5 * period, 3.0 * jitter)
+    error = min(max(stamp - now, -limit), limit)
+    clock[CLOCK_JITTER] += 0.5 * gain_time * (min(abs(error), 4.0 * jitter + 0.02 * period) - jitter)
     clock[CLOCK_PERIOD] = min(max(period + gain_period * error, 0.98 * nominal), 1.02 * nominal)
     return now + gain_time * error
 
@@ -232,21 +256,24 @@ def regularise(
         if not _usable(samples[i], saturation):
             counts[COUNT_NONFINITE] += 1
             continue
-        if stamp <= clock[CLOCK_LAST_STAMP]:
+        if _is_late(stamp, samples[i], clock, last):
             counts[COUNT_LATE] += 1
-            counts[COUNT_LATE_IN_A_ROW] += 1
-            if counts[COUNT_LATE_IN_A_ROW] < RESTART_AFTER:
+            counts[COUNT_BACK_IN_A_ROW] += stamp < clock[CLOCK_LAST_STAMP] - JUMP_BACK_S
+            if counts[COUNT_BACK_IN_A_ROW] < RESTART_AFTER:
                 continue
-            counts[COUNT_LATE_IN_A_ROW] = 0
+            counts[COUNT_BACK_IN_A_ROW] = 0
             clock[CLOCK_LAST_STAMP] = -np.inf
             clock[CLOCK_TIME] = np.nan
             return i, written, True
         if written > room:
             return i, written, False
-        counts[COUNT_LATE_IN_A_ROW] = 0
         now = stamp
         if not np.isnan(clock[CLOCK_TIME]):
             missing = _periods_missing(stamp, clock)
+            if missing >= SUSPICIOUS_PERIODS and counts[COUNT_AHEAD_IN_A_ROW] == 0:
+                counts[COUNT_AHEAD_IN_A_ROW] = 1
+                counts[COUNT_LATE] += 1
+                continue
             if (missing + 1) * clock[CLOCK_PERIOD] > max_gap_s:
                 clock[CLOCK_TIME] = np.nan
                 return i, written, True
@@ -258,6 +285,8 @@ def regularise(
                 source[written] = -1
                 written += 1
             counts[COUNT_FILLED] += missing
+        counts[COUNT_BACK_IN_A_ROW] = 0
+        counts[COUNT_AHEAD_IN_A_ROW] = 0
         times[written], source[written], out[written], last[:] = now, i, samples[i], samples[i]
         written += 1
         clock[CLOCK_TIME], clock[CLOCK_LAST_STAMP] = now, stamp

@@ -184,6 +184,9 @@ class Stepper:
 
     Classical Runge-Kutta, the seat linear between samples (3.3). Substeps are chosen here, once, so that a step is at
     most 1 ms and at most 1 / |largest eigenvalue|. The chain is at rest at the first sample after `reset`.
+
+    Against DOP853 the accelerations of the paper's subjects, one step a sample, err by 1e-7 to 5e-6 (steps, potholes)
+    and up to 2e-5 (a 5 g, 20 ms shock); taking the seat as linear between samples errs by far more than that.
     """
 
     def __init__(self, chain: Chain, rate_hz: float) -> None:

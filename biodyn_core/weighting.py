@@ -23,6 +23,9 @@ WeightingName = Literal["Wk", "Wd"]
 MIN_RATE_HZ: Final = 250.0
 """Below this no sampled filter follows Wk to 80 Hz."""
 
+RATE_TOLERANCE: Final = 0.001
+"""A clock may run slow by this before a sensor of the lowest rate is refused."""
+
 _FIT_BAND_HZ: Final = (0.4, 100.0)
 _HIGHEST_SHARE: Final = 0.45
 
@@ -116,7 +119,7 @@ def weighting_sections(name: WeightingName, rate_hz: float) -> Floats:
     """
     if name not in CURVES:
         raise InputError(f"weighting {name!r} is unknown, known are {', '.join(CURVES)}")
-    if not rate_hz >= MIN_RATE_HZ:
+    if not rate_hz >= MIN_RATE_HZ * (1.0 - RATE_TOLERANCE):
         raise InputError(
             f"a rate of {rate_hz:g} Hz does not carry {name} to 80 Hz: at least {MIN_RATE_HZ:g} Hz is needed"
         )

@@ -96,7 +96,7 @@ def _stream(kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _clock() -> np.ndarray:
-    return np.array([0.0, 1.0 / RATE_HZ, 1.0 / RATE_HZ, 0.0])
+    return np.array([0.0, 1.0 / RATE_HZ, 1.0 / RATE_HZ, 0.0, 1e-5])
 
 
 def _regularise(kind: str) -> list:

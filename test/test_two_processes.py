@@ -159,7 +159,9 @@ def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_says_how_fast(
         )  # fmt: skip
         try:
             graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
-            with child(graph, "play", str(bag_file("subject_1.mcap")), "--keep-stamps", "--depth", str(BAG_DEPTH)) as player:
+            with child(
+                graph, "play", str(bag_file("subject_1.mcap")), "--keep-stamps", "--depth", str(BAG_DEPTH)
+            ) as player:
                 graph.wait(lambda: player.poll() is not None, "the bag is played", 60.0)
             expected, _ = offline()
             frames = expected[topics.PREDICTED["head"]]
