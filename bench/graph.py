@@ -183,7 +183,7 @@ def _around(name: str) -> tuple[bytes, bytes]:
 
 
 def _spin(node: Node) -> None:
-    """Until SIGINT; with a timeout, because EventsExecutor's own `spin` busy-loops in rclpy 7.1."""
+    """Until SIGINT, by the loop the marks were measured with; EventsExecutor's own `spin` busy-loops in rclpy 7.1."""
     executor = EventsExecutor()
     executor.add_node(node)
     # A signal may end the context between the question and the spin.
