@@ -255,6 +255,7 @@ def regularise(
         stamp = stamps_s[i]
         if not _usable(samples[i], saturation):
             counts[COUNT_NONFINITE] += 1
+            counts[COUNT_AHEAD_IN_A_ROW] = 1  # it carries no reading, but it confirms that the stamps move on
             continue
         if _is_late(stamp, samples[i], clock, last):
             counts[COUNT_LATE] += 1
