@@ -20,11 +20,13 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import AccelStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
@@ -84,6 +86,8 @@ class BiodynNode(LifecycleNode):
         self._health = {sensor: SensorHealth() for sensor in SENSORS}
         self._mark = ""
         self._marks = 0
+        self._pipeline: Pipeline | None = None
+        self.add_on_set_parameters_callback(self._on_parameters)
 
     # --- lifecycle ---------------------------------------------------------------------------------------------------
 
@@ -168,13 +172,20 @@ class BiodynNode(LifecycleNode):
         for service in self._services_made:
             self.destroy_service(service)
         self._health = {sensor: SensorHealth() for sensor in SENSORS}
-        del self._pipeline
+        self._pipeline = None
 
     def _warn_of_slow_kernels(self, rate_hz: float) -> None:
         if not kernels.COMPILED:
             self.get_logger().warning(
                 f"numba is missing: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor"
             )
+
+    def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Parameters are read on configure; a change that would do nothing until then is refused, not swallowed."""
+        ours = [change.name for change in changes if change.name in params.names(SETTINGS)]
+        if ours and self._pipeline is not None:
+            return SetParametersResult(successful=False, reason=f"{ours[0]} is read on configure: clean up first")
+        return SetParametersResult(successful=True)
 
     # --- in ----------------------------------------------------------------------------------------------------------
 
@@ -216,9 +227,27 @@ class BiodynNode(LifecycleNode):
 
     def _take(self, sensor: str, messages: list[bytes]) -> None:
         self._health[sensor].arrived(len(messages))
-        block = decode_imu(messages)
-        self._publish(self._pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
-        self._note_lag(sensor, int(block.stamps_ns[-1]))
+        try:
+            block = decode_imu(messages)
+        except InputError:
+            block = decode_imu([message for message in messages if self._readable(sensor, message)])
+        if len(block):
+            self._publish(self._pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
+            self._note_lag(sensor, int(block.stamps_ns[-1]))
+
+    def _readable(self, sensor: str, message: bytes) -> bool:
+        """Whether a message can be decoded; one that cannot is counted and costs nothing but itself."""
+        try:
+            decode_imu_one(message)
+        except InputError as error:
+            self._refuse(sensor, str(error))
+            return False
+        return True
+
+    def _refuse(self, sensor: str, text: str) -> None:
+        self._health[sensor].errors += 1
+        self._health[sensor].last_error = text
+        self.get_logger().error(f"{sensor}: {text}", throttle_duration_sec=1.0)
 
     def _note_lag(self, sensor: str, stamp_ns: int) -> None:
         now_ns = self.get_clock().now().nanoseconds
@@ -241,9 +270,9 @@ class BiodynNode(LifecycleNode):
             except Exception as error:  # noqa: BLE001 - a node that judges exposure survives a bad message
                 text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
                 if sensor is not None:
-                    self._health[sensor].errors += 1
-                    self._health[sensor].last_error = text
-                self.get_logger().error(f"{sensor or 'timer'}: {text}", throttle_duration_sec=1.0)
+                    self._refuse(sensor, text)
+                else:
+                    self.get_logger().error(f"timer: {text}", throttle_duration_sec=1.0)
 
         return guarded
 

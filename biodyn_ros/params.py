@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Iterable
 from typing import Any, Final, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -24,7 +23,12 @@ T = TypeVar("T")
 _OF_RCLPY: Final = ("use_sim_time", "start_type_description_service")
 
 
-def declare(node: Node, kinds: Iterable[type[Any]]) -> None:
+def names(kinds: tuple[type[Any], ...]) -> set[str]:
+    """The names of all their parameters."""
+    return {item.name for kind in kinds for item in dataclasses.fields(kind)}
+
+
+def declare(node: Node, kinds: tuple[type[Any], ...]) -> None:
     """Declare every field of the dataclasses as a parameter; raises InputError for an override that does not fit."""
     fields = [item for kind in kinds for item in dataclasses.fields(kind)]
     for item in fields:
@@ -33,7 +37,7 @@ def declare(node: Node, kinds: Iterable[type[Any]]) -> None:
             node.declare_parameter(item.name, default, _descriptor(item, default))
         except (InvalidParameterValueException, InvalidParameterTypeException) as error:
             raise InputError(f"parameter {item.name}: {error}") from None
-    known = {item.name for item in fields}
+    known = names(kinds)
     for name in node._parameter_overrides:  # rclpy offers no public list of what was given but never declared
         if name not in known and name not in _OF_RCLPY and not name.startswith("qos_overrides."):
             near = difflib.get_close_matches(name, known, n=1)

@@ -11,6 +11,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros import Graph, Sensors, ros_graph
 from sensor_msgs.msg import Imu
@@ -198,11 +199,17 @@ def test_a_message_that_cannot_be_read_is_counted_and_survived(graph: Graph) -> 
     sensors.send(8_000)
     for name in (SEAT, "head"):
         sensors.outputs[name].publish(b"\x00\x01\x00\x00" + b"\xff" * 20)
-    sensors.send()
+    sent = sensors.send()
+    assert sent > 5_000
     stamps, predicted, _ = offline()
     graph.wait(lambda: len(head) == len(stamps), "every prediction all the same")
     np.testing.assert_array_equal(decode_accel_stamped(head)[1][:, 2], predicted[:, SEGMENTS.index("head")])
-    assert node._health[SEAT].errors == 1
+    assert (node._health[SEAT].errors, node._health["head"].errors) == (1, 1)
+    head_count = len(next(stream for stream in noisy_streams() if stream.sensor == "head").stamps_ns)
+    graph.wait(lambda: node._health["head"].messages == head_count + 1, "the head's messages")
+    # The garbage cost nothing but itself: every other sample of its batch was used.
+    seen = node._pipeline.status("head")
+    assert seen.accepted + round(seen.uncounted_s * seen.rate_hz) == head_count
     graph.wait(lambda: diagnostics.status(SEAT) and dict_of(diagnostics.status(SEAT))["refused"] == "1", "the refusal")
 
 
@@ -294,6 +301,19 @@ def test_a_parameter_of_the_wrong_type_is_named(graph: Graph) -> None:
     node = graph.live(window_s="long")
     node.trigger_configure()
     assert "parameter window_s is 'long', expected a number" in (node.failure or "")
+
+
+def test_a_parameter_is_not_changed_behind_the_pipeline_s_back(graph: Graph) -> None:
+    node = graph.active()
+    (result,) = node.set_parameters([Parameter("cutoff_hz", value=50.0)])
+    assert not result.successful
+    assert "cutoff_hz is read on configure" in result.reason
+    node.trigger_deactivate()
+    node.trigger_cleanup()
+    (result,) = node.set_parameters([Parameter("cutoff_hz", value=50.0)])
+    assert result.successful
+    node.trigger_configure()
+    assert node._pipeline._conditioners[SEAT].settings.cutoff_hz == 50.0
 
 
 def test_whole_numbers_serve_as_real_ones(graph: Graph) -> None:
