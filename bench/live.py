@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -80,8 +80,8 @@ def _main_rows(ours: Run, baseline: Run) -> list[Row]:
         Row("live: CPU of one core", cpu, "%", baseline.cpu_percent, BASELINE, "<= 1.42 x", cpu <= limit),
         _lost_row("live", ours, baseline),
         Row("live: lost, as the node counts", ours.counted_lost, "messages", None, "", "0", ours.counted_lost == 0),
-        Row("live: answer after stamp, p50", ours.p50_ms, "ms", baseline.p50_ms, BASELINE, "-", None),
-        Row("live: answer after stamp, p99", ours.p99_ms, "ms", baseline.p99_ms, BASELINE, "<= 1", ours.p99_ms <= 1.0),
+        Row("live: answer after sample, p50", ours.p50_ms, "ms", baseline.p50_ms, BASELINE, "-", None),
+        Row("live: answer after sample, p99", ours.p99_ms, "ms", baseline.p99_ms, BASELINE, "<= 1", ours.p99_ms <= 1.0),
         Row("live: resident, warm cache", ours.resident_mb, "MB", None, "", "<= 300", ours.resident_mb <= 300.0),
         Row("live: its growth in 10 s", ours.growth_mb, "MB", None, "", "-", None),
         Row("live: publisher's own lateness, p99", ours.late_p99_ms, "ms", baseline.late_p99_ms, BASELINE, "-", None),
@@ -94,7 +94,7 @@ def _side_rows(name: str, ours: Run, baseline: Run, cpu_mark: float | None = Non
     return [
         Row(f"live, {name}: CPU of one core", cpu, "%", baseline.cpu_percent, BASELINE, mark, met),
         _lost_row(f"live, {name}", ours, baseline),
-        Row(f"live, {name}: answer after stamp, p99", ours.p99_ms, "ms", baseline.p99_ms, BASELINE, "-", None),
+        Row(f"live, {name}: answer after sample, p99", ours.p99_ms, "ms", baseline.p99_ms, BASELINE, "-", None),
     ]
 
 
@@ -142,7 +142,10 @@ def _run(node: tuple[str, ...], kind: str = "predicted", rate_hz: float = NATIVE
         time.sleep(MARGIN_S)
         _end(subscriber)
         answered = _answered(dict(np.load(sent)), dict(np.load(got)))
-    return Run(cpu_percent, resident_mb + growth_mb, growth_mb, *answered)
+    run = Run(cpu_percent, resident_mb + growth_mb, growth_mb, *answered)
+    told = ", ".join(f"{name} {value:.4g}" for name, value in asdict(run).items())
+    print(f"  {node[-1]}, {rate_hz:.0f} Hz: {told}", file=sys.stderr, flush=True)
+    return run
 
 
 def _answered(sent: Arrays, got: Arrays) -> tuple[int, int, int, float, float, float]:
@@ -154,7 +157,7 @@ def _answered(sent: Arrays, got: Arrays) -> tuple[int, int, int, float, float, f
     names = [name.removesuffix("/stamps_ns") for name in got if name.endswith("/stamps_ns")]
     lost, latencies = 0, []
     for name in names:
-        which, latency_ms = _latencies(stamps_ns, got[f"{name}/stamps_ns"] + delay_ns, got[f"{name}/arrived_ns"])
+        which, latency_ms = _latencies(sent, got[f"{name}/stamps_ns"] + delay_ns, got[f"{name}/arrived_ns"])
         lost += int(owed.sum()) - np.unique(which[owed[which]]).size
         if name.startswith("predicted"):  # measurements wait for the slowest sensor, so theirs is no mark
             latencies.append(latency_ms[owed[which]])
@@ -164,15 +167,16 @@ def _answered(sent: Arrays, got: Arrays) -> tuple[int, int, int, float, float, f
 
 
 def _latencies(
-    stamps_ns: NDArray[np.int64], answered_ns: NDArray[np.int64], arrived_ns: NDArray[np.int64]
+    sent: Arrays, answered_ns: NDArray[np.int64], arrived_ns: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Which sample each answer belongs to, and ms from its stamp to the answer's arrival; others are left out.
+    """Which sample each answer belongs to, and ms from that sample's leaving to the answer's arrival.
 
-    An answer that belongs to no sample is an interpolated one, for which nothing was sent.
+    An answer that belongs to no sample is an interpolated one, for which nothing was sent: it is left out.
     """
+    stamps_ns = sent["stamps_ns"]
     which = np.minimum(np.searchsorted(stamps_ns, answered_ns - EXACT_NS), stamps_ns.size - 1)
     known = np.abs(stamps_ns[which] - answered_ns) <= EXACT_NS
-    return which[known], 1e-6 * (arrived_ns - stamps_ns[which])[known]
+    return which[known], 1e-6 * (arrived_ns - sent["sent_ns"][which])[known]
 
 
 @contextmanager
