@@ -29,6 +29,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.task import Future
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -374,10 +375,13 @@ def make_executor(context: Any = None) -> Any:
 
 
 def spin(executor: Any, until: Callable[[], bool]) -> None:
-    """Spin with a timeout: EventsExecutor's own `spin` busy-loops in rclpy 7.1."""
+    """Spin a tenth of a second at a time, waiting for what never comes.
+
+    EventsExecutor's own `spin` busy-loops in rclpy 7.1, and its `spin_once` comes back after every single message.
+    """
     while not until():
         try:
-            executor.spin_once(timeout_sec=0.1)
+            executor.spin_until_future_complete(Future(), timeout_sec=0.1)
         except RCLError:
             if not until():  # a signal may end the context between the question and the spin
                 raise
