@@ -62,7 +62,7 @@ class _Observer(Node):
         residual = " ".join(f"{get(topics.RESIDUAL[segment], float('nan')):7.3f}" for segment in MEASURED_SEGMENTS)
         vdv, rolling = get(f"{topics.EXPOSURE}/{SEAT}/vdv"), get(f"{topics.ROLLING}/{SEAT}/vdv")
         if vdv is None or rolling is None:
-            return self.state
+            return f"  waiting: {self.state}" if self.state else "  waiting for the live node"
         head, predicted = get(f"{topics.EXPOSURE}/head/vdv", 0.0), get(f"{topics.EXPOSURE}/predicted/head/vdv", 0.0)
         dri = get(f"{topics.EXPOSURE}/dri", 0.0)
         return f"{vdv:9.3f}{rolling:9.3f}{dri:7.2f}{head:10.3f}{predicted:10.3f}   {residual}   {self.state}"
