@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import rclpy
 from builtin_interfaces.msg import Time
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import ROSClock
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
@@ -126,8 +127,11 @@ def play(bag: Path, settings: PlayerSettings) -> Played:
         for topic in player.wait_for_subscribers(rclpy.ok):
             player.get_logger().warning(f"nobody listens to {topic}")
         played = player.play(rclpy.ok)
-        player.flush()
-    except ExternalShutdownException:
+        if rclpy.ok():
+            player.flush()
+    except (ExternalShutdownException, RCLError):
+        if rclpy.ok():  # otherwise a signal ended the context in the middle of a message
+            raise
         return Played({}, 0.0)
     else:
         return played
