@@ -32,7 +32,7 @@ def _cache_folder() -> str | None:
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     user = os.getuid() if hasattr(os, "getuid") else "user"
     candidates = [Path(base) / "biodyn"] if base else []
-    if "HOME" in os.environ:
+    if os.environ.get("HOME"):
         candidates.append(Path(os.environ["HOME"]) / ".cache" / "biodyn")
     candidates.append(Path(tempfile.gettempdir()) / f"biodyn-cache-{user}")
     for folder in candidates:

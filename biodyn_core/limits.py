@@ -49,12 +49,19 @@ def load_limits(path: str | Path) -> Limits:
         raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
     names = tuple(Limits.__dataclass_fields__)
     if not isinstance(data, dict) or set(data) != set(names):
-        raise InputError(f"{path}: exactly the keys {', '.join(names)} are needed")
+        odd = sorted(map(str, set(data) ^ set(names))) if isinstance(data, dict) else ["no keys at all"]
+        raise InputError(
+            f"{path}: exactly the keys {', '.join(names)} are needed; missing or unknown: {', '.join(odd)}"
+        )
     for name in names[1:]:
         value = data[name]
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
             raise InputError(f"{path}: {name} is {value!r}, expected a positive number")
-    return Limits(str(data["source"]), *(float(data[name]) for name in names[1:]))
+    limits = Limits(str(data["source"]), *(float(data[name]) for name in names[1:]))
+    for kind in ("a8_mps2", "vdv_mps175"):
+        if getattr(limits, f"limit_{kind}") < getattr(limits, f"action_{kind}"):
+            raise InputError(f"{path}: limit_{kind} lies below action_{kind}, the limit value is the larger one")
+    return limits
 
 
 @dataclass(frozen=True)

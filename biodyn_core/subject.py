@@ -85,7 +85,7 @@ class Subject:
             raise InputError(f"schema is {schema!r}, expected the whole number {SCHEMA}")
         if schema > SCHEMA:
             raise InputError(f"schema {schema} is newer than the {SCHEMA} this version reads: update biodyn")
-        if top.get("effects"):
+        if top.get("effects") not in (None, []):
             raise InputError("effects: this version of biodyn has no catalogue of effects; leave the list empty")
         values = _mapping(top["parameters"], "parameters", required=_PARAMETER_KEYS)
         return cls(
@@ -98,7 +98,7 @@ class Subject:
                 damping_ratio=_numbers(values["damping_ratio"], "parameters.damping_ratio"),
                 **{key: _number(values[key], f"parameters.{key}") for key in _PARAMETER_KEYS[2:]},
             ),
-            provenance=_mapping(top.get("provenance") or {}, "provenance"),
+            provenance=_mapping({} if top.get("provenance") is None else top["provenance"], "provenance"),
         )
 
 

@@ -211,3 +211,11 @@ def test_a_file_that_is_no_yaml_is_refused(refused, text):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"none\.yaml: cannot be read"):
         load_limits(tmp_path / "none.yaml")
+
+
+def test_a_limit_below_its_action_value_is_refused_by_name(tmp_path):
+    path = tmp_path / "limits.yaml"
+    given = {**EU_LIMITS.to_dict(), "limit_vdv_mps175": 5.0}
+    path.write_text("\n".join(f"{key}: {value}" for key, value in given.items()), encoding="utf-8")
+    with pytest.raises(InputError, match="limit_vdv_mps175 lies below action_vdv_mps175"):
+        load_limits(path)
