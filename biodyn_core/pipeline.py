@@ -32,6 +32,7 @@ METER_BATCH: Final = 128
 """Exposure is counted in batches of at least so many samples, predictions come first. No figure depends on it."""
 
 MISSING_SHARE_TRUSTED: Final = 0.01
+"""Times to the limits are withheld once more of the seat's record than this is missing."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +119,7 @@ class Pipeline:
         for meters in self._meters.values():
             meters.reset()
         if self._seat:
-            self._seat.doses.reset()
-            self._seat.comparison.reset()
+            self._seat.reset()
 
     def exposure(self, rolling: bool = False) -> Exposure:
         """The figures since reset, or over the last `window_s`."""
@@ -140,9 +140,8 @@ class Pipeline:
         if meters is None:
             return None
         yaw = None if self.settings.yaw_deg is None else -math.radians(self.settings.yaw_deg)
-        return seat_exposure(
-            meters.vertical(), meters.plane(), yaw, self.limits, trusted=not self.lower_bound(SEAT, 0.01)
-        )
+        trusted = not self.lower_bound(SEAT, MISSING_SHARE_TRUSTED)
+        return seat_exposure(meters.vertical(), meters.plane(), yaw, self.limits, trusted)
 
     def status(self, sensor: str) -> SensorStatus:
         """What a sensor's conditioning has seen."""
@@ -306,10 +305,7 @@ class _SeatSide:
             self.stepper.reset()
         accel = self.stepper.push(block.low_passed_mps2)
         if not math.isfinite(accel[-1, 0] + accel[-1, -1]):
-            # Never a wrong number as a good one: nothing is predicted for this block, and the chain starts from rest.
-            self.stepper.reset()
-            self.divergences += 1
-            accel[:] = np.nan
+            self._restart_behind_divergence(block.low_passed_mps2, accel)
         self._digest(self._batch.add(accel, block.begins_run))
         self.comparison.seat(block, accel)
         return accel
@@ -317,6 +313,26 @@ class _SeatSide:
     def _digest(self, rows: Floats | None) -> None:
         if rows is not None:
             self.doses.push(rows)
+
+    def _restart_behind_divergence(self, seat_mps2: Floats, accel: Floats) -> None:
+        """Never a wrong number as a good one: predict nothing where the chain left the finite numbers, and start anew.
+
+        Sample by sample the same as in blocks: once it has diverged, every later row of a block is not finite either.
+        """
+        lost: list[int] = []
+        start = 0
+        while not (finite := np.isfinite(accel[start:]).all(axis=1)).all():
+            lost.append(start + int(np.argmin(finite)))
+            start = lost[-1] + 1
+            self.stepper.reset()
+            accel[start:] = self.stepper.push(seat_mps2[start:])
+        accel[lost] = np.nan
+        self.divergences += len(lost)
+
+    def reset(self) -> None:
+        self._digest(self._batch.take())
+        self.doses.reset()
+        self.comparison.reset()
 
     def predicted(self, rolling: bool) -> dict[str, Dose]:
         self._digest(self._batch.take())

@@ -152,9 +152,6 @@ class BiodynNode(LifecycleNode):
             )
         ]
         self._refresh_wanted()
-        # What exists now lives as long as the node: the collector need not walk it again, which takes milliseconds.
-        gc.collect()
-        gc.freeze()
         self.get_logger().info(f"predicting for {self._pipeline.subject.name}, listening to {len(SENSORS)} sensors")
 
     def _deactivate(self) -> None:
@@ -401,6 +398,9 @@ def main(args: list[str] | None = None) -> int:
                 node.trigger_activate()
             if node.failure is not None:
                 return 2
+        # What exists now lives as long as this process: the collector need not walk it again, which takes milliseconds.
+        gc.collect()
+        gc.freeze()
         spin(executor, until=lambda: not rclpy.ok())
     except InputError as error:
         print(f"biodyn live: {error}", file=sys.stderr)

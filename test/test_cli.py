@@ -45,6 +45,14 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     return errors.strip()
 
 
+def figures(capsys: pytest.CaptureFixture[str], bag: Path, out: Path) -> dict[str, Any]:
+    """The document of a replay that writes nothing but it."""
+    given = ("--subject", "subject_1", "-o", out, "--no-report", "--no-predicted", "--json")
+    code, text, errors = run(capsys, "replay", bag, *given)
+    assert code == 0, errors
+    return json.loads(text)
+
+
 def write_bag(path: Path, sensors: tuple[str, ...] = SENSORS, change: Any = None, namespace: str = "") -> Path:
     """A small bag of the noisy streams; `change` may alter a sensor's (stamps, acceleration)."""
     with BagWriter(path) as writer:
@@ -176,27 +184,14 @@ def test_measured_seat_motions_drive_a_simulation(
 ) -> None:
     bag = tmp_path / "bag.mcap"
     given = ("--subject", "subject_1", "--seat", shared_data / name, "--seconds", 12, *options)
-    code, out, errors = run(capsys, "simulate", *given, "-o", bag)
+    code, _, errors = run(capsys, "simulate", *given, "-o", bag)
     if "byu" in name:  # no seat motion, and its stamps are all zero: the recorder's times served
         assert code == 2
         assert "a rate of 10.1 Hz does not carry a seat motion" in errors
         assert not bag.exists()
         return
     assert code == 0, errors
-    code, out, _ = run(
-        capsys,
-        "replay",
-        bag,
-        "--subject",
-        "subject_1",
-        "-o",
-        tmp_path / "out",
-        "--no-report",
-        "--no-predicted",
-        "--json",
-    )
-    document = json.loads(out)
-    assert code == 0
+    document = figures(capsys, bag, tmp_path / "out")
     assert document["seconds"] == pytest.approx(14.0, abs=0.3)
     assert all(row["nrmse_rms_percent"] < 60.0 for row in document["residual"].values())
     assert 0.01 < document["sensors"]["seat"]["aw_mps2"] < 2.0
@@ -210,20 +205,7 @@ def test_the_real_tram_has_the_weighted_rms_that_others_measured(
     bag, perfect = tmp_path / "bag.mcap", ("--noise-mps2", 0, "--bias-mps2", 0, "--tilt-deg", 0)
     given = ("--subject", "subject_1", "--seat", tram, "--seat-rate", 500, *perfect)
     assert run(capsys, "simulate", *given, "-o", bag)[0] == 0
-    code, out, _ = run(
-        capsys,
-        "replay",
-        bag,
-        "--subject",
-        "subject_1",
-        "-o",
-        tmp_path / "out",
-        "--no-report",
-        "--no-predicted",
-        "--json",
-    )
-    seat = json.loads(out)["sensors"]["seat"]
-    assert code == 0
+    seat = figures(capsys, bag, tmp_path / "out")["sensors"]["seat"]
     assert seat["aw_mps2"] == pytest.approx(0.148, rel=0.02)
     assert seat["vdv_mps175"] == pytest.approx(1.03, rel=0.02)
 

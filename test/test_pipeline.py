@@ -12,6 +12,7 @@ from streams import PERFECT, START_NS, independent_streams, noisy_streams, subje
 
 from biodyn_core import kernels
 from biodyn_core.errors import InputError
+from biodyn_core.model import Stepper
 from biodyn_core.pipeline import Exposure, Pipeline, PipelineSettings
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.synthesis import ImuStream, SeatMotion, imu_streams, load_case
@@ -202,6 +203,48 @@ def test_reset_starts_the_sums_anew_and_leaves_filters_and_window_alone() -> Non
     whole = run(streams, cuts).exposure.sensors[SEAT]
     assert before.vdv_mps175**4 + after.vdv_mps175**4 == pytest.approx(whole.vdv_mps175**4, rel=1e-9)
     assert pipeline.exposure(rolling=True).sensors[SEAT].vdv_mps175 == pytest.approx(whole.vdv_mps175, rel=1e-9)
+
+
+def test_reset_leaves_nothing_of_the_prediction_behind_either() -> None:
+    streams = noisy_streams()
+    by_name = {stream.sensor: stream for stream in streams}
+    pipeline = Pipeline(subject())
+    for name, a, b in in_turn(streams, 50)[: 6 * 70]:  # no multiple of the meters' batch
+        pipeline.push(name, by_name[name].stamps_ns[a:b], by_name[name].accel_mps2[a:b])
+    pipeline.reset()
+    exposure = pipeline.exposure()
+    assert {dose.seconds for dose in exposure.predicted.values()} == {0.0}
+    assert {dose.vdv_mps175 for dose in exposure.predicted.values()} == {0.0}
+    assert {dose.seconds for dose in exposure.sensors.values()} == {0.0}
+
+
+class _Fragile(Stepper):
+    """A chain that leaves the finite numbers at a few samples of its own choosing, and stays there until reset."""
+
+    broken = False
+
+    def reset(self) -> None:
+        super().reset()
+        self.broken = False
+
+    def push(self, seat_mps2: np.ndarray, motion: np.ndarray | None = None) -> np.ndarray:
+        accel = super().push(seat_mps2, motion)
+        bad = np.flatnonzero(np.round(seat_mps2 * 1e4).astype(int) % 997 == 0)
+        if self.broken or bad.size:
+            accel[0 if self.broken else bad[0] :] = np.nan
+            self.broken = True
+        return accel
+
+
+def test_a_diverging_model_predicts_nothing_and_starts_anew_for_any_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("biodyn_core.pipeline.Stepper", _Fragile)
+    runs = [run(noisy_streams(), in_turn(noisy_streams(), size)) for size in (1, 37, 280)]
+    assert runs[0].pipeline.divergences >= 2
+    assert 2 <= np.isnan(runs[0].predicted).all(axis=1).sum() == runs[0].pipeline.divergences
+    for other in runs[1:]:
+        assert other.pipeline.divergences == runs[0].pipeline.divergences
+        np.testing.assert_array_equal(other.predicted, runs[0].predicted)
+        assert other.exposure == runs[0].exposure
 
 
 def test_gravity_at_the_start_never_counts() -> None:
