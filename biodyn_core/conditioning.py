@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from biodyn_core import kernels
 from biodyn_core.errors import InputError
+from biodyn_core.kernels import sensor as kernels
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.weighting import MIN_RATE_HZ, RATE_TOLERANCE

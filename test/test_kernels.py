@@ -16,6 +16,7 @@ from scipy import signal
 from biodyn_core import kernels
 from biodyn_core.alignment import _WEIGHTS
 from biodyn_core.exposure import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, _first_order_hold
+from biodyn_core.kernels import alignment, chain, compiling, exposure, sensor
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
@@ -51,9 +52,10 @@ class Uncompiled:
     """Kernels call each other by name: while it lasts those names are plain functions too."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        for name, value in vars(kernels).items():
-            if hasattr(value, "py_func"):
-                monkeypatch.setattr(kernels, name, value.py_func)
+        for module in (kernels, alignment, chain, exposure, sensor):
+            for name, value in vars(module).items():
+                if hasattr(value, "py_func"):
+                    monkeypatch.setattr(module, name, value.py_func)
 
 
 def answers(name: str, kind: str) -> list[np.ndarray]:
@@ -103,7 +105,7 @@ def _regularise(kind: str) -> list:
     stamps, samples = _stream(kind)
     room = len(stamps) + 80
     return [
-        stamps, samples, 0, _clock(), np.zeros(3), np.zeros(kernels.COUNT_SIZE, dtype=np.int64), 0.05, 2e-3, 1e-6,
+        stamps, samples, 0, _clock(), np.zeros(3), np.zeros(sensor.COUNT_SIZE, dtype=np.int64), 0.05, 2e-3, 1e-6,
         20.0, np.zeros(room), np.zeros((room, 3)), np.zeros(room, dtype=np.int64),
     ]  # fmt: skip
 
@@ -114,7 +116,7 @@ def _condition(kind: str) -> list:
     low_pass = signal.butter(4, 100.0, fs=RATE_HZ, output="sos")
     return [
         np.rint(stamps * 1e9).astype(np.int64), stamps, samples, _clock(), np.zeros(3),
-        np.zeros(kernels.COUNT_SIZE, dtype=np.int64), np.eye(3)[[1, 2, 0]], low_pass, np.zeros((2, 2, 1)),
+        np.zeros(sensor.COUNT_SIZE, dtype=np.int64), np.eye(3)[[1, 2, 0]], low_pass, np.zeros((2, 2, 1)),
         (0.05, 2e-3, 1e-6, 20.0, 9.81), 7, 4_050_000,
         np.zeros(room, dtype=np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros((room, 1)),
     ]  # fmt: skip
@@ -183,8 +185,13 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
 def test_every_kernel_is_compared():
     if not kernels.COMPILED:
         pytest.skip("without numba there is nothing to compare")
-    found = {name for name, value in vars(kernels).items() if hasattr(value, "py_func") and not name.startswith("_")}
-    assert found == set(ARGUMENTS)
+    public = {
+        name
+        for module in (alignment, chain, exposure, sensor)
+        for name, value in vars(module).items()
+        if hasattr(value, "py_func") and not name.startswith("_")
+    }
+    assert public == set(ARGUMENTS) == {kernel.__name__ for kernel in kernels.KERNELS}
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)
@@ -228,15 +235,15 @@ def closed(tmp_path):
 
 def test_the_cache_goes_where_the_user_says(bare, monkeypatch):
     monkeypatch.setenv("HOME", str(bare / "home"))
-    assert kernels._cache_folder() == str(bare / "home" / ".cache" / "biodyn")
+    assert compiling._cache_folder() == str(bare / "home" / ".cache" / "biodyn")
     monkeypatch.setenv("XDG_CACHE_HOME", str(bare / "xdg"))
-    assert kernels._cache_folder() == str(bare / "xdg" / "biodyn")
+    assert compiling._cache_folder() == str(bare / "xdg" / "biodyn")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(bare / "numba"))
-    assert kernels._cache_folder() == str(bare / "numba" / "biodyn")
+    assert compiling._cache_folder() == str(bare / "numba" / "biodyn")
 
 
 def test_without_home_the_cache_is_temporary_and_the_users_own(bare):
-    folder = Path(kernels._cache_folder())
+    folder = Path(compiling._cache_folder())
     assert folder.parent == bare / "tmp" and folder.name.startswith("biodyn-cache-")
     assert folder.stat().st_mode & 0o777 == 0o700
 
@@ -244,7 +251,7 @@ def test_without_home_the_cache_is_temporary_and_the_users_own(bare):
 @pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"])
 def test_what_cannot_be_written_is_passed_over(bare, closed, monkeypatch, variable):
     monkeypatch.setenv(variable, closed)
-    assert Path(kernels._cache_folder()).parent == bare / "tmp"
+    assert Path(compiling._cache_folder()).parent == bare / "tmp"
 
 
 def test_a_read_only_folder_is_passed_over(bare, monkeypatch):
@@ -253,7 +260,7 @@ def test_a_read_only_folder_is_passed_over(bare, monkeypatch):
 
     monkeypatch.setenv("HOME", str(bare))
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
-    assert kernels._cache_folder() is None
+    assert compiling._cache_folder() is None
 
 
 def test_a_folder_of_somebody_else_is_passed_over(bare, monkeypatch):
@@ -261,13 +268,13 @@ def test_a_folder_of_somebody_else_is_passed_over(bare, monkeypatch):
         pytest.skip("no owners here")
     monkeypatch.setenv("HOME", str(bare))
     monkeypatch.setattr(os, "getuid", lambda: 4_000_001)
-    assert kernels._cache_folder() is None
+    assert compiling._cache_folder() is None
 
 
 def test_nothing_writable_at_all_means_no_cache(bare, closed, monkeypatch):
     monkeypatch.setenv("HOME", closed)
     monkeypatch.setattr(tempfile, "tempdir", closed)
-    assert kernels._cache_folder() is None
+    assert compiling._cache_folder() is None
 
 
 SCRIPT = """
@@ -275,9 +282,10 @@ import sys
 {block}
 import numpy as np
 from biodyn_core import kernels
+from biodyn_core.kernels.compiling import _CACHE
 out = np.empty((3, 1))
 kernels.filter_sections(np.array([[0.5, 0.5, 0, 1, 0, 0]]), np.zeros((1, 2, 1)), np.array([[1.0], [2.0], [4.0]]), out)
-print(kernels.COMPILED, kernels._CACHE, out.ravel().tolist())
+print(kernels.COMPILED, _CACHE, out.ravel().tolist())
 """
 
 

@@ -1,0 +1,208 @@
+"""The meters' loops: doses, injury criteria, residual.
+
+Every meter adds into `bin_` and, each `length` samples, closes it into the ring (rolling window) and the total.
+Columns before `sums` add up, the others keep their largest value. A NaN sample is a break: filters start anew there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.kernels.compiling import compiled
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@compiled
+def _close_bin(bin_: Floats, total: Floats, ring: Floats, position: Integers, sums: int) -> None:
+    slot = position[1] % ring.shape[0]
+    for c in range(bin_.shape[0]):
+        for q in range(bin_.shape[1]):
+            ring[slot, c, q] = bin_[c, q]
+            if q < sums:
+                total[c, q] += bin_[c, q]
+            else:
+                total[c, q] = max(total[c, q], bin_[c, q])
+            bin_[c, q] = 0.0
+    position[0] = 0
+    position[1] += 1
+
+
+@compiled
+def dose(
+    x: Floats, sos: Floats, state: Floats, decay: float, running: Floats, bin_: Floats, total: Floats, ring: Floats,
+    position: Integers, length: int,
+) -> None:  # fmt: skip
+    """Weight x (n, c) and gather per channel: sum a^2, sum a^4, samples, peak |a|, peak running mean square.
+
+    running (c,) is the exponentially averaged mean square (1 s, ISO 2631-1:1997, 6.3.1, Eq. 3 in recursive form).
+    """
+    for n in range(x.shape[0]):
+        for c in range(x.shape[1]):
+            value = x[n, c]
+            if np.isnan(value):
+                running[c] = 0.0
+                for s in range(sos.shape[0]):
+                    state[s, 0, c] = 0.0
+                    state[s, 1, c] = 0.0
+                continue
+            for s in range(sos.shape[0]):
+                fed = value
+                value = sos[s, 0] * fed + state[s, 0, c]
+                state[s, 0, c] = sos[s, 1] * fed - sos[s, 4] * value + state[s, 1, c]
+                state[s, 1, c] = sos[s, 2] * fed - sos[s, 5] * value
+            square = value * value
+            running[c] += decay * (square - running[c])
+            bin_[c, 0] += square
+            bin_[c, 1] += square * square
+            bin_[c, 2] += 1.0
+            bin_[c, 3] = max(bin_[c, 3], abs(value))
+            bin_[c, 4] = max(bin_[c, 4], running[c])
+        position[0] += 1
+        if position[0] == length:
+            _close_bin(bin_, total, ring, position, 3)
+
+
+@compiled
+def planar_dose(
+    x: Floats, sos: Floats, state: Floats, bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int
+) -> None:
+    """Weight x (n, 2) and gather the moments a_x^p a_y^q that give aw and VDV in every horizontal direction.
+
+    Columns: p + q = 2 (3 of them), p + q = 4 (5 of them), samples; bin_ (1, 9).
+    """
+    weighted = np.empty(2)
+    for n in range(x.shape[0]):
+        missing = np.isnan(x[n, 0]) or np.isnan(x[n, 1])
+        for c in range(2):
+            value = x[n, c]
+            for s in range(sos.shape[0]):
+                fed = value
+                value = sos[s, 0] * fed + state[s, 0, c]
+                state[s, 0, c] = 0.0 if missing else sos[s, 1] * fed - sos[s, 4] * value + state[s, 1, c]
+                state[s, 1, c] = 0.0 if missing else sos[s, 2] * fed - sos[s, 5] * value
+            weighted[c] = value
+        if not missing:
+            a, b = weighted[0], weighted[1]
+            bin_[0, 0] += a * a
+            bin_[0, 1] += a * b
+            bin_[0, 2] += b * b
+            bin_[0, 3] += a * a * a * a
+            bin_[0, 4] += a * a * a * b
+            bin_[0, 5] += a * a * b * b
+            bin_[0, 6] += a * b * b * b
+            bin_[0, 7] += b * b * b * b
+            bin_[0, 8] += 1.0
+        position[0] += 1
+        if position[0] == length:
+            _close_bin(bin_, total, ring, position, 9)
+
+
+@compiled
+def dynamic_response(
+    x: Floats, transition: Floats, state: Floats, bin_: Floats, total: Floats, ring: Floats, position: Integers,
+    length: int, seen: Integers,
+) -> None:  # fmt: skip
+    """Drive the DRI oscillator with x (n, 1), linear between samples, and keep the largest compression and |z|, metres.
+
+    transition (2, 4): [z, z'] after = transition @ [z, z', x before, x now]; state (3,) = z, z', x before;
+    seen (2,): samples so far, and the sample of the largest compression.
+    """
+    for n in range(x.shape[0]):
+        value = x[n, 0]
+        if np.isnan(value):
+            state[0] = 0.0
+            state[1] = 0.0
+            state[2] = 0.0
+            continue
+        z = (
+            transition[0, 0] * state[0]
+            + transition[0, 1] * state[1]
+            + transition[0, 2] * state[2]
+            + transition[0, 3] * value
+        )
+        rate = (
+            transition[1, 0] * state[0]
+            + transition[1, 1] * state[1]
+            + transition[1, 2] * state[2]
+            + transition[1, 3] * value
+        )
+        state[0] = z
+        state[1] = rate
+        state[2] = value
+        if -z > bin_[0, 0] and -z > total[0, 0]:
+            seen[1] = seen[0]
+        seen[0] += 1
+        bin_[0, 0] = max(bin_[0, 0], -z)
+        bin_[0, 1] = max(bin_[0, 1], abs(z))
+        position[0] += 1
+        if position[0] == length:
+            _close_bin(bin_, total, ring, position, 0)
+
+
+@compiled
+def _hic_value(impulse: float, duration: float) -> float:
+    mean = impulse / duration
+    return duration * mean * mean * np.sqrt(mean) if mean > 0.0 else 0.0
+
+
+@compiled
+def head_injury(
+    x: Floats, period_s: float, window_s: float, history: Floats, filled: Integers, bin_: Floats, total: Floats,
+    ring: Floats, position: Integers, length: int,
+) -> None:  # fmt: skip
+    """Keep the largest HIC of x (n, c), in g, over all windows up to `window_s`, ends interpolated (Eq. 23).
+
+    history (w + 2, 2, c): the last samples and their running integrals, newest first; filled (1,): how many are valid.
+    x is taken as linear between samples, so its integral at a window's interpolated end is exact.
+    """
+    whole = int(np.floor(window_s / period_s + 1e-9))
+    part = window_s - whole * period_s
+    for n in range(x.shape[0]):
+        if np.isnan(x[n, 0]):
+            filled[0] = 0
+            continue
+        depth = filled[0]
+        for c in range(x.shape[1]):
+            for h in range(min(depth, history.shape[0] - 1), 0, -1):
+                history[h, 0, c] = history[h - 1, 0, c]
+                history[h, 1, c] = history[h - 1, 1, c]
+            history[0, 0, c] = x[n, c]
+            history[0, 1, c] = 0.0
+            if depth > 0:
+                history[0, 1, c] = history[1, 1, c] + 0.5 * period_s * (history[1, 0, c] + x[n, c])
+            best = 0.0
+            for h in range(1, min(depth, whole) + 1):
+                best = max(best, _hic_value(history[0, 1, c] - history[h, 1, c], h * period_s))
+            if depth > whole and part > 0.0 and whole > 0:
+                share = part / period_s
+                old, older = history[whole, 0, c], history[whole + 1, 0, c]
+                begin = history[whole, 1, c] - part * (old + 0.5 * share * (older - old))
+                best = max(best, _hic_value(history[0, 1, c] - begin, window_s))
+                now, before = history[0, 0, c], history[1, 0, c]
+                end = history[1, 1, c] + part * (before + 0.5 * share * (now - before))
+                best = max(best, _hic_value(end - history[whole + 1, 1, c], window_s))
+            bin_[c, 0] = max(bin_[c, 0], best)
+        filled[0] = min(depth + 1, history.shape[0])
+        position[0] += 1
+        if position[0] == length:
+            _close_bin(bin_, total, ring, position, 0)
+
+
+@compiled
+def residual(
+    predicted: Floats, measured: Floats, bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int
+) -> None:
+    """Gather per segment the sums of (predicted - measured)^2, measured^2 and samples; rows with NaN are left out."""
+    for n in range(predicted.shape[0]):
+        for c in range(predicted.shape[1]):
+            difference = predicted[n, c] - measured[n, c]
+            if not np.isnan(difference):
+                bin_[c, 0] += difference * difference
+                bin_[c, 1] += measured[n, c] * measured[n, c]
+                bin_[c, 2] += 1.0
+        position[0] += 1
+        if position[0] == length:
+            _close_bin(bin_, total, ring, position, 3)
