@@ -90,24 +90,88 @@ def transfer_functions(theta, body_mass_kg, mass_matrix, frequency_hz):
 # --- ISO 2631-1 / ISO 8041 -------------------------------------------------------------------------------------------
 
 
+# f1, f2, f3, f4, Q4, and of the step f5, Q5, f6, Q6 with its factor at 0 Hz. ISO 8041-1 prints (w5 / w6)^2 for that;
+# Wb is taken from BS 6841, which prints K = 0.4, and not from ISO's 1.024 (2.5 / 4)^2.
+INFINITE = math.inf
+WEIGHTINGS = {
+    "Wk": (0.4, 100.0, 12.5, 12.5, 0.63, (2.37, 0.91, 3.35, 0.91, (2.37 / 3.35) ** 2)),
+    "Wd": (0.4, 100.0, 2.0, 2.0, 0.63, None),
+    "Wf": (0.08, 0.63, INFINITE, 0.25, 0.86, (0.0625, 0.80, 0.10, 0.80, (0.0625 / 0.10) ** 2)),
+    "Wc": (0.4, 100.0, 8.0, 8.0, 0.63, None),
+    "We": (0.4, 100.0, 1.0, 1.0, 0.63, None),
+    "Wj": (0.4, 100.0, INFINITE, INFINITE, 1.0, (3.75, 0.91, 5.32, 0.91, (3.75 / 5.32) ** 2)),
+    "Wb": (0.4, 100.0, 16.0, 16.0, 0.55, (2.5, 0.9, 4.0, 0.95, 0.4)),
+}
+
+
 def weighting(name, frequency_hz):
-    """The analog weighting, as ISO 8041 prints its factors: band limits at 0.4 and 100 Hz, a-v transition, step."""
+    """The analog weighting, as ISO 8041 prints its factors: band limits, a-v transition, upward step."""
     p = 2j * math.pi * np.asarray(frequency_hz, dtype=float)
-    w1, w2 = 2.0 * math.pi * 0.4, 2.0 * math.pi * 100.0
+    f1, f2, f3, f4, q4, upward = WEIGHTINGS[name]
+    w1, w2, w3, w4 = (2.0 * math.pi * f for f in (f1, f2, f3, f4))
     high_pass = 1.0 / (1.0 + math.sqrt(2.0) * w1 / p + (w1 / p) ** 2)
     low_pass = 1.0 / (1.0 + math.sqrt(2.0) * p / w2 + (p / w2) ** 2)
-    w3, q4 = 2.0 * math.pi * {"Wk": 12.5, "Wd": 2.0}[name], 0.63
-    transition = (1.0 + p / w3) / (1.0 + p / (q4 * w3) + (p / w3) ** 2)
+    transition = (1.0 + p / w3) / (1.0 + p / (q4 * w4) + (p / w4) ** 2)
     step = 1.0
-    if name == "Wk":
-        w5, w6, q = 2.0 * math.pi * 2.37, 2.0 * math.pi * 3.35, 0.91
-        step = (1.0 + p / (q * w5) + (p / w5) ** 2) / (1.0 + p / (q * w6) + (p / w6) ** 2) * (w5 / w6) ** 2
+    if upward:
+        f5, q5, f6, q6, factor = upward
+        w5, w6 = 2.0 * math.pi * f5, 2.0 * math.pi * f6
+        step = factor * (1.0 + p / (q5 * w5) + (p / w5) ** 2) / (1.0 + p / (q6 * w6) + (p / w6) ** 2)
     return high_pass * low_pass * transition * step
 
 
+def weighting_quotient(name):
+    """The same as two polynomials in p, highest power first."""
+    f1, f2, f3, f4, q4, upward = WEIGHTINGS[name]
+    w1, w2, w3, w4 = (2.0 * math.pi * f for f in (f1, f2, f3, f4))
+    top, bottom = np.array([1.0, 0.0, 0.0]), np.array([1.0, math.sqrt(2.0) * w1, w1**2])
+    bottom = np.polymul(bottom, [1.0 / w2**2, math.sqrt(2.0) / w2, 1.0])
+    top, bottom = np.polymul(top, [1.0 / w3, 1.0]), np.polymul(bottom, [1.0 / w4**2, 1.0 / (q4 * w4), 1.0])
+    if upward:
+        f5, q5, f6, q6, factor = upward
+        w5, w6 = 2.0 * math.pi * f5, 2.0 * math.pi * f6
+        top = factor * np.polymul(top, [1.0 / w5**2, 1.0 / (q5 * w5), 1.0])
+        bottom = np.polymul(bottom, [1.0 / w6**2, 1.0 / (q6 * w6), 1.0])
+    return np.trim_zeros(top, "f"), np.trim_zeros(bottom, "f")
+
+
+def pulses(pieces, time_s):
+    """A signal of exponentials: Re(amplitude exp(exponent (t - begin))) between begin and end, for each piece."""
+    total = np.zeros(len(time_s))
+    for amplitude, exponent, begin, end in pieces:
+        inside = (time_s >= begin) & (time_s < end)
+        total += np.where(inside, amplitude * np.exp(exponent * np.where(inside, time_s - begin, 0.0)), 0.0).real
+    return total
+
+
+def response_to_pulses(top, bottom, pieces, time_s):
+    """What the system top(p) / bottom(p) makes of `pulses`, in closed form by partial fractions (simple poles)."""
+    poles = np.roots(bottom)
+    residues = np.polyval(top, poles) / np.polyval(np.polyder(bottom), poles)
+    total = np.zeros(len(time_s))
+    for amplitude, exponent, begin, end in pieces:
+        edges = [(amplitude, begin)]
+        if math.isfinite(end):
+            edges.append((-amplitude * np.exp(exponent * (end - begin)), end))
+        for sign, start in edges:
+            t = np.maximum(time_s - start, 0.0)
+            for pole, residue in zip(poles, residues, strict=True):
+                total += (sign * residue * (np.exp(pole * t) - np.exp(exponent * t)) / (pole - exponent)).real
+    return total
+
+
+def slow_level(accel, rate_hz, time_constant_s):
+    """Exponential mean of a signal (n,) within 1 g, sample by sample, from zero."""
+    forget = math.exp(-1.0 / (time_constant_s * rate_hz))
+    mean = 0.0
+    for a in np.clip(accel, -GRAVITY, GRAVITY):
+        mean = forget * mean + (1.0 - forget) * a
+    return mean
+
+
 def weighted(name, accel, rate_hz):
-    """Weight a signal (n,) by its spectrum; zeros behind it keep the end from ringing into the beginning."""
-    padded = np.concatenate([accel, np.zeros(2 * len(accel))])
+    """Weight a signal (n,) by its spectrum; a minute of zeros keeps the end from ringing into the beginning."""
+    padded = np.concatenate([accel, np.zeros(round(60.0 * rate_hz))])
     frequency = np.fft.rfftfreq(len(padded), 1.0 / rate_hz)
     gain = np.zeros(len(frequency), dtype=complex)
     gain[1:] = weighting(name, frequency[1:])

@@ -14,7 +14,7 @@ import pytest
 from scipy import signal
 
 from biodyn_core import kernels
-from biodyn_core.alignment import _WEIGHTS
+from biodyn_core.alignment import lagrange_weights
 from biodyn_core.exposure import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, _first_order_hold
 from biodyn_core.kernels import alignment, chain, compiling, exposure, sensor
 from biodyn_core.model import Chain, Stepper
@@ -85,40 +85,51 @@ def _chain(kind: str, keep_motion: bool, high: float) -> list:
     ]  # fmt: skip
 
 
+EPOCH_NS = 10**18
+
+
 def _stream(kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps with jitter, losses, a gap and a jump back; samples with what `kind` has."""
+    """Stamps (n,) ns with jitter, losses, a stall, some unset, an hour ahead or alike, a gap; samples of that kind."""
     samples = given(kind, 3)
     rng = np.random.default_rng(3)
-    stamps = (1.0 + np.arange(ROWS) + 0.05 * rng.standard_normal(ROWS)) / RATE_HZ
-    stamps[60:] += 5.0 / RATE_HZ
-    stamps[100:] += 1.0
+    stamps = EPOCH_NS + np.rint((1.0 + np.arange(ROWS) + 0.05 * rng.standard_normal(ROWS)) * 1e9 / RATE_HZ).astype(int)
+    stamps[60:] += round(5e9 / RATE_HZ)
+    stamps[90:94] = stamps[94] + np.arange(4)
+    stamps[110:113] = 0
+    stamps[130:133] += 3600 * 10**9
     stamps[150:153] = stamps[150]
-    stamps[200:] -= 0.5
+    stamps[190:] += 10**9
     return stamps[: len(samples)], samples
 
 
-def _clock() -> np.ndarray:
-    return np.array([0.0, 1.0 / RATE_HZ, 1.0 / RATE_HZ, 0.0, 1e-5])
+def _sensor(coarse: bool, jitter_s: float) -> np.ndarray:
+    """A sensor's state after rest at 1 g: the clock at its epoch, a rotation, the low-pass, a tracker of 40 s."""
+    state = np.zeros(sensor.STATE_SIZE)
+    state[[sensor.PERIOD, sensor.NOMINAL]] = 1.0 / RATE_HZ
+    state[sensor.JITTER], state[sensor.COARSE], state[sensor.SATURATION] = jitter_s, coarse, 20.0
+    state[sensor.ROTATION : sensor.LOW_PASS] = np.eye(3)[[1, 2, 0]].ravel()
+    state[sensor.LOW_PASS : sensor.LOW_PASS_STATE] = signal.butter(4, 100.0, fs=RATE_HZ, output="sos").ravel()
+    state[[sensor.MAX_GAP, sensor.FLAT_AFTER, sensor.GAIN_TIME, sensor.GAIN_PERIOD]] = 0.05, 0.01, 2e-3, 1e-6
+    state[sensor.TRACKER_GAIN], state[sensor.AT_REST :] = 1.0 / (40.0 * RATE_HZ), (0.1, 0.2, 9.81)
+    return state
 
 
-def _regularise(kind: str) -> list:
+def _regularise(kind: str, coarse: bool = False, jitter_s: float = 1e-5, final: bool = True) -> list:
     stamps, samples = _stream(kind)
     room = len(stamps) + 80
     return [
-        stamps, samples, 0, _clock(), np.zeros(3), np.zeros(sensor.COUNT_SIZE, dtype=np.int64), 0.05, 2e-3, 1e-6,
-        20.0, np.zeros(room), np.zeros((room, 3)), np.zeros(room, dtype=np.int64),
+        stamps, samples, EPOCH_NS, final, _sensor(coarse, jitter_s), np.zeros(sensor.COUNT_SIZE, dtype=np.int64),
+        np.zeros(room), np.zeros((room, 3)), np.zeros(room, dtype=np.int64),
     ]  # fmt: skip
 
 
-def _condition(kind: str) -> list:
+def _condition(kind: str, coarse: bool = False, jitter_s: float = 1e-5, final: bool = True) -> list:
     stamps, samples = _stream(kind)
     room = len(stamps) + 80
-    low_pass = signal.butter(4, 100.0, fs=RATE_HZ, output="sos")
     return [
-        np.rint(stamps * 1e9).astype(np.int64), stamps, samples, _clock(), np.zeros(3),
-        np.zeros(sensor.COUNT_SIZE, dtype=np.int64), np.eye(3)[[1, 2, 0]], low_pass, np.zeros((2, 2, 1)),
-        (0.05, 2e-3, 1e-6, 20.0, 9.81), 7, 4_050_000,
-        np.zeros(room, dtype=np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros((room, 1)),
+        stamps, samples, EPOCH_NS, 4_050_000, final, _sensor(coarse, jitter_s),
+        np.zeros(sensor.COUNT_SIZE, dtype=np.int64), np.zeros(room, dtype=np.int64), np.zeros(room),
+        np.zeros((room, 3)), np.zeros((room, 1)),
     ]  # fmt: skip
 
 
@@ -133,18 +144,18 @@ def _interpolate(kind: str) -> list:
     times = np.arange(values.size) / RATE_HZ
     runs = (np.arange(values.size) > 130).astype(np.int64)
     grid = np.sort(np.append(np.linspace(-0.01, 0.25, 300), times[20:40]))
-    return [times, runs, values, grid, _WEIGHTS, np.full(grid.size, np.nan)]
+    return [times, runs, values, grid, lagrange_weights(8), np.full(grid.size, np.nan)]
 
 
 def _dose(kind: str) -> list:
     sections = weighting_sections("Wk", RATE_HZ)
     state = np.zeros((len(sections), 2, 2))
-    return [given(kind, 2), sections, state, 1e-3, np.zeros(2), *_tally(2, 5)]
+    return [given(kind, 2), sections, state, 2e-3, np.full(2, 0.3), 1e-3, np.zeros(2), *_tally(2, 5)]
 
 
 def _planar_dose(kind: str) -> list:
     sections = weighting_sections("Wd", RATE_HZ)
-    return [given(kind, 2), sections, np.zeros((len(sections), 2, 2)), *_tally(1, 9)]
+    return [given(kind, 2), sections, np.zeros((len(sections), 2, 2)), 2e-3, np.full(2, 0.3), *_tally(1, 9)]
 
 
 def _dynamic_response(kind: str) -> list:
@@ -154,12 +165,20 @@ def _dynamic_response(kind: str) -> list:
 
 def _head_injury(kind: str) -> list:
     x = np.abs(given(kind, 3))
-    return [x, 1.0 / RATE_HZ, 0.015, np.zeros((18, 2, 3)), np.zeros(1, dtype=np.int64), *_tally(3, 1)]
+    weights = np.append(np.arange(1, 17) / RATE_HZ, 0.015) ** -0.6
+    return [x, 1.0 / RATE_HZ, 0.015, weights, np.zeros((3, 2, 36)), np.zeros((3, 2), dtype=np.int64), *_tally(3, 1)]
 
 
 def _level(kind: str) -> list:
     x = given(kind, 3)
-    return [x, np.linalg.qr(np.arange(9.0).reshape(3, 3) ** 2 + np.eye(3))[0], 9.81, np.empty_like(x)]
+    turn = np.linalg.qr(np.arange(9.0).reshape(3, 3) ** 2 + np.eye(3))[0]
+    return [x, turn, np.array([0.3, -0.2, 9.81]), np.empty_like(x)]
+
+
+def _settle(kind: str) -> list:
+    sections = weighting_sections("Wk", RATE_HZ)
+    level = given(kind, 1).sum()
+    return [sections, np.ones((len(sections), 2, 2)), 1, float(level)]
 
 
 def _residual(kind: str) -> list:
@@ -179,6 +198,7 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "dynamic_response": _dynamic_response,
     "head_injury": _head_injury,
     "residual": _residual,
+    "settle": _settle,
 }
 
 
@@ -211,6 +231,25 @@ def test_compiled_and_plain_kernels_agree(name, kind, monkeypatch):
 def test_the_chain_agrees_at_both_ends_of_table_1(high, keep_motion, monkeypatch):
     monkeypatch.setitem(ARGUMENTS, "integrate_chain", lambda kind: _chain(kind, keep_motion, high))
     test_compiled_and_plain_kernels_agree("integrate_chain", "random", monkeypatch)
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+@pytest.mark.parametrize("jitter_s", [0.0, 1e-3])
+@pytest.mark.parametrize("final", [False, True])
+@pytest.mark.parametrize("kind", ["random", "constant", "holes"])
+@pytest.mark.parametrize(("name", "arguments"), [("regularise", _regularise), ("condition", _condition)])
+def test_a_sensors_path_agrees_for_any_clock(name, arguments, coarse, jitter_s, final, kind, monkeypatch):
+    monkeypatch.setitem(ARGUMENTS, name, lambda kind: arguments(kind, coarse, jitter_s, final))
+    test_compiled_and_plain_kernels_agree(name, kind, monkeypatch)
+
+
+def test_the_streams_path_is_used_in_every_part():
+    """Or else the comparison would compare little."""
+    stamps, samples, epoch_ns, final, state, counts, *out = _regularise("holes")
+    used, _, why = sensor.regularise(stamps, samples, epoch_ns, final, state, counts, *out)
+    assert used >= 190 and why == sensor.NEW_RUN
+    names = ("ACCEPTED", "UNSET", "NON_FINITE", "LATE", "STRAY", "FILLED", "CLIPPED", "TRACKED")
+    assert [name for name in names if counts[getattr(sensor, name)] == 0] == []
 
 
 # --- the cache -------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ classes that own the arrays do. A kernel and those it calls share a file: numba'
 from biodyn_core.kernels.alignment import interpolate
 from biodyn_core.kernels.chain import integrate_chain
 from biodyn_core.kernels.compiling import COMPILED
-from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual
+from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual, settle
 from biodyn_core.kernels.sensor import condition, filter_sections, level, regularise
 
 KERNELS = (
@@ -22,6 +22,7 @@ KERNELS = (
     planar_dose,
     regularise,
     residual,
+    settle,
 )
 """Every kernel that is called from outside this package."""
 
@@ -39,4 +40,5 @@ __all__ = [
     "planar_dose",
     "regularise",
     "residual",
+    "settle",
 ]

@@ -49,13 +49,22 @@ _CACHE = _cache_folder() if COMPILED else None
 
 def compiled(function: F) -> F:
     """Compile with numba where it is present, cached where a cache can be kept; otherwise return the function."""
+    return _compiled(function, "never")
+
+
+def inlined(function: F) -> F:
+    """The same for a small part of a kernel, which becomes lines of its caller: passing arrays costs more than it."""
+    return _compiled(function, "always")
+
+
+def _compiled(function: F, inline: str) -> F:
     if numba is None:
         return function
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _CACHE or before
     try:
         # numpy's error model: a division by zero gives inf, as it does in the uncompiled twin.
-        wrapped: F = numba.njit(cache=_CACHE is not None, error_model="numpy")(function)
+        wrapped: F = numba.njit(cache=_CACHE is not None, error_model="numpy", inline=inline)(function)
         return wrapped
     finally:
         numba.config.CACHE_DIR = before

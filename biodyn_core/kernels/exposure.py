@@ -1,7 +1,8 @@
 """The meters' loops: doses, injury criteria, residual.
 
 Every meter adds into `bin_` and, each `length` samples, closes it into the ring (rolling window) and the total.
-Columns before `sums` add up, the others keep their largest value. A NaN sample is a break: filters start anew there.
+Columns before `sums` add up, the others keep their largest value. A NaN sample is missing: time goes on by one sample,
+nothing is counted, and what its channel carried (filter, oscillator, window) starts anew behind it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.kernels.compiling import compiled
+from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -31,23 +33,42 @@ def _close_bin(bin_: Floats, total: Floats, ring: Floats, position: Integers, su
 
 
 @compiled
+def _leaned(value: float) -> float:
+    """What of a sample may be a lean: no more than gravity. So neither shocks nor a diverging model make a level."""
+    return min(max(value, -STANDARD_GRAVITY_MPS2), STANDARD_GRAVITY_MPS2)
+
+
+@compiled
+def settle(sos: Floats, state: Floats, channel: int, level: float) -> None:
+    """Put one channel of the sections' state (s, 2, c) where a constant `level` would have brought it.
+
+    Behind the high-pass, which comes first and has both zeros at 0 Hz, there is nothing of a constant.
+    """
+    for s in range(sos.shape[0]):
+        state[s, 0, channel] = 0.0
+        state[s, 1, channel] = 0.0
+    state[0, 0, channel] = -sos[0, 0] * level
+    state[0, 1, channel] = sos[0, 2] * level
+
+
+@compiled
 def dose(
-    x: Floats, sos: Floats, state: Floats, decay: float, running: Floats, bin_: Floats, total: Floats, ring: Floats,
-    position: Integers, length: int,
+    x: Floats, sos: Floats, state: Floats, follow: float, level: Floats, decay: float, running: Floats, bin_: Floats,
+    total: Floats, ring: Floats, position: Integers, length: int,
 ) -> None:  # fmt: skip
     """Weight x (n, c) and gather per channel: sum a^2, sum a^4, samples, peak |a|, peak running mean square.
 
-    running (c,) is the exponentially averaged mean square (1 s, ISO 2631-1:1997, 6.3.1, Eq. 3 in recursive form).
+    running (c,) is the exponentially averaged mean square (1 s, ISO 2631-1:1997, 6.3.1, Eq. 3 in recursive form);
+    level (c,) the exponential mean of x within 1 g, where the sections start behind a missing sample.
     """
     for n in range(x.shape[0]):
         for c in range(x.shape[1]):
             value = x[n, c]
             if np.isnan(value):
                 running[c] = 0.0
-                for s in range(sos.shape[0]):
-                    state[s, 0, c] = 0.0
-                    state[s, 1, c] = 0.0
+                settle(sos, state, c, level[c])
                 continue
+            level[c] += follow * (_leaned(value) - level[c])
             for s in range(sos.shape[0]):
                 fed = value
                 value = sos[s, 0] * fed + state[s, 0, c]
@@ -67,22 +88,27 @@ def dose(
 
 @compiled
 def planar_dose(
-    x: Floats, sos: Floats, state: Floats, bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int
-) -> None:
+    x: Floats, sos: Floats, state: Floats, follow: float, level: Floats, bin_: Floats, total: Floats, ring: Floats,
+    position: Integers, length: int,
+) -> None:  # fmt: skip
     """Weight x (n, 2) and gather the moments a_x^p a_y^q that give aw and VDV in every horizontal direction.
 
-    Columns: p + q = 2 (3 of them), p + q = 4 (5 of them), samples; bin_ (1, 9).
+    Columns: p + q = 2 (3 of them), p + q = 4 (5 of them), samples; bin_ (1, 9). One missing axis is a break for both.
     """
     weighted = np.empty(2)
     for n in range(x.shape[0]):
         missing = np.isnan(x[n, 0]) or np.isnan(x[n, 1])
         for c in range(2):
+            if missing:
+                settle(sos, state, c, level[c])
+                continue
             value = x[n, c]
+            level[c] += follow * (_leaned(value) - level[c])
             for s in range(sos.shape[0]):
                 fed = value
                 value = sos[s, 0] * fed + state[s, 0, c]
-                state[s, 0, c] = 0.0 if missing else sos[s, 1] * fed - sos[s, 4] * value + state[s, 1, c]
-                state[s, 1, c] = 0.0 if missing else sos[s, 2] * fed - sos[s, 5] * value
+                state[s, 0, c] = sos[s, 1] * fed - sos[s, 4] * value + state[s, 1, c]
+                state[s, 1, c] = sos[s, 2] * fed - sos[s, 5] * value
             weighted[c] = value
         if not missing:
             a, b = weighted[0], weighted[1]
@@ -108,84 +134,80 @@ def dynamic_response(
     """Drive the DRI oscillator with x (n, 1), linear between samples, and keep the largest compression and |z|, metres.
 
     transition (2, 4): [z, z'] after = transition @ [z, z', x before, x now]; state (3,) = z, z', x before;
-    seen (2,): samples so far, and the sample of the largest compression.
+    seen (2,): samples so far, missing ones too, and the sample of the largest compression.
     """
     for n in range(x.shape[0]):
         value = x[n, 0]
         if np.isnan(value):
-            state[0] = 0.0
-            state[1] = 0.0
-            state[2] = 0.0
-            continue
-        z = (
-            transition[0, 0] * state[0]
-            + transition[0, 1] * state[1]
-            + transition[0, 2] * state[2]
-            + transition[0, 3] * value
-        )
-        rate = (
-            transition[1, 0] * state[0]
-            + transition[1, 1] * state[1]
-            + transition[1, 2] * state[2]
-            + transition[1, 3] * value
-        )
-        state[0] = z
-        state[1] = rate
-        state[2] = value
-        if -z > bin_[0, 0] and -z > total[0, 0]:
-            seen[1] = seen[0]
+            state[:] = 0.0
+        else:
+            z = (
+                transition[0, 0] * state[0]
+                + transition[0, 1] * state[1]
+                + transition[0, 2] * state[2]
+                + transition[0, 3] * value
+            )
+            rate = (
+                transition[1, 0] * state[0]
+                + transition[1, 1] * state[1]
+                + transition[1, 2] * state[2]
+                + transition[1, 3] * value
+            )
+            state[0] = z
+            state[1] = rate
+            state[2] = value
+            if -z > bin_[0, 0] and -z > total[0, 0]:
+                seen[1] = seen[0]
+            bin_[0, 0] = max(bin_[0, 0], -z)
+            bin_[0, 1] = max(bin_[0, 1], abs(z))
         seen[0] += 1
-        bin_[0, 0] = max(bin_[0, 0], -z)
-        bin_[0, 1] = max(bin_[0, 1], abs(z))
         position[0] += 1
         if position[0] == length:
             _close_bin(bin_, total, ring, position, 0)
 
 
 @compiled
-def _hic_value(impulse: float, duration: float) -> float:
-    mean = impulse / duration
-    return duration * mean * mean * np.sqrt(mean) if mean > 0.0 else 0.0
-
-
-@compiled
 def head_injury(
-    x: Floats, period_s: float, window_s: float, history: Floats, filled: Integers, bin_: Floats, total: Floats,
-    ring: Floats, position: Integers, length: int,
+    x: Floats, period_s: float, window_s: float, weights: Floats, history: Floats, filled: Integers, bin_: Floats,
+    total: Floats, ring: Floats, position: Integers, length: int,
 ) -> None:  # fmt: skip
-    """Keep the largest HIC of x (n, c), in g, over all windows up to `window_s`, ends interpolated (Eq. 23).
+    """Keep the largest impulse times (duration)^-0.6 of x (n, c), in g, over all windows up to `window_s`.
 
-    history (w + 2, 2, c): the last samples and their running integrals, newest first; filled (1,): how many are valid.
-    x is taken as linear between samples, so its integral at a window's interpolated end is exact.
+    To the power of 2.5 it is the HIC (Eq. 23). weights (w + 1,): (h periods)^-0.6 for windows of h samples, and that of
+    `window_s`. history (c, 2, 2 l), l = w + 2: the last l samples and their running integrals, each kept twice so that
+    any l in a row lie together; filled (c, 2): how many are valid, and where the newest is. Ends are interpolated: x is
+    taken as linear between samples, so its integral there is exact.
     """
-    whole = int(np.floor(window_s / period_s + 1e-9))
+    whole = weights.shape[0] - 1
+    size = history.shape[2] // 2
     part = window_s - whole * period_s
+    share = part / period_s
     for n in range(x.shape[0]):
-        if np.isnan(x[n, 0]):
-            filled[0] = 0
-            continue
-        depth = filled[0]
         for c in range(x.shape[1]):
-            for h in range(min(depth, history.shape[0] - 1), 0, -1):
-                history[h, 0, c] = history[h - 1, 0, c]
-                history[h, 1, c] = history[h - 1, 1, c]
-            history[0, 0, c] = x[n, c]
-            history[0, 1, c] = 0.0
+            value = x[n, c]
+            if np.isnan(value):
+                filled[c, 0] = 0
+                continue
+            depth, last = filled[c, 0], filled[c, 1] + size
+            integral = 0.0
             if depth > 0:
-                history[0, 1, c] = history[1, 1, c] + 0.5 * period_s * (history[1, 0, c] + x[n, c])
-            best = 0.0
+                integral = history[c, 1, last] + 0.5 * period_s * (history[c, 0, last] + value)
+            at = (filled[c, 1] + 1) % size
+            history[c, 0, at] = history[c, 0, at + size] = value
+            history[c, 1, at] = history[c, 1, at + size] = integral
+            filled[c, 0], filled[c, 1] = min(depth + 1, size), at
+            now = at + size
+            best = bin_[c, 0]
             for h in range(1, min(depth, whole) + 1):
-                best = max(best, _hic_value(history[0, 1, c] - history[h, 1, c], h * period_s))
+                best = max(best, (integral - history[c, 1, now - h]) * weights[h - 1])
             if depth > whole and part > 0.0 and whole > 0:
-                share = part / period_s
-                old, older = history[whole, 0, c], history[whole + 1, 0, c]
-                begin = history[whole, 1, c] - part * (old + 0.5 * share * (older - old))
-                best = max(best, _hic_value(history[0, 1, c] - begin, window_s))
-                now, before = history[0, 0, c], history[1, 0, c]
-                end = history[1, 1, c] + part * (before + 0.5 * share * (now - before))
-                best = max(best, _hic_value(end - history[whole + 1, 1, c], window_s))
-            bin_[c, 0] = max(bin_[c, 0], best)
-        filled[0] = min(depth + 1, history.shape[0])
+                old, older = history[c, 0, now - whole], history[c, 0, now - whole - 1]
+                begin = history[c, 1, now - whole] - part * (old + 0.5 * share * (older - old))
+                best = max(best, (integral - begin) * weights[whole])
+                before = history[c, 0, now - 1]
+                end = history[c, 1, now - 1] + part * (before + 0.5 * share * (value - before))
+                best = max(best, (end - history[c, 1, now - whole - 1]) * weights[whole])
+            bin_[c, 0] = best
         position[0] += 1
         if position[0] == length:
             _close_bin(bin_, total, ring, position, 0)

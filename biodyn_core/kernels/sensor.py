@@ -1,4 +1,8 @@
-"""One sensor's path: clock, gaps, level, low-pass."""
+"""One sensor's path: clock, gaps, flat lines, level, low-pass.
+
+What a sensor carries on from sample to sample lies in one array of floats and one of counts, laid out here: a call
+costs by the number of its arguments, and the live path calls once a sample.
+"""
 
 from __future__ import annotations
 
@@ -7,161 +11,342 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.kernels.compiling import compiled
+from biodyn_core.kernels.compiling import compiled, inlined
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+SECTIONS: Final = 2
 
-CLOCK_TIME, CLOCK_PERIOD, CLOCK_NOMINAL, CLOCK_LAST_STAMP, CLOCK_JITTER, CLOCK_SIZE = range(6)
+# The array of floats: the clock, seconds since the sensor's epoch ...
+TIME, PERIOD, NOMINAL, LAST_STAMP, JITTER, SLIP, FLAT_SINCE = range(7)
+# ... the last accepted reading (3), the rotation that levels (3 x 3), the low-pass (sections x 6) and its state ...
+LAST: Final = 7
+ROTATION: Final = LAST + 3
+LOW_PASS: Final = ROTATION + 9
+LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
+# ... and what was set for good: limits, gains, whether samples share a stamp, the mean reading at rest (3), which is
+# gravity and bias; the slow level of the gravity tracker is carried.
+MAX_GAP, FLAT_AFTER, SATURATION, GAIN_TIME, GAIN_PERIOD, COARSE, TRACKER_GAIN, TRACKED_LEVEL, AT_REST = range(
+    LOW_PASS_STATE + 2 * SECTIONS, LOW_PASS_STATE + 2 * SECTIONS + 9
+)
+STATE_SIZE: Final = AT_REST + 3
+
+# The array of counts: what was accepted and rejected, then what the clock itself counts.
 (
-    COUNT_ACCEPTED,
-    COUNT_LATE,
-    COUNT_NONFINITE,
-    COUNT_FILLED,
-    COUNT_RUNS,
-    COUNT_CLIPPED,
-    COUNT_BACK_IN_A_ROW,
-    COUNT_AHEAD_IN_A_ROW,
+    ACCEPTED,
+    UNSET,
+    NON_FINITE,
+    DUPLICATE,
+    LATE,
+    STRAY,
+    FILLED,
+    FLAT,
+    CLIPPED,
+    IN_RUN,
+    TRACKED,
+    REPEATED,
+    UNUSABLE,
     COUNT_SIZE,
-) = range(9)
+) = range(14)
+
+DONE, NEW_RUN, UNDECIDED, ACCEPT, REJECTED = range(5)
+"""Verdicts on a sample, and why a call returned: all read, the next one begins a run, or depends on those to come."""
+
 IMPLAUSIBLE: Final = 10.0
 """So many times the saturation limit is no reading of such a sensor: rejected like a sample that is not finite."""
 
 JITTER_MARGIN: Final = 6.0
 """So many times its mean jitter a stamp may be off before it means a lost or a late sample: 4.8 sigma if Gaussian."""
 
-JUMP_BACK_S: Final = 1.0
-"""Stamps behind the last by less than this are late, or will catch up; further behind, time may have jumped."""
+HOLDS, STRAYED, STALLED = range(REJECTED + 1, REJECTED + 4)
+"""What those to come say of a stamp that leaps: so it is, it is astray, or samples were sent late and none is lost."""
 
-RESTART_AFTER: Final = 20
-"""So many stamps in a row that far behind mean that time itself jumped back (a looping bag)."""
+SLIP_PERIODS: Final = 0.65
+"""The clock has slipped by a sample where recent stamps lie off it by more than so many periods on average."""
 
-SUSPICIOUS_PERIODS: Final = 3
-"""A stamp further ahead than this must be confirmed by the next one before it is believed."""
+SLIP_JITTERS, SLIP_SHORTEST, SLIP_LONGEST = 6.0, 9.0, 2000.0
+"""Recent are the cube of so many times the mean jitter in periods, within bounds: late stamps come in a row."""
+
+LEAP_S: Final = 1.0
+"""A stamp further off than this, ahead or back, must be joined by many before time itself is taken to have leapt."""
+
+LEAP_CONFIRMED_BY: Final = 20
+
+LOOKED_AT: Final = 400
+"""So many samples are waited for at most before a leaping stamp is judged; only unset or repeated ones take so long."""
 
 
-@compiled
-def _usable(sample: Floats, saturation: float) -> bool:
+@inlined
+def _usable(samples: Floats, at: int, saturation: float) -> bool:
     """Whether every axis is a finite, plausible reading."""
     limit = IMPLAUSIBLE * saturation
-    return abs(sample[0]) < limit and abs(sample[1]) < limit and abs(sample[2]) < limit
+    return abs(samples[at, 0]) < limit and abs(samples[at, 1]) < limit and abs(samples[at, 2]) < limit
+
+
+@inlined
+def _same(samples: Floats, at: int, state: Floats) -> bool:
+    return samples[at, 0] == state[LAST] and samples[at, 1] == state[LAST + 1] and samples[at, 2] == state[LAST + 2]
 
 
 @compiled
-def _is_late(stamp: float, sample: Floats, clock: Floats, last: Floats) -> bool:
-    """Whether a sample comes twice, or lies further behind the last than jitter explains."""
-    behind = clock[CLOCK_LAST_STAMP] - stamp
-    if behind == 0.0 and sample[0] == last[0] and sample[1] == last[1] and sample[2] == last[2]:
-        return True
-    tolerance = JITTER_MARGIN * clock[CLOCK_JITTER]
-    return behind > tolerance or (behind >= 0.0 and tolerance < 0.5 * clock[CLOCK_PERIOD])
+def _holds(stamps_ns: Integers, at: int, needed: int, epoch_ns: int, final: bool, state: Floats) -> int:
+    """Whether a leaping stamp is joined by the `needed` next: HOLDS, or STRAYED, STALLED; UNDECIDED if too few came.
+
+    A stamp joins that lies nearer to where it belongs after the leap than to where it does without one; stamps that
+    stand still join nothing. Where those after a leap ahead fall behind in their order, they were sent late, and none
+    is lost.
+    """
+    period = int(state[PERIOD] * 1e9)
+    expected = epoch_ns + int(state[TIME] * 1e9) + period
+    leap = before = newest = stamps_ns[at]
+    seen, standing, ordered = 0, 0, True
+    for j in range(at + 1, stamps_ns.shape[0]):
+        if j - at > LOOKED_AT:
+            return STRAYED
+        stamp = stamps_ns[j]
+        if stamp == 0:
+            continue
+        standing = standing + 1 if stamp == before else 0
+        if standing == LEAP_CONFIRMED_BY:
+            return STRAYED
+        ordered &= stamp >= before
+        before = stamp
+        if standing > 0 and state[COARSE] == 0.0:
+            continue  # the same message again
+        seen += 1
+        passed = seen * period
+        if abs(stamp - passed - leap) >= abs(stamp - passed - expected):
+            return STALLED if ordered and expected < leap else STRAYED
+        newest = max(newest, stamp)
+        if seen >= needed and newest > leap:
+            return HOLDS
+        if seen == LEAP_CONFIRMED_BY:
+            return STRAYED
+    if not final:
+        return UNDECIDED
+    return HOLDS if needed < LEAP_CONFIRMED_BY and newest > leap else STRAYED
 
 
-@compiled
-def _periods_missing(stamp: float, clock: Floats) -> int:
-    """How many samples are lost before this one, by the tracked clock and by the stamps themselves."""
-    period = clock[CLOCK_PERIOD]
-    early = stamp - clock[CLOCK_TIME] - period
-    if early <= max(0.5 * period, JITTER_MARGIN * clock[CLOCK_JITTER]):
+@inlined
+def _periods_missing(stamp: float, state: Floats, counts: Integers) -> int:
+    """How many samples are lost before this one: those that were unusable, or what clock and stamps tell."""
+    period = state[PERIOD]
+    early = stamp - state[TIME] - period
+    tolerance = max(0.5 * period, JITTER_MARGIN * state[JITTER])
+    if abs(early - counts[UNUSABLE] * period) <= tolerance:
+        return counts[UNUSABLE]
+    if early <= tolerance:
         return 0
-    if stamp - clock[CLOCK_LAST_STAMP] < 1.5 * period:
+    if stamp - state[LAST_STAMP] < 1.5 * period:
         return 0  # where no sample fits in between, the clock is off, not the stream
     return int(np.floor(early / period + 0.5))
 
 
-@compiled
-def _tracked_time(stamp: float, missing: int, clock: Floats, gain_time: float, gain_period: float) -> float:
-    """Where the sample lies on the tracked clock, whose period follows the stamps slowly, within 2 % of nominal."""
-    period, nominal, jitter = clock[CLOCK_PERIOD], clock[CLOCK_NOMINAL], clock[CLOCK_JITTER]
-    now = clock[CLOCK_TIME] + (missing + 1) * period
+@inlined
+def _slipped(stamp: float, missing: int, state: Floats) -> int:
+    """How many samples the clock has come to lag or lead by, as the mean of recent stamps tells; mostly none.
+
+    Single losses hide in jitter, and a stamp sent late may pass for one; what they leave behind does not average out.
+    """
+    period = state[PERIOD]
+    error = stamp - state[TIME] - (missing + 1) * period
+    limit = max(1.5 * period, JITTER_MARGIN * state[JITTER])
+    recent = min(max((SLIP_JITTERS * state[JITTER] / period) ** 3, SLIP_SHORTEST), SLIP_LONGEST)
+    state[SLIP] += (min(max(error, -limit), limit) - state[SLIP]) / recent
+    if abs(state[SLIP]) < SLIP_PERIODS * period:
+        return 0
+    slips = 1 if state[SLIP] > 0.0 else -1
+    state[SLIP] -= slips * period
+    return slips
+
+
+@inlined
+def _tracked_time(stamp: float, missing: int, state: Floats, counts: Integers) -> float:
+    """Where the sample lies on the tracked clock: a line through all stamps at first, a slow loop from then on.
+
+    The gains are those of a least-squares line over all that has come (in a later run of its height alone), down to
+    those of the loop. The period stays within 2 % of nominal, and time never steps by less than half a period.
+    """
+    period, nominal, jitter = state[PERIOD], state[NOMINAL], state[JITTER]
+    now = state[TIME] + (missing + 1) * period
     limit = max(0.5 * period, 3.0 * jitter)
     error = min(max(stamp - now, -limit), limit)
-    clock[CLOCK_JITTER] += 0.5 * gain_time * (min(abs(error), 4.0 * jitter + 0.02 * period) - jitter)
-    clock[CLOCK_PERIOD] = min(max(period + gain_period * error, 0.98 * nominal), 1.02 * nominal)
-    return now + gain_time * error
+    seen = counts[TRACKED] + 1.0
+    gain_time = max(state[GAIN_TIME], 4.0 / (seen + 3.0), 1.0 / (counts[IN_RUN] + 1.0))
+    gain_period = max(state[GAIN_PERIOD], 6.0 / (seen * (seen + 1.0)))
+    state[JITTER] += state[GAIN_TIME] * (min(abs(error - state[SLIP]), 4.0 * jitter + 0.02 * period) - jitter)
+    state[PERIOD] = min(max(period + gain_period * error, 0.98 * nominal), 1.02 * nominal)
+    return now + min(max(gain_time * error, -0.5 * period), 0.5 * period)
+
+
+@inlined
+def _is_late(stamp: float, state: Floats) -> bool:
+    """Whether a stamp lies further behind the tracked clock than jitter explains."""
+    period, tolerance = state[PERIOD], JITTER_MARGIN * state[JITTER]
+    if stamp <= state[LAST_STAMP] and tolerance < 0.5 * period:
+        return True
+    return state[TIME] + period - stamp > max(tolerance, period)
+
+
+@compiled
+def _judge_behind(stamps_ns: Integers, at: int, epoch_ns: int, final: bool, state: Floats, counts: Integers) -> int:
+    """Judge a stamp that is not later than the last one: whether it is one, or time itself leapt back."""
+    if state[LAST_STAMP] - (stamps_ns[at] - epoch_ns) * 1e-9 <= LEAP_S:
+        return ACCEPT
+    holds = _holds(stamps_ns, at, LEAP_CONFIRMED_BY, epoch_ns, final, state)
+    if holds == STRAYED:
+        counts[UNUSABLE] += 1
+        return ACCEPT
+    return NEW_RUN if holds == HOLDS else UNDECIDED
+
+
+@compiled
+def _judge_ahead(
+    stamps_ns: Integers, at: int, missing: int, epoch_ns: int, final: bool, state: Floats, counts: Integers
+) -> int:
+    """Judge a stamp that leaves samples out, by as many that follow: lost ones, one sent late, or a stray stamp."""
+    if missing == counts[UNUSABLE]:
+        return ACCEPT
+    far = missing > LEAP_CONFIRMED_BY and missing * state[PERIOD] > LEAP_S
+    needed = LEAP_CONFIRMED_BY if far else min(missing + 1, LEAP_CONFIRMED_BY - 1)
+    holds = _holds(stamps_ns, at, needed, epoch_ns, final, state)
+    if holds == STRAYED:
+        counts[STRAY] += 1
+        counts[UNUSABLE] += 1
+        return REJECTED
+    return ACCEPT if holds == HOLDS else holds
+
+
+@inlined
+def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts: Integers) -> None:
+    """Count what an accepted reading looks like: clipped, or one of a flat line, which counts from its beginning."""
+    clipped = False
+    for c in range(3):
+        clipped |= abs(samples[at, c]) >= state[SATURATION]
+    counts[CLIPPED] += clipped
+    if not _same(samples, at, state):
+        state[FLAT_SINCE] = stamp
+        counts[REPEATED] = 0
+        return
+    counts[REPEATED] += 1
+    if stamp - state[FLAT_SINCE] >= state[FLAT_AFTER]:
+        counts[FLAT] += counts[REPEATED]
+        counts[REPEATED] = 0
+
+
+@inlined
+def _judge(
+    stamps_ns: Integers, samples: Floats, at: int, epoch_ns: int, final: bool, state: Floats, counts: Integers
+) -> tuple[int, int]:
+    """Judge one sample: (ACCEPT, REJECTED, NEW_RUN or UNDECIDED; how many are missing before it)."""
+    if stamps_ns[at] == 0:
+        counts[UNSET] += 1
+        counts[UNUSABLE] += 1
+        return REJECTED, 0
+    if not _usable(samples, at, state[SATURATION]):
+        counts[NON_FINITE] += 1
+        counts[UNUSABLE] += 1
+        return REJECTED, 0
+    stamp = (stamps_ns[at] - epoch_ns) * 1e-9
+    verdict, missing = ACCEPT, 0
+    if state[LAST_STAMP] == stamp and state[COARSE] == 0.0 and _same(samples, at, state):
+        counts[DUPLICATE] += 1
+        return REJECTED, 0
+    if state[LAST_STAMP] > -np.inf:
+        missing = _periods_missing(stamp, state, counts)
+        if state[LAST_STAMP] >= stamp:
+            verdict = _judge_behind(stamps_ns, at, epoch_ns, final, state, counts)
+        elif missing > 0:
+            verdict = _judge_ahead(stamps_ns, at, missing, epoch_ns, final, state, counts)
+        if verdict == STALLED:
+            verdict, missing = ACCEPT, 0
+        if verdict == ACCEPT and _is_late(stamp, state):
+            counts[LATE] += 1
+            return REJECTED, 0
+        if verdict == ACCEPT and (missing + 1) * state[PERIOD] > state[MAX_GAP]:
+            verdict = NEW_RUN
+    if verdict == NEW_RUN:
+        # Nothing is known of the next run: whatever comes first is accepted. Its seconds count from there, and what
+        # passed in between is no part of a flat line.
+        state[FLAT_SINCE] -= state[LAST_STAMP]
+        state[TIME] = np.nan
+        state[LAST_STAMP] = -np.inf
+        counts[UNUSABLE] = 0
+    return verdict, missing
 
 
 @compiled
 def regularise(
-    stamps_s: Floats,
+    stamps_ns: Integers,
     samples: Floats,
-    start: int,
-    clock: Floats,
-    last: Floats,
+    epoch_ns: int,
+    final: bool,
+    state: Floats,
     counts: Integers,
-    max_gap_s: float,
-    gain_time: float,
-    gain_period: float,
-    saturation: float,
     times: Floats,
     out: Floats,
     source: Integers,
-) -> tuple[int, int, bool]:
+) -> tuple[int, int, int]:
     """Turn stamped raw samples into evenly spaced ones: a tracked clock, lost samples interpolated, bad ones rejected.
 
-    stamps_s (n,) s and samples (n, 3) m/s^2 are read from `start`; clock, last (3,) and counts are carried along;
-    times (m,) smoothed s, out (m, 3), source (m,) raw index or -1 where interpolated. Returns (samples consumed,
-    samples written, whether a new run begins with the next sample). Stops where `out` may not hold the next sample's
-    interpolated predecessors, and before a sample that begins a new run.
+    stamps_ns (n,), samples (n, 3) m/s^2; state and counts as laid out above, carried on; times (m,) smoothed s since
+    epoch_ns, out (m, 3), source (m,) raw index or -1 where interpolated. Returns (samples consumed, samples written,
+    DONE, NEW_RUN or UNDECIDED); the next stamp is the epoch of a new run, `final` leaves nothing undecided. Stops early
+    where `out` may not hold the next one's interpolated predecessors.
     """
     written = 0
-    room = times.shape[0] - int(max_gap_s / (0.98 * clock[CLOCK_NOMINAL])) - 2
-    for i in range(start, stamps_s.shape[0]):
-        stamp = stamps_s[i]
-        if not _usable(samples[i], saturation):
-            counts[COUNT_NONFINITE] += 1
-            counts[COUNT_AHEAD_IN_A_ROW] = 1  # it carries no reading, but it confirms that the stamps move on
-            continue
-        if _is_late(stamp, samples[i], clock, last):
-            counts[COUNT_LATE] += 1
-            counts[COUNT_BACK_IN_A_ROW] += stamp < clock[CLOCK_LAST_STAMP] - JUMP_BACK_S
-            if counts[COUNT_BACK_IN_A_ROW] < RESTART_AFTER:
-                continue
-            counts[COUNT_BACK_IN_A_ROW] = 0
-            clock[CLOCK_LAST_STAMP] = -np.inf
-            clock[CLOCK_TIME] = np.nan
-            return i, written, True
+    room = times.shape[0] - int(state[MAX_GAP] / (0.98 * state[NOMINAL])) - 2
+    for i in range(stamps_ns.shape[0]):
         if written > room:
-            return i, written, False
+            return i, written, DONE
+        verdict, missing = _judge(stamps_ns, samples, i, epoch_ns, final, state, counts)
+        if verdict == REJECTED:
+            continue
+        if verdict != ACCEPT:
+            return i, written, verdict
+        stamp = (stamps_ns[i] - epoch_ns) * 1e-9
         now = stamp
-        if not np.isnan(clock[CLOCK_TIME]):
-            missing = _periods_missing(stamp, clock)
-            if missing >= SUSPICIOUS_PERIODS and counts[COUNT_AHEAD_IN_A_ROW] == 0:
-                counts[COUNT_AHEAD_IN_A_ROW] = 1
-                counts[COUNT_LATE] += 1
+        if np.isnan(state[TIME]):
+            counts[IN_RUN] = 0
+        else:
+            slipped = _slipped(stamp, missing, state)
+            if slipped < 0:
+                counts[LATE] += 1
                 continue
-            if (missing + 1) * clock[CLOCK_PERIOD] > max_gap_s:
-                clock[CLOCK_TIME] = np.nan
-                return i, written, True
-            now = _tracked_time(stamp, missing, clock, gain_time, gain_period)
+            missing += slipped
+            now = _tracked_time(stamp, missing, state, counts)
             for m in range(1, missing + 1):
                 share = m / (missing + 1)
-                times[written] = clock[CLOCK_TIME] + share * (now - clock[CLOCK_TIME])
-                out[written] = last + share * (samples[i] - last)
+                times[written] = state[TIME] + share * (now - state[TIME])
+                for c in range(3):
+                    out[written, c] = state[LAST + c] + share * (samples[i, c] - state[LAST + c])
                 source[written] = -1
                 written += 1
-            counts[COUNT_FILLED] += missing
-        counts[COUNT_BACK_IN_A_ROW] = 0
-        counts[COUNT_AHEAD_IN_A_ROW] = 0
-        times[written], source[written], out[written], last[:] = now, i, samples[i], samples[i]
+            counts[FILLED] += missing
+        times[written], source[written] = now, i
+        _count_reading(stamp, samples, i, state, counts)
+        for c in range(3):
+            out[written, c] = samples[i, c]
+            state[LAST + c] = samples[i, c]
         written += 1
-        clock[CLOCK_TIME], clock[CLOCK_LAST_STAMP] = now, stamp
-        counts[COUNT_ACCEPTED] += 1
-        counts[COUNT_CLIPPED] += np.abs(samples[i]).max() >= saturation
-    return stamps_s.shape[0], written, False
+        state[TIME], state[LAST_STAMP] = now, stamp
+        counts[UNUSABLE] = 0
+        counts[ACCEPTED] += 1
+        counts[TRACKED] += 1
+        counts[IN_RUN] += 1
+    return stamps_ns.shape[0], written, DONE
 
 
 @compiled
-def level(samples: Floats, rotation: Floats, gravity: float, out: Floats) -> None:
-    """Turn specific force (n, 3) into gravity-free acceleration with the third axis up, (n, 3) m/s^2."""
+def level(samples: Floats, rotation: Floats, at_rest: Floats, out: Floats) -> None:
+    """Turn specific force (n, 3), less that at rest (3,), so that the third axis is up: acceleration (n, 3) m/s^2."""
     for n in range(samples.shape[0]):
         for r in range(3):
             total = 0.0
             for c in range(3):
-                total += rotation[r, c] * samples[n, c]
+                total += rotation[r, c] * (samples[n, c] - at_rest[c])
             out[n, r] = total
-        out[n, 2] -= gravity
 
 
 @compiled
@@ -181,36 +366,31 @@ def filter_sections(sos: Floats, state: Floats, x: Floats, y: Floats) -> None:
 @compiled
 def condition(
     stamps_ns: Integers,
-    stamps_s: Floats,
     samples: Floats,
-    clock: Floats,
-    last: Floats,
-    counts: Integers,
-    rotation: Floats,
-    sos: Floats,
-    state: Floats,
-    constants: tuple[float, float, float, float, float],
     epoch_ns: int,
     delay_ns: int,
+    final: bool,
+    state: Floats,
+    counts: Integers,
     out_stamps_ns: Integers,
     times: Floats,
     levelled: Floats,
     low_passed: Floats,
-) -> tuple[int, int, bool]:
+) -> tuple[int, int, int]:
     """One sensor's whole path in one call: `regularise`, `level`, `filter_sections` on the vertical, stamps less delay.
 
-    constants = (max_gap_s, gain_time, gain_period, saturation, gravity). Arrays and answer as in `regularise`, from the
-    first sample; out_stamps_ns, times (m,), levelled (m, 3), low_passed (m, 1).
+    Arrays and answer as in `regularise`; out_stamps_ns, times (m,), levelled (m, 3), low_passed (m, 1).
     """
-    max_gap_s, gain_time, gain_period, saturation, gravity = constants
     raw = np.empty(levelled.shape)
     source = np.empty(times.shape, dtype=np.int64)
-    done, written, breaks = regularise(
-        stamps_s, samples, 0, clock, last, counts, max_gap_s, gain_time, gain_period, saturation, times, raw, source
-    )
-    level(raw[:written], rotation, gravity, levelled)
-    filter_sections(sos, state, levelled[:written, 2:], low_passed)
+    done, written, why = regularise(stamps_ns, samples, epoch_ns, final, state, counts, times, raw, source)
+    level(raw[:written], state[ROTATION:LOW_PASS].reshape(3, 3), state[AT_REST:], levelled)
+    sos = state[LOW_PASS:LOW_PASS_STATE].reshape(SECTIONS, 6)
+    filter_state = state[LOW_PASS_STATE:MAX_GAP].reshape(SECTIONS, 2, 1)
+    filter_sections(sos, filter_state, levelled[:written, 2:], low_passed)
     for n in range(written):
+        state[TRACKED_LEVEL] += state[TRACKER_GAIN] * (low_passed[n, 0] - state[TRACKED_LEVEL])
+        low_passed[n, 0] -= state[TRACKED_LEVEL]
         own = epoch_ns + np.int64(np.rint(times[n] * 1e9))
         out_stamps_ns[n] = (stamps_ns[source[n]] if source[n] >= 0 else own) - delay_ns
-    return done, written, breaks
+    return done, written, why
