@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -14,18 +15,34 @@ from biodyn_core.conditioning import Block
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-HALF_WIDTH: Final = 4
-"""Neighbours on either side: eight-point Lagrange errs by 0.46 % at 100 Hz and 500 Hz sampling, far less above."""
+TOP_HZ: Final = 100.0
+LARGEST_ERROR: Final = 0.005
+"""What is read between samples errs by less than this up to `TOP_HZ`, at every sampling rate that is accepted."""
+
+_HALF_WIDTHS: Final = (4, 6, 8, 10, 12, 16, 24, 32, 48, 64)
 
 
-def _lagrange_weights(points: int) -> Floats:
+@lru_cache(maxsize=64)
+def half_width(rate_hz: float) -> int:
+    """Neighbours needed on either side at a sampling rate: 4 from 500 Hz on, 48 at 250 Hz."""
+    return next((h for h in _HALF_WIDTHS if interpolation_error(h, TOP_HZ / rate_hz) < LARGEST_ERROR), _HALF_WIDTHS[-1])
+
+
+def interpolation_error(half: int, frequency_per_rate: float) -> float:
+    """Largest relative error of 2 x half points for a sine, over instants anywhere between two samples."""
+    distance = np.linspace(0.05, 0.95, 19)[:, None] + half - 1 - np.arange(2 * half)
+    share = lagrange_weights(2 * half) / distance
+    share /= share.sum(axis=1, keepdims=True)
+    read = (share * np.exp(-2j * np.pi * frequency_per_rate * distance)).sum(axis=1)
+    return float(np.abs(read - 1.0).max())
+
+
+@lru_cache(maxsize=16)
+def lagrange_weights(points: int) -> Floats:
     """Barycentric weights of evenly spaced points, up to a common factor."""
     index = np.arange(points)
-    weights = np.array([1.0 / np.prod(j - index[index != j]) for j in index])
+    weights = np.array([1.0 / np.prod((j - index[index != j]).astype(np.float64)) for j in index])
     return weights / np.abs(weights).max()
-
-
-_WEIGHTS: Final = _lagrange_weights(2 * HALF_WIDTH)
 
 
 class Aligner:
@@ -38,11 +55,13 @@ class Aligner:
         self._run: Integers = np.empty(0, dtype=np.int64)
         self._values: Floats = np.empty(0)
         self._runs = 0
+        self._half = _HALF_WIDTHS[0]
 
     def feed(self, blocks: Iterable[Block]) -> None:
         """Take over a sensor's blocks; what is older than `keep_s` before the newest is dropped."""
         for block in blocks:
             self._epoch_ns = block.epoch_ns
+            self._half = half_width(round(block.rate_hz, 1))
             self._runs += block.begins_run
             self._time_s = np.concatenate([self._time_s, block.time_s])
             self._run = np.concatenate([self._run, np.full(block.time_s.shape, self._runs)])
@@ -57,7 +76,13 @@ class Aligner:
         """
         out = np.full(grid_s.shape, np.nan)
         own_s = grid_s + (epoch_ns - self._epoch_ns) * 1e-9
-        return out, int(kernels.interpolate(self._time_s, self._run, self._values, own_s, _WEIGHTS, out))
+        weights = lagrange_weights(2 * self._half)
+        return out, int(kernels.interpolate(self._time_s, self._run, self._values, own_s, weights, out))
+
+    @property
+    def look_ahead(self) -> int:
+        """Samples that must have come beyond an instant before it is answered."""
+        return self._half
 
     def reaches(self, time_s: float, epoch_ns: int) -> bool:
         """Whether any sample lies beyond an instant, so that it may be answered."""
@@ -68,5 +93,5 @@ class Aligner:
         self._forget(before_s + (epoch_ns - self._epoch_ns) * 1e-9)
 
     def _forget(self, before_s: float) -> None:
-        keep = max(0, int(np.searchsorted(self._time_s, before_s)) - HALF_WIDTH - 1)
+        keep = max(0, int(np.searchsorted(self._time_s, before_s)) - self._half - 1)
         self._time_s, self._run, self._values = self._time_s[keep:], self._run[keep:], self._values[keep:]

@@ -1,38 +1,54 @@
 """Conditioning: one sensor's raw stamps and samples become evenly spaced, levelled, gravity-free, low-passed ones.
 
-Causal, and the same numbers for any cut into blocks. The low-pass's low-frequency group delay is taken off the stamps.
+The same numbers for any cut into blocks. Causal for live and replay: the low-pass's low-frequency group delay is taken
+off the stamps. Zero-phase for identification: a run is answered once it has ended, and nothing is delayed.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
 from biodyn_core.errors import InputError
-from biodyn_core.kernels import sensor as kernels
+from biodyn_core.kernels import sensor as kernel
+from biodyn_core.rest import Rest, RestWindow
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.weighting import MIN_RATE_HZ, RATE_TOLERANCE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Vector = tuple[float, float, float]
+Mode = Literal["causal", "zero_phase", "survey"]
+"""What comes out: causal or zero-phase answers, or none at all, only the status of a sensor of any rate."""
 
-FILTER_ORDER: Final = 4
-"""Butterworth low-pass of the paper, 5.2."""
+FILTER_ORDER: Final = 2 * kernel.SECTIONS
+"""Butterworth low-pass of the paper, 5.2; zero-phase it runs forward and backward, -6 dB at the cut-off."""
 
 MAX_RATE_HZ: Final = 20_000.0
-CLOCK_TIME_CONSTANT_S: Final = 1.0
-GRAVITY_TOLERANCE: Final = 0.05
-LAP_S: Final = 1e6
-"""Added to a sensor's own seconds whenever its stamps jump back, so that time inside never does."""
+RATE_PER_CUTOFF: Final = 2.5
+CLOCK_TIME_CONSTANT_S: Final = 5.0
+"""The loop that follows a sensor's clock: slow enough to average jitter, fast enough for any drift of a quartz."""
 
-_STANDING_SAMPLES: Final = 1_000
-"""So many samples without a later stamp mean that stamps stand still."""
+JITTER_TOLERATED: Final = 0.35
+"""With more mean jitter than so many periods no stamp tells whether a sample was lost before it."""
+
+GRAVITY_TOLERANCE: Final = 0.05
+LEAST_GRAVITY_MPS2: Final = 0.5 * STANDARD_GRAVITY_MPS2
+UNSET: Final = "header stamps are zero: use log time (--time log), or set them in the driver"
+UNSET_TOLERATED: Final = 20
+"""So many stamps of zero while rest is looked for, and more than others, are a driver that sets none."""
+
+RATE_TOLERATED: Final = 0.0199
+"""The tracked rate stays within 2 % of that at rest; one that comes this close is not followed."""
+
+LAP_S: Final = 1e6
+"""Added to a sensor's own seconds whenever its stamps jump back, as often as needed: time inside never does."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +64,13 @@ class ConditioningSettings:
     max_gap_s: float = setting(
         0.05, "longest gap that is interpolated; a longer one splits the record", "s", 0.002, 1.0
     )
-    saturation_mps2: float = setting(156.9, "reading of one axis that counts as clipped (16 g)", "m/s^2", 10.0, 5000.0)
+    saturation_mps2: float = setting(
+        156.8, "reading of one axis that counts as clipped (16 g, less one step of 12 bits)", "m/s^2", 10.0, 5000.0
+    )
+    flat_s: float = setting(2.0, "seconds of one unchanging reading that count as a stuck sensor", "s", 0.05, 3600.0)
+    gravity_tracker_s: float | None = setting(
+        None, "time constant of a slow level taken off the low-passed channel, never off exposure", "s", 40.0, 3600.0
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -59,7 +81,7 @@ class Block(NamedTuple):
 
     stamps_ns (n,) and time_s (n,) are the instants answered, filter delay taken off (time_s since epoch_ns, the
     sensor's first stamp, for alignment); levelled_mps2 (n, 3), gravity-free, third axis up, before the low-pass;
-    low_passed_mps2 (n,), vertical.
+    low_passed_mps2 (n,), vertical. gap_s: what lies between a run's first sample and the run before it.
     """
 
     stamps_ns: Integers
@@ -67,306 +89,402 @@ class Block(NamedTuple):
     levelled_mps2: Floats
     low_passed_mps2: Floats
     begins_run: bool
+    gap_s: float
     epoch_ns: int
+    rate_hz: float
 
-
-@dataclass(frozen=True)
-class Rest:
-    """What a second at rest tells of a sensor: its clock, gravity (norm, m/s^2) and vertical (unit vector).
-
-    uncounted_s is what passed until then.
-    """
-
-    period_s: float
-    last_time_s: float
-    jitter_s: float
-    uncounted_s: float
-    gravity_mps2: float
-    vertical: tuple[float, float, float]
-    in_motion: bool
+    def part(self, begin: int, end: int) -> Block:
+        """The samples from `begin` up to `end`."""
+        return self._replace(
+            stamps_ns=self.stamps_ns[begin:end],
+            time_s=self.time_s[begin:end],
+            levelled_mps2=self.levelled_mps2[begin:end],
+            low_passed_mps2=self.low_passed_mps2[begin:end],
+            begins_run=self.begins_run and begin == 0,
+        )
 
 
 @dataclass(frozen=True)
 class SensorStatus:
-    """What one sensor's conditioning has seen so far; `fault` says in one line why it answers nothing."""
+    """What one sensor's conditioning has seen so far; `fault` says in one line why it answers nothing.
+
+    Rejected samples by cause: stamp unset, reading not finite, duplicate, late, stamp astray. filled: interpolated;
+    flat: of one that never changed for long. uncounted_s passed before gravity was known, unrested_s of it in motion;
+    gap_s lies between runs.
+    """
 
     rate_hz: float | None
+    jitter_s: float | None
     gravity_mps2: float | None
-    vertical: tuple[float, float, float] | None
+    vertical: Vector | None
     filter_delay_s: float | None
     accepted: int
-    late: int
+    unset: int
     non_finite: int
+    duplicate: int
+    late: int
+    stray: int
     filled: int
-    runs: int
+    flat: int
     clipped: int
+    runs: int
     uncounted_s: float
+    unrested_s: float
     gap_s: float
     warnings: tuple[str, ...]
     fault: str | None
 
+    @property
+    def rejected(self) -> int:
+        """Samples that were not used, for whatever cause."""
+        return self.unset + self.non_finite + self.duplicate + self.late + self.stray
+
+    @property
+    def filled_s(self) -> float:
+        """Seconds that are interpolated."""
+        return self.filled / self.rate_hz if self.rate_hz else 0.0
+
+    @property
+    def flat_s(self) -> float:
+        """Seconds of a reading that never changed for long."""
+        return self.flat / self.rate_hz if self.rate_hz else 0.0
+
+    @property
+    def recorded_s(self) -> float:
+        """Seconds from the first sample to the newest, by accepted samples: one wild stamp does not count."""
+        counted = (self.accepted + self.filled) / self.rate_hz if self.rate_hz else 0.0
+        return self.uncounted_s + counted + self.gap_s
+
 
 class Conditioner:
-    """One sensor: clock, gaps, vertical and gravity, low-pass. `push` raw samples, get `Block`s back."""
+    """One sensor: clock, gaps, vertical and gravity, low-pass. `push` raw samples, get `Block`s, `finish` at the end.
 
-    def __init__(self, sensor: str, settings: ConditioningSettings | None = None) -> None:
+    vertical (3,): where the sensor's axes see up, if rest is not to tell it; its gravity is then the mean along it.
+    """
+
+    def __init__(
+        self,
+        sensor: str,
+        settings: ConditioningSettings | None = None,
+        mode: Mode = "causal",
+        vertical: Vector | None = None,
+    ) -> None:
         self.sensor = sensor
         self.settings = settings or ConditioningSettings()
-        self.epoch_ns: int | None = None
-        self.rest: Rest | None = None
-        self.fault: str | None = None
-        self.warnings: list[str] = []
-        self.gap_s = 0.0
-        self._waiting = _RestWindow(self.settings)
-        self._counts = np.zeros(kernels.COUNT_SIZE, dtype=np.int64)
-        self._clock = np.zeros(kernels.CLOCK_SIZE)
-        self._last = np.zeros(3)
+        self.mode = mode
+        if mode == "zero_phase" and self.settings.gravity_tracker_s is not None:
+            raise InputError("gravity_tracker_s is causal: leave it out with zero-phase filtering")
+        if vertical is not None and not 0.0 < math.hypot(*vertical) < math.inf:
+            raise InputError(f"{sensor}: vertical {vertical} is no direction: three finite numbers, not all zero")
+        self.delay_s = 0.0
+        self._given_vertical = vertical
+        self._fault: str | None = None
+        self.first_ns: int | None = None
+        self._waiting = self._new_wait()
+        self._rest: Rest | None = None
+        self._uncounted = 0
+        self._state = np.zeros(kernel.STATE_SIZE)
+        self._counts = np.zeros(kernel.COUNT_SIZE, dtype=np.int64)
+        self._undecided: tuple[Integers, Floats] | None = None
+        self._held: list[Block] = []
+        self._runs = 0
+        self._run_epoch_ns = 0
         self._lap = 0
-        self._new_run = True
+        self._running = False
+        self._ended_ns: int | None = None
+        self._gap_s = 0.0
+        self._leapt_s = 0.0
+
+    # --- in and out --------------------------------------------------------------------------------------------------
 
     def push(self, stamps_ns: Integers, samples_mps2: Floats) -> list[Block]:
         """Condition raw specific force (n, 3) m/s^2 with header stamps (n,) ns, in order of arrival."""
-        if stamps_ns.shape[0] == 0 or self.fault is not None:
+        if stamps_ns.shape[0] == 0:
             return []
         # Copies: what comes from a message may be read-only or strided, and each such kind would be compiled anew.
+        stamps_ns = np.array(stamps_ns, dtype=np.int64, order="C")
         samples_mps2 = np.array(samples_mps2, dtype=np.float64, order="C")
-        if self.epoch_ns is None:
+        if self._rest is None:
             found = self._look_for_rest(stamps_ns, samples_mps2)
             if found is None:
                 return []
             stamps_ns, samples_mps2 = found
-        assert self.epoch_ns is not None
-        stamps_s: Floats = np.asarray(stamps_ns - self.epoch_ns, dtype=np.float64) * 1e-9
-        return self._condition(stamps_ns, stamps_s, samples_mps2, self.epoch_ns)
+        return self._condition(stamps_ns, samples_mps2, final=False)
+
+    def finish(self) -> list[Block]:
+        """Answer what still waits: a sample that nothing followed, and the last run of a zero-phase sensor."""
+        if self._rest is None:
+            return []
+        blocks = self._condition(np.empty(0, dtype=np.int64), np.empty((0, 3)), final=True)
+        return blocks + self._filtered_run()
 
     @property
     def rate_hz(self) -> float:
         """Sampling rate the filters were designed for; known after rest."""
-        assert self.rest is not None
-        return 1.0 / self.rest.period_s
+        assert self._rest is not None
+        return 1.0 / self._rest.period_s
+
+    @property
+    def fault(self) -> str | None:
+        """Why it answers nothing, in one line."""
+        unset = int(self._counts[kernel.UNSET])
+        if self._rest is None and unset >= UNSET_TOLERATED and unset > self._waiting.collected:
+            return f"{self.sensor}: {UNSET}"
+        return self._fault
+
+    @property
+    def _unrested(self) -> int:
+        """Samples that came before the window at rest; all of them where there was none."""
+        rest = self._rest
+        if rest is None or rest.in_motion:
+            return self._uncounted
+        return max(0, self._uncounted - round(rest.last_time_s / rest.period_s) - 1)
 
     @property
     def newest_ns(self) -> int | None:
         """Stamp of the newest accepted sample; None before gravity is known and right after time jumped back."""
-        newest_s = float(self._clock[kernels.CLOCK_LAST_STAMP])
-        if self.rest is None or self.epoch_ns is None or not math.isfinite(newest_s):
+        newest_s = float(self._state[kernel.LAST_STAMP])
+        if self._rest is None or not math.isfinite(newest_s):
             return None
-        return self.epoch_ns + round(newest_s * 1e9)
+        return self._run_epoch_ns + round(newest_s * 1e9)
 
     def status(self) -> SensorStatus:
         """What was seen so far."""
         counts = [int(v) for v in self._counts]
-        rest = self.rest
+        known = self._rest is not None
+        period_s = self._rest.period_s if self._rest else 0.0
         return SensorStatus(
-            rate_hz=1.0 / float(self._clock[kernels.CLOCK_PERIOD]) if rest else None,
-            gravity_mps2=rest.gravity_mps2 if rest else None,
-            vertical=rest.vertical if rest else None,
-            filter_delay_s=self.delay_s if rest else None,
-            accepted=counts[kernels.COUNT_ACCEPTED],
-            late=counts[kernels.COUNT_LATE],
-            non_finite=counts[kernels.COUNT_NONFINITE],
-            filled=counts[kernels.COUNT_FILLED],
-            runs=counts[kernels.COUNT_RUNS],
-            clipped=counts[kernels.COUNT_CLIPPED],
-            uncounted_s=rest.uncounted_s if rest else 0.0,
-            gap_s=self.gap_s,
-            warnings=tuple(self.warnings),
+            rate_hz=1.0 / float(self._state[kernel.PERIOD]) if known else None,
+            jitter_s=float(self._state[kernel.JITTER]) if known else None,
+            gravity_mps2=self._gravity_mps2 if known else None,
+            vertical=self._vertical if known else None,
+            filter_delay_s=self.delay_s if known else None,
+            accepted=counts[kernel.ACCEPTED],
+            unset=counts[kernel.UNSET],
+            non_finite=counts[kernel.NON_FINITE],
+            duplicate=counts[kernel.DUPLICATE],
+            late=counts[kernel.LATE],
+            stray=counts[kernel.STRAY],
+            filled=counts[kernel.FILLED],
+            flat=counts[kernel.FLAT],
+            clipped=counts[kernel.CLIPPED],
+            runs=self._runs,
+            uncounted_s=self._uncounted * period_s,
+            unrested_s=self._unrested * period_s,
+            gap_s=self._gap_s,
+            warnings=tuple(self._warnings()),
             fault=self.fault,
         )
 
+    # --- rest --------------------------------------------------------------------------------------------------------
+
+    def _new_wait(self) -> RestWindow:
+        s = self.settings
+        return RestWindow(
+            s.rest_s, s.rest_patience_s, s.rest_rms_mps2, s.max_gap_s, kernel.IMPLAUSIBLE * s.saturation_mps2
+        )
+
     def _look_for_rest(self, stamps_ns: Integers, samples: Floats) -> tuple[Integers, Floats] | None:
-        """Collect until gravity is known; return the samples that come after it, or None while it is not."""
-        try:
-            found = self._waiting.push(stamps_ns, samples)
-        except InputError as error:
-            self.fault = f"{self.sensor}: {error}"
-            return None
-        if found is None:
-            return None
-        self.rest, self.epoch_ns, self._last[:] = found.rest, found.epoch_ns, found.last_mps2
-        self._start(self.rest)
-        return found.stamps_ns, found.samples_mps2
+        """Collect until gravity is known; return the samples that come after it, or None while it is not.
+
+        A fault is told and waiting goes on: a sensor that is mended meanwhile is believed.
+        """
+        is_set = stamps_ns != 0
+        if self.first_ns is None and is_set.any():
+            self.first_ns = int(stamps_ns[is_set.argmax()])
+        self._waiting.add(stamps_ns[is_set], samples[is_set])
+        found = self._found_rest()
+        begin = int(np.flatnonzero(is_set)[-self._waiting.end()]) if found else len(stamps_ns)
+        self._counts[kernel.UNSET] += int((~is_set[:begin]).sum())
+        return (stamps_ns[begin:], samples[begin:]) if found else None
+
+    def _found_rest(self) -> bool:
+        while True:
+            try:
+                rest = self._waiting.look()
+                if rest is None:
+                    return False
+                self._start(rest)
+            except InputError as error:
+                self._fault = f"{self.sensor}: {error}"
+                continue
+            self._rest, self._run_epoch_ns, self._fault = rest, rest.epoch_ns, None
+            self._uncounted = self._waiting.dropped
+            # By what was counted, not by the first stamp, which may be a wild one.
+            waited_s = (self._uncounted - 1) * rest.period_s
+            self.first_ns = rest.epoch_ns + round(1e9 * (rest.last_time_s - waited_s))
+            return True
 
     def _start(self, rest: Rest) -> None:
         """Design the filters for the rate found; they start in steady state for gravity: zero, once levelled."""
-        self._sos = signal.butter(FILTER_ORDER, self.settings.cutoff_hz, fs=self.rate_hz, output="sos")
-        self.delay_s = group_delay_s(self._sos, self.rate_hz)
-        self._delay_ns = round(self.delay_s * 1e9)
-        self._filter_state = np.zeros((len(self._sos), 2, 1))
-        self._rotation = rotation_to_vertical(np.array(rest.vertical))
-        turns = CLOCK_TIME_CONSTANT_S * self.rate_hz
-        limits = self.settings
-        self._constants = (limits.max_gap_s, 2.0 / turns, 1.0 / turns**2, limits.saturation_mps2, rest.gravity_mps2)
-        self._clock[:] = rest.last_time_s, rest.period_s, rest.period_s, rest.last_time_s, rest.jitter_s
-        self._max_fill = int(self.settings.max_gap_s / (0.98 * rest.period_s)) + 2
-        if rest.in_motion:
-            self.warnings.append("no rest found: gravity was averaged over motion")
-        if abs(rest.gravity_mps2 / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
-            self.warnings.append(f"gravity at rest reads {rest.gravity_mps2:.2f} m/s^2: gain, unit or mounting is off")
+        rate_hz, settings, s = 1.0 / rest.period_s, self.settings, self._state
+        self._check_rate(rate_hz)
+        self._gravity_mps2, self._vertical = gravity_and_vertical(rest.mean_mps2, self._given_vertical)
+        if self._vertical is None and self.mode != "survey":
+            raise InputError(
+                f"at rest it reads {self._gravity_mps2:.2f} m/s^2: without gravity the vertical is unknown (REP-145):"
+                " give it with the parameter vertical"
+            )
+        s[kernel.TIME] = s[kernel.LAST_STAMP] = s[kernel.FLAT_SINCE] = rest.last_time_s
+        s[kernel.PERIOD] = s[kernel.NOMINAL] = rest.period_s
+        s[kernel.JITTER] = rest.jitter_s
+        s[kernel.LAST : kernel.LAST + 3] = rest.last_mps2
+        s[kernel.ROTATION : kernel.LOW_PASS] = rotation_to_vertical(np.array(self._vertical or UP)).ravel()
+        turns = CLOCK_TIME_CONSTANT_S * rate_hz
+        tracker_s = settings.gravity_tracker_s
+        s[kernel.MAX_GAP] = max(settings.max_gap_s, 1.5 * rest.period_s)
+        s[kernel.FLAT_AFTER], s[kernel.SATURATION] = settings.flat_s, settings.saturation_mps2
+        s[kernel.GAIN_TIME], s[kernel.GAIN_PERIOD] = 2.0 / turns, 1.0 / turns**2
+        s[kernel.COARSE], s[kernel.AT_REST :] = rest.coarse, rest.mean_mps2
+        s[kernel.TRACKER_GAIN] = rest.period_s / tracker_s if tracker_s else 0.0
+        self._counts[kernel.TRACKED] = self._counts[kernel.IN_RUN] = rest.samples
+        self._max_fill = int(s[kernel.MAX_GAP] / (0.98 * rest.period_s)) + 2
+        self._sos = np.zeros((kernel.SECTIONS, 6))
+        self.delay_s = 0.0
+        if self.mode != "survey":
+            self._sos = signal.butter(FILTER_ORDER, settings.cutoff_hz, fs=rate_hz, output="sos")
+        if self.mode == "causal":
+            s[kernel.LOW_PASS : kernel.LOW_PASS_STATE] = self._sos.ravel()
+            self.delay_s = group_delay_s(self._sos, rate_hz)
 
-    def _condition(self, stamps_ns: Integers, stamps_s: Floats, samples: Floats, epoch_ns: int) -> list[Block]:
+    def _check_rate(self, rate_hz: float) -> None:
+        least = max(MIN_RATE_HZ, RATE_PER_CUTOFF * self.settings.cutoff_hz)
+        if self.mode != "survey" and not least * (1.0 - RATE_TOLERANCE) <= rate_hz <= MAX_RATE_HZ:
+            raise InputError(f"a rate of {rate_hz:.4g} Hz does not fit, {least:g} to {MAX_RATE_HZ:g} Hz are needed")
+
+    def _warnings(self) -> list[str]:
+        lines = []
+        if self._rest is not None:
+            if self._rest.in_motion:
+                lines.append("no rest found: gravity was averaged over motion")
+            if abs(self._gravity_mps2 / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
+                lines.append(f"gravity at rest reads {self._gravity_mps2:.2f} m/s^2: gain, unit or mounting is off")
+            period_s, nominal_s = self._state[kernel.PERIOD], self._state[kernel.NOMINAL]
+            if abs(period_s / nominal_s - 1.0) > RATE_TOLERATED:
+                lines.append("the rate is 2 % off that at rest: samples get lost unnoticed, or the driver changed it")
+            if self._state[kernel.JITTER] > JITTER_TOLERATED * self._rest.period_s and not self._rest.coarse:
+                jitter_ms = 1e3 * float(self._state[kernel.JITTER])
+                lines.append(f"stamps jitter by {jitter_ms:.2g} ms, too much to tell lost samples: some may hide")
+        if self._counts[kernel.FLAT]:
+            lines.append(f"{self._counts[kernel.FLAT]} samples of an unchanging reading count as missing: stuck?")
+        return lines
+
+    # --- runs --------------------------------------------------------------------------------------------------------
+
+    def _condition(self, stamps_ns: Integers, samples: Floats, final: bool) -> list[Block]:
+        if self._undecided is not None:
+            stamps_ns = np.concatenate([self._undecided[0], stamps_ns])
+            samples = np.concatenate([self._undecided[1], samples])
+            self._undecided = None
         blocks: list[Block] = []
-        done, n = 0, stamps_s.shape[0]
+        done, n = 0, stamps_ns.shape[0]
         while done < n:
-            room = n - done + self._max_fill + 2
-            stamps, times = np.empty(room, dtype=np.int64), np.empty(room)
-            levelled, low_passed = np.empty((room, 3)), np.empty((room, 1))
-            last_s = self._clock[kernels.CLOCK_TIME]
-            used, written, breaks = kernels.condition(
-                stamps_ns[done:], stamps_s[done:], samples[done:], self._clock, self._last, self._counts,
-                self._rotation, self._sos, self._filter_state, self._constants, epoch_ns, self._delay_ns,
-                stamps, times, levelled, low_passed,
-            )  # fmt: skip
+            used, block, why = self._advance(stamps_ns[done:], samples[done:], final)
             done += used
-            if written:
-                last_s = times[written - 1]
-                shift_s = self._lap * LAP_S - self.delay_s
-                low = low_passed[:written, 0]
-                blocks.append(
-                    Block(stamps[:written], times[:written] + shift_s, levelled[:written], low, self._new_run, epoch_ns)
-                )
-                self._counts[kernels.COUNT_RUNS] += self._new_run
-                self._new_run = False
-            if breaks:
-                self._begin_run(float(last_s), float(stamps_s[done]))
+            if block is not None:
+                blocks += self._answer(block)
+            if why == kernel.UNDECIDED:
+                self._undecided = stamps_ns[done:], samples[done:]
+                break
+            if why == kernel.NEW_RUN:
+                blocks += self._end_run(stamps_ns[done])
         return blocks
 
-    def _begin_run(self, ended_s: float, begins_s: float) -> None:
+    def _advance(self, stamps_ns: Integers, samples: Floats, final: bool) -> tuple[int, Block | None, int]:
+        """One call of the kernel: (samples consumed, what it wrote, why it stopped)."""
+        assert self._rest is not None
+        room, epoch_ns = stamps_ns.shape[0] + self._max_fill + 2, self._run_epoch_ns
+        stamps, times = np.empty(room, dtype=np.int64), np.empty(room)
+        levelled, low_passed = np.empty((room, 3)), np.empty((room, 1))
+        used, written, why = kernel.condition(
+            stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts,
+            stamps, times, levelled, low_passed,
+        )  # fmt: skip
+        if not written:
+            return used, None, why
+        begins_run, gap_s = not self._running, 0.0
+        if begins_run:
+            gap_s = self._begin_run(epoch_ns + round(float(times[0]) * 1e9))
+        self._ended_ns = epoch_ns + round(float(times[written - 1]) * 1e9)
+        shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self._lap * LAP_S - self.delay_s
+        block = Block(
+            stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0], begins_run, gap_s,
+            self._rest.epoch_ns, self.rate_hz,
+        )  # fmt: skip
+        return used, block, why
+
+    def _begin_run(self, begins_ns: int) -> float:
+        """Count a run and what is missing before it, which is returned."""
+        self._running = True
+        self._runs += 1
+        if self._ended_ns is None:
+            return 0.0
+        gap_s = (begins_ns - self._ended_ns) * 1e-9 - 1.0 / self.rate_hz
+        if gap_s > kernel.LEAP_S:
+            if abs(gap_s + self._leapt_s) < kernel.LEAP_S:  # time had leapt back and returns
+                gap_s += self._leapt_s
+                self._leapt_s = 0.0
+            else:
+                self._leapt_s = gap_s
+        gap_s = max(gap_s, 0.0)
+        self._gap_s += gap_s
+        return gap_s
+
+    def _end_run(self, next_ns: int) -> list[Block]:
         """Nothing integrates across a break: filters start anew, and time that jumped back goes on in the next lap."""
-        self._new_run = True
-        self._filter_state[:] = 0.0
-        if begins_s > ended_s:
-            self.gap_s += begins_s - ended_s
-        else:
-            self._lap += 1
+        blocks = self._filtered_run()
+        self._running = False
+        self._state[kernel.LOW_PASS_STATE : kernel.MAX_GAP] = 0.0
+        # Seconds count anew from each run's first stamp: those since another epoch would be too coarse to tell a rate.
+        self._run_epoch_ns = next_ns
+        if self._ended_ns is not None and next_ns < self._ended_ns:
+            back_s = (self._ended_ns - next_ns) * 1e-9 + 1.0 / self.rate_hz
+            self._lap += 1 + int(back_s // LAP_S)
+            self._ended_ns = None
+            if abs(self._leapt_s - back_s) < kernel.LEAP_S:  # time had leapt ahead and is back: nothing was missing
+                self._gap_s -= min(self._leapt_s, back_s)
+                self._leapt_s = 0.0
+            else:
+                self._leapt_s = -back_s
+        return blocks
+
+    def _answer(self, block: Block) -> list[Block]:
+        if self.mode == "causal":
+            return [block]
+        if self.mode == "zero_phase":
+            self._held.append(block)
+        return []
+
+    def _filtered_run(self) -> list[Block]:
+        """The run that is held, filtered forward and backward."""
+        if not self._held:
+            return []
+        stamps, times, levelled = (np.concatenate([block[k] for block in self._held]) for k in range(3))
+        padding = min(3 * (2 * kernel.SECTIONS + 1), len(levelled) - 1)
+        low_passed = signal.sosfiltfilt(self._sos, levelled[:, 2], padlen=padding)
+        run = self._held[0]._replace(
+            stamps_ns=stamps, time_s=times, levelled_mps2=levelled, low_passed_mps2=np.ascontiguousarray(low_passed)
+        )
+        self._held = []
+        return [run]
 
 
-class _Found(NamedTuple):
-    """The end of waiting: what rest told, the epoch its times count from, what comes after it, its last sample."""
-
-    rest: Rest
-    epoch_ns: int
-    stamps_ns: Integers
-    samples_mps2: Floats
-    last_mps2: Floats
+UP: Final = (0.0, 0.0, 1.0)
 
 
-class _RestWindow:
-    """Collects the first seconds of a sensor until one window of them is at rest, or patience runs out.
+def gravity_and_vertical(mean_mps2: Vector, given: Vector | None) -> tuple[float, Vector | None]:
+    """Gravity (m/s^2) and vertical (unit vector, None where too little gravity shows) of a sensor's mean at rest.
 
-    No window spans a gap or a jump of the stamps: behind one, waiting starts anew.
+    Along a given vertical, gravity is the mean's part along it: what is left of it where a driver has taken it off.
     """
-
-    def __init__(self, settings: ConditioningSettings) -> None:
-        self._settings = settings
-        self._stamps_ns: Integers = np.empty(0, dtype=np.int64)
-        self._samples: Floats = np.empty((0, 3))
-        self._start = 0
-        self._first = 0
-
-    def push(self, stamps_ns: Integers, samples: Floats) -> _Found | None:
-        """Return what was found, or None while there is no rest yet; raises InputError where there never will be."""
-        self._stamps_ns = np.concatenate([self._stamps_ns, stamps_ns])
-        self._samples = np.concatenate([self._samples, samples])
-        while True:
-            end = self._window_end()
-            if end is None:
-                return None
-            found = self._judge(self._start, end)
-            if found is not None:
-                return found
-            self._start = end
-
-    def _window_end(self) -> int | None:
-        """End of the window that begins at `_start`, moved behind the first break in it; None while it is not full."""
-        while True:
-            stamps_ns = self._stamps_ns[self._start :]
-            past = np.flatnonzero(stamps_ns - stamps_ns[0] >= round(self._settings.rest_s * 1e9))
-            inside = stamps_ns[: past[0] + 1] if past.size else stamps_ns
-            steps_s = np.diff(inside) * 1e-9
-            breaks = np.flatnonzero((steps_s > self._settings.max_gap_s) | (steps_s < -kernels.JUMP_BACK_S))
-            if breaks.size == 0:
-                break
-            self._start = self._first = self._start + int(breaks[0]) + 1
-        first = stamps_ns[:_STANDING_SAMPLES]
-        if first.size == _STANDING_SAMPLES and first.max() == first.min():
-            raise InputError("stamps stand still: use log time (--time log), or mend the driver's stamps")
-        return self._start + int(past[0]) if past.size else None
-
-    def _judge(self, begin: int, end: int) -> _Found | None:
-        """The window [begin, end) if it is at rest; once patience has run out, everything since the last break."""
-        window = self._usable(begin, end)
-        moving = len(window) < 2 or _rms_about_mean(window) > self._settings.rest_rms_mps2
-        waited_s = 1e-9 * int(self._stamps_ns[end] - self._stamps_ns[self._first])
-        if moving and waited_s < self._settings.rest_patience_s:
-            return None
-        if moving:
-            begin, window = self._first, self._usable(self._first, end)
-        if len(window) < 2:
-            raise InputError("no finite sample arrived: check the sensor")
-        epoch_ns = int(self._stamps_ns[begin])
-        rest = self._told(begin, end, window.mean(axis=0), moving)
-        return _Found(rest, epoch_ns, self._stamps_ns[end:], self._samples[end:], self._usable(0, end)[-1])
-
-    def _told(self, begin: int, end: int, mean: Floats, moving: bool) -> Rest:
-        stamps_s = np.asarray(self._stamps_ns[begin:end] - self._stamps_ns[begin], dtype=np.float64) * 1e-9
-        samples = self._samples[begin:end]
-        fresh = np.concatenate([[True], (np.diff(stamps_s) != 0.0) | (samples[1:] != samples[:-1]).any(axis=1)])
-        clock = fit_clock(stamps_s[fresh])
-        rate = 1.0 / clock.period_s
-        least = max(MIN_RATE_HZ, 2.5 * self._settings.cutoff_hz)
-        if not least * (1.0 - RATE_TOLERANCE) <= rate <= MAX_RATE_HZ:
-            raise InputError(f"a rate of {rate:.4g} Hz does not fit, {least:g} to {MAX_RATE_HZ:g} Hz are needed")
-        norm = float(np.linalg.norm(mean))
-        if norm < 0.5 * STANDARD_GRAVITY_MPS2:
-            raise InputError(f"at rest it reads {norm:.2f} m/s^2: without gravity the vertical is unknown (REP-145)")
-        x, y, z = (mean / norm).tolist()
-        return Rest(clock.period_s, clock.last_s, clock.jitter_s, end * clock.period_s, norm, (x, y, z), moving)
-
-    def _usable(self, begin: int, end: int) -> Floats:
-        part = self._samples[begin:end]
-        # As the kernel does later; squares of what it would reject may overflow, and one such sample spoils a mean.
-        usable: Floats = part[(np.abs(part) < kernels.IMPLAUSIBLE * self._settings.saturation_mps2).all(axis=1)]
-        return usable
-
-
-def _rms_about_mean(samples: Floats) -> float:
-    return float(np.sqrt(((samples - samples.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-
-class Clock(NamedTuple):
-    """A sensor's clock by its stamps: sampling period, fitted time of the last stamp, mean absolute jitter, seconds."""
-
-    period_s: float
-    last_s: float
-    jitter_s: float
-
-
-def fit_clock(stamps_s: Floats) -> Clock:
-    """Fit an even clock to stamps (n,) in order of arrival; jittered, in bursts, quantised, or with samples lost.
-
-    Samples are counted as lost only in gaps that jitter does not explain; raises InputError below three stamps.
-    """
-    if stamps_s.size < 3:
-        raise InputError("fewer than three different samples: the rate is unknown")
-    index = np.arange(stamps_s.size, dtype=np.float64)
-    period, first = _line(index, stamps_s)
-    gaps = np.diff(stamps_s)
-    spread = 1.4826 * float(np.median(np.abs(gaps - np.median(gaps))))
-    for _ in range(2):
-        longest = max(1.5 * period, period + 5.0 * spread)
-        lost = np.where(gaps > longest, np.maximum(np.rint(gaps / period) - 1.0, 0.0), 0.0)
-        if lost.sum() > 0.5 * stamps_s.size:
-            lost[:] = 0.0  # not a stream that loses most of itself, but one that comes in bursts
-        index[1:] = np.cumsum(1.0 + lost)
-        period, first = _line(index, stamps_s)
-    jitter = float(np.abs(stamps_s - first - period * index).mean())
-    return Clock(period, first + period * float(index[-1]), jitter)
-
-
-def _line(index: Floats, stamps_s: Floats) -> tuple[float, float]:
-    slope, offset = np.polyfit(index, stamps_s, 1)
-    return float(slope), float(offset)
+    if given is not None:
+        size = math.hypot(*given)
+        x, y, z = (v / size for v in given)
+        return mean_mps2[0] * x + mean_mps2[1] * y + mean_mps2[2] * z, (x, y, z)
+    norm = math.sqrt(sum(v * v for v in mean_mps2))
+    if norm < LEAST_GRAVITY_MPS2:
+        return norm, None
+    return norm, (mean_mps2[0] / norm, mean_mps2[1] / norm, mean_mps2[2] / norm)
 
 
 def group_delay_s(sos: Floats, rate_hz: float) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import naive
 import numpy as np
 import pytest
@@ -10,15 +12,16 @@ from hypothesis import strategies as st
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from biodyn_core.conditioning import Conditioner, ConditioningSettings, fit_clock, group_delay_s, rotation_to_vertical
+from biodyn_core.conditioning import Conditioner, ConditioningSettings, group_delay_s, rotation_to_vertical
 from biodyn_core.errors import InputError
-from biodyn_core.kernels import sensor as kernels
+from biodyn_core.kernels import sensor as kernel
 
 RATE_HZ = 1129.3
 START_NS = 1_767_225_600 * 10**9
 REST_S = 0.8
 SEEDS = st.integers(0, 2**32 - 1)
 ROUNDING = 1e-9
+HOUR_NS = 3600 * 10**9
 
 
 def stamps(count: int, rate_hz: float = RATE_HZ) -> np.ndarray:
@@ -42,10 +45,10 @@ def raw(accel: np.ndarray, mounting: np.ndarray | None = None) -> np.ndarray:
 class Conditioned:
     """One conditioner's blocks, joined."""
 
-    def __init__(self, stamps_ns, samples, cuts=(), conditioning: ConditioningSettings | None = None) -> None:
-        self.conditioner = Conditioner("seat", conditioning)
+    def __init__(self, stamps_ns, samples, cuts=(), conditioning=None, mode="causal", vertical=None) -> None:
+        self.conditioner = Conditioner("seat", conditioning, mode, vertical)
         parts = zip(np.split(stamps_ns, cuts), np.split(samples, cuts), strict=True)
-        self.blocks = [block for s, x in parts for block in self.conditioner.push(s, x)]
+        self.blocks = [block for s, x in parts for block in self.conditioner.push(s, x)] + self.conditioner.finish()
         self.status = self.conditioner.status()
         self.stamps_ns = np.concatenate([b.stamps_ns for b in self.blocks] or [np.empty(0, dtype=np.int64)])
         self.time_s = np.concatenate([b.time_s for b in self.blocks] or [np.empty(0)])
@@ -151,7 +154,20 @@ def test_a_hopeless_sensor_is_told_in_one_line_and_answers_nothing(stamps_ns, sa
     assert found.blocks == []
     assert found.status.fault.startswith("seat: ") and told in found.status.fault
     assert "\n" not in found.status.fault
-    assert found.conditioner.push(stamps(5000), STILL[:5000]) == []  # a fault stays, it does not flicker
+
+
+@pytest.mark.parametrize(
+    ("stamps_ns", "samples", "told"), FAULTS, ids=lambda value: value if type(value) is str else ""
+)
+def test_a_sensor_that_is_mended_meanwhile_is_believed(stamps_ns, samples, told):
+    found = Conditioned(stamps_ns, samples)
+    later = int(stamps_ns[-1]) - START_NS + 10**9
+    accel = ride(3.0)
+    (block,) = found.conditioner.push(stamps(len(accel)) + later, raw(accel))
+    status = found.conditioner.status()
+    assert status.fault is None and status.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
+    np.testing.assert_allclose(block.levelled_mps2[-500:], accel[-500:], atol=1e-6)
+    assert status.uncounted_s > 0.99 * len(samples) / RATE_HZ  # what was waited through is told
 
 
 @pytest.mark.parametrize(("cutoff_hz", "fits"), [(100.0, True), (150.0, False)])
@@ -245,13 +261,13 @@ def test_rate_and_time_are_recovered_from_jittering_stamps(rate_hz, ppm):
 
 
 def test_a_clock_whose_rate_changes_is_followed():
-    # 300 ppm faster after five seconds; followed within a second or two, and never more than 0.3 ms behind.
-    count = round(15.0 * RATE_HZ)
+    # 300 ppm faster after five seconds, which no quartz does; never more than 0.6 ms behind, and then followed.
+    count = round(60.0 * RATE_HZ)
     period_s = np.where(np.arange(count) < 5.0 * RATE_HZ, 1.0, 1.0 - 300e-6) / RATE_HZ
     true_s = np.cumsum(period_s) - period_s[0]
     found = Conditioned(START_NS + np.rint(true_s * 1e9).astype(np.int64), np.tile(STILL[0], (count, 1)))
     behind = found.time_s + found.status.filter_delay_s - true_s[-len(found.time_s) :]
-    assert np.abs(behind).max() < 0.3e-3 and np.abs(behind[-1000:]).max() < 0.01e-3
+    assert np.abs(behind).max() < 0.6e-3 and np.abs(behind[-1000:]).max() < 0.01e-3
     assert found.status.rate_hz == pytest.approx(RATE_HZ * (1.0 + 300e-6), rel=10e-6)
 
 
@@ -259,16 +275,6 @@ def test_missing_stamps_at_rest_do_not_spoil_the_rate():
     lost = np.delete(np.arange(2000), [100, 101, 300, 500])
     found = Conditioned(stamps(2000)[lost], STILL[lost])
     assert found.conditioner.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
-
-
-@given(st.floats(250.0, 4000.0), SEEDS, st.lists(st.integers(1, 398), max_size=20, unique=True))
-def test_fit_clock_counts_lost_periods(rate_hz, seed, lost):
-    index = np.delete(np.arange(400), lost)
-    jitter = np.random.default_rng(seed).uniform(-0.1, 0.1, index.size)
-    clock = fit_clock((index + jitter) / rate_hz)
-    assert clock.period_s == pytest.approx(1.0 / rate_hz, rel=1e-3)  # 0.1 period of jitter over 400
-    assert clock.last_s == pytest.approx(399.0 / rate_hz, abs=0.1 / rate_hz)
-    assert clock.jitter_s == pytest.approx(0.05 / rate_hz, rel=0.2)  # the mean of |uniform|
 
 
 # --- lost, bad and late samples --------------------------------------------------------------------------------------
@@ -281,14 +287,10 @@ def test_lost_samples_are_drawn_in_and_counted(gaps):
     lost = np.zeros(len(accel), dtype=bool)
     for begin, length in gaps:
         lost[begin : begin + length] = True
-    sent = ~lost
-    # The first sample behind a gap of three or more only confirms that the stamps did move on.
-    for begin, end in runs_of(lost):
-        lost[end] |= end - begin >= kernels.SUSPICIOUS_PERIODS
     if any(end - begin > 54 for begin, end in runs_of(lost)):  # merged into one longer than max_gap_s
         return
     kept = ~lost
-    found = Conditioned(stamps(len(accel))[sent], raw(accel)[sent])
+    found = Conditioned(stamps(len(accel))[kept], raw(accel)[kept])
     whole = Conditioned(stamps(len(accel)), raw(accel))
     assert found.status.filled == lost.sum() and found.status.runs == 1
     assert len(found.time_s) == len(whole.time_s)
@@ -311,8 +313,8 @@ def test_what_is_drawn_in_is_a_straight_line():
     kept = np.delete(np.arange(len(accel)), np.arange(2000, 2030))
     found = Conditioned(stamps(len(accel))[kept], raw(accel)[kept])
     at = 1999 - (len(accel) - len(found.levelled))
-    wanted = np.linspace(accel[1999], accel[2031], 33)  # 2030 only confirms the gap
-    np.testing.assert_allclose(found.levelled[at : at + 33], wanted, atol=1e-6)
+    wanted = np.linspace(accel[1999], accel[2030], 32)
+    np.testing.assert_allclose(found.levelled[at : at + 32], wanted, atol=1e-6)
 
 
 @pytest.mark.parametrize("gap_s", [0.06, 1.0, 100.0])
@@ -323,8 +325,8 @@ def test_a_long_gap_splits_the_run_and_nothing_integrates_across(gap_s):
     found = Conditioned(late, raw(accel))
     assert found.status.runs == 2 and found.status.filled == 0
     assert found.status.gap_s == pytest.approx(gap_s, abs=2.0 / RATE_HZ)
-    assert found.begins.tolist() == [0, len(found.time_s) - (len(accel) - 3001)]  # 3000 only confirms the gap
-    assert found.status.late == 1
+    assert found.begins.tolist() == [0, len(found.time_s) - (len(accel) - 3000)]
+    assert found.status.rejected == 0
     sections = signal.butter(4, 100.0, fs=found.conditioner.rate_hz, output="sos")
     second = slice(found.begins[1], None)
     fresh = signal.sosfilt(sections, found.levelled[second, 2])
@@ -371,7 +373,8 @@ def test_an_impossible_sample_does_not_bend_gravity_averaged_over_motion():
 def test_a_clipped_sample_is_used_and_counted():
     accel = ride(3.0)
     samples = raw(accel)
-    samples[2000, 1], samples[2001, 2], samples[2002, 0] = 156.9, -157.0, 156.8
+    full_scale = 16.0 * 9.80665  # of 12 bits with a sign the largest reading is one step below
+    samples[2000, 1], samples[2001, 2], samples[2002, 0] = full_scale * 2047 / 2048, -full_scale, 156.7
     found = Conditioned(stamps(len(accel)), samples)
     assert found.status.clipped == 2 and found.status.non_finite == 0 and found.status.filled == 0
 
@@ -385,7 +388,7 @@ def test_duplicates_and_late_samples_change_nothing(extra):
         order = np.insert(order, at + 1, order[at] - behind)
     found = Conditioned(stamps(len(accel))[order], raw(accel)[order])
     wanted = Conditioned(stamps(len(accel)), raw(accel))
-    assert found.status.late == len(extra)
+    assert found.status.late + found.status.duplicate == found.status.rejected == len(extra)
     np.testing.assert_array_equal(found.levelled, wanted.levelled)
     np.testing.assert_array_equal(found.stamps_ns, wanted.stamps_ns)
     np.testing.assert_array_equal(found.low_passed, wanted.low_passed)
@@ -399,8 +402,7 @@ def test_stamps_that_jump_back_begin_a_new_run_and_time_inside_goes_on():
     assert np.diff(found.time_s).min() > 0.0
     ends = [*found.begins[1:], len(found.time_s)]
     second, third = (slice(found.begins[lap], ends[lap]) for lap in (1, 2))
-    # Twenty stamps in a row tell a jump from a late sample.
-    assert ends[1] - found.begins[1] == len(accel) - 19
+    assert ends[1] - found.begins[1] == len(accel)  # twenty stamps in a row tell a jump, and none of them is lost
     np.testing.assert_array_equal(found.low_passed[second], found.low_passed[third])
     np.testing.assert_array_equal(found.stamps_ns[second], found.stamps_ns[third])
 
@@ -408,16 +410,33 @@ def test_stamps_that_jump_back_begin_a_new_run_and_time_inside_goes_on():
 # --- cuts ------------------------------------------------------------------------------------------------------------
 
 
+KINDS = [
+    "lost",
+    "bad",
+    "late",
+    "same",
+    "gap",
+    "back",
+    "ahead",
+    "zero",
+    "leap",
+    "return",
+    "frozen",
+    "quantised",
+    "twice",
+]
+
+
 @st.composite
 def faulty(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
-    """A ride with jitter and any mixture of lost, bad, repeated and late samples, gaps and jumps back."""
+    """A ride with jitter and any mixture of what stamps and samples suffer in the field, rest not spared."""
     rng = np.random.default_rng(draw(SEEDS))
     accel = ride(3.0)
     stamps_ns = stamps(len(accel)) + np.rint(rng.normal(0.0, 2e4, len(accel))).astype(np.int64)
     samples = raw(accel) + 0.05 * rng.standard_normal(accel.shape)
-    for kind in draw(st.lists(st.sampled_from(["lost", "bad", "late", "same", "gap", "back", "ahead"]), max_size=6)):
+    for kind in draw(st.lists(st.sampled_from(KINDS), max_size=6)):
         at, length = int(rng.integers(0, len(stamps_ns) - 60)), int(rng.integers(1, 60))
-        here = slice(at, at + length)
+        here, sign = slice(at, at + length), int(rng.choice([-1, 1]))
         if kind == "lost":
             stamps_ns, samples = np.delete(stamps_ns, here), np.delete(samples, here, axis=0)
         elif kind == "bad":
@@ -428,18 +447,51 @@ def faulty(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
             stamps_ns[here] = stamps_ns[at]
         elif kind == "ahead":
             stamps_ns[at] += int(rng.integers(1, 10**8))
+        elif kind == "zero":
+            stamps_ns[here] = 0
+        elif kind in ("leap", "return"):
+            stamps_ns[here if kind == "return" else slice(at, None)] += sign * int(rng.choice([HOUR_NS, 10**16]))
+        elif kind == "frozen":
+            stamps_ns[at : at + 20 * length] = stamps_ns[at]
+        elif kind == "quantised":
+            stamps_ns = stamps_ns // 10**7 * 10**7
+        elif kind == "twice":
+            stamps_ns, samples = np.repeat(stamps_ns, 2), np.repeat(samples, 2, axis=0)
         else:
             stamps_ns[at:] += int(rng.integers(10**7, 2 * 10**9)) * (1 if kind == "gap" else -1)
     return stamps_ns, samples
 
 
-@settings(max_examples=120)
-@given(faulty(), st.lists(st.integers(0, 3400), max_size=12).map(sorted))
-def test_any_cut_into_blocks_gives_the_same_bits_whatever_is_wrong(record, cuts):
-    whole, cut = Conditioned(*record), Conditioned(*record, cuts=cuts)
+CUTS = st.lists(st.integers(0, 3400), max_size=12).map(sorted)
+
+
+@settings(max_examples=200)
+@given(faulty(), CUTS, st.sampled_from([None, 0.05]))
+def test_any_cut_into_blocks_gives_the_same_bits_whatever_is_wrong(record, cuts, flat_s):
+    conditioning = ConditioningSettings(flat_s=flat_s) if flat_s else None
+    whole, cut = Conditioned(*record, conditioning=conditioning), Conditioned(*record, cuts, conditioning)
     assert_same(cut, whole)
     assert np.isfinite(whole.low_passed).all()
     assert (np.diff(whole.time_s) > 0.0).all()
+    assert whole.status.gap_s >= 0.0
+
+
+@settings(max_examples=50)
+@given(faulty(), CUTS, st.sampled_from(["zero_phase", "survey"]))
+def test_any_cut_gives_the_same_in_the_other_modes_and_counts_alike(record, cuts, mode):
+    whole, cut = Conditioned(*record, mode=mode), Conditioned(*record, cuts, mode=mode)
+    assert_same(cut, whole)
+    causal = Conditioned(*record)
+    same = ["rate_hz", "jitter_s", "gravity_mps2", "accepted", "rejected", "filled", "runs", "uncounted_s", "gap_s"]
+    for name in same:
+        assert getattr(whole.status, name) == getattr(causal.status, name), name
+    np.testing.assert_array_equal(whole.levelled, causal.levelled if mode == "zero_phase" else np.empty((0, 3)))
+
+
+@settings(max_examples=10)
+@given(faulty())
+def test_sample_by_sample_it_is_the_same_whatever_is_wrong(record):
+    assert_same(Conditioned(*record, cuts=range(1, len(record[0]))), Conditioned(*record))
 
 
 def assert_same(found: Conditioned, wanted: Conditioned) -> None:
@@ -508,9 +560,595 @@ def test_one_zero_stamp_at_the_start_does_not_end_a_sensor():
     assert Conditioned(stamps_ns, STILL[:3000]).status.fault is None
 
 
-@pytest.mark.parametrize("ahead_s", [0.04, 1.0])
-def test_one_stamp_ahead_costs_no_lap(ahead_s):
-    stamps_ns = stamps(4000)
-    stamps_ns[2000] += round(ahead_s * 1e9)
-    found = Conditioned(stamps_ns, STILL[:4000])
-    assert found.time_s[-1] - found.time_s[0] < 10.0
+# --- clocks against the truth ----------------------------------------------------------------------------------------
+
+COUNT = 34_000
+MARKED_FROM = 1200
+
+
+def marked(count: int = COUNT) -> np.ndarray:
+    """Readings (n, 3) at rest whose first axis counts samples once rest is over, so that each tells which it is."""
+    samples = np.tile(STILL[0], (count, 1))
+    samples[:, 0] = 1e-3 * np.maximum(np.arange(count) - MARKED_FROM, 0)
+    return samples
+
+
+MARKED = marked()
+INDEX = np.arange(COUNT)
+
+
+def off_s(found: Conditioned, stamps_ns: np.ndarray, rate_hz: float = RATE_HZ) -> np.ndarray:
+    """Smoothed time less the time at which each sample, interpolated ones too, was really taken."""
+    marks = found.levelled[:, 0] / 1e-3
+    told = marks > 100.0  # what lies between a sample that is marked and one that is not tells nothing
+    assert (np.diff(marks[told]) > 0.0).all()  # in the true order
+    begins_s = (stamps_ns[0] - START_NS) * 1e-9  # inside, time counts from the first stamp
+    taken_s = (marks[told] + MARKED_FROM) / rate_hz
+    return found.time_s[told] + found.status.filter_delay_s + begins_s - taken_s
+
+
+def in_bursts(count: int = COUNT, many: int = 20) -> np.ndarray:
+    """Stamps of arrival: `many` samples within 2 ms once the last of them was taken, then a pause."""
+    index = np.arange(count)
+    return stamps(count + many)[index // many * many + many - 1] + (index % many) * (2_000_000 // many)
+
+
+def jittering(sigma_ms: float, count: int = COUNT) -> np.ndarray:
+    """Stamps with Gaussian errors, in order of arrival, which from a millisecond on is not that of the stamps."""
+    return stamps(count) + np.rint(np.random.default_rng(1).normal(0.0, sigma_ms * 1e6, count)).astype(np.int64)
+
+
+# Stamps, the mean by which they are late, and how far the smoothed time may stray from that, both in seconds. A line
+# through n stamps of scatter sigma is off by 2 sigma / sqrt(n) at its end, 0.067 sigma after 904 at rest: four times
+# that. Quantised stamps are not random, and their sawtooth averages out within a few steps.
+CLOCKS = {
+    "even": (stamps(COUNT), 0.0, 1e-8),
+    "to 1 ms": (stamps(COUNT) // 10**6 * 10**6, -0.5e-3, 0.01e-3),
+    "to 10 ms": (stamps(COUNT) // 10**7 * 10**7, -5e-3, 0.1e-3),
+    "bursts": (in_bursts(), (9.5 / RATE_HZ + 0.95e-3), 0.3e-3),
+    "jitter 0.05 ms": (jittering(0.05), 0.0, 0.05e-3 * 0.27),
+    "jitter 0.5 ms": (jittering(0.5), 0.0, 0.5e-3 * 0.27),
+    "jitter 5 ms": (jittering(5.0), 0.0, 5e-3 * 0.27),
+}
+clocks = pytest.mark.parametrize("clock", CLOCKS)
+
+
+@clocks
+def test_time_is_recovered_from_any_clock(clock):
+    stamps_ns, late_s, close_s = CLOCKS[clock]
+    found = Conditioned(stamps_ns, MARKED)
+    status = found.status
+    assert status.rejected == status.filled == 0 and status.runs == 1
+    # Where single stamps tell nothing of a lost sample it is said; coarse ones tell by how many share one.
+    assert bool(status.warnings) is (clock in ("bursts", "jitter 0.5 ms", "jitter 5 ms"))
+    assert all("jitter" in warning for warning in status.warnings)
+    assert status.rate_hz == pytest.approx(RATE_HZ, rel=20e-6)
+    assert np.abs(off_s(found, stamps_ns) - late_s).max() < close_s
+    np.testing.assert_allclose(np.diff(found.time_s), 1.0 / RATE_HZ, rtol=0.1)
+    assert status.recorded_s == pytest.approx(COUNT / RATE_HZ, abs=0.01)
+
+
+@pytest.mark.parametrize("rate_hz", [250.0, 400.0, 600.0, 800.0, 833.0, 952.0, 1000.0, 1100.0, 1600.0, 3200.0])
+@pytest.mark.parametrize("quantum_ms", [1, 4, 10])
+@pytest.mark.parametrize("step_mps2", [0.0, 0.0766])
+def test_coarse_stamps_of_any_rate_lose_and_invent_nothing(rate_hz, quantum_ms, step_mps2):
+    # Coarse readings, of 12 bits, repeat as well: with their stamp they look like messages sent twice.
+    count, quantum_ns = round(4.0 * rate_hz), quantum_ms * 10**6
+    samples = STILL[:1] + 0.02 * np.random.default_rng(2).standard_normal((count, 3))
+    if step_mps2:
+        samples = np.rint(samples / step_mps2) * step_mps2
+    status = Conditioned(stamps(count, rate_hz) // quantum_ns * quantum_ns, samples).status
+    assert status.rate_hz == pytest.approx(rate_hz, rel=100e-6)
+    assert status.rejected == status.filled == 0 and status.runs == 1
+
+
+@pytest.mark.parametrize("ppm", [-500.0, -50.0, 500.0])
+@pytest.mark.parametrize("jitter_ms", [0.0, 0.05])
+def test_a_drifting_clock_is_followed_and_told_in_ppm(ppm, jitter_ms):
+    own_hz = RATE_HZ * (1.0 + ppm * 1e-6)
+    stamps_ns = stamps(COUNT, own_hz) + (jittering(jitter_ms) - stamps(COUNT))
+    found = Conditioned(stamps_ns, MARKED)
+    assert found.status.rate_hz == pytest.approx(own_hz, rel=1e-9 + 20e-6 * jitter_ms)
+    assert np.abs(off_s(found, stamps_ns, own_hz)).max() < 1e-8 + 0.27e-3 * jitter_ms
+
+
+@pytest.mark.parametrize("delay_ms", [0.1, 1.0])
+def test_callbacks_that_are_sent_late_lose_and_invent_nothing(delay_ms):
+    # No stamp is earlier than the one before: a queue that stalls, and then empties in no time.
+    delay_ns = np.random.default_rng(1).exponential(delay_ms * 1e6, COUNT)
+    stamps_ns = np.maximum.accumulate(stamps(COUNT) + np.rint(delay_ns).astype(np.int64))
+    found = Conditioned(stamps_ns, MARKED)
+    assert found.status.rejected == found.status.filled < 1e-4 * COUNT and found.status.runs == 1
+    mean_s = float((stamps_ns - stamps(COUNT)).mean()) * 1e-9
+    far_s = np.abs(off_s(found, stamps_ns) - mean_s)
+    # Of two with one stamp the second is late where the clock is that good: the first stands in its place.
+    assert (far_s > 0.27e-3 * delay_ms).sum() <= 2 * found.status.late and far_s.max() < 1.05 / RATE_HZ
+
+
+@pytest.mark.parametrize("stall_ms", [4.0, 15.0])
+def test_one_stall_of_a_callback_is_no_loss(stall_ms):
+    late = stamps(COUNT)
+    stalled = slice(9000, 9000 + int(stall_ms * 1e-3 * RATE_HZ))
+    late[stalled] = stamps(COUNT)[stalled.stop] + 20_000 * (np.arange(stalled.stop - stalled.start) - 20)
+    found = Conditioned(late, MARKED)
+    assert found.status.runs == 1
+    assert np.abs(off_s(found, late)).max() < 2.1 / RATE_HZ  # the clock is never led astray by more than it tolerates
+    assert np.abs(off_s(found, late)[-1000:]).max() < 0.1e-3
+
+
+def test_a_backlog_after_a_long_stall_does_not_run_ahead_of_the_clock():
+    late = stamps(COUNT)
+    late[9000:11_000] = late[11_000] + 20_000 * (np.arange(2000) - 2000)
+    found = Conditioned(late, MARKED)
+    ahead_s = found.time_s + found.status.filter_delay_s - (found.stamps_ns - START_NS) * 1e-9
+    assert np.abs(ahead_s - found.status.filter_delay_s).max() < 2.0 / RATE_HZ
+    assert found.status.late > 1900 and found.status.gap_s == pytest.approx(2000 / RATE_HZ, abs=0.05)
+
+
+@pytest.mark.parametrize("later_hz", [500.0, 900.0, 1600.0, 3000.0])
+def test_a_rate_that_left_that_at_rest_is_told(later_hz):
+    stamps_ns = np.concatenate([stamps(3000), stamps(3000)[-1] + stamps(20_000, later_hz)[1:] - START_NS])
+    status = Conditioned(stamps_ns, STILL[np.zeros(len(stamps_ns), dtype=int)]).status
+    # Faster than at rest, what is too much comes late; slower, it is drawn in or the clock cannot follow.
+    counted = status.late if later_hz > RATE_HZ else status.filled
+    told = any("rate is 2 % off" in warning for warning in status.warnings)
+    assert told or counted > 0.8 * 20_000 * abs(RATE_HZ / later_hz - 1.0) > 4000
+
+
+# --- lost, repeated and disordered messages --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.2, 0.4])
+def test_random_loss_is_counted_and_costs_neither_rate_nor_time(share):
+    kept = np.random.default_rng(4).random(COUNT) >= share
+    kept[[0, -1]] = True
+    found = Conditioned(stamps(COUNT)[kept], MARKED[kept])
+    status = found.status
+    assert status.rate_hz == pytest.approx(RATE_HZ, rel=1e-6) and status.rejected == 0
+    assert np.abs(off_s(found, stamps(COUNT))).max() < 1e-7
+    assert status.filled == (~kept[COUNT - len(found.time_s) :]).sum()
+    assert status.uncounted_s == pytest.approx((COUNT - len(found.time_s)) / RATE_HZ, abs=1e-6)
+    assert status.recorded_s == pytest.approx(COUNT / RATE_HZ, abs=1e-4)
+
+
+@pytest.mark.parametrize("behind", [0, 1, 5, 30])
+def test_a_second_publisher_of_every_message_changes_nothing(behind):
+    order = np.argsort(np.concatenate([INDEX, INDEX + behind + 0.5]), kind="stable") % COUNT
+    noisy = MARKED + 0.02 * np.random.default_rng(5).standard_normal(MARKED.shape)
+    found = Conditioned(stamps(COUNT)[order], noisy[order])
+    wanted = Conditioned(stamps(COUNT), noisy)
+    np.testing.assert_allclose(found.levelled, wanted.levelled, atol=1e-4)  # the mean at rest counts what came by then
+    np.testing.assert_array_equal(found.stamps_ns, wanted.stamps_ns)
+    status = found.status
+    assert status.rejected == status.duplicate + status.late
+    assert abs(status.rejected - len(found.time_s)) <= behind
+    for name in ("rate_hz", "accepted", "filled", "runs", "uncounted_s"):
+        assert getattr(status, name) == pytest.approx(getattr(wanted.status, name), rel=1e-9), name
+
+
+def test_a_second_publisher_and_a_gap_are_told_apart():
+    kept = np.delete(INDEX, np.arange(9000, 9030))
+    found = Conditioned(np.repeat(stamps(COUNT)[kept], 2), np.repeat(MARKED[kept], 2, axis=0))
+    assert found.status.filled == 30 and found.status.duplicate == found.status.accepted
+    assert np.abs(off_s(found, stamps(COUNT))).max() < 1e-7
+
+
+@pytest.mark.parametrize("late_s", [0.002, 0.05])
+def test_the_few_that_come_out_of_order_are_as_good_as_lost(late_s):
+    rng = np.random.default_rng(6)
+    arrival = INDEX / RATE_HZ
+    out = rng.random(COUNT) < 0.01
+    out[:1000] = False
+    arrival[out] += rng.uniform(1.0 / RATE_HZ, late_s, out.sum())
+    order = np.argsort(arrival, kind="stable")
+    late = int((order < np.maximum.accumulate(order)).sum())
+    found = Conditioned(stamps(COUNT)[order], MARKED[order])
+    status = found.status
+    assert late > 100 and status.filled == status.rejected == status.late + status.stray
+    assert late <= status.rejected < 1.3 * late  # where samples changed places one of each pair is used, or nearly so
+    assert status.runs == 1 and np.abs(off_s(found, stamps(COUNT))).max() < 1e-7
+
+
+@pytest.mark.parametrize("within_s", [0.002, 0.02, 0.05])
+def test_a_stream_all_out_of_order_is_never_taken_for_one_that_jitters(within_s):
+    order = np.argsort(INDEX / RATE_HZ + np.random.default_rng(7).uniform(0.0, within_s, COUNT), kind="stable")
+    found = Conditioned(stamps(COUNT)[order], MARKED[order])
+    status = found.status
+    # What is used is used in the true order (which `off_s` asserts) and at the true time; the rest is told.
+    assert np.abs(off_s(found, stamps(COUNT)[order])).max() < 1e-4
+    assert status.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
+    assert status.rejected > 0.1 * COUNT and status.filled == pytest.approx(status.rejected, rel=0.05)
+
+
+# --- stamps that leap, stand still, or were never set ----------------------------------------------------------------
+
+signs = pytest.mark.parametrize("sign", [-1, 1])
+
+
+@clocks
+@signs
+@pytest.mark.parametrize("many", [1, 5, 19])
+def test_a_few_stamps_an_hour_away_cost_themselves_and_nothing_else(clock, sign, many):
+    stamps_ns = CLOCKS[clock][0].copy()
+    stamps_ns[9000 : 9000 + many] += sign * HOUR_NS
+    found, whole = Conditioned(stamps_ns, MARKED), Conditioned(CLOCKS[clock][0], MARKED)
+    status = found.status
+    assert (status.stray if sign > 0 else status.late) == status.rejected == status.filled == many
+    assert status.runs == 1 and status.gap_s == 0.0
+    np.testing.assert_allclose(found.time_s, whole.time_s, atol=CLOCKS[clock][2])
+    np.testing.assert_allclose(found.levelled, whole.levelled, atol=1e-9)  # a straight line, where marks lie on one
+
+
+@clocks
+@pytest.mark.parametrize("what", ["zero", "bad"])
+def test_unset_stamps_and_bad_readings_cost_themselves_and_nothing_else(clock, what):
+    hit = np.random.default_rng(8).random(COUNT) < 0.02
+    hit[:1000] = hit[-1000:] = False
+    hit[20_000:20_040] = True
+    stamps_ns, samples = np.where(hit & (what == "zero"), 0, CLOCKS[clock][0]), MARKED.copy()
+    if what == "bad":
+        samples[hit, 1] = np.nan
+    found, whole = Conditioned(stamps_ns, samples), Conditioned(CLOCKS[clock][0], MARKED)
+    status = found.status
+    assert (status.unset if what == "zero" else status.non_finite) == status.rejected == status.filled == hit.sum()
+    assert status.runs == 1
+    np.testing.assert_allclose(found.time_s, whole.time_s, atol=CLOCKS[clock][2])
+    np.testing.assert_allclose(found.levelled, whole.levelled, atol=1e-9)
+
+
+@clocks
+@signs
+@pytest.mark.parametrize("leap_ns", [2 * 10**9, HOUR_NS, 2 * 10**15, 10**18])
+def test_thirty_stamps_in_a_row_are_believed_and_their_return_too(clock, sign, leap_ns):
+    stamps_ns = CLOCKS[clock][0].copy()
+    stamps_ns[9000:9030] += sign * leap_ns
+    found = Conditioned(stamps_ns, MARKED)
+    status = found.status
+    assert status.runs == 3 and status.rejected == status.filled == 0  # none is lost
+    assert (np.diff(found.time_s) > 0.0).all()
+    assert len(found.time_s) == len(Conditioned(CLOCKS[clock][0], MARKED).time_s)
+    # Nothing was missing, but that each run begins with a stamp that jitters as they do.
+    assert status.gap_s == pytest.approx(0.0, abs=0.03) and status.recorded_s == pytest.approx(30.1, abs=0.05)
+    assert status.rate_hz == pytest.approx(RATE_HZ, rel=50e-6)
+    # Before it returned, nobody could know.
+    unreturned = Conditioned(stamps_ns[:9030], MARKED[:9030]).status
+    assert unreturned.gap_s == pytest.approx(leap_ns * 1e-9 if sign > 0 else 0.0, abs=0.02)
+
+
+def test_what_is_lost_while_stamps_leap_stays_missing():
+    kept = np.delete(INDEX, np.concatenate([np.arange(9000, 9200), np.arange(9300, 9400)]))
+    for sign in (1, -1):
+        stamps_ns = stamps(COUNT)
+        stamps_ns[9000:9350] += sign * HOUR_NS
+        assert Conditioned(stamps_ns[kept], MARKED[kept]).status.gap_s == pytest.approx(300 / RATE_HZ, abs=1e-3)
+
+
+@pytest.mark.parametrize("back_s", [2.0, 8.5, 11.5, 25.0])
+def test_a_gap_stays_one_though_later_time_jumps_back(back_s):
+    stamps_ns = stamps(COUNT)
+    stamps_ns[9000:] += 10 * 10**9
+    stamps_ns[15_000:] -= round(back_s * 1e9)
+    assert Conditioned(stamps_ns, MARKED).status.gap_s == pytest.approx(10.0, abs=1e-3)
+
+
+def test_a_looping_bag_with_a_gap_has_it_in_every_lap():
+    lap = stamps(6000)
+    lap[4000:] += 5 * 10**9
+    status = Conditioned(np.tile(lap, 3), np.tile(marked(6000), (3, 1))).status
+    assert status.gap_s == pytest.approx(15.0, abs=1e-3) and status.runs == 6 and status.rejected == 0
+
+
+def test_thirty_stamps_from_the_start_of_a_looping_bag_are_no_second_lap_of_missing_seconds():
+    status = Conditioned(np.tile(stamps(6000), 50), np.tile(marked(6000), (50, 1))).status
+    assert status.gap_s == 0.0 and status.runs == 50 and status.rejected == 0
+
+
+@pytest.mark.parametrize("restart_ns", [10**9, 10**12, START_NS + 10**18])
+def test_a_sensor_that_restarts_with_another_epoch_goes_on(restart_ns):
+    """Such as seconds since boot: 1.7e9 s back are more than seconds in a double resolve to a clock's ppm."""
+    stamps_ns = stamps(COUNT)
+    stamps_ns[9000:] += restart_ns - stamps_ns[9000]
+    found = Conditioned(stamps_ns, MARKED)
+    status = found.status
+    assert status.rate_hz == pytest.approx(RATE_HZ, rel=1e-6) and status.jitter_s < 1e-8
+    assert status.runs == 2 and status.rejected == 0 and (np.diff(found.time_s) > 0.0).all()
+    delay_ns = round(status.filter_delay_s * 1e9)
+    np.testing.assert_array_equal(found.stamps_ns, stamps_ns[-len(found.stamps_ns) :] - delay_ns)
+    np.testing.assert_allclose(np.diff(found.time_s[found.begins[1] :]), 1.0 / RATE_HZ, atol=3e-7)
+    assert found.conditioner.newest_ns == pytest.approx(int(stamps_ns[-1]), abs=2)
+
+
+@clocks
+@pytest.mark.parametrize("many", [2, 40, 1000])
+def test_stamps_that_freeze_for_a_while_are_followed_again(clock, many):
+    stamps_ns, late_s, close_s = CLOCKS[clock]
+    stamps_ns = stamps_ns.copy()
+    stamps_ns[9000 : 9000 + many] = stamps_ns[9000]
+    found = Conditioned(stamps_ns, MARKED)
+    status = found.status
+    # What the clock cannot explain by its jitter is late; those are interpolated, or lie in a gap.
+    gap = round(status.gap_s * RATE_HZ)
+    assert status.late == status.rejected < many and abs(status.filled + gap - status.late) <= 25
+    assert status.runs == (1 if many <= 40 else 2)
+    # Lost samples are counted in whole periods; what that is off by decays as (1 + t / 5 s) exp(-t / 5 s).
+    last_s = off_s(found, stamps_ns)[-1000:] - late_s
+    assert np.abs(last_s).max() < close_s + 0.1 * 0.5 / RATE_HZ
+
+
+def test_a_driver_that_sets_no_stamps_is_told_and_believed_once_it_does():
+    unset = Conditioned(np.zeros(2000, dtype=np.int64), STILL[:2000])
+    assert unset.blocks == [] and unset.status.unset == 2000
+    assert "header stamps are zero: use log time" in unset.status.fault
+    unset.conditioner.push(stamps(COUNT), MARKED)
+    status = unset.conditioner.status()
+    assert status.fault is None and status.unset == 2000 and status.accepted > 30_000
+
+
+@pytest.mark.parametrize("set_first", [0, 1, 15])
+def test_the_unset_are_told_whatever_came_before(set_first):
+    stamps_ns = np.concatenate([stamps(set_first), np.zeros(1000, dtype=np.int64)])
+    for cuts in ((), range(1, len(stamps_ns))):
+        assert "stamps are zero" in Conditioned(stamps_ns, STILL[: len(stamps_ns)], cuts).status.fault
+
+
+# --- what waits ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("many", range(1, 20))
+@pytest.mark.parametrize("gap_s", [0.005, 0.04, 0.9])
+def test_a_record_that_ends_right_behind_a_gap_keeps_its_last_samples(many, gap_s):
+    end = stamps(5000)
+    end[-many:] += round(gap_s * 1e9)
+    found = Conditioned(end, marked(5000))
+    # A single stamp that nothing followed may be astray.
+    assert found.status.stray == (many == 1) and found.status.accepted == len(found.time_s) - found.status.filled
+    assert found.stamps_ns[-1] == (end[-1] if many > 1 else end[-2]) - round(found.status.filter_delay_s * 1e9)
+
+
+def test_a_leap_that_the_record_ends_with_is_not_believed():
+    end = stamps(5000)
+    end[-10:] += HOUR_NS
+    found = Conditioned(end, marked(5000))
+    assert found.status.stray == 10 and found.status.gap_s == 0.0
+    more = found.conditioner.push(stamps(6000)[5000:], marked(6000)[5000:])  # after the end as before it
+    assert sum(block.time_s.size for block in more) == 1010 and found.conditioner.status().runs == 1
+    assert found.conditioner.finish() == []
+
+
+STREAMS = {
+    "zero": lambda n: np.zeros(n.size, dtype=np.int64),
+    "frozen": lambda n: np.full(n.size, START_NS + 10**10),
+    "one leap, then zero": lambda n: np.where(n == 0, START_NS + HOUR_NS, 0),
+    "two by turns": lambda n: START_NS + 10**10 + n % 2 * 10**6,
+    "backward": lambda n: START_NS + 10**10 - n * 10**6,
+    "creeping": lambda n: START_NS + 10**10 + n,
+    "full of gaps": lambda n: START_NS + 10**10 + n * 885_000 + n // 500 * 10**9,
+    "not finite": lambda n: START_NS + 10**10 + n * 885_000,
+}
+
+
+@pytest.mark.parametrize("kind", STREAMS)
+@pytest.mark.parametrize("rested", [False, True])
+def test_a_million_useless_samples_are_not_kept(kind, rested):
+    conditioner = Conditioner("seat")
+    if rested:
+        conditioner.push(stamps(3000), STILL[:3000])
+    samples = 5.0 * np.random.default_rng(9).standard_normal((1000, 3)) * (np.nan if kind == "not finite" else 1.0)
+    tracemalloc.start()
+    try:
+        for first in range(0, 1_000_000, 1000):
+            conditioner.push(STREAMS[kind](first + np.arange(1000)), samples)
+        assert tracemalloc.get_traced_memory()[0] < 3e6  # waiting holds up to 40 000 samples; a million are 32 MB
+    finally:
+        tracemalloc.stop()
+    assert kind == "full of gaps" or (conditioner.status().fault is None) is rested
+    later = 10**12 + 10**16
+    blocks = conditioner.push(stamps(5000) + later, STILL[:5000]) + conditioner.finish()
+    assert sum(block.time_s.size for block in blocks) > 4000  # and after all that it still works
+
+
+# --- flat lines ------------------------------------------------------------------------------------------------------
+
+
+def stuck(begin: int, end: int, count: int = COUNT) -> np.ndarray:
+    """Marked readings that do not change from the one at `begin` up to `end`."""
+    samples = marked(count)
+    samples[begin:end] = samples[begin]
+    return samples
+
+
+@pytest.mark.parametrize(("samples", "counted"), [(2257, 0), (2258, 0), (2260, 2259), (9000, 8999)])
+def test_a_flat_line_counts_from_its_beginning_once_it_has_lasted(samples, counted):
+    # The first of equal readings is news. Two seconds are 2258.6 periods.
+    found = Conditioned(stamps(COUNT), stuck(5000, 5000 + samples))
+    assert found.status.flat == counted
+    assert bool(found.status.warnings) is (counted > 0)
+    assert found.status.flat_s == pytest.approx(counted / RATE_HZ)
+
+
+def test_readings_that_repeat_now_and_then_are_no_flat_line():
+    assert Conditioned(stamps(COUNT), MARKED[1100 + INDEX // 10]).status.flat == 0
+
+
+@pytest.mark.parametrize("gap_s", [0.03, 1.5, 3600.0, -5.0, -3600.0])
+def test_what_passes_between_runs_is_no_part_of_a_flat_line(gap_s):
+    # Equal for 1.2 s before the break and for 0.6 s behind it, then for 1.2 s.
+    stamps_ns = stamps(COUNT)
+    stamps_ns[9000:] += round(gap_s * 1e9)
+    before, behind = round(1.2 * RATE_HZ), round(0.6 * RATE_HZ)
+    assert Conditioned(stamps_ns, stuck(9000 - before, 9000 + behind)).status.flat == 0
+    assert Conditioned(stamps_ns, stuck(9000 - before, 9000 + 2 * behind)).status.flat == before + 2 * behind - 1
+
+
+def test_a_flat_line_that_is_sent_twice_is_as_long_as_it_was():
+    noisy = marked(COUNT) + 0.02 * np.random.default_rng(5).standard_normal(MARKED.shape)
+    noisy[5000:9000] = noisy[5000]
+    status = Conditioned(np.repeat(stamps(COUNT), 2), np.repeat(noisy, 2, axis=0)).status
+    assert status.flat == 3999 and status.duplicate == status.accepted
+
+
+def test_a_flat_line_under_coarse_stamps_is_not_taken_for_duplicates():
+    stamps_ns = CLOCKS["to 10 ms"][0]
+    found = Conditioned(stamps_ns, stuck(5000, 15_000))
+    assert found.status.flat == 9999 and found.status.duplicate == 0 and found.status.filled == 0
+    assert np.abs(found.time_s[-1] - Conditioned(stamps_ns, MARKED).time_s[-1]) < 1e-9
+
+
+# --- the vertical, given ---------------------------------------------------------------------------------------------
+
+AXES = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
+
+
+@settings(max_examples=40)
+@given(AXES, st.sampled_from([1e-200, 1.0, 1e200]), st.booleans())
+@example((0.0, 0.0, -1.0), 1.0, False)
+@example((1.0, 0.0, 0.0), 1.0, True)
+def test_a_given_vertical_of_any_length_levels_with_gravity_or_without(axes, length, gravity_free):
+    up = np.array(axes) / np.linalg.norm(axes)
+    mounting = rotation_to_vertical(up).T
+    accel = ride(2.5)
+    samples = raw(accel, mounting) - (naive.GRAVITY * up if gravity_free else 0.0)
+    found = Conditioned(stamps(len(accel)), samples, vertical=tuple(length * up))
+    status = found.status
+    np.testing.assert_allclose(found.levelled, accel[-len(found.levelled) :], atol=1e-6)
+    assert status.gravity_mps2 == pytest.approx(0.0 if gravity_free else naive.GRAVITY, abs=1e-6)
+    np.testing.assert_allclose(status.vertical, up, atol=1e-9)
+    # Without gravity neither gain nor unit can be checked, which is told.
+    assert any("gravity at rest reads" in warning for warning in status.warnings) is gravity_free
+
+
+@pytest.mark.parametrize("tilt_deg", [5.0, 30.0, 90.0])
+def test_gravity_beside_a_given_vertical_is_no_step_at_the_start(tilt_deg):
+    # A g sin(tilt) that appeared at the first sample would count as a shock.
+    tilt = np.radians(tilt_deg)
+    given_vertical = (np.sin(tilt), 0.0, np.cos(tilt))
+    found = Conditioned(stamps(5000), STILL[:5000], vertical=given_vertical)
+    assert np.abs(found.levelled).max() < 1e-9
+    assert found.status.gravity_mps2 == pytest.approx(naive.GRAVITY * np.cos(tilt), abs=1e-9)
+
+
+def test_without_gravity_and_without_a_vertical_the_fault_says_what_to_do():
+    found = Conditioned(stamps(3000), STILL[:3000] - STILL[0])
+    assert found.blocks == [] and "give it with the parameter vertical" in found.status.fault
+
+
+@pytest.mark.parametrize("vertical", [(0.0, 0.0, 0.0), (np.nan, 0.0, 1.0), (0.0, np.inf, 0.0)])
+def test_a_vertical_that_is_no_direction_is_refused(vertical):
+    with pytest.raises(InputError, match=r"seat: vertical .* is no direction"):
+        Conditioner("seat", vertical=vertical)
+
+
+# --- the gravity tracker ---------------------------------------------------------------------------------------------
+
+
+def test_the_tracker_follows_a_step_with_its_time_constant_and_leaves_exposure_alone():
+    count = round(200.0 * RATE_HZ)
+    samples = np.tile(STILL[0], (count, 1))
+    samples[2000:, 2] += 0.5
+    record, tracked_s = (stamps(count), samples), 40.0
+    off, on = Conditioned(*record), Conditioned(*record, conditioning=ConditioningSettings(gravity_tracker_s=tracked_s))
+    np.testing.assert_array_equal(on.levelled, off.levelled)
+    np.testing.assert_array_equal(on.time_s, off.time_s)
+    since_s = on.time_s - 2000 / RATE_HZ
+    wanted = 0.5 * np.exp(-np.maximum(since_s, 0.0) / tracked_s)
+    settled = since_s > 0.1
+    np.testing.assert_allclose(on.low_passed[settled], wanted[settled], atol=2e-4)
+    np.testing.assert_allclose(off.low_passed[settled], 0.5, atol=1e-9)
+
+
+def test_without_the_tracker_the_low_pass_is_the_filter_and_nothing_else():
+    accel = ride(3.0)
+    found = Conditioned(stamps(len(accel)), raw(accel))
+    alone = np.empty((len(found.levelled), 1))
+    sections = signal.butter(4, 100.0, fs=found.conditioner.rate_hz, output="sos")
+    kernel.filter_sections(sections, np.zeros((2, 2, 1)), np.ascontiguousarray(found.levelled[:, 2:]), alone)
+    np.testing.assert_array_equal(found.low_passed, alone[:, 0])
+
+
+@settings(max_examples=20)
+@given(faulty(), CUTS)
+def test_with_the_tracker_any_cut_gives_the_same_bits(record, cuts):
+    tracking = ConditioningSettings(gravity_tracker_s=40.0)
+    assert_same(Conditioned(*record, cuts, tracking), Conditioned(*record, conditioning=tracking))
+
+
+def test_the_tracker_is_refused_with_zero_phase_filtering():
+    with pytest.raises(InputError, match="gravity_tracker_s is causal"):
+        Conditioner("seat", ConditioningSettings(gravity_tracker_s=60.0), "zero_phase")
+
+
+# --- zero phase ------------------------------------------------------------------------------------------------------
+
+
+def test_zero_phase_is_scipys_filter_run_by_run_and_delays_nothing():
+    rng = np.random.default_rng(10)
+    samples = np.concatenate([STILL[:1000], STILL[:5000] + rng.standard_normal((5000, 3))])
+    stamps_ns = stamps(6000)
+    stamps_ns[2500:] += 10**9
+    stamps_ns[4000:] -= 100 * 10**9
+    found = Conditioned(stamps_ns, samples, mode="zero_phase")
+    assert len(found.blocks) == found.status.runs == 3 and found.status.filter_delay_s == 0.0
+    np.testing.assert_array_equal(found.stamps_ns, stamps_ns[-len(found.stamps_ns) :])
+    sections = signal.butter(4, 100.0, fs=found.conditioner.rate_hz, output="sos")
+    for block in found.blocks:
+        wanted = signal.sosfiltfilt(sections, block.levelled_mps2[:, 2])
+        np.testing.assert_allclose(block.low_passed_mps2, wanted, atol=1e-12)
+    assert [round(block.gap_s, 3) for block in found.blocks] == [0.0, 1.0, 0.0]
+
+
+@pytest.mark.parametrize(("frequency_hz", "gain"), [(5.0, 1.0), (50.0, 1.0), (100.0, 0.5), (200.0, 0.0)])
+def test_zero_phase_has_no_phase_and_6_db_at_the_cut_off(frequency_hz, gain):
+    rate_hz = 4000.0
+    accel = ride(6.0, rate_hz, frequency_hz)
+    found = Conditioned(stamps(len(accel), rate_hz), raw(accel), mode="zero_phase")
+    middle = (found.time_s > 2.0) & (found.time_s < 5.0)
+    turn = np.exp(-2j * np.pi * frequency_hz * (found.time_s[middle] - 1.0))
+    # |H|^2 = 1 / (1 + (f / fc)^8), of the digital filter with the bilinear transform's frequencies.
+    warped = np.tan(np.pi * frequency_hz / rate_hz) / np.tan(np.pi * 100.0 / rate_hz)
+    assert gain == pytest.approx(1.0 / (1.0 + warped**8), abs=5e-3)
+    read = 2.0 * (found.low_passed[middle] * turn).mean() / 2.0
+    assert abs(read - -1j / (1.0 + warped**8)) < 2e-4  # a sine is -j at phase 0
+
+
+@pytest.mark.parametrize("length", [1, 2, 3, 14, 15, 16, 17, 30])
+def test_zero_phase_takes_a_run_of_any_length(length):
+    samples = np.concatenate([STILL[:1000], STILL[:1000] + np.linspace(0.0, 1.0, 1000)[:, None]])
+    stamps_ns = stamps(2000)
+    stamps_ns[2000 - length :] += 500_000_000
+    found = Conditioned(stamps_ns, samples, mode="zero_phase")
+    assert np.isfinite(found.low_passed).all()
+    if length > 1:  # a last stamp that nothing follows is not believed
+        assert found.blocks[-1].time_s.size == length
+        np.testing.assert_allclose(found.blocks[-1].low_passed_mps2, found.blocks[-1].levelled_mps2[:, 2], atol=0.05)
+
+
+def test_zero_phase_answers_a_run_once_it_has_ended():
+    conditioner = Conditioner("seat", mode="zero_phase")
+    assert conditioner.push(stamps(5000), STILL[:5000]) == []
+    (block,) = conditioner.push(stamps(6000)[5000:] + 10**9, STILL[:1000])
+    assert block.begins_run and block.time_s.size > 4000
+    assert [b.time_s.size for b in conditioner.finish()] == [1000] and conditioner.finish() == []
+
+
+# --- survey ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 2.0, 2.5, 3.7, 10.0, 100.0, 249.0, RATE_HZ, 5000.0, 20_000.0])
+def test_a_survey_tells_of_a_sensor_of_any_rate_and_answers_nothing(rate_hz):
+    count = max(40, round(2.0 * rate_hz))
+    kept = np.delete(np.arange(count), [count // 2, count // 2 + 1, count - 5])
+    noisy = STILL[:1] + 0.02 * np.random.default_rng(11).standard_normal((count, 3))
+    found = Conditioned(stamps(count, rate_hz)[kept], noisy[kept], mode="survey")
+    status = found.status
+    assert found.blocks == [] and status.fault is None and status.warnings == ()
+    assert status.rate_hz == pytest.approx(rate_hz, rel=1e-6)
+    # Two periods of less than 0.05 s are interpolated, of more they are a gap.
+    missing_s = status.filled / rate_hz + status.gap_s
+    assert missing_s == pytest.approx(3.0 / rate_hz, rel=1e-3) and status.rejected == 0
+    assert status.gravity_mps2 == pytest.approx(naive.GRAVITY, rel=1e-2)
+    assert status.recorded_s == pytest.approx(count / rate_hz, rel=1e-3)
+
+
+def test_a_survey_needs_no_gravity():
+    status = Conditioned(stamps(3000), STILL[:3000] * 0.01, mode="survey").status
+    assert status.fault is None and status.vertical is None and status.gravity_mps2 == pytest.approx(0.0981, abs=1e-4)
