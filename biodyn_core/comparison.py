@@ -5,6 +5,7 @@ Instants wait until every sensor has come, or until they are `wait_s` of stamp t
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -34,22 +35,35 @@ NO_MEASURED: Final = MeasuredFrames(np.empty(0, dtype=np.int64), np.empty((0, N_
 
 
 class _Instants(NamedTuple):
-    """Instants of the seat that wait for the other sensors: stamps, time, seat (n,), and all predictions (n, 6)."""
+    """Instants of the seat that wait for the other sensors: stamps, time, seat (n,), and all predictions (n, 6).
+
+    break_s (n,): what lies before an instant that begins a run, NaN before every other.
+    """
 
     stamps_ns: Integers
     time_s: Floats
     seat_mps2: Floats
     predicted_mps2: Floats
+    break_s: Floats
+
+    @classmethod
+    def of(cls, block: Block, predicted_mps2: Floats) -> _Instants:
+        """The instants of a block of the seat."""
+        break_s = np.full(block.stamps_ns.size, np.nan)
+        if block.begins_run:
+            break_s[0] = block.gap_s
+        return cls(block.stamps_ns, block.time_s, block.low_passed_mps2, predicted_mps2, break_s)
 
     @classmethod
     def join(cls, parts: list[_Instants]) -> _Instants:
         """All of them in a row."""
-        stamps, time, seat, predicted = zip(*parts, strict=True)
-        return cls(np.concatenate(stamps), np.concatenate(time), np.concatenate(seat), np.concatenate(predicted))
+        return parts[0] if len(parts) == 1 else cls(*map(np.concatenate, zip(*parts, strict=True)))
 
     def after(self, at: int) -> _Instants:
         """Those from `at` on."""
-        return _Instants(self.stamps_ns[at:], self.time_s[at:], self.seat_mps2[at:], self.predicted_mps2[at:])
+        return _Instants(
+            self.stamps_ns[at:], self.time_s[at:], self.seat_mps2[at:], self.predicted_mps2[at:], self.break_s[at:]
+        )
 
 
 class Comparison:
@@ -66,7 +80,7 @@ class Comparison:
     def seat(self, block: Block, predicted_mps2: Floats) -> None:
         """Add the seat's instants with what the model predicts there, (n, 6)."""
         self._epoch_ns = block.epoch_ns
-        self._pending.append(_Instants(block.stamps_ns, block.time_s, block.low_passed_mps2, predicted_mps2))
+        self._pending.append(_Instants.of(block, predicted_mps2))
 
     def sensor(self, name: str, blocks: list[Block]) -> None:
         """Add another sensor's samples."""
@@ -98,9 +112,22 @@ class Comparison:
         accel = np.column_stack([grid.seat_mps2[:ready], *(values[:ready] for values, _ in answers)])
         measured = np.ascontiguousarray(accel[:, 1:])
         predicted = np.ascontiguousarray(grid.predicted_mps2[:ready, MEASURED_SEGMENT_INDEX])
-        self.doses.push(accel)
-        self.residual.push(predicted, measured)
+        self._count(grid.break_s[:ready], accel, predicted, measured)
         return MeasuredFrames(grid.stamps_ns[:ready], accel, predicted - measured)
+
+    def _count(self, break_s: Floats, accel: Floats, predicted: Floats, measured: Floats) -> None:
+        """Count what was answered, run by run of the seat: nothing integrates across a break."""
+        begins = np.flatnonzero(~np.isnan(break_s)).tolist()
+        for begin, end in pairwise([*([] if begins[:1] == [0] else [0]), *begins, break_s.size]):
+            if not np.isnan(break_s[begin]):
+                self.doses.skip(float(break_s[begin]))
+                self.residual.skip(float(break_s[begin]))
+            self.doses.push(accel[begin:end])
+            self.residual.push(predicted[begin:end], measured[begin:end])
+
+    def look_ahead(self) -> int:
+        """Samples that the sensor with the longest interpolator must bring beyond an instant."""
+        return max(aligner.look_ahead for aligner in self._aligners.values())
 
     def reset(self) -> None:
         """Start "since reset" anew."""

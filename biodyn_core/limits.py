@@ -1,134 +1,113 @@
-"""Limits: the seat's exposure against action and limit values, and the time left (Directive 2002/44/EC).
-
-Colours, times and projections use the seat alone, never a prediction.
-"""
+"""Limits: action and limit values by their source, and the file that holds them."""
 
 from __future__ import annotations
 
-import math
+import dataclasses
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
-import numpy as np
 import yaml
 
 from biodyn_core.errors import InputError
-from biodyn_core.exposure import Dose, HorizontalMeter
+from biodyn_core.subject import UniqueKeyLoader
 
-HORIZONTAL_FACTOR: Final = 1.4
-"""k of the horizontal axes for health, seated (ISO 2631-1:1997, 7.2.3; 2002/44/EC)."""
-
-EIGHT_HOURS_S: Final = 8.0 * 3600.0
+Measure = Literal["a8", "vdv"]
+Kind = Literal["action", "limit"]
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Action and limit values: A(8) m/s^2 and VDV m/s^1.75, with where they come from."""
+class LimitSet:
+    """Action and limit values of one source, A(8) m/s^2 and VDV m/s^1.75; None where the source states none."""
 
     source: str
-    action_a8_mps2: float
-    action_vdv_mps175: float
-    limit_a8_mps2: float
-    limit_vdv_mps175: float
+    action_a8_mps2: float | None
+    action_vdv_mps175: float | None
+    limit_a8_mps2: float | None
+    limit_vdv_mps175: float | None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values by name."""
         return dict(self.__dict__)
 
-
-EU_LIMITS: Final = Limits("2002/44/EC", 0.5, 9.1, 1.15, 21.0)
-
-
-def load_limits(path: str | Path) -> Limits:
-    """Read a limits file (the keys of `Limits`); raises InputError naming file and key."""
-    try:
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
-    names = tuple(Limits.__dataclass_fields__)
-    if not isinstance(data, dict) or set(data) != set(names):
-        odd = sorted(map(str, set(data) ^ set(names))) if isinstance(data, dict) else ["no keys at all"]
-        raise InputError(
-            f"{path}: exactly the keys {', '.join(names)} are needed; missing or unknown: {', '.join(odd)}"
+    def values(self, kind: Kind) -> dict[Measure, float]:
+        """The action or the limit values that are stated."""
+        a8, vdv = (
+            (self.action_a8_mps2, self.action_vdv_mps175)
+            if kind == "action"
+            else (self.limit_a8_mps2, self.limit_vdv_mps175)
         )
-    for name in names[1:]:
-        value = data[name]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
-            raise InputError(f"{path}: {name} is {value!r}, expected a positive number")
-    limits = Limits(str(data["source"]), *(float(data[name]) for name in names[1:]))
-    for kind in ("a8_mps2", "vdv_mps175"):
-        if getattr(limits, f"limit_{kind}") < getattr(limits, f"action_{kind}"):
-            raise InputError(f"{path}: limit_{kind} lies below action_{kind}, the limit value is the larger one")
-    return limits
+        stated: dict[Measure, float | None] = {"a8": a8, "vdv": vdv}
+        return {measure: value for measure, value in stated.items() if value is not None}
 
 
 @dataclass(frozen=True)
-class SeatExposure:
-    """The figures that decide: the seat's three axes, k factors applied where values are compared.
+class Limits:
+    """The set of limits that decides, and those that are shown beside it."""
 
-    axis names the governing one: x, y, z or worst_direction; times are None where they cannot be honest.
+    deciding: LimitSet
+    beside: tuple[LimitSet, ...] = ()
+
+
+EU_LIMITS: Final = Limits(
+    deciding=LimitSet("2002/44/EC", 0.5, 9.1, 1.15, 21.0),
+    beside=(LimitSet("ISO 2631-1 caution zone", None, 8.5, None, 17.0),),
+)
+"""The directive decides; beside it the VDV pair of Zaman et al., 4.6, who state no A(8) with it."""
+
+
+def load_limits(path: str | Path) -> Limits:
+    """Read a limits file: one set by itself, or `sets` and which of them `decides`.
+
+    Raises InputError naming the file, the set and the key.
     """
-
-    axis: str
-    horizontal: str
-    aw_weighted_mps2: dict[str, float]
-    vdv_weighted_mps175: dict[str, float]
-    a8_so_far_mps2: float
-    vdv_so_far_mps175: float
-    time_to_action_value_s: float | None
-    time_to_limit_value_s: float | None
-    governing: str
-    seconds: float
+    try:
+        data = yaml.load(Path(path).read_text(encoding="utf-8"), UniqueKeyLoader)  # noqa: S506 - a SafeLoader
+        return _limits(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
 
 
-def seat_exposure(
-    vertical: Dose, horizontal: HorizontalMeter, yaw_rad: float | None, limits: Limits, trusted: bool
-) -> SeatExposure:
-    """Judge the seat: max(1.4 awx, 1.4 awy, awz) and the same for VDV (2002/44/EC), and the time left at this rate.
-
-    Without a yaw the horizontal axes are unknown, and the largest over all directions stands for both. `trusted` is
-    False when samples are clipped or more than 1 % are missing: then the times are withheld.
-    """
-    if yaw_rad is None:
-        aws, vdvs = horizontal.along(np.linspace(0.0, np.pi, 361))
-        aw, vdv = {"worst_direction": float(aws.max())}, {"worst_direction": float(vdvs.max())}
-    else:
-        aws, vdvs = horizontal.along([yaw_rad, yaw_rad + np.pi / 2.0])
-        aw, vdv = dict(zip("xy", aws.tolist(), strict=True)), dict(zip("xy", vdvs.tolist(), strict=True))
-    aw, vdv = {**aw, "z": vertical.aw_mps2}, {**vdv, "z": vertical.vdv_mps175}
-    factor = {axis: 1.0 if axis == "z" else HORIZONTAL_FACTOR for axis in aw}
-    axis = max(aw, key=lambda name: factor[name] * aw[name])
-    governing_aw = factor[axis] * aw[axis]
-    governing_vdv = max(factor[name] * vdv[name] for name in vdv)
-    seconds = vertical.seconds
-    times = {
-        kind: _time_left_s(governing_aw, governing_vdv, seconds, a8, dose) if trusted and seconds > 0.0 else None
-        for kind, a8, dose in (
-            ("action", limits.action_a8_mps2, limits.action_vdv_mps175),
-            ("limit", limits.limit_a8_mps2, limits.limit_vdv_mps175),
-        )
-    }
-    a8 = governing_aw * math.sqrt(seconds / EIGHT_HOURS_S)
-    by_a8 = a8 / limits.action_a8_mps2 >= governing_vdv / limits.action_vdv_mps175
-    return SeatExposure(
-        axis=axis,
-        horizontal="worst_direction" if yaw_rad is None else "yaw_given",
-        aw_weighted_mps2=aw,
-        vdv_weighted_mps175=vdv,
-        a8_so_far_mps2=a8,
-        vdv_so_far_mps175=governing_vdv,
-        time_to_action_value_s=times["action"],
-        time_to_limit_value_s=times["limit"],
-        governing="a8" if by_a8 else "vdv",
-        seconds=seconds,
-    )
+def _limits(data: object) -> Limits:
+    if not isinstance(data, dict) or not {"sets", "decides"} & set(data):
+        return Limits(_limit_set(data, ""))
+    if set(data) != {"sets", "decides"} or not isinstance(data["sets"], list) or not data["sets"]:
+        odd = ", ".join(sorted(map(str, set(data) ^ {"sets", "decides"}))) or "sets is no list, or an empty one"
+        raise InputError(f"a list of sets and the source that decides are needed; missing, unknown or wrong: {odd}")
+    sets = [_limit_set(item, f"sets[{index}]: ") for index, item in enumerate(data["sets"])]
+    sources = [each.source for each in sets]
+    for source in sources:
+        if sources.count(source) > 1:
+            raise InputError(f"sets: {source!r} is there twice, every set needs a source of its own")
+    if data["decides"] not in sources:
+        raise InputError(f"decides is {data['decides']!r}, allowed are the sources of the sets: {', '.join(sources)}")
+    decides = sources.index(data["decides"])
+    return Limits(sets[decides], tuple(sets[:decides] + sets[decides + 1 :]))
 
 
-def _time_left_s(aw: float, vdv: float, seconds: float, a8_value: float, vdv_value: float) -> float | None:
-    """Seconds until A(8) or VDV reaches its value if exposure goes on as before; 0 once reached, None for never."""
-    by_a8 = EIGHT_HOURS_S * (a8_value / aw) ** 2 if aw > 0.0 else math.inf
-    by_vdv = seconds * (vdv_value / vdv) ** 4 if vdv > 0.0 else math.inf
-    left = max(0.0, min(by_a8, by_vdv) - seconds)
-    return left if math.isfinite(left) else None
+def _limit_set(data: object, where: str) -> LimitSet:
+    """One set: its source, and action and limit value of A(8), of VDV or of both."""
+    names = [item.name for item in dataclasses.fields(LimitSet)]
+    if not isinstance(data, dict) or "source" not in data or set(data) - set(names):
+        odd = sorted(map(str, set(data) - set(names))) if isinstance(data, dict) else []
+        unknown = f"; unknown: {', '.join(odd)}" if odd else ""
+        raise InputError(f"{where}source is needed, and of {', '.join(names[1:])} those that it states{unknown}")
+    if not isinstance(data["source"], str) or not data["source"].strip():
+        raise InputError(f"{where}source is {data['source']!r}, expected where the values come from, in words")
+    for name in names[1:]:
+        value = data.get(name, 1.0)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
+            raise InputError(f"{where}{name} is {value!r}, expected a positive number")
+    for measure in ("a8_mps2", "vdv_mps175"):
+        action, limit = f"action_{measure}", f"limit_{measure}"
+        if (action in data) != (limit in data):
+            raise InputError(f"{where}{action} and {limit} come together: give both or none")
+        if action in data and data[limit] < data[action]:
+            raise InputError(f"{where}{limit} lies below {action}, the limit value is the larger one")
+    if len(data) == 1:
+        raise InputError(f"{where}no value at all, give {', '.join(names[1:])} or a pair of them")
+    values = {name: float(data[name]) if name in data else None for name in names[1:]}
+    return LimitSet(source=data["source"].strip(), **values)

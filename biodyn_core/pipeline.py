@@ -8,31 +8,33 @@ sensors within that bound gives the same frames.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.comparison import NO_MEASURED, Comparison, MeasuredFrames
-from biodyn_core.conditioning import Block, Conditioner, ConditioningSettings, SensorStatus
+from biodyn_core.comparison import NO_MEASURED, MeasuredFrames
+from biodyn_core.conditioning import Block, Conditioner, ConditioningSettings, Mode, SensorStatus, Vector
 from biodyn_core.errors import InputError
-from biodyn_core.exposure import Dose, DoseMeter, Dri, DriMeter, Hic, HicMeter, HorizontalMeter
-from biodyn_core.limits import EU_LIMITS, Limits, SeatExposure, seat_exposure
-from biodyn_core.model import Chain, Stepper
-from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEAT, SEGMENTS, SENSORS
+from biodyn_core.exposure import Dose, Dri, Hic
+from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
+from biodyn_core.limits import EU_LIMITS, Limits
+from biodyn_core.metering import SensorMeters
+from biodyn_core.model import Chain
+from biodyn_core.prediction import SeatSide
+from biodyn_core.segments import HEAD, N_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
+from biodyn_core.weighting import CURVES, WeightingName
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-HEAD: Final = SENSORS[-1]
-METER_BATCH: Final = 128
-"""Exposure is counted in batches of at least so many samples, predictions come first. No figure depends on it."""
-
-MISSING_SHARE_TRUSTED: Final = 0.01
-"""Times to the limits are withheld once more of the seat's record than this is missing."""
+SLICE_S: Final = 0.25
+"""What sensors still hold at the end is taken from them in turns of so much."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +44,35 @@ class PipelineSettings:
     window_s: float = setting(10.0, "length of the rolling window", "s", 0.5, 3600.0)
     wait_s: float = setting(1.0, "how long measurements wait for the slowest sensor, in stamp time", "s", 0.3, 10.0)
     yaw_deg: float | None = setting(None, "angle from forward to the seat sensor's first axis", "deg", -360.0, 360.0)
+    vertical: str = setting("", "where sensors' axes see up if not by gravity, such as 'seat=0,0,1 head=-1,0,0'")
+    also_weighted: str = setting("", "further weightings of every sensor's vertical, such as 'Wb Wj'")
 
     def __post_init__(self) -> None:
         check_settings(self)
+        self.verticals()
+        self.weightings()
+
+    def verticals(self) -> dict[str, Vector]:
+        """The given verticals by sensor; InputError naming the part that is none."""
+        given: dict[str, Vector] = {}
+        for part in self.vertical.split():
+            sensor, _, axes = part.partition("=")
+            try:
+                x, y, z = (float(value) for value in axes.split(","))
+            except ValueError:
+                x = y = z = math.nan
+            if sensor not in SENSORS or not 0.0 < x * x + y * y + z * z < math.inf:
+                raise InputError(f"vertical {part!r}: expected sensor=x,y,z with a sensor of {', '.join(SENSORS)}")
+            given[sensor] = x, y, z
+        return given
+
+    def weightings(self) -> tuple[WeightingName, ...]:
+        """The further weightings; InputError naming one that is unknown."""
+        asked = self.also_weighted.replace(",", " ").split()
+        for name in asked:
+            if name not in CURVES:
+                raise InputError(f"also_weighted {name!r} is no weighting, known are {', '.join(CURVES)}")
+        return tuple(name for name in CURVES if name in asked)
 
 
 class PredictedFrames(NamedTuple):
@@ -64,12 +92,16 @@ class Frames(NamedTuple):
     measured: MeasuredFrames
 
 
+NO_FRAMES: Final = Frames(NO_PREDICTED, NO_MEASURED)
+
+
 @dataclass(frozen=True)
 class Exposure:
     """Every figure of one span (since reset, or rolling). Whatever has not been counted yet is absent.
 
     sensors: Wk-weighted, before the low-pass; predicted and measured_low_passed are comparable with each other.
-    residual: (rms m/s^2, rms over measured rms in percent) by segment.
+    also: by weighting and sensor. residual: (rms m/s^2, rms over measured rms in percent) by segment. msdv_mps15 (since
+    reset alone): motion sickness dose of the seat's vertical, Wf.
     """
 
     sensors: dict[str, Dose]
@@ -78,7 +110,30 @@ class Exposure:
     dri: Dri | None
     hic15: Hic | None
     hic36: Hic | None
+    msdv_mps15: float | None
+    also: dict[str, dict[str, Dose]]
     residual: dict[str, tuple[float, float]]
+
+
+class Latency(NamedTuple):
+    """What an answer waits for beyond transport, seconds: the filter (taken off its stamp), samples to come, others."""
+
+    filter_s: float
+    look_ahead_s: float
+    wait_s: float
+
+
+class Lost(NamedTuple):
+    """What makes a sensor's figures lower bounds: samples clipped, seconds missing, and those of them that are flat."""
+
+    clipped: int
+    missing_s: float
+    flat_s: float
+
+    def since(self, before: Lost) -> Lost:
+        """What was lost since then."""
+        missing_s = max(0.0, self.missing_s - before.missing_s)
+        return Lost(self.clipped - before.clipped, missing_s, self.flat_s - before.flat_s)
 
 
 class Pipeline:
@@ -90,29 +145,33 @@ class Pipeline:
         conditioning: ConditioningSettings | None = None,
         settings: PipelineSettings | None = None,
         limits: Limits = EU_LIMITS,
+        mode: Mode = "causal",
     ) -> None:
         self.subject = subject
         self.settings = settings or PipelineSettings()
         self.limits = limits
+        self.mode = mode
         self._chain = Chain.of(subject)
-        self._conditioners = {name: Conditioner(name, conditioning) for name in SENSORS}
-        self._meters: dict[str, _SensorMeters] = {}
-        self._seat: _SeatSide | None = None
-        self._early: list[tuple[str, list[Block]]] = []
+        verticals = self.settings.verticals()
+        self._conditioners = {name: Conditioner(name, conditioning, mode, verticals.get(name)) for name in SENSORS}
+        self._meters: dict[str, SensorMeters] = {}
+        self._seat: SeatSide | None = None
+        self._early: dict[str, deque[Block]] = {name: deque() for name in SENSORS}
+        self._at_reset = dict.fromkeys(SENSORS, Lost(0, 0.0, 0.0))
 
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
-        blocks = self._condition(sensor, stamps_ns, samples_mps2)
-        if not blocks:
-            return Frames(NO_PREDICTED, NO_MEASURED)
-        self._count(sensor, blocks)
-        if sensor == SEAT:
-            return self._predict(blocks)
-        return Frames(NO_PREDICTED, self._compare(sensor, blocks))
+        if sensor not in self._conditioners:
+            raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
+        return self._take(sensor, self._conditioners[sensor].push(stamps_ns, samples_mps2))
 
     def finish(self) -> Frames:
-        """Give up waiting: answer every instant still pending with what is there."""
-        return Frames(NO_PREDICTED, self._seat.comparison.release(give_up=True) if self._seat else NO_MEASURED)
+        """The record has ended: take what the sensors still hold, and answer every instant with what is there."""
+        held = [(name, block) for name, c in self._conditioners.items() for block in c.finish()]
+        frames = [self._take(name, [block]) for name, block in _in_turns(held)]
+        if self._seat:
+            frames.append(Frames(NO_PREDICTED, self._seat.comparison.release(give_up=True)))
+        return _joined(frames)
 
     def reset(self) -> None:
         """Start exposure "since reset" anew; filters, model and rolling figures go on."""
@@ -120,6 +179,7 @@ class Pipeline:
             meters.reset()
         if self._seat:
             self._seat.reset()
+        self._at_reset = {name: self._lost(name) for name in SENSORS}
 
     def exposure(self, rolling: bool = False) -> Exposure:
         """The figures since reset, or over the last `window_s`."""
@@ -131,27 +191,75 @@ class Pipeline:
             dri=seat.dri(rolling) if seat else None,
             hic15=head.hic(0, rolling) if head else None,
             hic36=head.hic(1, rolling) if head else None,
+            msdv_mps15=seat.msdv_mps15() if seat and not rolling else None,
+            also=self._also(rolling),
             residual=side.residual(rolling) if side else {},
         )
 
-    def seat(self) -> SeatExposure | None:
-        """The seat's three axes against the limits, since reset; None until the seat counts."""
+    def _also(self, rolling: bool) -> dict[str, dict[str, Dose]]:
+        doses = {name: meters.also(rolling) for name, meters in self._meters.items()}
+        return {w: {name: by[w] for name, by in doses.items()} for w in self.settings.weightings()}
+
+    def seat(self, project: bool = False) -> SeatExposure | None:
+        """The seat's three axes against the limits, since reset; None until the seat counts.
+
+        project: to eight hours from less than 20 minutes too.
+        """
         meters = self._meters.get(SEAT)
         if meters is None:
             return None
         yaw = None if self.settings.yaw_deg is None else -math.radians(self.settings.yaw_deg)
-        trusted = not self.lower_bound(SEAT, MISSING_SHARE_TRUSTED)
-        return seat_exposure(meters.vertical(), meters.plane(), yaw, self.limits, trusted)
+        status, lost = self.status(SEAT), self.lost(SEAT)
+        grounds = Grounds(
+            missing_s=lost.missing_s,
+            clipped_samples=lost.clipped,
+            masked_s=lost.flat_s,
+            silent=self._silent_s(SEAT) > 0.0,
+            gravity_mps2=status.gravity_mps2,
+            fault=status.fault,
+        )
+        return seat_exposure(meters.vertical(), meters.plane(), yaw, self.limits, grounds, project)
 
     def status(self, sensor: str) -> SensorStatus:
         """What a sensor's conditioning has seen."""
         return self._conditioners[sensor].status()
 
+    def lost(self, sensor: str) -> Lost:
+        """What a sensor lost since reset.
+
+        Missing is what was interpolated, lies in gaps, is flat, or passed before it joined the others, in motion before
+        it had been at rest, or since it fell silent.
+        """
+        return self._lost(sensor).since(self._at_reset[sensor])
+
+    def clipped(self, sensor: str) -> int:
+        """Samples at the end of the sensor's range, since reset."""
+        return self.lost(sensor).clipped
+
     def missing_s(self, sensor: str) -> float:
-        """Seconds of a sensor's record that are interpolated, lie in gaps, or have passed since it fell silent."""
+        """Seconds since reset that a sensor did not truly measure."""
+        return self.lost(sensor).missing_s
+
+    def lower_bound(self, sensor: str) -> bool:
+        """Whether the sensor's figures since reset are lower bounds."""
+        lost = self.lost(sensor)
+        return lost.clipped > 0 or lost.missing_s > 0.0
+
+    def seconds(self) -> float:
+        """Length of the record by the samples that were accepted: one wild stamp does not count."""
+        return max(conditioner.status().recorded_s for conditioner in self._conditioners.values())
+
+    def _lost(self, sensor: str) -> Lost:
         status = self.status(sensor)
-        interpolated_s = status.filled / status.rate_hz if status.rate_hz else 0.0
-        return status.gap_s + interpolated_s + self._silent_s(sensor)
+        own_s = status.unrested_s + status.gap_s + status.filled_s + status.flat_s
+        return Lost(status.clipped, own_s + self._late_s(sensor) + self._silent_s(sensor), status.flat_s)
+
+    def _late_s(self, sensor: str) -> float:
+        """How long after the first of all sensors this one began, once that is longer than `wait_s`."""
+        first = [c.first_ns for c in self._conditioners.values() if c.first_ns is not None]
+        own = self._conditioners[sensor].first_ns
+        late_s = 1e-9 * (own - min(first)) if own is not None else 0.0
+        return late_s if late_s > self.settings.wait_s else 0.0
 
     def _silent_s(self, sensor: str) -> float:
         """How far a sensor's newest stamp lies behind the newest of all, once that is longer than `wait_s`."""
@@ -160,11 +268,21 @@ class Pipeline:
         silent_s = 1e-9 * (max(newest) - own) if own is not None else 0.0
         return silent_s if silent_s > self.settings.wait_s else 0.0
 
-    def lower_bound(self, sensor: str, share: float = 0.0) -> bool:
-        """Whether the sensor's figures are lower bounds: samples clipped, or more than a share of them missing."""
-        missing = self.missing_s(sensor)
-        counted = self._meters[sensor].vertical().seconds if sensor in self._meters else 0.0
-        return self.status(sensor).clipped > 0 or missing > share * (counted + missing)
+    def latency(self) -> dict[str, Latency]:
+        """What every output waits for: predictions the seat alone, comparisons the slowest sensor, exposure nothing.
+
+        Empty while the seat's rate is unknown.
+        """
+        if self._seat is None:
+            return {}
+        delay_s = self._conditioners[SEAT].delay_s
+        rates = [meters.rate_hz for meters in self._meters.values()]
+        look_ahead_s = self._seat.comparison.look_ahead() / min(rates)
+        compared = Latency(delay_s, look_ahead_s, self.settings.wait_s)
+        return {
+            "predicted": Latency(delay_s, 0.0, 0.0), "measured": compared, "residual": compared,
+            "exposure": Latency(0.0, 0.0, 0.0),
+        }  # fmt: skip
 
     @property
     def substeps(self) -> int | None:
@@ -176,24 +294,25 @@ class Pipeline:
         """How often the model left the finite numbers and was put back to rest."""
         return self._seat.divergences if self._seat else 0
 
-    def _condition(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> list[Block]:
-        if sensor not in self._conditioners:
-            raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
-        return self._conditioners[sensor].push(stamps_ns, samples_mps2)
-
-    def _count(self, sensor: str, blocks: list[Block]) -> None:
-        """Measured exposure comes before the low-pass, at the sensor's own rate."""
+    def _take(self, sensor: str, blocks: list[Block]) -> Frames:
+        """Count what a sensor's conditioning brought forth; the seat's is predicted from, the others' compared."""
+        if not blocks:
+            return NO_FRAMES
         if sensor not in self._meters:
-            self._meters[sensor] = _SensorMeters(sensor, self._conditioners[sensor].rate_hz, self.settings.window_s)
+            rate_hz = self._conditioners[sensor].rate_hz
+            self._meters[sensor] = SensorMeters(sensor, rate_hz, self.settings.window_s, self.settings.weightings())
         for block in blocks:
             self._meters[sensor].push(block)
+        return self._predict(blocks) if sensor == SEAT else Frames(NO_PREDICTED, self._compare(sensor, blocks))
 
     def _predict(self, blocks: list[Block]) -> Frames:
         """Carry the chain over the seat's samples; what they complete in the comparison comes along."""
         if self._seat is None:
-            self._seat = _SeatSide(self._chain, self._conditioners[SEAT].rate_hz, self.settings)
-            for sensor, early in self._early:
-                self._seat.comparison.sensor(sensor, early)
+            rate_hz = self._conditioners[SEAT].rate_hz
+            self._seat = SeatSide(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s)
+            for sensor, early in self._early.items():
+                if early:
+                    self._seat.comparison.sensor(sensor, list(early))
             self._early.clear()
         side = self._seat
         accel = [side.push(block) for block in blocks]
@@ -205,145 +324,31 @@ class Pipeline:
 
     def _compare(self, sensor: str, blocks: list[Block]) -> MeasuredFrames:
         if self._seat is None:
-            self._early.append((sensor, blocks))
+            # Without a seat nothing is compared: no more is kept than its first instants could ask for.
+            early = self._early[sensor]
+            early.extend(blocks)
+            while early[0].time_s[-1] < early[-1].time_s[-1] - 2.0 * self.settings.wait_s:
+                early.popleft()
             return NO_MEASURED
         self._seat.comparison.sensor(sensor, blocks)
         return self._seat.comparison.release()
 
 
-class _Batch:
-    """Gathers rows until there are METER_BATCH; a run's first row is preceded by NaN, the meters' sign of a break."""
-
-    def __init__(self, columns: int) -> None:
-        self._break = np.full((1, columns), np.nan)
-        self._rows: list[Floats] = []
-        self._size = 0
-
-    def add(self, rows: Floats, begins_run: bool) -> Floats | None:
-        """Add rows (n, c); returns what has gathered once it is enough."""
-        if begins_run:
-            self._rows.append(self._break)
-        self._rows.append(rows)
-        self._size += rows.shape[0]
-        return self.take() if self._size >= METER_BATCH else None
-
-    def take(self) -> Floats | None:
-        """Hand out what has gathered, None where that is nothing."""
-        if not self._rows:
-            return None
-        rows = np.concatenate(self._rows)
-        self._rows, self._size = [], 0
-        return rows
+def _in_turns(held: list[tuple[str, Block]]) -> list[tuple[str, Block]]:
+    """Blocks of several sensors cut into slices, so that none runs far ahead of the others."""
+    parts = []
+    for name, block in held:
+        time_s = block.epoch_ns * 1e-9 + block.time_s
+        slots = np.floor(time_s / SLICE_S)
+        cuts = [0, *(np.flatnonzero(np.diff(slots)) + 1).tolist(), block.time_s.size]
+        parts += [(float(slots[a]), name, block.part(a, b)) for a, b in pairwise(cuts)]
+    return [(name, part) for _, name, part in sorted(parts, key=lambda item: item[0])]
 
 
-class _SensorMeters:
-    """One sensor's exposure at its native rate: Wk for all, Wd and DRI for the seat, HIC for the head."""
-
-    def __init__(self, sensor: str, rate_hz: float, window_s: float) -> None:
-        self._batch = _Batch(3)
-        self._vertical = DoseMeter("Wk", rate_hz, 1, window_s)
-        self._plane = HorizontalMeter(rate_hz, window_s) if sensor == SEAT else None
-        self._dri = DriMeter(rate_hz, window_s) if sensor == SEAT else None
-        self._hics = [HicMeter(rate_hz, length, window_s) for length in (0.015, 0.036)] if sensor == HEAD else []
-
-    def push(self, block: Block) -> None:
-        self._digest(self._batch.add(block.levelled_mps2, block.begins_run))
-
-    def _digest(self, rows: Floats | None) -> None:
-        if rows is None:
-            return
-        up = np.ascontiguousarray(rows[:, 2:])
-        self._vertical.push(up)
-        if self._dri:
-            self._dri.push(up)
-        if self._plane:
-            self._plane.push(np.ascontiguousarray(rows[:, :2]))
-        for hic in self._hics:
-            hic.push(rows)
-
-    def _settle(self) -> None:
-        self._digest(self._batch.take())
-
-    def vertical(self, rolling: bool = False) -> Dose:
-        self._settle()
-        return (self._vertical.rolling() if rolling else self._vertical.since_reset())[0]
-
-    def plane(self) -> HorizontalMeter:
-        self._settle()
-        assert self._plane is not None
-        return self._plane
-
-    def dri(self, rolling: bool) -> Dri:
-        self._settle()
-        assert self._dri is not None
-        return self._dri.rolling() if rolling else self._dri.since_reset()
-
-    def hic(self, which: int, rolling: bool) -> Hic:
-        self._settle()
-        return self._hics[which].rolling() if rolling else self._hics[which].since_reset()
-
-    def reset(self) -> None:
-        self._settle()
-        for meter in (self._vertical, self._plane, self._dri, *self._hics):
-            if meter:
-                meter.reset()
-
-
-class _SeatSide:
-    """What lives on the seat's grid: the model, the doses of its predictions, and the comparison with the sensors."""
-
-    def __init__(self, chain: Chain, rate_hz: float, settings: PipelineSettings) -> None:
-        self.stepper = Stepper(chain, rate_hz)
-        self.divergences = 0
-        self.comparison = Comparison(rate_hz, settings.wait_s, settings.window_s)
-        self.doses = DoseMeter("Wk", rate_hz, N_SEGMENTS, settings.window_s)
-        self._batch = _Batch(N_SEGMENTS)
-
-    def push(self, block: Block) -> Floats:
-        """Predict the segments' accelerations (n, 6); each run starts from rest."""
-        if block.begins_run:
-            self.stepper.reset()
-        accel = self.stepper.push(block.low_passed_mps2)
-        if not math.isfinite(accel[-1, 0] + accel[-1, -1]):
-            self._restart_behind_divergence(block.low_passed_mps2, accel)
-        self._digest(self._batch.add(accel, block.begins_run))
-        self.comparison.seat(block, accel)
-        return accel
-
-    def _digest(self, rows: Floats | None) -> None:
-        if rows is not None:
-            self.doses.push(rows)
-
-    def _restart_behind_divergence(self, seat_mps2: Floats, accel: Floats) -> None:
-        """Never a wrong number as a good one: predict nothing where the chain left the finite numbers, and start anew.
-
-        Sample by sample the same as in blocks: once it has diverged, every later row of a block is not finite either.
-        """
-        lost: list[int] = []
-        start = 0
-        while not (finite := np.isfinite(accel[start:]).all(axis=1)).all():
-            lost.append(start + int(np.argmin(finite)))
-            start = lost[-1] + 1
-            self.stepper.reset()
-            accel[start:] = self.stepper.push(seat_mps2[start:])
-        accel[lost] = np.nan
-        self.divergences += len(lost)
-
-    def reset(self) -> None:
-        self._digest(self._batch.take())
-        self.doses.reset()
-        self.comparison.reset()
-
-    def predicted(self, rolling: bool) -> dict[str, Dose]:
-        self._digest(self._batch.take())
-        return dict(zip(SEGMENTS, self.doses.rolling() if rolling else self.doses.since_reset(), strict=True))
-
-    def measured(self, rolling: bool, sensors: tuple[str, ...]) -> dict[str, Dose]:
-        doses = self.comparison.doses.rolling() if rolling else self.comparison.doses.since_reset()
-        return {name: dose for name, dose in zip(SENSORS, doses, strict=True) if name in sensors}
-
-    def residual(self, rolling: bool) -> dict[str, tuple[float, float]]:
-        meter = self.comparison.residual
-        rms, percent = meter.rolling() if rolling else meter.since_reset()
-        pairs = zip(MEASURED_SEGMENTS, rms.tolist(), percent.tolist(), strict=True)
-        return {name: (value, share) for name, value, share in pairs if not math.isnan(value)}
+def _joined(frames: list[Frames]) -> Frames:
+    predicted = [f.predicted for f in frames if f.predicted.stamps_ns.size]
+    measured = [f.measured for f in frames if f.measured.stamps_ns.size]
+    return Frames(
+        PredictedFrames(*map(np.concatenate, zip(*predicted, strict=True))) if predicted else NO_PREDICTED,
+        MeasuredFrames(*map(np.concatenate, zip(*measured, strict=True))) if measured else NO_MEASURED,
+    )

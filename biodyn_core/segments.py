@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 SEGMENTS: Final = ("pelvis", "lower_torso", "central_torso", "upper_torso", "neck", "head")
 SEAT: Final = "seat"
-SENSORS: Final = (SEAT, "pelvis", "lower_torso", "upper_torso", "neck", "head")
+HEAD: Final = "head"
+SENSORS: Final = (SEAT, "pelvis", "lower_torso", "upper_torso", "neck", HEAD)
 
 N_SEGMENTS: Final = len(SEGMENTS)
 N_SENSORS: Final = len(SENSORS)

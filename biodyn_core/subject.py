@@ -106,7 +106,7 @@ def load_subject(path: str | Path) -> Subject:
     """Read a subject file; raises InputError naming the file and the key."""
     try:
         text = Path(path).read_text(encoding="utf-8")
-        return Subject.from_dict(yaml.load(text, _UniqueKeyLoader))  # noqa: S506 - a SafeLoader with one check more
+        return Subject.from_dict(yaml.load(text, UniqueKeyLoader))  # noqa: S506 - a SafeLoader with one check more
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give a subject file") from error
     except InputError as error:
@@ -115,10 +115,11 @@ def load_subject(path: str | Path) -> Subject:
         raise InputError(f"{path}: not a YAML file ({_one_line(error)})") from error
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML lets a later key silently replace an earlier one; for a person's parameters that is an error."""
+class UniqueKeyLoader(yaml.SafeLoader):
+    """YAML lets a later key silently replace an earlier one; for parameters of a person and limits that is an error."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping; raises InputError naming a key that is given twice."""
         keys = [self.construct_object(key, deep=deep) for key, _ in node.value]  # type: ignore[no-untyped-call]
         for key in keys:
             if keys.count(key) > 1:

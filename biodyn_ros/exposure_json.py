@@ -7,34 +7,43 @@ import math
 from typing import Any
 
 from biodyn_core.exposure import Dose, Hic
+from biodyn_core.judgement import SeatExposure
+from biodyn_core.limits import Limits
 from biodyn_core.pipeline import Exposure, Pipeline
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros import __version__
 
-PROJECTION_AFTER_S = 20.0 * 60.0
-"""Shorter records do not carry a projection to eight hours."""
 
-
-def exposure_document(pipeline: Pipeline, bag: str, seconds: float, warnings: list[str]) -> dict[str, Any]:
-    """Gather what the pipeline has counted over a recording of `seconds`."""
-    since = pipeline.exposure()
+def exposure_document(
+    pipeline: Pipeline, bag: str, seconds: float, warnings: list[str], project: bool = False
+) -> dict[str, Any]:
+    """Gather what the pipeline has counted over a recording of `seconds`; project: to 8 h from under 20 minutes too."""
+    since, seat = pipeline.exposure(), pipeline.seat(project)
     uncounted = {name: pipeline.status(name).uncounted_s for name in since.sensors}
     return {
         "bag": bag,
         "subject": pipeline.subject.name,
         "mass_matrix": pipeline.subject.mass_matrix,
-        "path": "causal",
+        "path": pipeline.mode,
         "seconds": seconds,
         "uncounted_s": max(uncounted.values(), default=seconds),
         "window_s": pipeline.settings.window_s,
-        "limits": pipeline.limits.to_dict(),
+        "limits": pipeline.limits.deciding.to_dict(),
+        "limits_beside": _limits_beside(pipeline.limits, seat),
         "sensors": {name: _sensor(pipeline, name, dose) for name, dose in since.sensors.items()},
-        # Held-out errors come with the fit of a subject; until a file carries them no prediction is validated.
-        "predicted": {name: _dose(dose) | {"status": "not_validated"} for name, dose in since.predicted.items()},
+        # Predicted from the seat alone, whose losses are theirs. Held-out errors come with the fit of a subject; until
+        # a file carries them no prediction is validated.
+        "predicted": {
+            name: _sensor(pipeline, SEAT, dose) | {"status": "not_validated"} for name, dose in since.predicted.items()
+        },
         "measured_low_passed": {
             name: _sensor(pipeline, name, dose) for name, dose in since.measured_low_passed.items()
         },
-        "seat": _seat(pipeline),
+        "also_weighted": {
+            weighting: {name: _sensor(pipeline, name, dose) for name, dose in doses.items()}
+            for weighting, doses in since.also.items()
+        },
+        "seat": _seat(seat, since) if seat else None,
         "dri": _dri(since),
         "hic15": _hic(since.hic15),
         "hic36": _hic(since.hic36),
@@ -42,6 +51,7 @@ def exposure_document(pipeline: Pipeline, bag: str, seconds: float, warnings: li
             name: {"nrmse_rms_percent": percent if math.isfinite(percent) else None, "rms_mps2": rms}
             for name, (rms, percent) in since.residual.items()
         },
+        "latency": {output: latency._asdict() for output, latency in pipeline.latency().items()},
         "warnings": warnings,
         "version": __version__,
     }
@@ -57,8 +67,8 @@ def sensor_warnings(pipeline: Pipeline) -> list[str]:
         elif status.rate_hz is None:
             lines.append(f"{name}: nothing counted, gravity never became known")
         lines += [f"{name}: {text}" for text in status.warnings]
-        if status.clipped:
-            lines.append(f"{name}: {status.clipped} samples clipped: doses and peaks are lower bounds")
+        if clipped := pipeline.clipped(name):
+            lines.append(f"{name}: {clipped} samples clipped: doses and peaks are lower bounds")
         missing = pipeline.missing_s(name)
         if missing > 0.0:
             lines.append(f"{name}: {missing:.3f} s missing: doses and peaks are lower bounds")
@@ -79,24 +89,28 @@ def _dose(dose: Dose) -> dict[str, Any]:
 
 def _sensor(pipeline: Pipeline, name: str, dose: Dose) -> dict[str, Any]:
     return _dose(dose) | {
-        "clipped_samples": pipeline.status(name).clipped,
+        "clipped_samples": pipeline.clipped(name),
         "missing_s": pipeline.missing_s(name),
         "lower_bound": pipeline.lower_bound(name),
     }
 
 
-def _seat(pipeline: Pipeline) -> dict[str, Any] | None:
-    seat = pipeline.seat()
-    if seat is None:
-        return None
-    scale = 8.0 * 3600.0 / seat.seconds if seat.seconds >= PROJECTION_AFTER_S else None
+def _seat(seat: SeatExposure, since: Exposure) -> dict[str, Any]:
     document = dataclasses.asdict(seat)
-    del document["seconds"]
-    return document | {
-        "a8_projected_8h_mps2": seat.a8_so_far_mps2 * math.sqrt(scale) if scale else None,
-        "vdv_projected_8h_mps175": seat.vdv_so_far_mps175 * scale**0.25 if scale else None,
-        "lower_bound": pipeline.lower_bound(SEAT),
-    }
+    del document["beside"]
+    ratios = {
+        ratio.name: {
+            "value": ratio.value, "threshold": ratio.threshold, "exceeded": ratio.exceeded, "clause": ratio.clause,
+        }
+        for ratio in seat.shock_ratios
+    }  # fmt: skip
+    return document | {"shock_ratios": {"axis": seat.axis, **ratios}, "msdv_mps15": since.msdv_mps15}
+
+
+def _limits_beside(limits: Limits, seat: SeatExposure | None) -> list[dict[str, Any]]:
+    """The sets of limits that do not decide, each with the judgement by it once there is one."""
+    judged = [dataclasses.asdict(judgement) for judgement in seat.beside] if seat else [{} for _ in limits.beside]
+    return [each.to_dict() | judgement for each, judgement in zip(limits.beside, judged, strict=True)]
 
 
 def _dri(since: Exposure) -> dict[str, Any] | None:

@@ -12,12 +12,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
+from biodyn_core.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning import SensorStatus
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT
 
 SILENT_AFTER_S: Final = 0.5
 OK, WARN, ERROR = range(3)
+
+COUNTS: Final = (
+    "accepted", "unset", "non_finite", "duplicate", "late", "stray", "filled", "flat", "clipped", "runs", "gap_s",
+    "uncounted_s",
+)  # fmt: skip
+"""What of a sensor's conditioning stands in the diagnostics beside rate and gravity."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +50,8 @@ class SensorHealth:
     wrong_type: str = ""
     publishers: int = 0
     lag_s: float = 0.0
+    clock: ClockComparison = field(default_factory=ClockComparison)
+    drift: ClockDrift | None = None
     _offsets_s: deque[tuple[float, float]] = field(default_factory=deque)
 
     def arrived(self, count: int = 1) -> None:
@@ -60,6 +69,10 @@ class SensorHealth:
             self._offsets_s.pop()
         self._offsets_s.append((now, arrival_minus_stamp_s))
         self.lag_s = arrival_minus_stamp_s - self._offsets_s[0][1]
+
+    def compare_clock(self) -> None:
+        """Look anew at how the sensor's stamps run against arrivals; costs a millisecond or two."""
+        self.drift = self.clock.result()
 
     @property
     def silent_s(self) -> float | None:
@@ -85,18 +98,20 @@ def sensor_status(name: str, health: SensorHealth, seen: SensorStatus) -> Status
     level, message = next(((level, text()) for wrong, level, text in checks if wrong), (OK, "streaming"))
     values = {
         "rate_hz": _number(seen.rate_hz, ".3f"),
+        "jitter_ms": _number(seen.jitter_s and 1e3 * seen.jitter_s, ".3f"),
         "gravity_mps2": _number(seen.gravity_mps2, ".3f"),
         "vertical": " ".join(f"{v:.4f}" for v in seen.vertical) if seen.vertical else "",
         "filter_delay_ms": _number(seen.filter_delay_s and 1e3 * seen.filter_delay_s, ".3f"),
         "silent_s": _number(silent, ".2f"),
         "lag_ms": _number(1e3 * health.lag_s, ".2f"),
+        "clock_ppm": _number(health.drift and health.drift.ppm, ".1f"),
+        "clock_offset_ms": _number(health.drift and 1e3 * health.drift.offset_s, ".3f"),
         "messages": str(health.messages),
         "lost": str(health.lost),
         "refused": str(health.errors),
         "publishers": str(health.publishers),
     }
-    counts = ("accepted", "late", "non_finite", "filled", "clipped", "runs", "gap_s", "uncounted_s")
-    return Status(f"biodyn: {name}", level, message, values | {key: f"{getattr(seen, key):g}" for key in counts})
+    return Status(f"biodyn: {name}", level, message, values | {key: f"{getattr(seen, key):g}" for key in COUNTS})
 
 
 def prediction_status(pipeline: Pipeline, seat: SensorHealth, mark: str) -> Status:
@@ -125,6 +140,8 @@ def prediction_status(pipeline: Pipeline, seat: SensorHealth, mark: str) -> Stat
         "divergences": str(pipeline.divergences),
         "last_mark": mark,
     }
+    for output, latency in pipeline.latency().items():
+        values[f"{output}_latency_ms"] = " + ".join(f"{1e3 * part:.3f}" for part in latency)
     return Status("biodyn: prediction", level, message, values)
 
 

@@ -141,6 +141,7 @@ class BiodynNode(LifecycleNode):
     def _activate(self) -> None:
         self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS if sensor != SEAT}
         self._turn = itertools.cycle(self._inbox)
+        self._clock_turn = itertools.cycle(SENSORS)
         self._subscriptions_made = [self._subscribe(sensor) for sensor in SENSORS]
         self._timers_made = [
             self.create_timer(1.0 / rate_hz, self._guarded(callback), clock=self._steady)
@@ -250,6 +251,7 @@ class BiodynNode(LifecycleNode):
     def _note_lag(self, sensor: str, stamp_ns: int) -> None:
         now_ns = self.get_clock().now().nanoseconds
         self._health[sensor].offset(1e-9 * (now_ns - stamp_ns), self._pipeline.settings.window_s)
+        self._health[sensor].clock.push(np.array([stamp_ns]), np.array([now_ns]))
 
     def _on_lost(self, sensor: str, event: Any) -> None:
         self._health[sensor].lost += event.total_count_change
@@ -319,6 +321,7 @@ class BiodynNode(LifecycleNode):
 
     def _publish_diagnostics(self) -> None:
         self._look_at_publishers()
+        self._health[next(self._clock_turn)].compare_clock()
         statuses = [prediction_status(self._pipeline, self._health[SEAT], self._mark)]
         statuses += [sensor_status(name, self._health[name], self._pipeline.status(name)) for name in SENSORS]
         message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])

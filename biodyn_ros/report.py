@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from biodyn_core.errors import InputError
-from biodyn_core.limits import HORIZONTAL_FACTOR
+from biodyn_core.judgement import HORIZONTAL_FACTOR
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros.drawings import envelopes, overlay
 from biodyn_ros.resources import package_directory
 from biodyn_ros.traces import Traces
-from biodyn_ros.wording import bound, duration, number, words
+from biodyn_ros.wording import HORIZONTAL, ZONE, bound, duration, number, sentence, shocks, time_left, words
 
 
 def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) -> None:
@@ -30,11 +30,12 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
         "replay.html.j2",
         document=document,
         verdict=judge(document),
+        zones=ZONE,
+        flagged=_flagged(document["seat"]),
         segments=[name for name in SEGMENTS if name in document["predicted"]],
         sensors=[name for name in SENSORS if name in document["sensors"]],
         worst=_worst_residual(document),
         seat_axes=_seat_axes(document["seat"]),
-        vdv_axis=_vdv_axis(document["seat"]),
         event=event,
         event_s=1e-9 * (event.peak_ns - origin_ns) if event else None,
         bin_s=1e-9 * max(predicted.width_ns, measured.width_ns),
@@ -62,54 +63,31 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
+_TONE: Final = {"below_action_value": "good", "above_action_value": "warn", "above_limit_value": "bad"}
+"""No colour of judgement for anything else, and green for nothing but the first."""
+
+
 def judge(document: dict[str, Any]) -> Verdict:
-    """Say how the seat stands against action and limit values; good only for complete data of all three axes."""
-    seat, limits = document["seat"], document["limits"]
+    """Say how the seat stands against action and limit values, as the pipeline has judged it."""
+    seat = document["seat"]
     if seat is None:
-        return Verdict("none", "No verdict: nothing counted at the seat", ())
-    reached = {
-        kind: seat["a8_so_far_mps2"] >= limits[f"{kind}_a8_mps2"]
-        or seat["vdv_so_far_mps175"] >= limits[f"{kind}_vdv_mps175"]
-        for kind in ("action", "limit")
-    }
-    if reached["limit"]:
-        tone, headline = "bad", "Limit value reached"
-    elif reached["action"]:
-        tone, headline = "warn", "Action value reached"
-    elif seat["lower_bound"]:
-        tone, headline = "none", "No verdict: the seat's figures are lower bounds"
-    elif seat["horizontal"] == "missing":
-        tone, headline = "none", "No verdict: vertical only"
-    else:
-        tone, headline = "good", "Below the action values so far"
-    times = [_time_left(kind, at, seat) for kind, at in reached.items()]
-    return Verdict(tone, headline, (*_bound_reasons(document), _HORIZONTAL[seat["horizontal"]], *times))
-
-
-_HORIZONTAL: Final = {
-    "yaw_given": "Horizontal axes from the yaw given.",
-    "worst_direction": "No yaw given: the largest value over all horizontal directions stands for both axes.",
-    "missing": "Vertical only: horizontal data are missing.",
-}
+        return Verdict("none", "Undecided: nothing counted at the seat", ())
+    reasons = [sentence(seat["zone_reason"]), HORIZONTAL[seat["horizontal"]], *_bound_reasons(document)]
+    times = [time_left(kind, seat) for kind in ("action", "limit")]
+    return Verdict(_TONE.get(seat["zone"], "none"), ZONE[seat["zone"]], (*reasons, *times))
 
 
 def _bound_reasons(document: dict[str, Any]) -> list[str]:
-    if not document["seat"]["lower_bound"]:
+    seat = document["sensors"].get(SEAT, {"lower_bound": False})
+    if not seat["lower_bound"]:
         return []
-    seat = document["sensors"].get(SEAT, {})
-    missing, clipped = seat.get("missing_s", 0.0), seat.get("clipped_samples", 0)
+    missing, clipped = seat["missing_s"], seat["clipped_samples"]
     return [f"At least so much: {missing:.3f} s are missing and {clipped} samples are clipped at the seat."]
 
 
-def _time_left(kind: str, reached: bool, seat: dict[str, Any]) -> str:
-    name, seconds = f"{kind.capitalize()} value", seat[f"time_to_{kind}_value_s"]
-    if reached:  # a lower bound is enough to know that
-        return f"{name}: reached."
-    if seconds is None:
-        withheld = "samples are clipped or more than 1 % is missing" if seat["lower_bound"] else "nothing was felt"
-        return f"{name}: time left withheld, because {withheld}."
-    most = "at most " if seat["lower_bound"] else ""
-    return f"{name}: {most}{duration(seconds)} left, if exposure goes on as in this recording."
+def _flagged(seat: dict[str, Any] | None) -> bool:
+    """Whether a ratio of ISO 2631-1 asks for additional evaluation."""
+    return seat is not None and any(r["exceeded"] for r in seat["shock_ratios"].values() if isinstance(r, dict))
 
 
 def _seat_axes(seat: dict[str, Any] | None) -> list[tuple[str, float, float, float]]:
@@ -118,11 +96,6 @@ def _seat_axes(seat: dict[str, Any] | None) -> list[tuple[str, float, float, flo
         return []
     aw, vdv = seat["aw_weighted_mps2"], seat["vdv_weighted_mps175"]
     return [(axis, 1.0 if axis == "z" else HORIZONTAL_FACTOR, aw[axis], vdv[axis]) for axis in aw]
-
-
-def _vdv_axis(seat: dict[str, Any] | None) -> str | None:
-    """The axis whose VDV is largest; the document's `axis` is that of aw."""
-    return max(_seat_axes(seat), key=lambda row: row[1] * row[3])[0] if seat else None
 
 
 def _worst_residual(document: dict[str, Any]) -> tuple[str, float] | None:
@@ -146,7 +119,8 @@ def _render(template: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    page.filters.update(number=number, bound=bound, duration=duration, words=words)
+    page.filters.update(number=number, bound=bound, duration=duration, words=words, sentence=sentence, shocks=shocks)
+    page.filters["value"] = lambda stated: number(None) if stated is None else f"{stated:g}"
     return page.get_template(template).render(**values)
 
 

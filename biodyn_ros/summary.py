@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from biodyn_ros.wording import HORIZONTAL, ZONE, duration, sentence, shocks, time_left
+
 
 def summary(document: dict[str, Any]) -> str:
     """A page of text: the seat against its limits, exposure by sensor, prediction and residual, warnings."""
@@ -44,21 +46,32 @@ def _seat_lines(document: dict[str, Any]) -> list[str]:
     if seat is None:
         return ["seat: nothing counted"]
     mark = ">= " if seat["lower_bound"] else ""
-    a8 = f"{mark}{seat['a8_so_far_mps2']:.4f} m/s^2 of {limits['action_a8_mps2']:g} / {limits['limit_a8_mps2']:g}"
-    vdv = f"{mark}{seat['vdv_so_far_mps175']:.3f} m/s^1.75 of {limits['action_vdv_mps175']:g} / "
-    times = [_time_left(kind, seat[f"time_to_{kind}_value_s"]) for kind in ("action", "limit")]
+    a8 = f"{mark}{seat['a8_so_far_mps2']:.4f} m/s^2 of {_pair(limits, 'a8_mps2')}"
+    vdv = f"{mark}{seat['vdv_so_far_mps175']:.3f} m/s^1.75 of {_pair(limits, 'vdv_mps175')}"
     return [
-        f"seat A(8) so far {a8}, VDV so far {vdv}{limits['limit_vdv_mps175']:g} ({limits['source']})",
-        f"governed by {seat['governing']}, axis {seat['axis']} (horizontal: {seat['horizontal']}); {'; '.join(times)}",
+        f"SEAT: {ZONE[seat['zone']].upper()}",
+        sentence(seat["zone_reason"]),
+        f"seat A(8) so far {a8}, VDV so far {vdv} ({limits['source']})",
+        *_projected(seat),
+        *(time_left(kind, seat) for kind in ("action", "limit")),
+        f"Governed by {seat['governing']}, axis {seat['axis']}. {HORIZONTAL[seat['horizontal']]}",
+        shocks(seat),
+        *(f"beside, {each['source']}: {ZONE[each['zone']].lower()}" for each in document["limits_beside"]),
     ]
 
 
-def _time_left(kind: str, seconds: float | None) -> str:
-    if seconds is None:
-        return f"{kind} value: no time given"
-    if seconds == 0.0:
-        return f"{kind} value reached"
-    return f"{kind} value in {seconds / 60.0:.1f} min at this rate"
+def _pair(limits: dict[str, Any], measure: str) -> str:
+    action, limit = limits[f"action_{measure}"], limits[f"limit_{measure}"]
+    return "no value stated" if action is None else f"{action:g} / {limit:g}"
+
+
+def _projected(seat: dict[str, Any]) -> list[str]:
+    if seat["projected_from_s"] is None:
+        return []
+    a8, vdv = seat["a8_projected_8h_mps2"], seat["vdv_projected_8h_mps175"]
+    counted = duration(seat["projected_from_s"])
+    mark = ">= " if seat["horizontal"] == "missing" else ""
+    return [f"projected to 8 h from {counted} counted: A(8) {mark}{a8:.4f} m/s^2, VDV {mark}{vdv:.3f} m/s^1.75"]
 
 
 def _dri_lines(document: dict[str, Any]) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from biodyn_core.limits import SeatExposure
+from biodyn_core.judgement import SeatExposure
 from biodyn_core.pipeline import Exposure
 from biodyn_core.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 

@@ -3,6 +3,20 @@
 from __future__ import annotations
 
 import math
+from typing import Any, Final
+
+ZONE: Final = {
+    "below_action_value": "Below the action values so far",
+    "above_action_value": "Action value reached",
+    "above_limit_value": "Limit value reached",
+    "undecided": "Undecided: no verdict on the seat",
+}
+HORIZONTAL: Final = {
+    "yaw_given": "Horizontal axes from the yaw given.",
+    "worst_direction": "No yaw given: the largest value over all horizontal directions stands for both axes.",
+    "missing": "Vertical only: horizontal data are missing.",
+}
+_RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv_over_aw_t": "VDV/(aw T^1/4)"}
 
 
 def number(value: float | None) -> str:
@@ -21,12 +35,12 @@ def bound(value: float | None, lower: bool) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A time for people: 8.4 s, 12 min, 3 h 20 min, more than 24 h."""
-    if seconds < 59.5:
-        return f"{seconds:.3g} s"
+    """A time for people, rounded down, so that nobody is promised more: 8.4 s, 12 min, 3 h 20 min, more than 24 h."""
+    if seconds < 60.0:
+        return f"{math.floor(10.0 * seconds) / 10.0:g} s"
     if seconds > 24.0 * 3600.0:
         return "more than 24 h"
-    minutes = round(seconds / 60.0)
+    minutes = math.floor(seconds / 60.0)
     if minutes < 60:
         return f"{minutes} min"
     return f"{minutes // 60} h {minutes % 60} min"
@@ -35,3 +49,40 @@ def duration(seconds: float) -> str:
 def words(name: str) -> str:
     """A name of ours as words: `lower_torso` is "lower torso"."""
     return name.replace("_", " ")
+
+
+def sentence(text: str) -> str:
+    """The text with a capital at its beginning and a full stop at its end."""
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('?') else '.'}"
+
+
+def time_left(kind: str, seat: dict[str, Any]) -> str:
+    """How long until the `kind` (action or limit) value, from the seat's mapping."""
+    name, seconds = f"{kind.capitalize()} value", seat[f"time_to_{kind}_value_s"]
+    if seat["zone"] in ("above_limit_value", f"above_{kind}_value"):  # a lower bound is enough to know that
+        return f"{name}: reached."
+    if seat["withheld"]:
+        return f"{name}: time left withheld, because {seat['withheld']}."
+    if seconds is None:
+        return f"{name}: never reached at this rate."
+    most = "at most " if seat["lower_bound"] else ""
+    return f"{name}: {most}{duration(seconds)} left, if exposure goes on as in this recording."
+
+
+def shocks(seat: dict[str, Any]) -> str:
+    """Whether ISO 2631-1 asks for more than the rms on the governing axis, from the seat's mapping."""
+    ratios = {_RATIO[name]: ratio for name, ratio in seat["shock_ratios"].items() if name in _RATIO}
+    where = f"ISO 2631-1:1997, axis {words(seat['axis'])}"
+    firing = [
+        f"{name} {number(ratio['value'])} > {ratio['threshold']:g} ({ratio['clause']})"
+        for name, ratio in ratios.items()
+        if ratio["exceeded"]
+    ]
+    if firing:
+        return f"Shocks, additional evaluation asked for ({where}): {', '.join(firing)}."
+    unknown = [name for name, ratio in ratios.items() if ratio["exceeded"] is None]
+    if seat["lower_bound"] or unknown:
+        why = f"{' and '.join(unknown)} not measured" if unknown else "the seat's figures are lower bounds"
+        return f"Shocks, undecided whether additional evaluation is asked for ({where}): {why}."
+    known = ", ".join(f"{name} {number(ratio['value'])}" for name, ratio in ratios.items())
+    return f"Shocks, no additional evaluation asked for ({where}): {known}."

@@ -1,28 +1,32 @@
-"""The seat against its limits: formulae by hand, who governs, when times are honest, and limits files."""
+"""The seat against its limits: formulae by hand, zone and its grounds, when times are honest, and limits files."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from biodyn_core.errors import InputError
-from biodyn_core.exposure import Dose
-from biodyn_core.limits import EU_LIMITS, Limits, load_limits, seat_exposure
+from biodyn_core.exposure import Dose, DoseMeter, HorizontalMeter
+from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
+from biodyn_core.limits import EU_LIMITS, Limits, LimitSet, load_limits
 
 SHIPPED = Path(__file__).parents[1] / "config" / "limits.yaml"
+EU, ISO = EU_LIMITS.deciding, EU_LIMITS.beside[0]
 HOUR = 3600.0
+COMPLETE = Grounds(missing_s=0.0, clipped_samples=0, masked_s=0.0, silent=False, gravity_mps2=9.81, fault=None)
 
 
 class Plane:
     """A horizontal meter with an answer known beforehand: an ellipse with its long axis at `at_rad`."""
 
-    def __init__(self, long: tuple[float, float] = (0.0, 0.0), short: tuple[float, float] = (0.0, 0.0), at_rad=0.0):
+    def __init__(self, long: tuple[float, float] = (1e-3, 1e-3), short: tuple[float, float] = (1e-3, 1e-3), at_rad=0.0):
         self.long, self.short, self.at_rad = long, short, at_rad
 
     def along(self, angles_rad, rolling: bool = False):
@@ -32,14 +36,22 @@ class Plane:
         return aw, vdv
 
 
-def upward(aw: float, vdv: float, seconds: float) -> Dose:
-    """A vertical dose."""
-    return Dose(aw, 1.1 * aw, vdv, 9.0 * aw, seconds)
+def upward(aw: float, vdv: float, seconds: float, mtvv: float = 1.1, peak: float = 3.0) -> Dose:
+    """A vertical dose; MTVV and peak as multiples of aw."""
+    return Dose(aw, mtvv * aw, vdv, peak * aw, seconds)
 
 
-def judge(vertical: Dose, plane: Plane | None = None, yaw_rad: float | None = 0.0, trusted: bool = True):
-    """The seat against the limits of 2002/44/EC."""
-    return seat_exposure(vertical, plane or Plane(), yaw_rad, EU_LIMITS, trusted)
+def judge(
+    vertical: Dose,
+    plane: object = None,
+    yaw_rad: float | None = 0.0,
+    limits: Limits = EU_LIMITS,
+    project=False,
+    **grounds,
+) -> SeatExposure:
+    """The seat against the limits, by a complete record where no other grounds are given."""
+    given_grounds = dataclasses.replace(COMPLETE, **grounds)
+    return seat_exposure(vertical, plane or Plane(), yaw_rad, limits, given_grounds, project)
 
 
 # --- formulae --------------------------------------------------------------------------------------------------------
@@ -48,9 +60,9 @@ def judge(vertical: Dose, plane: Plane | None = None, yaw_rad: float | None = 0.
 def test_two_hours_at_one_metre_per_second_squared():
     seat = judge(upward(1.0, 0.0, 2.0 * HOUR))
     assert seat.a8_so_far_mps2 == pytest.approx(0.5)  # 1.0 sqrt(2 / 8)
-    assert seat.time_to_action_value_s == pytest.approx(0.0)  # reached just now
+    assert seat.time_to_action_value_s == pytest.approx(0.0, abs=1e-9)  # reached just now
     assert seat.time_to_limit_value_s == pytest.approx((8.0 * 1.15**2 - 2.0) * HOUR)  # 8 h 35 min more
-    assert (seat.axis, seat.governing, seat.seconds) == ("z", "a8", 2.0 * HOUR)
+    assert (seat.axis, seat.governing, seat.seconds, seat.zone) == ("z", "a8", 2.0 * HOUR, "above_action_value")
 
 
 def test_a_quarter_of_the_time_is_half_of_a8():
@@ -74,6 +86,22 @@ def test_the_sooner_of_both_counts():
     assert by_vdv.time_to_action_value_s == pytest.approx(HOUR)  # twice the fourth power fits into two hours
 
 
+def test_what_governs_is_what_is_reached_first_not_what_is_the_larger_share():
+    # A(8) at half of its action value has used a quarter of its time, VDV at six tenths of its own only an eighth.
+    seat = judge(upward(0.25 * math.sqrt(8.0), 0.6 * 9.1, HOUR))
+    assert seat.governing == "a8"
+    assert seat.time_to_action_value_s == pytest.approx(3.0 * HOUR)
+
+
+def test_above_the_limit_what_governs_is_what_brought_it_there():
+    # Beyond the action value A(8) came first (1.5^2 > 1.2^4), but only VDV has reached the limit value (21 > 9.1 1.2).
+    by_action = judge(upward(0.75, 1.2 * 9.1, 8.0 * HOUR))
+    assert (by_action.zone, by_action.governing) == ("above_action_value", "a8")
+    by_limit = judge(upward(1.14, 21.5, 8.0 * HOUR))
+    assert (by_limit.zone, by_limit.governing) == ("above_limit_value", "vdv")
+    assert "VDV so far is 21.5 m/s^1.75 (axis z): the limit value of 21 (2002/44/EC) is reached" in by_limit.zone_reason
+
+
 def test_once_reached_no_time_is_left():
     seat = judge(upward(3.0, 30.0, 8.0 * HOUR))
     assert seat.time_to_action_value_s == 0.0 and seat.time_to_limit_value_s == 0.0
@@ -82,19 +110,27 @@ def test_once_reached_no_time_is_left():
 def test_horizontal_axes_count_one_point_four_times():
     plane = Plane((0.8, 4.0), (0.5, 2.0))
     seat = judge(upward(1.0, 5.0, HOUR), plane)
-    assert seat.axis == "x"  # 1.4 0.8 = 1.12 > 1.0
+    assert seat.a8_axis == "x"  # 1.4 0.8 = 1.12 > 1.0
     assert seat.a8_so_far_mps2 == pytest.approx(1.12 * math.sqrt(1.0 / 8.0))
     assert seat.vdv_so_far_mps175 == pytest.approx(5.6)
     assert seat.aw_weighted_mps2 == pytest.approx({"x": 0.8, "y": 0.5, "z": 1.0})  # k not applied
     assert seat.vdv_weighted_mps175 == pytest.approx({"x": 4.0, "y": 2.0, "z": 5.0})
 
 
-def test_vdv_may_govern_on_another_axis_than_aw():
-    seat = judge(upward(1.0, 3.0, HOUR), Plane((0.5, 4.0)))
-    assert seat.axis == "z" and seat.vdv_so_far_mps175 == pytest.approx(5.6)
+def test_each_measure_has_its_axis_and_the_governing_ones_is_named():
+    seat = judge(upward(1.0, 3.0, HOUR), Plane((0.5, 6.4)))
+    assert (seat.a8_axis, seat.vdv_axis) == ("z", "x")
+    assert seat.vdv_so_far_mps175 == pytest.approx(1.4 * 6.4)
+    assert (seat.governing, seat.axis) == ("vdv", "x")  # (8.96 / 9.1)^4 > (0.354 / 0.5)^2
 
 
-# --- yaw -------------------------------------------------------------------------------------------------------------
+def test_the_missing_seconds_have_passed_as_well():
+    # 0.5 m/s^2 lasts eight hours. Of one hour 18 s were not measured: seven hours are left, not seven and 18 s.
+    seat = judge(upward(0.5, 1.0, HOUR - 18.0), missing_s=18.0)
+    assert seat.time_to_action_value_s == pytest.approx(7.0 * HOUR)
+
+
+# --- yaw and horizontal data -----------------------------------------------------------------------------------------
 
 
 def test_with_a_yaw_the_axes_are_turned_by_it():
@@ -124,24 +160,134 @@ def test_the_worst_direction_is_never_milder_than_a_known_yaw(at_rad, yaw_rad):
     assert unknown.time_to_limit_value_s <= known.time_to_limit_value_s * (1.0 + 1e-4)
 
 
-# --- honesty ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("yaw_rad", [None, 0.0, 0.7])
+def test_a_single_axis_sensor_is_vertical_only_and_never_green(yaw_rad):
+    seat = judge(upward(0.1, 1.0, HOUR), Plane((0.0, 0.0), (0.0, 0.0)), yaw_rad)
+    assert seat.horizontal == "missing"
+    assert seat.aw_weighted_mps2 == {"z": 0.1} and seat.vdv_weighted_mps175 == {"z": 1.0}
+    assert seat.zone == "undecided" and "vertical only" in seat.zone_reason
+    assert seat.lower_bound  # the axes that are not known may be the worse ones
+    assert seat.time_to_action_value_s > 0.0
+    above = judge(upward(1.0, 1.0, 3.0 * HOUR), Plane((0.0, 0.0), (0.0, 0.0)), yaw_rad)
+    assert above.zone == "above_action_value" and "at least 0.6124" in above.zone_reason
 
 
-def test_times_are_withheld_where_samples_are_missing_or_clipped():
-    seat = judge(upward(1.0, 5.0, HOUR), trusted=False)
-    assert seat.time_to_action_value_s is None and seat.time_to_limit_value_s is None
-    assert seat.a8_so_far_mps2 > 0.0 and seat.governing in ("a8", "vdv")
+@pytest.mark.parametrize("yaw_rad", [None, 0.0, 0.7])
+def test_a_sensor_with_one_dead_horizontal_axis_is_never_green(yaw_rad):
+    seat = judge(upward(0.1, 1.0, HOUR), Plane((0.1, 1.0), (0.0, 0.0)), yaw_rad)
+    assert seat.horizontal == ("worst_direction" if yaw_rad is None else "yaw_given")
+    assert seat.zone == "undecided" and "one of its horizontal axes" in seat.zone_reason
 
 
-def test_nothing_counted_has_no_times():
-    seat = judge(upward(0.0, 0.0, 0.0))
+# --- the zone --------------------------------------------------------------------------------------------------------
+
+
+def test_below_the_action_values_needs_a_complete_record():
+    seat = judge(upward(0.1, 1.0, HOUR))
+    assert seat.zone == "below_action_value" and not seat.lower_bound and seat.withheld is None
+    assert seat.zone_reason == (
+        "A(8) so far is 0.03536 m/s^2 (axis z) and VDV so far is 1 m/s^1.75 (axis z):"
+        " below the action values of 0.5 and 9.1 (2002/44/EC)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("grounds", "because"),
+    [
+        ({"clipped_samples": 1}, "1 sample is clipped"),
+        ({"missing_s": 40.0}, "40 s are missing at the seat, more than 1 %"),
+        ({"masked_s": 2.0, "missing_s": 2.0}, "2 s of the seat's readings do not change"),
+        ({"silent": True}, "fallen silent"),
+        ({"fault": "no power"}, "no power"),
+        ({"gravity_mps2": 7.8}, "reads 7.80 m/s^2 for gravity"),
+        ({"gravity_mps2": None}, "reads nothing for gravity"),
+    ],
+)
+@pytest.mark.parametrize("limits", [EU_LIMITS, Limits(ISO, (EU,))])
+def test_without_grounds_nothing_is_called_below(grounds, because, limits):
+    seat = judge(upward(0.1, 1.0, HOUR), limits=limits, **grounds)
+    assert seat.zone == "undecided" and because in seat.zone_reason
+    assert [each.zone for each in seat.beside] == ["undecided"]
+    # What is reached is reached all the same; how far beyond, is not known.
+    action = judge(upward(0.1, 10.0, HOUR), limits=limits, **grounds)
+    assert action.zone == "above_action_value" and because in action.zone_reason
+    limit = judge(upward(0.1, 22.0, HOUR), limits=limits, **grounds)
+    assert limit.zone == "above_limit_value" and because not in limit.zone_reason
+
+
+@given(
+    st.floats(0.0, 5.0), st.floats(0.0, 40.0), st.floats(0.0, 12.0 * HOUR), st.floats(0.0, 1000.0), st.integers(0, 3),
+    st.booleans(), st.sampled_from([0.0, 1e-3]),
+)  # fmt: skip
+@example(0.1, 1.0, 3600.0, 0.0, 0, False, 1e-3)
+def test_a_bound_never_gives_green(aw, vdv, seconds, missing, clipped, silent, plane):
+    seat = judge(
+        upward(aw, vdv, seconds), Plane((plane, plane), (plane, plane)), missing_s=missing, clipped_samples=clipped,
+        silent=silent,
+    )  # fmt: skip
+    assert len(seat.zone_reason) > 20
+    if seat.zone == "below_action_value":
+        assert seat.a8_so_far_mps2 < 0.5 and seat.vdv_so_far_mps175 < 9.1
+        assert clipped == 0 and not silent and plane > 0.0 and seconds > 0.0
+        assert missing <= 0.01 * (seconds + missing)
+        assert "at least" not in seat.zone_reason
+    assert (seat.zone == "above_limit_value") == (seat.a8_so_far_mps2 >= 1.15 or seat.vdv_so_far_mps175 >= 21.0)
+
+
+def test_exactly_one_percent_missing_is_allowed_and_a_little_more_is_not():
+    assert judge(upward(0.1, 1.0, 3564.0), missing_s=36.0).zone == "below_action_value"
+    assert "36 s are missing, within the 1 % allowed" in judge(upward(0.1, 1.0, 3564.0), missing_s=36.0).zone_reason
+    assert judge(upward(0.1, 1.0, 3564.0), missing_s=36.01).zone == "undecided"
+
+
+def test_what_the_missing_seconds_would_have_reached_is_not_called_below():
+    # 0.5 m/s^2 for eight hours less 36 s that are missing: 0.4997 so far, 0.5 if they were like the rest.
+    seat = judge(upward(0.5, 1.0, 8.0 * HOUR - 36.0), missing_s=36.0)
+    assert seat.a8_so_far_mps2 < 0.5
+    assert seat.zone == "undecided" and "if the 36 s missing were like the rest" in seat.zone_reason
+    assert seat.time_to_action_value_s == pytest.approx(0.0, abs=1e-6)
+
+
+def test_nothing_counted_is_undecided_without_times():
+    seat = judge(upward(0.0, 0.0, 0.0), Plane((0.0, 0.0), (0.0, 0.0)), project=True)
+    assert seat.zone == "undecided" and "nothing was counted" in seat.zone_reason
     assert seat.time_to_action_value_s is None and seat.time_to_limit_value_s is None
     assert (seat.a8_so_far_mps2, seat.vdv_so_far_mps175, seat.seconds) == (0.0, 0.0, 0.0)
+    assert seat.a8_projected_8h_mps2 is None and seat.projected_from_s is None
+    assert [ratio.exceeded for ratio in seat.shock_ratios] == [None, None, None]
+
+
+def test_the_sets_beside_are_judged_by_their_own_values():
+    seat = judge(upward(0.1, 8.8, HOUR))
+    (iso,) = seat.beside
+    assert (seat.source, seat.zone) == ("2002/44/EC", "below_action_value")
+    assert (iso.source, iso.zone, iso.governing) == ("ISO 2631-1 caution zone", "above_action_value", "vdv")
+    assert iso.time_to_action_value_s == 0.0
+    assert iso.time_to_limit_value_s == pytest.approx(HOUR * ((17.0 / 8.8) ** 4 - 1.0))
+    # 2.0 m/s^2 for three hours is above the directive's limit value of A(8), of which the other set knows nothing.
+    loud = judge(upward(2.0, 1.0, 3.0 * HOUR))
+    assert (loud.zone, loud.beside[0].zone) == ("above_limit_value", "below_action_value")
+    assert "A(8)" not in loud.beside[0].zone_reason
+
+
+# --- times -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("grounds", [{"clipped_samples": 1}, {"missing_s": 40.0}])
+@pytest.mark.parametrize("vdv", [5.0, 30.0])
+def test_times_and_projections_are_withheld_where_samples_are_missing_or_clipped(grounds, vdv):
+    seat = judge(upward(1.0, vdv, HOUR), project=True, **grounds)
+    assert seat.time_to_action_value_s is None and seat.time_to_limit_value_s is None
+    assert seat.beside[0].time_to_limit_value_s is None
+    assert seat.a8_projected_8h_mps2 is None and seat.vdv_projected_8h_mps175 is None
+    assert seat.withheld is not None and seat.lower_bound
+    assert seat.a8_so_far_mps2 == pytest.approx(math.sqrt(1.0 / 8.0)) and seat.governing in ("a8", "vdv")
 
 
 def test_a_seat_at_rest_reaches_nothing_ever():
-    seat = judge(upward(0.0, 0.0, HOUR))
+    seat = judge(upward(0.0, 0.0, HOUR), Plane((0.0, 0.0), (0.0, 0.0)))
     assert seat.time_to_action_value_s is None and seat.time_to_limit_value_s is None
+    assert seat.withheld is None and seat.axis == "z"
 
 
 @given(st.floats(0.01, 5.0), st.floats(0.01, 40.0), st.floats(60.0, 12.0 * HOUR))
@@ -155,20 +301,152 @@ def test_after_the_time_left_the_value_is_just_reached(aw, vdv, seconds):
     assert seat.time_to_limit_value_s >= left
 
 
+@given(
+    st.floats(0.01, 5.0), st.floats(0.01, 40.0), st.floats(60.0, 12.0 * HOUR), st.floats(1.0, 2.0), st.floats(1.0, 2.0),
+    st.floats(0.0, 2.0), st.floats(0.0, 0.009),
+)  # fmt: skip
+def test_more_exposure_never_leaves_more_time(aw, vdv, seconds, louder, harsher, sideways, missing):
+    less = judge(upward(aw, vdv, seconds))
+    more = judge(
+        upward(louder * aw, harsher * vdv, seconds), Plane((sideways * aw + 1e-3, 1e-3), (1e-3, 1e-3)),
+        missing_s=missing * seconds,
+    )  # fmt: skip
+    order = ["below_action_value", "undecided", "above_action_value", "above_limit_value"]
+    for of_more, of_less in zip((more, *more.beside), (less, *less.beside), strict=True):
+        assert of_more.time_to_action_value_s <= of_less.time_to_action_value_s * (1.0 + 1e-12)
+        assert of_more.time_to_limit_value_s <= of_less.time_to_limit_value_s * (1.0 + 1e-12)
+        assert order.index(of_more.zone) >= order.index(of_less.zone)
+
+
+# --- projection ------------------------------------------------------------------------------------------------------
+
+
+def test_half_an_hour_is_projected_to_eight_by_its_powers():
+    seat = judge(upward(0.4, 3.0, 0.5 * HOUR))
+    assert seat.a8_projected_8h_mps2 == pytest.approx(0.4)  # the mean goes on
+    assert seat.vdv_projected_8h_mps175 == pytest.approx(6.0)  # sixteen times as long, twice the dose
+    assert seat.projected_from_s == 0.5 * HOUR
+
+
+@pytest.mark.parametrize(
+    ("seconds", "asked", "given_"),
+    [(1199.0, False, False), (1199.0, True, True), (1200.0, False, True), (8 * HOUR, False, True),
+     (8.1 * HOUR, True, False)],
+)  # fmt: skip
+def test_a_projection_wants_twenty_minutes_and_no_more_than_the_day_it_projects_to(seconds, asked, given_):
+    seat = judge(upward(0.4, 3.0, seconds), project=asked)
+    projected = (seat.a8_projected_8h_mps2, seat.vdv_projected_8h_mps175, seat.projected_from_s)
+    assert [value is not None for value in projected] == 3 * [given_]
+
+
+@given(st.floats(0.01, 5.0), st.floats(0.01, 40.0), st.floats(1200.0, 8.0 * HOUR))
+def test_a_projection_below_the_values_means_that_eight_hours_fit(aw, vdv, seconds):
+    seat = judge(upward(aw, vdv, seconds))
+    projected = max(seat.a8_projected_8h_mps2 / 0.5, seat.vdv_projected_8h_mps175 / 9.1)
+    assume(abs(projected - 1.0) > 1e-9)
+    assert (projected < 1.0) == (seconds + seat.time_to_action_value_s > 8.0 * HOUR)
+
+
+# --- shocks ----------------------------------------------------------------------------------------------------------
+
+
+def ratios(seat: SeatExposure) -> dict[str, tuple[float | None, bool | None]]:
+    """Value and whether it fires, by name."""
+    return {ratio.name: (ratio.value, ratio.exceeded) for ratio in seat.shock_ratios}
+
+
+def test_the_ratios_of_the_vertical_and_which_of_them_fire():
+    seat = judge(upward(0.5, 0.5 * 1.8 * 10.0, 10_000.0, mtvv=1.4, peak=9.5))
+    assert ratios(seat) == {
+        "crest_factor": (pytest.approx(9.5), True),
+        "mtvv_over_aw": (pytest.approx(1.4), False),
+        "vdv_over_aw_t": (pytest.approx(1.8), True),
+    }
+    assert [(ratio.threshold, ratio.clause) for ratio in seat.shock_ratios] == [
+        (9.0, "6.2.2"), (1.5, "6.3.3"), (1.75, "6.3.3"),
+    ]  # fmt: skip
+
+
+def test_a_horizontal_axis_has_no_measured_peak_to_clear_it():
+    seat = judge(upward(0.1, 0.1, 10_000.0, mtvv=3.0, peak=20.0), Plane((0.5, 0.5 * 1.2 * 10.0), (0.1, 0.1)))
+    assert seat.axis == "x"
+    assert ratios(seat) == {
+        "crest_factor": (None, None), "mtvv_over_aw": (None, None), "vdv_over_aw_t": (pytest.approx(1.2), False),
+    }  # fmt: skip
+
+
+# --- through the meters ----------------------------------------------------------------------------------------------
+
+
+def weighted_sine(seconds: float, rate_hz: float = 500.0) -> tuple[Dose, HorizontalMeter, float]:
+    """A vertical sine of weighted rms 1.0 (Wk(8 Hz) = 1.036, ISO 2631-1, Table 3) and a little of it sideways."""
+    time = np.arange(round(seconds * rate_hz)) / rate_hz
+    wave = math.sqrt(2.0) / 1.036 * np.sin(2.0 * np.pi * 8.0 * time)
+    up, plane = DoseMeter("Wk", rate_hz, 1, 10.0), HorizontalMeter(rate_hz, 10.0)
+    up.push(wave[:, None])
+    plane.push(np.column_stack([0.1 * wave, 0.05 * wave]))
+    return up.since_reset()[0], plane, 1.0
+
+
+def test_a_sine_of_known_weighted_rms():
+    dose, plane, aw = weighted_sine(100.0)
+    seat = seat_exposure(dose, plane, 0.0, EU_LIMITS, COMPLETE, project=True)
+    assert seat.zone == "below_action_value" and seat.horizontal == "yaw_given"
+    assert seat.a8_so_far_mps2 == pytest.approx(aw * math.sqrt(100.0 / 28_800.0), rel=5e-3)
+    # The fourth power of a sine is 3/8 of its peak's, 3/2 of its rms's.
+    assert seat.vdv_so_far_mps175 == pytest.approx(aw * 1.5**0.25 * 100.0**0.25, rel=5e-3)
+    # VDV comes first: 9.1^4 / 1.5 = 4572 s in all, where A(8) would allow two hours.
+    assert seat.governing == "vdv"
+    assert seat.time_to_action_value_s == pytest.approx(9.1**4 / 1.5 - 100.0, rel=1e-2)
+    assert seat.a8_projected_8h_mps2 == pytest.approx(1.0, rel=5e-3)
+    found = ratios(seat)
+    assert found["vdv_over_aw_t"] == (pytest.approx(1.5**0.25, rel=2e-3), False)
+    assert found["mtvv_over_aw"] == (pytest.approx(1.0, abs=0.05), False)
+    assert found["crest_factor"][1] is False
+
+
+def test_a_single_axis_sensor_through_the_meters():
+    rate_hz = 500.0
+    wave = np.sin(2.0 * np.pi * 8.0 * np.arange(5000) / rate_hz)
+    up, plane = DoseMeter("Wk", rate_hz, 1, 10.0), HorizontalMeter(rate_hz, 10.0)
+    up.push(wave[:, None])
+    plane.push(np.zeros((5000, 2)))
+    seat = seat_exposure(up.since_reset()[0], plane, None, EU_LIMITS, COMPLETE)
+    assert (seat.horizontal, seat.zone, set(seat.aw_weighted_mps2)) == ("missing", "undecided", {"z"})
+
+
 # --- the file --------------------------------------------------------------------------------------------------------
 
 
-def test_the_shipped_limits_are_those_of_the_directive():
-    assert load_limits(SHIPPED) == EU_LIMITS == Limits("2002/44/EC", 0.5, 9.1, 1.15, 21.0)
+def as_file(limits: LimitSet) -> dict[str, object]:
+    """What a file says of a set: what it does not state is left out."""
+    return {name: value for name, value in limits.to_dict().items() if value is not None}
+
+
+def test_the_shipped_limits_are_the_directive_and_beside_it_the_papers_pair():
+    assert load_limits(SHIPPED) == EU_LIMITS
+    assert EU_LIMITS.deciding == LimitSet("2002/44/EC", 0.5, 9.1, 1.15, 21.0)
+    assert EU_LIMITS.beside == (LimitSet("ISO 2631-1 caution zone", None, 8.5, None, 17.0),)
 
 
 @pytest.fixture
-def refused(tmp_path):
+def written(tmp_path):
+    """Writes a limits file and hands back its path."""
+
+    def write(content: object) -> Path:
+        path = tmp_path / "mine.yaml"
+        path.write_text(content if isinstance(content, str) else yaml.safe_dump(content), encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def refused(written):
     """Writes a limits file and hands back the one line it is refused with, file named."""
 
     def refuse(content: object) -> str:
-        path = tmp_path / "mine.yaml"
-        path.write_text(content if isinstance(content, str) else yaml.safe_dump(content), encoding="utf-8")
+        path = written(content)
         with pytest.raises(InputError) as told:
             load_limits(path)
         assert str(told.value).startswith(f"{path}: ") and "\n" not in str(told.value)
@@ -177,30 +455,63 @@ def refused(tmp_path):
     return refuse
 
 
-def test_limits_of_ones_own_come_back(tmp_path):
-    path = tmp_path / "mine.yaml"
-    mine = Limits("the paper", 0.5, 8.5, 1.15, 17.0)
-    path.write_text(yaml.safe_dump(mine.to_dict()), encoding="utf-8")
-    assert load_limits(path) == mine
+def test_a_file_of_one_set_decides_by_itself(written):
+    mine = LimitSet("the paper", 0.5, 8.5, 1.15, 17.0)
+    assert load_limits(written(as_file(mine))) == Limits(mine)
+    assert load_limits(written(as_file(ISO))) == Limits(ISO)
 
 
-@pytest.mark.parametrize("key", sorted(EU_LIMITS.to_dict()))
-def test_a_missing_key_and_one_too_many_are_refused(refused, key):
-    limits = EU_LIMITS.to_dict()
+def test_a_file_of_several_sets_says_which_decides(written):
+    mine = LimitSet("works council", 0.4, None, 0.9, None)
+    sets = [as_file(each) for each in (EU, mine, ISO)]
+    assert load_limits(written({"decides": "works council", "sets": sets})) == Limits(mine, (EU, ISO))
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"decides": "2002/44/EC"}, "missing, unknown or wrong: sets"),
+        ({"sets": [as_file(EU)]}, "missing, unknown or wrong: decides"),
+        ({"sets": [as_file(EU)], "decides": "2002/44/EC", "colour": "red"}, "missing, unknown or wrong: colour"),
+        ({"sets": {"EU": as_file(EU)}, "decides": "2002/44/EC"}, "sets is no list"),
+        ({"sets": [], "decides": "2002/44/EC"}, "an empty one"),
+        (
+            {"sets": [as_file(EU)], "decides": "ISO"},
+            "decides is 'ISO', allowed are the sources of the sets: 2002/44/EC",
+        ),
+        ({"sets": [as_file(EU)], "decides": ["2002/44/EC"]}, "decides is ['2002/44/EC']"),
+        ({"sets": [as_file(EU), as_file(EU)], "decides": "2002/44/EC"}, "'2002/44/EC' is there twice"),
+        ({"sets": [as_file(EU), 7], "decides": "2002/44/EC"}, "sets[1]: source is needed"),
+        ({"sets": [as_file(EU), {"source": "x"}], "decides": "2002/44/EC"}, "sets[1]: no value at all"),
+    ],
+)
+def test_several_sets_that_do_not_fit_are_told(refused, content, said):
+    assert said in refused(content)
+
+
+@pytest.mark.parametrize("key", ["action_a8_mps2", "action_vdv_mps175", "limit_a8_mps2", "limit_vdv_mps175"])
+def test_half_a_pair_and_a_key_too_many_are_refused(refused, key):
+    limits = EU.to_dict()
     del limits[key]
-    assert key in refused(limits)
-    assert "exactly the keys" in refused({**EU_LIMITS.to_dict(), "action_a8": 0.5})
+    said = refused(limits)
+    assert key in said and "come together" in said
+    assert "unknown: action_a8" in refused({**EU.to_dict(), "action_a8": 0.5})
+
+
+@pytest.mark.parametrize("source", [None, "", "  ", 2631, ["a"]])
+def test_a_set_says_where_it_comes_from(refused, source):
+    assert "source is " in refused({**EU.to_dict(), "source": source})
 
 
 @pytest.mark.parametrize("key", ["action_a8_mps2", "action_vdv_mps175", "limit_a8_mps2", "limit_vdv_mps175"])
 @pytest.mark.parametrize("value", [0, -1.0, float("nan"), float("inf"), "0.5", True, None, [0.5], 10**400])
 def test_what_is_no_positive_number_is_named(refused, key, value):
-    assert f"{key} is " in refused({**EU_LIMITS.to_dict(), key: value})
+    assert f"{key} is " in refused({**EU.to_dict(), key: value})
 
 
-@pytest.mark.parametrize("text", ["", "- 1\n", "5\n"])
+@pytest.mark.parametrize("text", ["", "- 1\n", "5\n", "action_a8_mps2: 0.5\n"])
 def test_a_file_that_holds_something_else_is_refused(refused, text):
-    assert "exactly the keys" in refused(text)
+    assert "source is needed" in refused(text)
 
 
 @pytest.mark.parametrize("text", ["a: [1\n", "source: 2024-13-45\n", "a: \x00\n"])
@@ -208,14 +519,16 @@ def test_a_file_that_is_no_yaml_is_refused(refused, text):
     assert "cannot be read as YAML" in refused(text)
 
 
+def test_a_value_given_twice_is_refused(refused):
+    assert "limit_a8_mps2: given twice" in refused(yaml.safe_dump(EU.to_dict()) + "limit_a8_mps2: 5.0\n")
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"none\.yaml: cannot be read"):
         load_limits(tmp_path / "none.yaml")
 
 
-def test_a_limit_below_its_action_value_is_refused_by_name(tmp_path):
-    path = tmp_path / "limits.yaml"
-    given = {**EU_LIMITS.to_dict(), "limit_vdv_mps175": 5.0}
-    path.write_text("\n".join(f"{key}: {value}" for key, value in given.items()), encoding="utf-8")
-    with pytest.raises(InputError, match="limit_vdv_mps175 lies below action_vdv_mps175"):
-        load_limits(path)
+@pytest.mark.parametrize("measure", ["a8_mps2", "vdv_mps175"])
+def test_a_limit_below_its_action_value_is_refused_by_name(refused, measure):
+    said = refused({**EU.to_dict(), f"limit_{measure}": 0.3})
+    assert f"limit_{measure} lies below action_{measure}" in said

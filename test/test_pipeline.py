@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 from streams import PERFECT, START_NS, independent_streams, noisy_streams, subject
 
 from biodyn_core import kernels
 from biodyn_core.errors import InputError
+from biodyn_core.exposure import DoseMeter
 from biodyn_core.model import Stepper
 from biodyn_core.pipeline import Exposure, Pipeline, PipelineSettings
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS
@@ -31,10 +33,15 @@ class Run:
     pipeline: Pipeline
 
 
-def run(streams: tuple[ImuStream, ...], order: list[tuple[str, int, int]], finish: bool = True) -> Run:
+def run(
+    streams: tuple[ImuStream, ...],
+    order: list[tuple[str, int, int]],
+    finish: bool = True,
+    pipeline: Pipeline | None = None,
+) -> Run:
     """Push the cuts (sensor, first, end) in the order given."""
     by_name = {stream.sensor: stream for stream in streams}
-    pipeline = Pipeline(subject())
+    pipeline = pipeline or Pipeline(subject())
     frames = [pipeline.push(n, by_name[n].stamps_ns[a:b], by_name[n].accel_mps2[a:b]) for n, a, b in order]
     if finish:
         frames.append(pipeline.finish())
@@ -218,6 +225,136 @@ def test_reset_leaves_nothing_of_the_prediction_behind_either() -> None:
     assert {dose.seconds for dose in exposure.sensors.values()} == {0.0}
 
 
+def test_reset_forgets_what_made_figures_lower_bounds() -> None:
+    streams = noisy_streams()
+    by_name = {stream.sensor: stream for stream in streams}
+    seat = by_name[SEAT].accel_mps2.copy()
+    seat[1900] = 160.0
+    cuts = [cut for cut in in_turn(streams, 100) if cut[0] != SEAT or not 2000 <= cut[1] < 2300]
+    pipeline = Pipeline(subject())
+    for name, a, b in cuts:
+        if (name, a) == (SEAT, 2800):
+            assert pipeline.lower_bound(SEAT) and pipeline.clipped(SEAT) == 1
+            assert pipeline.missing_s(SEAT) == pytest.approx(300 / 1129.3, abs=2e-3)
+            pipeline.reset()
+        accel = seat if name == SEAT else by_name[name].accel_mps2
+        pipeline.push(name, by_name[name].stamps_ns[a:b], accel[a:b])
+    assert not pipeline.lower_bound(SEAT)
+    assert (pipeline.clipped(SEAT), pipeline.missing_s(SEAT)) == (0, 0.0)
+    assert pipeline.status(SEAT).clipped == 1  # the diagnostics go on counting
+
+
+def test_a_sensor_that_joins_late_says_how_much_it_missed() -> None:
+    streams = noisy_streams()
+    cuts = [cut for cut in in_turn(streams, 100) if cut[0] != SEAT or cut[1] >= 1400]
+    pipeline = run(streams, cuts).pipeline
+    # It came after the others, and then in motion: what passed until it was at rest is missing too.
+    moving_s = pipeline.status(SEAT).unrested_s
+    assert moving_s > 0.5 and pipeline.status("head").unrested_s == 0.0
+    assert pipeline.missing_s(SEAT) == pytest.approx(1400 / 1129.3 + moving_s, abs=0.01)
+    assert pipeline.lower_bound(SEAT)
+    assert pipeline.missing_s("head") == 0.0
+    assert pipeline.seconds() == pytest.approx(len(streams[1].stamps_ns) / 1129.3, abs=2e-3)
+
+
+def test_one_wild_stamp_is_no_duration() -> None:
+    streams = list(noisy_streams())
+    stamps = streams[0].stamps_ns.copy()
+    stamps[2500] += 3600 * 10**9
+    streams[0] = dataclasses.replace(streams[0], stamps_ns=stamps)
+    result = run(tuple(streams), in_turn(tuple(streams)))
+    assert result.pipeline.seconds() == pytest.approx(len(stamps) / 1129.3, abs=2e-3)
+    assert result.pipeline.status(SEAT).stray == 1
+    assert result.pipeline.missing_s(SEAT) == pytest.approx(1 / 1129.3, rel=1e-3)  # one sample, interpolated
+
+
+def test_zero_phase_is_the_paper_s_filter_without_delay_for_any_cut() -> None:
+    streams = independent_streams()
+    whole = run(streams, in_turn(streams), pipeline=Pipeline(subject(), mode="zero_phase"))
+    sample = run(streams, in_turn(streams, 77), pipeline=Pipeline(subject(), mode="zero_phase"))
+    np.testing.assert_array_equal(whole.predicted, sample.predicted)
+    np.testing.assert_array_equal(whole.measured, sample.measured)
+    assert set(whole.predicted_ns) <= set(streams[0].stamps_ns)  # no delay on the stamps
+    seat = streams[0].accel_mps2[:, 2] - streams[0].accel_mps2[0, 2]
+    first = len(seat) - len(whole.measured)
+    sos = signal.butter(4, 100.0, fs=1129.3, output="sos")
+    wanted = signal.sosfiltfilt(sos, seat[first:])
+    np.testing.assert_allclose(whole.measured[:, 0], wanted, atol=1e-6)
+    # Perfect sensors on the same model, integrated by another method: only what the filter takes away remains.
+    assert all(percent < 0.05 for _, percent in whole.exposure.residual.values())
+
+
+def test_the_low_passed_dose_of_the_seat_does_not_ring_across_its_gap() -> None:
+    streams = noisy_streams()
+    cuts = [cut for cut in in_turn(streams, 100) if cut[0] != SEAT or not 2000 <= cut[1] < 2300]
+    before = run(streams, [cut for cut in cuts if cut[1] < 2000])
+    after_ns = streams[0].stamps_ns[2300]
+    whole = run(streams, cuts)
+    answered = whole.measured_ns >= after_ns - 4_100_000
+    fresh = DoseMeter("Wk", 1129.3, 1, 10.0)
+    fresh.push(np.ascontiguousarray(whole.measured[answered, :1]))
+    parts = before.exposure.measured_low_passed[SEAT].vdv_mps175 ** 4 + fresh.since_reset()[0].vdv_mps175 ** 4
+    assert whole.exposure.measured_low_passed[SEAT].vdv_mps175 ** 4 == pytest.approx(parts, rel=0.02)
+
+
+def test_further_weightings_are_counted_on_request() -> None:
+    streams = noisy_streams()
+    pipeline = Pipeline(subject(), settings=PipelineSettings(also_weighted="Wj, Wk Wb"))
+    exposure = run(streams, in_turn(streams), pipeline=pipeline).exposure
+    assert list(exposure.also) == ["Wk", "Wb", "Wj"] or set(exposure.also) == {"Wk", "Wb", "Wj"}
+    assert exposure.also["Wk"] == exposure.sensors
+    assert exposure.also["Wj"][SEAT].vdv_mps175 > exposure.also["Wk"][SEAT].vdv_mps175  # Wj is 1 where Wk falls
+    assert run(streams, in_turn(streams)).exposure.also == {}
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"also_weighted": "Wk Wx"}, "also_weighted 'Wx' is no weighting, known are Wk, Wd"),
+        ({"vertical": "seat=0,0"}, "vertical 'seat=0,0': expected sensor=x,y,z with a sensor of seat, pelvis"),
+        ({"vertical": "knee=0,0,1"}, "vertical 'knee=0,0,1': expected sensor=x,y,z"),
+        ({"vertical": "seat=0,0,0"}, "vertical 'seat=0,0,0': expected sensor=x,y,z"),
+        ({"vertical": "seat=0,nan,1"}, "vertical 'seat=0,nan,1': expected sensor=x,y,z"),
+        ({"vertical": "seat=0,inf,1"}, "vertical 'seat=0,inf,1': expected sensor=x,y,z"),
+    ],
+)
+def test_settings_in_words_are_checked_word_by_word(given: dict[str, str], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        PipelineSettings(**given)
+
+
+def test_a_given_vertical_serves_a_driver_that_takes_gravity_off() -> None:
+    streams = noisy_streams()
+    plain = run(streams, in_turn(streams)).exposure
+    up = streams[0].accel_mps2[:900].mean(axis=0)
+    bare = [dataclasses.replace(s, accel_mps2=s.accel_mps2 - up) if s.sensor == SEAT else s for s in streams]
+    refused = run(tuple(bare), in_turn(streams)).pipeline
+    assert "without gravity the vertical is unknown" in refused.status(SEAT).fault
+    words = "seat=" + ",".join(repr(float(v)) for v in up)
+    given = run(tuple(bare), in_turn(streams), pipeline=Pipeline(subject(), settings=PipelineSettings(vertical=words)))
+    assert given.pipeline.status(SEAT).gravity_mps2 == pytest.approx(0.0, abs=0.01)
+    wanted, found = plain.sensors[SEAT], given.exposure.sensors[SEAT]
+    assert found.vdv_mps175 == pytest.approx(wanted.vdv_mps175, rel=1e-3)
+
+
+def test_what_every_output_waits_for_is_stated() -> None:
+    streams = noisy_streams()
+    assert Pipeline(subject()).latency() == {}
+    latency = run(streams, in_turn(streams)).pipeline.latency()
+    assert latency["predicted"] == pytest.approx((4.05e-3, 0.0, 0.0), abs=1e-5)
+    assert latency["residual"] == latency["measured"] == pytest.approx((4.05e-3, 4 / 1129.3, 1.0), abs=1e-5)
+    assert latency["exposure"] == (0.0, 0.0, 0.0)
+
+
+def test_without_a_seat_nothing_piles_up() -> None:
+    stamps = START_NS + np.rint(np.arange(60_000) * (1e9 / 1129.3)).astype(np.int64)
+    samples = np.random.default_rng(1).normal((0.0, 0.0, 9.81), 0.01, (60_000, 3))
+    pipeline = Pipeline(subject())
+    for at in range(0, 60_000, 500):
+        pipeline.push("head", stamps[at : at + 500], samples[at : at + 500])
+    assert sum(block.time_s.size for block in pipeline._early["head"]) < 3 * 1129
+
+
 class _Fragile(Stepper):
     """A chain that leaves the finite numbers at a few samples of its own choosing, and stays there until reset."""
 
@@ -237,7 +374,7 @@ class _Fragile(Stepper):
 
 
 def test_a_diverging_model_predicts_nothing_and_starts_anew_for_any_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("biodyn_core.pipeline.Stepper", _Fragile)
+    monkeypatch.setattr("biodyn_core.prediction.Stepper", _Fragile)
     runs = [run(noisy_streams(), in_turn(noisy_streams(), size)) for size in (1, 37, 280)]
     assert runs[0].pipeline.divergences >= 2
     assert 2 <= np.isnan(runs[0].predicted).all(axis=1).sum() == runs[0].pipeline.divergences

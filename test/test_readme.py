@@ -20,7 +20,7 @@ def rows() -> list[str]:
     lines = []
     for item in (item for kind in SETTINGS for item in dataclasses.fields(kind)):
         allowed = item.metadata["range"]
-        default = "unknown" if item.default is None else str(item.default).lower() or "-"
+        default = "none" if item.default is None else str(item.default).lower() or "-"
         span = f"{allowed.lower:g} to {allowed.upper:g} {allowed.unit}".strip() if math.isfinite(allowed.lower) else ""
         lines.append(f"| `{item.name}` | {default} | {span} | {allowed.meaning} |")
     return lines

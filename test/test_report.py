@@ -22,8 +22,9 @@ from biodyn_core.pipeline import NO_PREDICTED, Frames, PredictedFrames
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_ros import traces as traces_of_replay
 from biodyn_ros.report import judge, write_replay_report
+from biodyn_ros.summary import summary
 from biodyn_ros.traces import DIGEST_SAMPLES, ENVELOPE_BIN_NS, ENVELOPE_BINS, RECENT_SAMPLES, Envelope, Traces
-from biodyn_ros.wording import bound, duration, number
+from biodyn_ros.wording import bound, duration, number, sentence, shocks, time_left
 
 START_NS = 1_767_225_600 * 10**9 + 37
 RATE_HZ = 1000.0
@@ -49,6 +50,17 @@ def measured(level: float) -> dict[str, object]:
     return dose(level, clipped_samples=0, missing_s=0.0, lower_bound=False)
 
 
+def ratios(axis: str = "z", crest: float | None = 7.25, mtvv: float | None = 1.31) -> dict[str, object]:
+    """The shock ratios of the governing axis."""
+    found = {"crest_factor": (crest, 9.0, "6.2.2"), "mtvv_over_aw": (mtvv, 1.5, "6.3.3"),
+             "vdv_over_aw_t": (1.21, 1.75, "6.3.3")}  # fmt: skip
+    rows = {
+        name: {"value": value, "threshold": at, "exceeded": None if value is None else value > at, "clause": clause}
+        for name, (value, at, clause) in found.items()
+    }
+    return {"axis": axis} | rows
+
+
 def document() -> dict[str, object]:
     """What exposure_document makes of a quiet recording without fault."""
     return {
@@ -59,12 +71,24 @@ def document() -> dict[str, object]:
         "seconds": 61.25,
         "uncounted_s": 0.75,
         "window_s": 10.0,
-        "limits": EU_LIMITS.to_dict(),
+        "limits": EU_LIMITS.deciding.to_dict(),
+        "limits_beside": [
+            EU_LIMITS.beside[0].to_dict() | {"zone": "below_action_value", "zone_reason": "lower than 8.5"}
+        ],
         "sensors": {name: measured(0.1 + 0.011 * i) for i, name in enumerate(SENSORS)},
-        "predicted": {name: dose(0.2 + 0.013 * i, status="not_validated") for i, name in enumerate(SEGMENTS)},
+        "predicted": {name: measured(0.2 + 0.013 * i) | {"status": "not_validated"} for i, name in enumerate(SEGMENTS)},
         "measured_low_passed": {name: measured(0.3 + 0.017 * i) for i, name in enumerate(SENSORS)},
         "seat": {
+            "source": "2002/44/EC",
+            "zone": "below_action_value",
+            "zone_reason": "everything is below",
+            "seconds": 60.5,
             "axis": "z",
+            "a8_axis": "worst_direction",
+            "vdv_axis": "z",
+            "withheld": None,
+            "projected_from_s": None,
+            "shock_ratios": ratios(),
             "horizontal": "worst_direction",
             "aw_weighted_mps2": {"worst_direction": 0.0313, "z": 0.412},
             "vdv_weighted_mps175": {"worst_direction": 0.213, "z": 2.317},
@@ -248,7 +272,10 @@ def test_the_page_says_every_figure_with_its_unit(tmp_path):
     text = page_of(tmp_path, document()).text
     for expected in (
         "Replay of rail.mcap", "subject_1", "segment", "61.2 s", "0.75 s", "0.1.0", "causal",
-        "Below the action values so far", "A(8), m/s2 0.0187 0.5 1.15 z", "VDV, m/s1.75 2.32 9.1 21.0 z",
+        "Below the action values so far", "A(8), m/s2 0.0187 0.5 1.15 worst direction",
+        "VDV, m/s1.75 2.32 9.1 21 z", "Everything is below.",
+        "Beside, ISO 2631-1 caution zone: below the action values so far. Lower than 8.5.",
+        "no additional evaluation asked for (ISO 2631-1:1997, axis z): crest factor 7.25, MTVV/aw 1.31",
         "Governed by VDV, axis z (2002/44/EC)", "4 h 0 min left", "more than 24 h left", "use the seat alone",
         "No yaw given", "worst direction 0.0313 0.213 1.4 0.0438 0.298",
         "Residual at worst 15.0 % of the measured rms (head)", "neck 0.123 14.0",
@@ -299,63 +326,129 @@ def test_a_bag_name_that_is_not_utf8_does_not_stop_the_page(tmp_path):
 
 def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
     changed = copy.deepcopy(document())
-    changed["seat"] |= {"lower_bound": True, "time_to_action_value_s": None, "time_to_limit_value_s": None}
-    changed["sensors"]["seat"] |= {"lower_bound": True, "missing_s": 1.234}
+    changed["seat"] |= {
+        "lower_bound": True, "time_to_action_value_s": None, "time_to_limit_value_s": None, "zone": "undecided",
+        "zone_reason": "too much is missing", "withheld": "1.23 s are missing at the seat, more than 1 %",
+    }  # fmt: skip
+    for dose_of_seat in (changed["sensors"]["seat"], *changed["predicted"].values()):
+        dose_of_seat |= {"lower_bound": True, "missing_s": 1.234}
     changed["sensors"]["head"] |= {"lower_bound": True, "clipped_samples": 17}
     page = page_of(tmp_path, changed)
     for expected in (
-        "No verdict: the seat's figures are lower bounds", "A(8), m/s2 >= 0.0187", "VDV, m/s1.75 >= 2.32",
-        "1.234 s are missing and 0 samples are clipped", "time left withheld",
+        "Undecided: no verdict on the seat", "Too much is missing.", "A(8), m/s2 >= 0.0187", "VDV, m/s1.75 >= 2.32",
+        "1.234 s are missing and 0 samples are clipped",
+        "Action value: time left withheld, because 1.23 s are missing at the seat, more than 1 %.",
         "seat 0.100 >= 0.500 >= 0.200 7.25 >= 0.900 1.234 0",
         "head >= 0.155 >= 0.775 >= 0.310 7.25 >= 1.40 0.000 17",
         "pelvis 0.200 0.317 >= 1.00 1.58 >= 0.400", "DRI >= 6.78", "HIC15 >= 1.23 >= 0.456 >= 0.567 565",
+        "undecided whether additional evaluation is asked for",
     ):  # fmt: skip
         assert expected in page.text, expected
-    assert judge(changed).tone == "none"
+    assert 'class="strip good"' not in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_vertical_only_seat_is_a_lower_bound_and_its_vertical_is_none(tmp_path):
+    changed = document()
+    changed["seat"] |= {
+        "lower_bound": True,
+        "horizontal": "missing",
+        "zone": "undecided",
+        "zone_reason": "vertical only",
+    }
+    text = page_of(tmp_path, changed).text
+    for expected in ("A(8), m/s2 >= 0.0187", "Vertical only", "at most 4 h 0 min left", "seat 0.100 0.500", "DRI 6.78"):
+        assert expected in text, expected
 
 
 @pytest.mark.parametrize(
-    ("change", "tone", "headline"),
+    ("zone", "tone", "headline"),
     [
-        ({}, "good", "Below"),
-        ({"horizontal": "yaw_given"}, "good", "Below"),
-        ({"horizontal": "missing"}, "none", "vertical only"),
-        ({"lower_bound": True}, "none", "lower bounds"),
-        ({"vdv_so_far_mps175": 9.1}, "warn", "Action value reached"),
-        ({"a8_so_far_mps2": 0.6, "lower_bound": True}, "warn", "Action value reached"),
-        ({"a8_so_far_mps2": 1.2, "horizontal": "missing"}, "bad", "Limit value reached"),
+        ("below_action_value", "good", "Below the action values so far"),
+        ("above_action_value", "warn", "Action value reached"),
+        ("above_limit_value", "bad", "Limit value reached"),
+        ("undecided", "none", "Undecided"),
     ],
 )
-def test_the_verdict(change, tone, headline):
+def test_page_and_terminal_show_the_zone_in_words_and_green_for_one_alone(tmp_path, zone, tone, headline):
     changed = document()
-    changed["seat"] |= change
+    changed["seat"] |= {"zone": zone, "zone_reason": f"because of {zone}"}
     verdict = judge(changed)
     assert verdict.tone == tone
     assert headline in verdict.headline
+    page_of(tmp_path, changed)
+    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert re.findall(r'class="strip (\w+)"', source) == [tone, "none"]
+    said = summary(changed)
+    assert f"SEAT: {headline.upper()}" in said
+    assert f"Because of {zone}." in said
+    assert "beside, ISO 2631-1 caution zone: below the action values so far" in said
+
+
+def test_without_a_seat_there_is_no_verdict():
+    verdict = judge(document() | {"seat": None})
+    assert (verdict.tone, verdict.reasons) == ("none", ())
+    assert "nothing counted" in verdict.headline
+    assert "seat: nothing counted" in summary(document() | {"seat": None})
 
 
 def test_what_is_reached_is_said_even_where_times_are_withheld():
-    changed = document()
-    changed["seat"] |= {
-        "vdv_so_far_mps175": 10.0, "lower_bound": True, "time_to_action_value_s": None, "time_to_limit_value_s": None,
+    seat = document()["seat"] | {
+        "zone": "above_action_value", "lower_bound": True, "withheld": "17 samples are clipped at the seat",
+        "time_to_action_value_s": None, "time_to_limit_value_s": None,
     }  # fmt: skip
-    reasons = " ".join(judge(changed).reasons)
-    assert "Action value: reached." in reasons
-    assert "Limit value: time left withheld" in reasons
+    assert time_left("action", seat) == "Action value: reached."
+    assert time_left("limit", seat) == "Limit value: time left withheld, because 17 samples are clipped at the seat."
+    assert time_left("limit", seat | {"zone": "above_limit_value"}) == "Limit value: reached."
 
 
 def test_time_left_of_a_lower_bound_is_at_most_that():
-    changed = document()
-    changed["seat"]["lower_bound"] = True
-    assert "Action value: at most 4 h 0 min left" in " ".join(judge(changed).reasons)
+    seat = document()["seat"]
+    assert "Action value: 4 h 0 min left" in time_left("action", seat)
+    assert "Action value: at most 4 h 0 min left" in time_left("action", seat | {"lower_bound": True})
+    assert "never reached" in time_left("action", seat | {"time_to_action_value_s": None})
 
 
 def test_projections_carry_their_length(tmp_path):
-    changed = document() | {"seconds": 1800.0}
-    changed["seat"] |= {"a8_projected_8h_mps2": 0.412, "vdv_projected_8h_mps175": 4.634}
+    changed = document()
+    assert "projected" not in summary(changed)
+    changed["seat"] |= {
+        "a8_projected_8h_mps2": 0.412, "vdv_projected_8h_mps175": 4.634, "projected_from_s": 1815.0,
+    }  # fmt: skip
     text = page_of(tmp_path, changed).text
-    assert "A(8) projected, m/s2 0.412 to 8 h, from 30 min" in text
-    assert "VDV projected, m/s1.75 4.63 to 8 h, from 30 min" in text
+    assert "A(8) projected, m/s2 0.412 to 8 h, from 30 min counted" in text
+    assert "VDV projected, m/s1.75 4.63 to 8 h, from 30 min counted" in text
+    assert "projected to 8 h from 30 min counted: A(8) 0.4120 m/s^2, VDV 4.634 m/s^1.75" in summary(changed)
+    changed["seat"] |= {"horizontal": "missing"}
+    assert "A(8) projected, m/s2 >= 0.412" in page_of(tmp_path, changed).text
+    assert "A(8) >= 0.4120 m/s^2, VDV >= 4.634 m/s^1.75" in summary(changed)
+
+
+def test_shocks_that_ask_for_more_are_flagged(tmp_path):
+    changed = document()
+    page_of(tmp_path, changed)
+    assert '<p class="flag">' not in (tmp_path / "report.html").read_text(encoding="utf-8")
+    changed["seat"]["shock_ratios"] = ratios(crest=11.2, mtvv=1.6)
+    said = (
+        "Shocks, additional evaluation asked for (ISO 2631-1:1997, axis z): crest factor 11.2 > 9 (6.2.2),"
+        " MTVV/aw 1.60 > 1.5 (6.3.3)."
+    )
+    assert said in page_of(tmp_path, changed).text
+    assert '<p class="flag">' in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert said in summary(changed)
+
+
+def test_ratios_that_were_not_measured_clear_nothing():
+    seat = document()["seat"] | {"axis": "worst_direction", "shock_ratios": ratios("worst_direction", None, None)}
+    assert shocks(seat) == (
+        "Shocks, undecided whether additional evaluation is asked for (ISO 2631-1:1997, axis worst direction):"
+        " crest factor and MTVV/aw not measured."
+    )
+
+
+def test_a_set_that_states_no_a8_shows_none(tmp_path):
+    changed = document() | {"limits": EU_LIMITS.beside[0].to_dict()}
+    assert "A(8), m/s2 0.0187 – –" in page_of(tmp_path, changed).text
+    assert "A(8) so far 0.0187 m/s^2 of no value stated, VDV so far 2.317 m/s^1.75 of 8.5 / 17" in summary(changed)
 
 
 def test_a_recording_made_by_the_model_says_so(tmp_path):
@@ -452,13 +545,19 @@ def test_a_bound_of_nothing_is_nothing():
 @pytest.mark.parametrize(
     ("seconds", "expected"),
     [
-        (8.42, "8.42 s"),
-        (59.7, "1 min"),
+        (8.42, "8.4 s"),
+        (59.96, "59.9 s"),
+        (119.9, "1 min"),
         (720.0, "12 min"),
-        (3599.0, "1 h 0 min"),
+        (3599.0, "59 min"),
         (12000.0, "3 h 20 min"),
         (1e9, "more than 24 h"),
     ],
 )
-def test_durations_are_for_people(seconds, expected):
+def test_durations_are_for_people_and_never_promise_more(seconds, expected):
     assert duration(seconds) == expected
+
+
+@pytest.mark.parametrize(("text", "expected"), [("a b", "A b."), ("is it?", "Is it?"), ("2 s are", "2 s are.")])
+def test_sentences_begin_and_end(text, expected):
+    assert sentence(text) == expected

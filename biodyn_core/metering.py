@@ -1,0 +1,120 @@
+"""Metering: one sensor's exposure, measured before the low-pass at the sensor's own rate."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.conditioning import Block
+from biodyn_core.exposure import Dose, DoseMeter, Dri, DriMeter, Hic, HicMeter, HorizontalMeter, MotionSicknessMeter
+from biodyn_core.segments import HEAD, SEAT
+from biodyn_core.weighting import WeightingName
+
+Floats = NDArray[np.float64]
+
+BATCH: Final = 128
+"""Exposure is counted in batches of at least so many samples, predictions come first. No figure depends on it."""
+
+HIC_LENGTHS_S: Final = (0.015, 0.036)
+
+
+class Batch:
+    """Gathers rows of one run until there are enough of them to be counted."""
+
+    def __init__(self) -> None:
+        self._rows: list[Floats] = []
+        self._size = 0
+
+    def add(self, rows: Floats) -> Floats | None:
+        """Add rows (n, c); returns what has gathered once it is enough."""
+        self._rows.append(rows)
+        self._size += rows.shape[0]
+        return self.take() if self._size >= BATCH else None
+
+    def take(self) -> Floats | None:
+        """Hand out what has gathered, None where that is nothing."""
+        if not self._rows:
+            return None
+        rows = np.concatenate(self._rows)
+        self._rows, self._size = [], 0
+        return rows
+
+
+class SensorMeters:
+    """Wk for every sensor, Wd, DRI and motion sickness for the seat, HIC for the head, and what else was asked for."""
+
+    def __init__(self, sensor: str, rate_hz: float, window_s: float, also: tuple[WeightingName, ...] = ()) -> None:
+        self.rate_hz = rate_hz
+        self._batch = Batch()
+        self._vertical = DoseMeter("Wk", rate_hz, 1, window_s)
+        self._also = {name: DoseMeter(name, rate_hz, 1, window_s) for name in also}
+        self._plane = HorizontalMeter(rate_hz, window_s) if sensor == SEAT else None
+        self._dri = DriMeter(rate_hz, window_s) if sensor == SEAT else None
+        self._sickness = MotionSicknessMeter(rate_hz) if sensor == SEAT else None
+        self._hics = [HicMeter(rate_hz, length, window_s) for length in HIC_LENGTHS_S] if sensor == HEAD else []
+        upward = (self._vertical, *self._also.values(), self._dri, self._sickness)
+        self._upward = [meter for meter in upward if meter is not None]
+        self._all = [*self._upward, *self._hics, *([self._plane] if self._plane else [])]
+
+    def push(self, block: Block) -> None:
+        """Count a block; nothing integrates across a break."""
+        if block.begins_run:
+            self._settle()
+            for meter in self._all:
+                meter.skip(block.gap_s)
+        self._digest(self._batch.add(block.levelled_mps2))
+
+    def _digest(self, rows: Floats | None) -> None:
+        if rows is None:
+            return
+        up = np.ascontiguousarray(rows[:, 2:])
+        for meter in self._upward:
+            meter.push(up)
+        if self._plane:
+            self._plane.push(np.ascontiguousarray(rows[:, :2]))
+        for hic in self._hics:
+            hic.push(rows)
+
+    def _settle(self) -> None:
+        self._digest(self._batch.take())
+
+    def vertical(self, rolling: bool = False) -> Dose:
+        """The vertical, Wk."""
+        self._settle()
+        return (self._vertical.rolling() if rolling else self._vertical.since_reset())[0]
+
+    def also(self, rolling: bool = False) -> dict[str, Dose]:
+        """The vertical by the further weightings."""
+        self._settle()
+        return {name: (m.rolling() if rolling else m.since_reset())[0] for name, m in self._also.items()}
+
+    def plane(self) -> HorizontalMeter:
+        """The seat's horizontal plane, Wd."""
+        self._settle()
+        assert self._plane is not None
+        return self._plane
+
+    def dri(self, rolling: bool) -> Dri:
+        """The seat's dynamic response."""
+        self._settle()
+        assert self._dri is not None
+        return self._dri.rolling() if rolling else self._dri.since_reset()
+
+    def msdv_mps15(self) -> float | None:
+        """The seat's motion sickness dose since reset, None while the record is too short for one."""
+        self._settle()
+        assert self._sickness is not None
+        return self._sickness.since_reset().msdv_mps15
+
+    def hic(self, which: int, rolling: bool) -> Hic:
+        """The head's injury criterion over windows up to `HIC_LENGTHS_S[which]`."""
+        self._settle()
+        return self._hics[which].rolling() if rolling else self._hics[which].since_reset()
+
+    def reset(self) -> None:
+        """Start "since reset" anew."""
+        self._settle()
+        for meter in self._all:
+            meter.reset()
