@@ -59,7 +59,8 @@ def _simulate(options: argparse.Namespace) -> int:
 
     subject = load_subject(subject_file(options.subject))
     if options.seat:
-        motion = read_seat_motion(options.seat, options.seat_rate, parse_map(options.map)).first(options.seconds)
+        mapping = parse_map(options.map)
+        motion = read_seat_motion(options.seat, options.seat_rate, mapping, options.time).first(options.seconds)
     else:
         motion = motion_of_cases(options.case.split(","), options.seconds or 10.0, options.seed)
     result = simulate_bag(
@@ -87,6 +88,17 @@ def _play(options: argparse.Namespace) -> int:
     return 0
 
 
+def _info(options: argparse.Namespace) -> int:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_ros.info import InfoOptions, info, text_of
+    from biodyn_ros.mapping import parse_map
+
+    how = InfoOptions(parse_map(options.map), options.time, _settings(options, ConditioningSettings))
+    document = info(options.bag, how, _progress("reading"))
+    _print(options, document, text_of(document))
+    return 0
+
+
 def _replay(options: argparse.Namespace) -> int:
     from biodyn_core.conditioning import ConditioningSettings
     from biodyn_core.limits import EU_LIMITS, load_limits
@@ -102,6 +114,8 @@ def _replay(options: argparse.Namespace) -> int:
         conditioning=_settings(options, ConditioningSettings),
         pipeline=_settings(options, PipelineSettings),
         limits=load_limits(options.limits) if options.limits else EU_LIMITS,
+        mode="zero_phase" if options.zero_phase else "causal",
+        project=options.project,
     )
     subject = load_subject(subject_file(options.subject))
     progress = _progress("replaying")
@@ -132,6 +146,7 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser("live", help="the live node; takes --ros-args", add_help=True)
 
     _add_simulate(commands)
+    _add_info(commands)
     _add_play(commands)
     _add_replay(commands)
     return parser
@@ -152,8 +167,19 @@ def _add_simulate(commands: Any) -> None:
     command.add_argument("--seed", type=int, default=0, metavar="N", help="of everything drawn (default 0)")
     command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the bag's chunks")
     _add_map(command)
+    _add_time(command)
     _add_settings(command, "sensors", SensorSettings)
     command.add_argument("-o", "--output", required=True, metavar="BAG", help="FILE.mcap, or a directory")
+
+
+def _add_info(commands: Any) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+
+    command = _command(commands, "info", _info, "topics, rates, clocks, gaps, clipping, gravity; what replay would say")
+    command.add_argument("bag", metavar="BAG")
+    _add_map(command)
+    _add_time(command)
+    _add_settings(command, "conditioning", ConditioningSettings)
 
 
 def _add_play(commands: Any) -> None:
@@ -172,10 +198,12 @@ def _add_replay(commands: Any) -> None:
     command.add_argument("bag", metavar="BAG")
     _add_subject(command)
     _add_map(command)
-    command.add_argument(
-        "--time", choices=("header", "log"), default="header", help="whose stamps count (default header)"
-    )
+    _add_time(command)
     command.add_argument("--limits", metavar="FILE", help="limits file (default: 2002/44/EC)")
+    command.add_argument(
+        "--zero-phase", action="store_true", help="filter forward and backward, as identification does; labelled so"
+    )
+    command.add_argument("--project", action="store_true", help="project exposure to 8 h from less than 20 minutes too")
     command.add_argument("--no-predicted", action="store_true", help="leave out predicted.mcap")
     command.add_argument("--no-report", action="store_true", help="leave out report.html")
     _add_settings(command, "conditioning", ConditioningSettings)
@@ -200,6 +228,11 @@ def _add_map(command: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_time(command: argparse.ArgumentParser) -> None:
+    text = "whose stamps count; log also where the header's are zero (default header)"
+    command.add_argument("--time", choices=("header", "log"), default="header", help=text)
+
+
 def _add_settings(command: argparse.ArgumentParser, title: str, kind: type[Any]) -> None:
     """One option per field of a settings dataclass, described as the field describes itself."""
     group = command.add_argument_group(title)
@@ -208,6 +241,9 @@ def _add_settings(command: argparse.ArgumentParser, title: str, kind: type[Any])
         flag = "--" + item.name.replace("_", "-")
         if isinstance(item.default, bool):
             group.add_argument(flag, action="store_true", default=item.default, help=allowed.meaning)
+            continue
+        if isinstance(item.default, str):
+            group.add_argument(flag, default=item.default, metavar="TEXT", help=allowed.meaning)
             continue
         cast = float if item.default is None else type(item.default)
         default = "none" if item.default is None else f"{item.default:g}"

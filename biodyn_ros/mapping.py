@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.bag import BagReader
 from biodyn_ros.cdr import IMU_TYPE
 from biodyn_ros.topics import INPUT
+
+
+@dataclass(frozen=True)
+class SensorMap:
+    """Which topic is which sensor, and in one line why these sensors cannot be replayed, None where they can."""
+
+    sensors: dict[str, str]
+    refusal: str | None
 
 
 def parse_map(pairs: Iterable[str]) -> dict[str, str]:
@@ -24,28 +33,47 @@ def parse_map(pairs: Iterable[str]) -> dict[str, str]:
     return mapping
 
 
+def imu_topics(reader: BagReader) -> tuple[str, ...]:
+    """The Imu topics of a bag that have messages."""
+    return tuple(topic.name for topic in reader.topics if topic.type == IMU_TYPE and topic.messages)
+
+
 def sensors_of(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
     """Return {topic: sensor} for a bag; raises InputError where there is no Imu, no seat, or a topic is unknown."""
-    imus = [topic.name for topic in reader.topics if topic.type == IMU_TYPE and topic.messages]
-    there = ", ".join(f"{topic.name} ({topic.type})" for topic in reader.topics[:12]) or "no topic at all"
+    found = map_sensors(reader, given)
+    if found.refusal:
+        raise InputError(found.refusal)
+    return found.sensors
+
+
+def map_sensors(reader: BagReader, given: dict[str, str]) -> SensorMap:
+    """Map what can be mapped and say why the rest cannot; raises InputError for a given topic that is not there."""
+    imus = imu_topics(reader)
+    for sensor, topic in given.items():
+        if topic not in imus:
+            raise InputError(f"{reader.path}: --map {sensor}={topic}: no such Imu topic; there is {_listed(imus)}")
     if not imus:
-        raise InputError(f"{reader.path}: no {IMU_TYPE} in the bag; there is {there}")
-    found: dict[str, str] = {}
+        there = _listed([f"{topic.name} ({topic.type})" for topic in reader.topics])
+        return SensorMap({}, f"{reader.path}: no {IMU_TYPE} in the bag; there is {there}")
+    found = {topic: sensor for sensor, topic in given.items()}
+    refusal = None
     for sensor in SENSORS:
         if sensor in given:
-            if given[sensor] not in imus:
-                raise InputError(
-                    f"{reader.path}: --map {sensor}={given[sensor]}: no such Imu topic; there is {', '.join(imus)}"
-                )
-            found[given[sensor]] = sensor
             continue
-        matches = [name for name in imus if f"/{name.lstrip('/')}".endswith(f"/{INPUT[sensor]}")]
+        matches = [name for name in imus if f"/{name.lstrip('/')}".endswith(f"/{INPUT[sensor]}") and name not in found]
         if len(matches) > 1:
-            raise InputError(
+            refusal = refusal or (
                 f"{reader.path}: {', '.join(matches)} may all be the {sensor}: say which with --map {sensor}=TOPIC"
             )
-        if matches and matches[0] not in given.values():
+        elif matches:
             found[matches[0]] = sensor
-    if SEAT not in found.values():
-        raise InputError(f"{reader.path}: no seat sensor among {', '.join(imus)}: name it with --map seat=TOPIC")
-    return found
+    if refusal is None and SEAT not in found.values():
+        refusal = f"{reader.path}: no seat sensor among {_listed(imus)}: name it with --map seat=TOPIC"
+    return SensorMap(dict(sorted(found.items(), key=lambda item: SENSORS.index(item[1]))), refusal)
+
+
+def _listed(names: Iterable[str]) -> str:
+    """The first dozen of some names, and how many more there are."""
+    names = list(names)
+    more = [f"{len(names) - 12} more"] if len(names) > 12 else []
+    return ", ".join([*names[:12], *more]) or "none"

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.clocks import ClockComparison
+from biodyn_core.conditioning import ConditioningSettings, Mode, SensorStatus
 from biodyn_core.errors import InputError
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.pipeline import Frames, Pipeline, PipelineSettings
@@ -23,6 +24,7 @@ from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
 from biodyn_ros.mapping import sensors_of
 from biodyn_ros.simulate import MADE_BY, MADE_BY_MODEL
+from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
 from biodyn_ros.traces import Traces
 
 
@@ -35,6 +37,8 @@ class ReplayOptions:
     conditioning: ConditioningSettings | None = None
     pipeline: PipelineSettings | None = None
     limits: Limits = EU_LIMITS
+    mode: Mode = "causal"
+    project: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,32 +62,36 @@ def replay(
     gives no prediction, saying why.
     """
     options = options or ReplayOptions()
-    pipeline = Pipeline(subject, options.conditioning, options.pipeline, options.limits)
+    pipeline = Pipeline(subject, options.conditioning, options.pipeline, options.limits, options.mode)
     with open_bag(bag) as reader:
         sensors = sensors_of(reader, options.mapping)
+        times = choose_times(reader, sensors, options.time)
+        clocks = {topic: ClockComparison() for topic in sensors}
         total = sum(topic.messages for topic in reader.topics if topic.name in sensors)
-        first_ns, last_ns, done = [], [], 0
-        for topic, block in imu_blocks(reader, sensors, options.time):
+        done = 0
+        for topic, block in imu_blocks(reader, sensors, {name: choice.time for name, choice in times.items()}):
             each(pipeline.push(sensors[topic], block.stamps_ns, block.accel_mps2))
-            first_ns.append(int(block.stamps_ns[0]))
-            last_ns.append(int(block.stamps_ns[-1]))
+            clocks[topic].push(block.header_ns, block.log_ns)
             done += len(block.stamps_ns)
             progress(done, total)
         each(pipeline.finish())
         warnings = [str(line) for line in reader.warnings]
         made_by_model = reader.metadata("biodyn").get("made_by") == MADE_BY
-    _check_seat(pipeline, str(bag))
+    check_seat(pipeline.status(SEAT), str(bag))
+    seconds = pipeline.seconds()
     warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.values()]
     warnings += [line for line in sensor_warnings(pipeline) if line.split(":")[0] in (*sensors.values(), "the model")]
-    seconds = 1e-9 * (max(last_ns) - min(first_ns)) if first_ns else 0.0
-    document = exposure_document(pipeline, str(bag), seconds, warnings)
+    compared = {sensors[topic]: SensorClock(times[topic], clocks[topic].result()) for topic in sensors}
+    warnings += clock_warnings(compared, seconds)
+    document = exposure_document(pipeline, str(bag), seconds, warnings, options.project)
+    document["time"] = {sensor: times[topic].time for topic, sensor in sensors.items()}
     if made_by_model:
         document["bag_made_by_model"] = MADE_BY_MODEL
     return Replayed(document, pipeline)
 
 
-def _check_seat(pipeline: Pipeline, bag: str) -> None:
-    status = pipeline.status(SEAT)
+def check_seat(status: SensorStatus, bag: str) -> None:
+    """Raise InputError, saying why, where a bag's seat gives no prediction."""
     if status.fault:
         raise InputError(f"{bag}: {status.fault}")
     if status.rate_hz is None:
@@ -128,8 +136,12 @@ def replay_to_directory(
     predicted: bool = True,
     report: bool = True,
 ) -> Replayed:
-    """Replay a bag into a directory: `predicted.mcap`, `exposure.json`, `report.html`; nothing is left half-written."""
-    _make(directory)
+    """Replay a bag into a directory: `predicted.mcap`, `exposure.json`, `report.html`; nothing is left half-written.
+
+    The directory is made once there is something to write: a bag that is refused leaves none.
+    """
+    if directory.exists() and not directory.is_dir():
+        raise InputError(f"{directory}: is a file, a directory is needed for the results: name another")
     listeners: list[Callable[[Frames], None]] = []
     with contextlib.ExitStack() as open_files:
         if report:
@@ -139,28 +151,62 @@ def replay_to_directory(
             traces = Traces()
             listeners.append(traces.add)
         if predicted:
-            writer = open_files.enter_context(
-                BagWriter(directory / "predicted.mcap", compression="lz4", overwrite=True)
-            )
-            writer.add_metadata("biodyn", {"subject": subject.name, "bag": str(bag), "version": __version__})
-            listeners.append(PredictedBag(writer).add)
+            listeners.append(_LatePredictedBag(directory, subject, str(bag), open_files).add)
 
         def each(frames: Frames) -> None:
             for listen in listeners:
                 listen(frames)
 
         replayed = replay(bag, subject, options, each, progress)
+    _make(directory)
     write_json(directory / "exposure.json", replayed.document)
     if report:
         write_replay_report(directory / "report.html", replayed.document, traces)
     return replayed
 
 
-def _make(directory: Path) -> None:
+class _LatePredictedBag:
+    """A predicted bag that is begun with the first prediction; taken back, with what was made for it, on failure."""
+
+    def __init__(self, directory: Path, subject: Subject, bag: str, open_files: contextlib.ExitStack) -> None:
+        self._directory, self._open_files = directory, open_files
+        self._metadata = {"subject": subject.name, "bag": bag, "version": __version__}
+        self._bag: PredictedBag | None = None
+
+    def add(self, frames: Frames) -> None:
+        if self._bag is None:
+            if not (frames.predicted.stamps_ns.size or frames.measured.stamps_ns.size):
+                return
+            self._bag = self._begin()
+        self._bag.add(frames)
+
+    def _begin(self) -> PredictedBag:
+        self._open_files.push(_unmake_on_failure(_make(self._directory)))
+        path = self._directory / "predicted.mcap"
+        writer = self._open_files.enter_context(BagWriter(path, compression="lz4", overwrite=True))
+        writer.add_metadata("biodyn", self._metadata)
+        return PredictedBag(writer)
+
+
+def _make(directory: Path) -> list[Path]:
+    """Make a directory; returns what was not there, innermost first."""
+    made = [path for path in (directory, *directory.parents) if not path.exists()]
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{directory}: cannot be made a directory ({error.strerror})") from None
+    return made
+
+
+def _unmake_on_failure(made: list[Path]) -> Callable[..., None]:
+    """An exit callback that removes directories that are empty, if there was an error."""
+
+    def leave(kind: type[BaseException] | None, *_: object) -> None:
+        with contextlib.suppress(OSError):
+            for path in made if kind else []:
+                path.rmdir()
+
+    return leave
 
 
 def write_json(path: Path, document: dict[str, Any]) -> None:

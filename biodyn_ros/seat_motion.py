@@ -18,6 +18,7 @@ from biodyn_core.segments import SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import SeatMotion
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.mapping import sensors_of
+from biodyn_ros.stamps import choose_times
 
 Floats = NDArray[np.float64]
 
@@ -26,26 +27,29 @@ ACCEL_PREFIXES: Final = ("a_", "a", "acc_", "acc", "accel_")
 MIN_RATE_HZ: Final = 20.0
 
 
-def read_seat_motion(path: str | Path, rate_hz: float | None, mapping: dict[str, str]) -> SeatMotion:
-    """Read a seat motion; a CSV without a time column needs `rate_hz`. Raises InputError naming file and place."""
+def read_seat_motion(
+    path: str | Path, rate_hz: float | None, mapping: dict[str, str], time: str = "header"
+) -> SeatMotion:
+    """Read a seat motion; a CSV without a time column needs `rate_hz`. Raises InputError naming file and place.
+
+    mapping and time ("header" or "log") are for bags.
+    """
     path = Path(path)
     if path.suffix.lower() in (".csv", ".txt"):
         time_s, accel, pitch = _from_csv(path, rate_hz)
     else:
-        time_s, accel, pitch = _from_bag(path, mapping)
+        time_s, accel, pitch = _from_bag(path, mapping, time)
     return _even(path, time_s, accel, pitch)
 
 
-def _from_bag(path: Path, mapping: dict[str, str]) -> tuple[Floats, Floats, Floats]:
+def _from_bag(path: Path, mapping: dict[str, str], time: str) -> tuple[Floats, Floats, Floats]:
     with open_bag(path) as reader:
         sensors = sensors_of(reader, mapping)
         topic = next(name for name, sensor in sensors.items() if sensor == SEAT)
-        blocks = [block for _, block in imu_blocks(reader, [topic])]
+        # A driver may leave its stamps zero: then the recorder's times serve.
+        choice = choose_times(reader, [topic], time)[topic]
+        blocks = [block for _, block in imu_blocks(reader, [topic], choice.time)]
     stamps_ns = np.concatenate([block.stamps_ns for block in blocks])
-    if len(stamps_ns) and stamps_ns[-1] == stamps_ns[0]:
-        with open_bag(path) as reader:  # a driver that leaves its stamps zero: the recorder's times serve
-            blocks = [block for _, block in imu_blocks(reader, [topic], time="log")]
-        stamps_ns = np.concatenate([block.stamps_ns for block in blocks])
     accel = np.concatenate([block.accel_mps2 for block in blocks])
     gyro = np.concatenate([block.gyro_radps for block in blocks])
     rotation, levelled = _level(accel)

@@ -20,10 +20,15 @@ settings.register_profile("biodyn", deadline=None, derandomize="CI" in os.enviro
 settings.load_profile("biodyn")
 
 
+def field_data() -> Path:
+    """Where the shared recordings lie, if they do: in $BIODYN_DATA, or beside the checkout."""
+    return Path(os.environ.get("BIODYN_DATA") or ROOT.parent / "shared" / "data")
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The recordings beside the checkout, which are too large for it."""
-    directory = ROOT.parent / "shared" / "data"
+    directory = field_data()
     if not directory.is_dir():
-        pytest.skip("the shared recordings are not beside this checkout, in ../shared/data")
+        pytest.skip(f"the shared recordings are neither in {directory} nor where BIODYN_DATA says")
     return directory

@@ -373,8 +373,20 @@ def test_imu_blocks_are_the_decoded_messages(tmp_path, time):
             mine = [block for name, block in blocks if name == topic]
             stamps = np.concatenate([block.stamps_ns for block in mine])
             np.testing.assert_array_equal(stamps, expected.stamps_ns if time == "header" else log_ns)
+            np.testing.assert_array_equal(np.concatenate([block.header_ns for block in mine]), expected.stamps_ns)
+            np.testing.assert_array_equal(np.concatenate([block.log_ns for block in mine]), log_ns)
             np.testing.assert_array_equal(np.concatenate([b.accel_mps2 for b in mine]), expected.accel_mps2)
             np.testing.assert_array_equal(np.concatenate([b.gyro_radps for b in mine]), expected.gyro_radps)
+
+
+def test_header_and_log_time_can_be_mixed_by_topic(tmp_path):
+    write_with_mcap(tmp_path / "a.mcap", RECORDING)
+    with open_bag(tmp_path / "a.mcap") as bag:
+        found = merged(imu_blocks(bag, [SEAT, HEAD], {SEAT: "log", HEAD: "header"}))
+        assert found == {
+            SEAT: merged(imu_blocks(bag, [SEAT], "log"))[SEAT],
+            HEAD: merged(imu_blocks(bag, [HEAD]))[HEAD],
+        }
 
 
 def arrangements() -> dict[str, Callable[[list[Logged]], list[Logged]]]:
@@ -509,19 +521,52 @@ def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path):
         assert "damaged and left out: zstd" in bag.warnings[0]
 
 
-def test_a_cut_database_gives_what_can_be_read_or_is_refused(tmp_path):
+def test_a_cut_database_is_read_as_far_as_it_goes(tmp_path):
+    """Up to its last whole page: a page that is cut reads as zeros, so that what lies in it only looks whole."""
     write_with_rosbags(tmp_path / "a", RECORDING, StoragePlugin.SQLITE3)
     data = (tmp_path / "a" / "a.db3").read_bytes()
-    cut = tmp_path / "cut.db3"
-    expected = by_topic(RECORDING)
-    for at in np.linspace(0, len(data) - 1, 40, dtype=int):
+    cut, refused = tmp_path / "cut.db3", 0
+    for at in np.linspace(0, len(data) - 1, 60, dtype=int):
         cut.write_bytes(data[:at])
         try:
             with open_bag(cut) as bag:
-                for topic, found in read_ours(bag).items():
-                    assert found == expected[topic][: len(found)]
+                found = read_ours(bag)
+                assert bag.recovered
+                (warning,) = bag.warnings
         except InputError as error:
             assert str(cut) in str(error)  # noqa: PT017
+            refused += 1
+            continue
+        count = sum(map(len, found.values()))
+        assert found == by_topic(RECORDING[:count])
+        assert bag.message_count == count >= 1200 * (at - 50_000) / len(data)
+        seconds = (RECORDING[count - 1][1] - RECORDING[0][1]) / 1e9
+        assert f"cut.db3: cut or damaged: recovered {count} messages, up to {seconds:.3f} s after the first" in warning
+    assert refused < 10
+
+
+def test_a_database_with_a_page_of_zeros_is_read_up_to_it(tmp_path):
+    write_with_rosbags(tmp_path / "a", RECORDING, StoragePlugin.SQLITE3)
+    data = bytearray((tmp_path / "a" / "a.db3").read_bytes())
+    middle = len(data) // 2 // 4096 * 4096
+    data[middle : middle + 4096] = bytes(4096)
+    (tmp_path / "hurt.db3").write_bytes(data)
+    with open_bag(tmp_path / "hurt.db3") as bag:
+        found = read_ours(bag)
+        assert bag.recovered
+        assert 300 < bag.message_count < 900
+        assert found == by_topic(RECORDING[: bag.message_count])
+
+
+def test_a_cut_recording_without_metadata_is_recovered_too(tmp_path):
+    (tmp_path / "drive").mkdir()
+    write_with_mcap(tmp_path / "whole.mcap", RECORDING)
+    data = (tmp_path / "whole.mcap").read_bytes()
+    (tmp_path / "drive" / "drive_0.mcap").write_bytes(data[: len(data) * 6 // 10])
+    with open_bag(tmp_path / "drive") as bag:
+        assert bag.recovered
+        assert read_ours(bag) == by_topic(RECORDING[: bag.message_count])
+        assert "recovered" in bag.warnings[0]
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)

@@ -95,6 +95,129 @@ def test_json_is_the_same_document_and_nothing_else_is_on_stdout(
     assert [p.name for p in tmp_path.iterdir()] == ["exposure.json"]
 
 
+def test_the_seat_is_judged_in_json_and_in_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag.mcap")
+    code, out, errors = run(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--no-predicted")
+    assert code == 0, errors
+    document = json.loads((tmp_path / "out" / "exposure.json").read_text(encoding="utf-8"))
+    seat = document["seat"]
+    assert document["limits"] == {
+        "source": "2002/44/EC", "action_a8_mps2": 0.5, "action_vdv_mps175": 9.1, "limit_a8_mps2": 1.15,
+        "limit_vdv_mps175": 21.0,
+    }  # fmt: skip
+    (iso,) = document["limits_beside"]
+    assert (iso["source"], iso["limit_a8_mps2"], iso["limit_vdv_mps175"]) == ("ISO 2631-1 caution zone", None, 17.0)
+    assert iso["zone"] == "below_action_value"
+    assert iso["time_to_limit_value_s"] > 0.0
+    assert seat["zone"] == "below_action_value"
+    assert "below the action values of 0.5 and 9.1 (2002/44/EC)" in seat["zone_reason"]
+    assert seat["axis"] == (seat["a8_axis"] if seat["governing"] == "a8" else seat["vdv_axis"])
+    assert seat["a8_projected_8h_mps2"] is None
+    assert seat["projected_from_s"] is None
+    assert set(seat["shock_ratios"]) == {"axis", "crest_factor", "mtvv_over_aw", "vdv_over_aw_t"}
+    assert "SEAT: BELOW THE ACTION VALUES SO FAR" in out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert 'class="strip good"' in page
+    assert "Below the action values so far" in page
+
+
+def test_a_projection_from_a_short_record_is_made_when_asked_for(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / "bag.mcap")
+    code, out, _ = run(
+        capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--no-report", "--no-predicted",
+        "--json", "--project",
+    )  # fmt: skip
+    assert code == 0
+    seat = json.loads(out)["seat"]
+    times = 8.0 * 3600.0 / seat["projected_from_s"]
+    assert times > 1000.0
+    assert seat["a8_projected_8h_mps2"] == pytest.approx(seat["a8_so_far_mps2"] * times**0.5)
+    assert seat["vdv_projected_8h_mps175"] == pytest.approx(seat["vdv_so_far_mps175"] * times**0.25)
+
+
+def vertical_only(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A seat sensor of one axis."""
+    if sensor == "seat":
+        accel = np.column_stack([np.zeros((len(accel), 2)), np.linalg.norm(accel, axis=1)])
+    return stamps, accel
+
+
+def clipped_once(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One reading of the seat at the end of its range."""
+    if sensor == "seat":
+        accel[3000, 0] = 160.0
+    return stamps, accel
+
+
+def stuck(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The seat repeats its last reading to the end."""
+    if sensor == "seat":
+        accel[-2400:] = accel[-2400]
+    return stamps, accel
+
+
+def ended_early(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The seat stops more than a second before the others."""
+    cut = -1500 if sensor == "seat" else len(stamps)
+    return stamps[:cut], accel[:cut]
+
+
+def low_gain(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The seat reads a fifth too little."""
+    return stamps, 0.8 * accel if sensor == "seat" else accel
+
+
+@pytest.mark.parametrize(
+    ("change", "because"),
+    [
+        (vertical_only, "vertical only"),
+        (clipped_once, "1 sample is clipped"),
+        (stuck, "missing"),
+        (ended_early, "fallen silent"),
+        (low_gain, "for gravity"),
+    ],
+)
+def test_a_seat_without_grounds_is_undecided_everywhere(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, change: Any, because: str
+) -> None:
+    bag = write_bag(tmp_path / "bag.mcap", change=change)
+    code, out, errors = run(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--no-predicted")
+    assert code == 0, errors
+    document = json.loads((tmp_path / "out" / "exposure.json").read_text(encoding="utf-8"))
+    assert document["seat"]["zone"] == document["limits_beside"][0]["zone"] == "undecided"
+    assert because in document["seat"]["zone_reason"]
+    assert (document["seat"]["horizontal"] == "missing") == (change is vertical_only)
+    assert "SEAT: UNDECIDED" in out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert 'class="strip good"' not in page
+    if change is vertical_only:
+        assert "Vertical only" in out
+        assert "Vertical only" in page
+
+
+def test_limits_of_ones_own_decide_and_the_others_stand_beside(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    limits = tmp_path / "limits.yaml"
+    limits.write_text(
+        "decides: mine\nsets:\n"
+        "  - {source: theirs, action_a8_mps2: 5, limit_a8_mps2: 6}\n"
+        "  - {source: mine, action_vdv_mps175: 1.0e-6, limit_vdv_mps175: 2.0e-6}\n",
+        encoding="utf-8",
+    )
+    bag = write_bag(tmp_path / "bag.mcap")
+    given = ("--subject", "subject_1", "-o", tmp_path / "out", "--no-report", "--no-predicted", "--limits", limits)
+    code, out, errors = run(capsys, "replay", bag, *given, "--json")
+    assert code == 0, errors
+    document = json.loads(out)
+    assert (document["limits"]["source"], document["seat"]["zone"]) == ("mine", "above_limit_value")
+    assert [(each["source"], each["zone"]) for each in document["limits_beside"]] == [("theirs", "below_action_value")]
+    limits.write_text("decides: nobody\nsets: []\n", encoding="utf-8")
+    assert "limits.yaml: a list of sets" in refused(capsys, "replay", bag, *given)
+
+
 def test_replay_again_replaces_its_own_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag.mcap")
     for _ in range(2):
@@ -246,7 +369,7 @@ def test_a_rate_that_does_not_fit(capsys: pytest.CaptureFixture[str], tmp_path: 
     assert "seat: a rate of 112.9 Hz does not fit" in said
 
 
-def test_stamps_that_stand_still_ask_for_log_time_which_then_serves(
+def test_where_no_stamp_is_set_log_time_serves_and_a_warning_says_so(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     bag = tmp_path / "bag.mcap"
@@ -256,13 +379,14 @@ def test_stamps_that_stand_still_ask_for_log_time_which_then_serves(
             writer.add_topic(topic, IMU_TYPE)
             payload = encode_imu(0 * stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "")
             writer.write(topic, stream.stamps_ns, payload)
-    said = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--no-report")
-    assert "seat" in said
-    assert "--time log" in said
-    code, _, errors = run(
-        capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--time", "log", "--no-report"
-    )
-    assert code == 0, errors
+    document = figures(capsys, bag, tmp_path / "out")
+    assert "seat: header stamps are zero: the recorder's log time is used instead" in document["warnings"]
+    code, out, _ = run(
+        capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--time", "log", "--no-report",
+        "--no-predicted", "--json",
+    )  # fmt: skip
+    assert code == 0
+    assert json.loads(out)["sensors"] == document["sensors"]
 
 
 def test_nan_samples_are_rejected_and_counted(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -11,7 +11,8 @@ Memory is that of a chunk or two, whatever the length of the bag.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from itertools import chain, groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
@@ -24,18 +25,27 @@ from biodyn_core.errors import InputError
 from biodyn_ros.bag.files import files_of_directory, kind_of
 from biodyn_ros.bag.mcap import McapStorage
 from biodyn_ros.bag.sqlite import SqliteStorage
-from biodyn_ros.bag.storage import Block, Chunk, Storage, TopicInfo, TopicKey
+from biodyn_ros.bag.storage import Block, Chunk, Ints, Storage, TopicInfo, TopicKey
 from biodyn_ros.bag.writer import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, ImuBlock, decode_imu_in
 
-__all__ = ["BagReader", "BagWriter", "Block", "Chunk", "TopicInfo", "imu_blocks", "open_bag"]
+__all__ = ["BagReader", "BagWriter", "Block", "Chunk", "LoggedImu", "TopicInfo", "imu_blocks", "open_bag"]
 
 SLICE_NS: Final = 250_000_000
 """How far in log time one topic may run ahead of the others in `imu_blocks`."""
 
 _NEVER = -(2**63)
 
-_Run = tuple[int, int, int, ImuBlock]
+
+@dataclass(frozen=True, eq=False)
+class LoggedImu(ImuBlock):
+    """Samples of one sensor by both clocks: header_ns and log_ns int64 (n,); stamps_ns is the one asked for."""
+
+    header_ns: Ints
+    log_ns: Ints
+
+
+_Run = tuple[int, int, int, LoggedImu]
 """Samples not yet yielded: slot of log time, number of the topic, log time of the first, the samples."""
 
 _STORAGES: dict[str, Callable[[Path, list[str]], Storage]] = {"mcap": McapStorage, "sqlite3": SqliteStorage}
@@ -126,34 +136,41 @@ def open_bag(path: str | Path) -> BagReader:
     return BagReader(path, kind, storages, warnings)
 
 
-def imu_blocks(reader: BagReader, topics: Iterable[str], time: str = "header") -> Iterator[tuple[str, ImuBlock]]:
+def imu_blocks(
+    reader: BagReader, topics: Iterable[str], time: str | Mapping[str, str] = "header"
+) -> Iterator[tuple[str, LoggedImu]]:
     """Decoded samples of these Imu topics, which advance together: (topic, block), over and over.
 
     Blocks are cut at multiples of 0.25 s of log time: all topics' samples of one such slot come before any of the
     next, however the bag is chunked. Within a chunk the samples of a topic stay in file order; one logged earlier than
-    its predecessor belongs to the predecessor's slot. time "log" replaces the header stamps by log times.
+    its predecessor belongs to the predecessor's slot. stamps_ns are the header's or, with time "log", the recorder's;
+    a mapping says it topic by topic.
     InputError for an unknown time, a topic not in the bag or of another type, or a message that cannot be decoded.
     """
     names = tuple(dict.fromkeys(topics))
-    if time not in ("header", "log"):
-        raise InputError(f"time is {time!r}: use 'header' for the messages' own stamps or 'log' for the recorder's")
+    times = dict.fromkeys(names, time) if isinstance(time, str) else {name: time[name] for name in names}
+    if wrong := [value for value in times.values() if value not in ("header", "log")]:
+        raise InputError(f"time is {wrong[0]!r}: use 'header' for the messages' own stamps or 'log' for the recorder's")
     for topic in reader.topics:
         if topic.name in names and topic.type != IMU_TYPE:
             raise InputError(f"{reader.path}: topic {topic.name} is {topic.type}, {IMU_TYPE} is needed: map another")
-    return _sliced(reader, names, reader.chunks(names), time)
+    by_log = frozenset(name for name in names if times[name] == "log")
+    return _sliced(reader, names, reader.chunks(names), by_log)
 
 
 def _sliced(
-    reader: BagReader, names: tuple[str, ...], chunks: Iterable[Chunk], time: str
-) -> Iterator[tuple[str, ImuBlock]]:
+    reader: BagReader, names: tuple[str, ...], chunks: Iterable[Chunk], by_log: frozenset[str]
+) -> Iterator[tuple[str, LoggedImu]]:
     waiting: list[_Run] = []
     for chunk in chunks:
         # Nothing before the chunk's first slot can follow any more: that much of every topic is complete.
         yield from _advance(waiting, names, chunk.start_ns // SLICE_NS)
-        block, runs = _decoded(reader, chunk, time), list(_runs(chunk))
+        block, log_ns, runs = _decoded(reader, chunk), chunk.log_ns, list(_runs(chunk))
         del chunk  # its memory serves the next one, which is a third faster than fresh memory
         for name, slot, first_ns, lo, hi in runs:
-            part = ImuBlock(block.stamps_ns[lo:hi], block.accel_mps2[lo:hi], block.gyro_radps[lo:hi])
+            header, log = block.stamps_ns[lo:hi], log_ns[lo:hi]
+            stamps = log if name in by_log else header
+            part = LoggedImu(stamps, block.accel_mps2[lo:hi], block.gyro_radps[lo:hi], header, log)
             waiting.append((slot, names.index(name), first_ns, part))
     yield from _advance(waiting, names, None)
 
@@ -175,7 +192,7 @@ def _runs(chunk: Chunk) -> Iterator[tuple[str, int, int, int, int]]:
                 yield name, slot, first_ns, first, stop
 
 
-def _advance(waiting: list[_Run], names: tuple[str, ...], end_slot: int | None) -> Iterator[tuple[str, ImuBlock]]:
+def _advance(waiting: list[_Run], names: tuple[str, ...], end_slot: int | None) -> Iterator[tuple[str, LoggedImu]]:
     """Yield and forget what waits in slots before end_slot, or everything, slot by slot over the topics."""
     waiting.sort(key=itemgetter(0, 1, 2))
     n = len(waiting) if end_slot is None else bisect_left(waiting, end_slot, key=itemgetter(0))
@@ -186,22 +203,24 @@ def _advance(waiting: list[_Run], names: tuple[str, ...], end_slot: int | None) 
         yield names[topic], parts[0] if len(parts) == 1 else _concatenated(parts)
 
 
-def _concatenated(parts: list[ImuBlock]) -> ImuBlock:
-    return ImuBlock(
-        np.concatenate([part.stamps_ns for part in parts]),
+def _concatenated(parts: list[LoggedImu]) -> LoggedImu:
+    header, log = (np.concatenate(column) for column in zip(*((p.header_ns, p.log_ns) for p in parts), strict=True))
+    return LoggedImu(
+        header if parts[0].stamps_ns is parts[0].header_ns else log,
         np.concatenate([part.accel_mps2 for part in parts]),
         np.concatenate([part.gyro_radps for part in parts]),
+        header,
+        log,
     )
 
 
-def _decoded(reader: BagReader, chunk: Chunk, time: str) -> ImuBlock:
+def _decoded(reader: BagReader, chunk: Chunk) -> ImuBlock:
     """All messages of a chunk in one decoding."""
     try:
-        block = decode_imu_in(chunk.buffer, chunk.offsets, chunk.lengths)
+        return decode_imu_in(chunk.buffer, chunk.offsets, chunk.lengths)
     except InputError:
         _name_culprit(reader, chunk)
         raise
-    return block if time == "header" else ImuBlock(chunk.log_ns, block.accel_mps2, block.gyro_radps)
 
 
 def _name_culprit(reader: BagReader, chunk: Chunk) -> None:

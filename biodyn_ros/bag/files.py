@@ -28,9 +28,23 @@ def kind_of(file: Path) -> str:
         raise InputError(f"{file}: {_ROS1}")
     if head.startswith(b"\x28\xb5\x2f\xfd"):
         raise InputError(f"{file}: compressed as a whole: decompress it first (zstd -d) and open the result")
+    if file.name.endswith(("-wal", "-shm")):
+        raise InputError(f"{file}: only a part of the database {file.name[:-4]}: give that file")
     if not head:
         raise InputError(f"{file}: the file is empty: nothing was recorded")
-    raise InputError(f"{file}: neither an MCAP nor a sqlite3 file: give a .mcap, a .db3 or a rosbag2 directory")
+    raise InputError(f"{file}: neither an MCAP nor a sqlite3 file: {_instead(file)}")
+
+
+def _instead(file: Path) -> str:
+    """What to do with a file that is no bag, by its name."""
+    name = file.name.lower()
+    if name == "metadata.yaml":
+        return "the metadata of a recording: give its directory"
+    if name.endswith((".csv", ".txt")):
+        return "give a .mcap, a .db3 or a rosbag2 directory (a table of a seat's motion: 'biodyn simulate --seat')"
+    if name.endswith((".gz", ".tgz", ".zip", ".bz2", ".xz", ".tar", ".7z")):
+        return "an archive: unpack it first, and give the .mcap, the .db3 or the rosbag2 directory in it"
+    return "give a .mcap, a .db3 or a rosbag2 directory"
 
 
 def files_of_directory(path: Path, warnings: list[str]) -> list[Path]:

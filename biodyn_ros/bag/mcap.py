@@ -110,7 +110,9 @@ class McapStorage:
 
     def _leave_out(self, piece: _Piece, damage: _DamagedError) -> None:
         self.recovered = True
-        self._warnings.append(f"{self._path}: the chunk at byte {piece.offset} is damaged and left out: {damage}")
+        text = f"{self._path}: the chunk at byte {piece.offset} is damaged and left out: {damage}"
+        if text not in self._warnings:  # a bag may be read more than once
+            self._warnings.append(text)
 
     # Opening: by the summary, or by a scan.
 

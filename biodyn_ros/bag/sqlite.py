@@ -1,10 +1,17 @@
-"""rosbag2's sqlite3 files, read by the standard library, some MiB of rows at a time."""
+"""rosbag2's sqlite3 files, read by the standard library, some MiB of rows at a time.
+
+A file that was cut or damaged is read in the order it was written, up to the first page that is missing or broken.
+"""
 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+import struct
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +23,7 @@ MAGIC = b"SQLite format 3\0"
 _FIRST_ROWS = 256
 _MOST_ROWS = 8192
 _CHUNK_BYTES = 4 << 20
+_TABLE_LEAF = 0x0D
 
 
 class SqliteStorage:
@@ -24,9 +32,16 @@ class SqliteStorage:
     def __init__(self, path: Path, warnings: list[str]) -> None:
         self._path, self._warnings = path, warnings
         self.recovered = False
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+        self._last_id: int | None = None  # of the last whole message, where the file is recovered
+        self._in_cut_page = _messages_in_cut_page(path)
         self._db = _connect(path, warnings)
         try:
-            self._open()
+            try:
+                self._open()
+            except sqlite3.DatabaseError:
+                self._recover()
         except (sqlite3.Error, UnicodeDecodeError, TypeError) as error:
             self.close()
             raise InputError(f"{path}: not a readable rosbag2 database ({error}): check the file") from None
@@ -46,40 +61,91 @@ class SqliteStorage:
         """The messages of these topics in the order of log time; a damaged database ends with a warning.
 
         Ordered by timestamp as rosbag2 itself does, which its index on timestamp gives without sorting; rows with
-        the same timestamp follow in the order they were written.
+        the same timestamp follow in the order they were written. A damaged file's index is not to be trusted.
         """
         keys = tuple((t.name, t.type) for t in self.topics if t.name in topics)
         place = {key: k for k, key in enumerate(keys)}
         group_of = {i: place[key] for i, key in self._keys.items() if key in place}
         marks = ",".join("?" * len(group_of))  # nothing else goes into the text of the query
-        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"  # noqa: S608
-        try:
-            yield from self._chunks(self._db.execute(query, tuple(group_of)), keys, group_of)
-        except sqlite3.Error as error:
-            self.recovered = True
-            self._warnings.append(f"{self._path}: damaged, the messages from here on are left out: {error}")
-
-    def _chunks(self, rows: sqlite3.Cursor, keys: tuple[TopicKey, ...], group_of: dict[int, int]) -> Iterator[Chunk]:
+        where = f"topic_id IN ({marks})"
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE {where} ORDER BY timestamp, id"  # noqa: S608
+        values = [*group_of]
+        if self._last_id is not None:
+            query = f"SELECT topic_id, timestamp, data FROM messages NOT INDEXED WHERE id <= ? AND {where} ORDER BY id"  # noqa: S608
+            values = [self._last_id, *values]
+        rows = self._rows(query, values)
         count = _FIRST_ROWS
-        while found := rows.fetchmany(count):
+        while found := list(islice(rows, count)):
             chunk = self._chunk(found, keys, group_of)
             yield chunk
             count = max(1, min(_MOST_ROWS, _CHUNK_BYTES * len(found) // max(1, chunk.buffer.size)))
 
+    def _rows(self, query: str, values: Sequence[int] = ()) -> Iterator[tuple[Any, ...]]:
+        """The rows up to the end, or up to where the file is damaged."""
+        try:
+            yield from self._db.execute(query, values)
+        except sqlite3.Error as error:
+            if not self.recovered:
+                self.recovered = True
+                self._warnings.append(f"{self._path}: damaged, the messages from here on are left out: {error}")
+
     def _open(self) -> None:
+        if self._in_cut_page:
+            raise sqlite3.DatabaseError("its last page is cut")
+        self._read_topics()
+        self._count(dict(self._db.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id")))
+        # Two queries, for the index on timestamp answers only one at a time without a full scan.
+        (self.start_ns,) = self._db.execute("SELECT CAST(min(timestamp) AS INTEGER) FROM messages").fetchone()
+        (self.end_ns,) = self._db.execute("SELECT CAST(max(timestamp) AS INTEGER) FROM messages").fetchone()
+
+    def _read_topics(self) -> None:
         rows = self._db.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
         if not all(isinstance(text, str) for row in rows for text in row[1:]):
             raise TypeError("a topic without name, type or format")
         refuse_foreign(self._path, [(name, form) for _, name, _, form in rows], self._warnings)
         self._keys: dict[int, TopicKey] = {i: (name, kind) for i, name, kind, form in rows if form == "cdr"}
+
+    def _count(self, messages: Mapping[int, int]) -> None:
         counts = dict.fromkeys(self._keys.values(), 0)
-        for i, n in self._db.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"):
+        for i, n in messages.items():
             if i in self._keys:
                 counts[self._keys[i]] += n
         self.topics = tuple(TopicInfo(topic, kind, n) for (topic, kind), n in counts.items())
-        # Two queries, for the index on timestamp answers only one at a time without a full scan.
-        (self.start_ns,) = self._db.execute("SELECT CAST(min(timestamp) AS INTEGER) FROM messages").fetchone()
-        (self.end_ns,) = self._db.execute("SELECT CAST(max(timestamp) AS INTEGER) FROM messages").fetchone()
+
+    def _recover(self) -> None:
+        """Open what is left of a damaged file: its messages in the order they were written, up to the damage."""
+        self.recovered = True
+        # Without this SQLite refuses a file that is shorter than its header says, whatever is asked of it.
+        self._db.execute("PRAGMA writable_schema=ON")
+        self._read_topics()
+        counts: Counter[int] = Counter()
+        for last_id, topic, stamp_ns in self._whole_rows():
+            self._last_id = last_id
+            counts[topic] += 1
+            self.start_ns = stamp_ns if self.start_ns is None else min(self.start_ns, stamp_ns)
+            self.end_ns = stamp_ns if self.end_ns is None else max(self.end_ns, stamp_ns)
+        if self.start_ns is None or self.end_ns is None:
+            raise InputError(f"{self._path}: cut before its first message, nothing to recover: record again")
+        self._count(counts)
+        seconds = (self.end_ns - self.start_ns) / 1e9
+        self._warnings.append(
+            f"{self._path}: cut or damaged: recovered {counts.total()} messages, up to {seconds:.3f} s after the first"
+        )
+
+    def _whole_rows(self) -> Iterator[tuple[int, int, int]]:
+        """(id, topic, timestamp) of the messages before the damage, those in a page that is cut left out.
+
+        Such a page reads as zeros from the cut on: messages that begin before it look whole and are not.
+        """
+        held: deque[tuple[int, int, int]] = deque()
+        for i, topic, stamp_ns, data in self._rows(
+            "SELECT id, topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY id"
+        ):
+            if not (isinstance(stamp_ns, int) and isinstance(data, bytes)):
+                return
+            held.append((i, topic, stamp_ns))
+            if len(held) > self._in_cut_page:
+                yield held.popleft()
 
     def _chunk(self, rows: list[tuple[int, int, bytes]], keys: tuple[TopicKey, ...], group_of: dict[int, int]) -> Chunk:
         """The rows as one buffer; the joining is the only copy."""
@@ -92,6 +158,19 @@ class SqliteStorage:
         lengths = np.fromiter(map(len, data), dtype=np.int64, count=len(data))
         group = np.fromiter(map(group_of.__getitem__, ids), dtype=np.int64, count=len(ids))
         return grouped(int(log_ns[0]), buffer, keys, group, log_ns, np.cumsum(lengths) - lengths, lengths)
+
+
+def _messages_in_cut_page(path: Path) -> int:
+    """How many messages at most lie in the last page, if that is cut; 0 where the file ends with a whole page."""
+    with path.open("rb") as stream:
+        (size,) = struct.unpack(">H", stream.read(18).ljust(18, b"\0")[16:])
+        size = 65536 if size == 1 else size or 1
+        pages, rest = divmod(path.stat().st_size, size)
+        stream.seek(pages * size)
+        head = stream.read(5)
+    if rest == 0:
+        return 0
+    return max(struct.unpack_from(">H", head, 3)[0], 1) if len(head) == 5 and head[0] == _TABLE_LEAF else 1
 
 
 def _connect(path: Path, warnings: list[str]) -> sqlite3.Connection:

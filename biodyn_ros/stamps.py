@@ -1,0 +1,169 @@
+"""Whose time counts: header stamps, or the recorder's log times where a driver sets none, and what their quarrel means.
+
+Header stamps are the sensor's own and come first. Log times are late by the transport, and in bursts.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.clocks import ClockDrift, Integers
+from biodyn_ros.bag import BagReader, imu_blocks
+from biodyn_ros.cdr import decode_imu_in
+
+FIRST_MESSAGES: Final = 20
+"""So many messages show whether a driver sets stamps at all."""
+
+DRIFT_TOLERATED_S: Final = 1e-3
+"""Two clocks that drift apart further over a record spoil the residual: 1 ms is 11 degrees at 30 Hz."""
+
+OFFSET_TOLERATED_S: Final = 5e-3
+"""Offsets against the log times that differ further are said: whether clocks or transport differ no stamp can tell."""
+
+RATE_TOLERATED_PPM: Final = 500.0
+"""No quartz is off by more: such stamps are counted, not taken from a clock."""
+
+
+@dataclass(frozen=True)
+class TimeChoice:
+    """Whose stamps count for a topic, "header" or "log", and why: asked for, default, or what is wrong with these."""
+
+    time: str
+    why: str
+
+    @property
+    def fell_back(self) -> bool:
+        """Whether log time was taken because the header stamps are of no use."""
+        return self.time == "log" and self.why not in ("default", "asked for")
+
+
+def choose_times(reader: BagReader, topics: Iterable[str], wish: str) -> dict[str, TimeChoice]:
+    """Choose header or log time for each Imu topic; `wish` is "header" (used where it can be) or "log".
+
+    Looks at a topic's first messages. InputError as `imu_blocks`.
+    """
+    topics = tuple(topics)
+    if wish != "header":
+        return dict.fromkeys(topics, TimeChoice(wish, "asked for"))
+    found = _first_of_all(reader, topics)
+    for topic in topics:
+        if topic not in found or found[topic].size < FIRST_MESSAGES:
+            found[topic] = _first_of(reader, topic)
+    return {topic: _choice(found[topic]) for topic in topics}
+
+
+def _choice(stamps_ns: Integers) -> TimeChoice:
+    if stamps_ns.size and not stamps_ns.any():
+        return TimeChoice("log", "header stamps are zero")
+    if stamps_ns.size > 1 and (stamps_ns == stamps_ns[0]).all():
+        return TimeChoice("log", "header stamps stand still")
+    return TimeChoice("header", "default")
+
+
+def _first_of_all(reader: BagReader, topics: tuple[str, ...]) -> dict[str, Integers]:
+    """Header stamps of the first chunk, which holds the beginning of all topics in most bags."""
+    blocks = next((list(chunk.blocks()) for chunk in reader.chunks(topics)), [])
+    first = slice(FIRST_MESSAGES)
+    return {b.topic: decode_imu_in(b.buffer, b.offsets[first], b.lengths[first]).stamps_ns for b in blocks}
+
+
+def _first_of(reader: BagReader, topic: str) -> Integers:
+    parts = [np.empty(0, dtype=np.int64)]
+    for _, block in imu_blocks(reader, [topic]):
+        parts.append(block.header_ns)
+        if sum(part.size for part in parts) >= FIRST_MESSAGES:
+            break
+    return np.concatenate(parts)[:FIRST_MESSAGES]
+
+
+@dataclass(frozen=True)
+class SensorClock:
+    """A sensor's stamps: whose count, and how the header's run against the log times; None where none is set."""
+
+    choice: TimeChoice
+    drift: ClockDrift | None
+
+
+def clock_warnings(clocks: Mapping[str, SensorClock], seconds: float) -> list[str]:
+    """What is to be said of stamps and clocks in a record of so many seconds, a line each; `clocks` by name."""
+    lines = [line for name, clock in clocks.items() for line in _own_warnings(name, clock)]
+    by_header = {
+        name: clock.drift
+        for name, clock in clocks.items()
+        if clock.choice.time == "header" and clock.drift and not clock.drift.copied
+    }
+    return [*lines, *_mixed(clocks, by_header), *_apart_by_drift(by_header, seconds), *_apart_by_offset(by_header)]
+
+
+def _own_warnings(name: str, clock: SensorClock) -> list[str]:
+    lines, drift = [], clock.drift
+    if clock.choice.fell_back:
+        lines.append(f"{name}: {clock.choice.why}: the recorder's log time is used instead")
+    if drift is None or clock.choice.time == "log":
+        return lines
+    if drift.quantum_s:
+        quantum_ms = 1e3 * drift.quantum_s
+        lines.append(
+            f"{name}: header stamps are quantised to {quantum_ms:g} ms: an even clock is fitted through them,"
+            f" which may be off by up to {quantum_ms:g} ms"
+        )
+    if drift.leaps:
+        times = "once" if drift.leaps == 1 else f"{drift.leaps} times"
+        lines.append(f"{name}: header and log time leapt against each other {times}: a clock was set")
+    if drift.ppm is not None and drift.ppm_error is not None and abs(drift.ppm) - drift.ppm_error > RATE_TOLERATED_PPM:
+        lines.append(
+            f"{name}: its header stamps gain {drift.ppm:+.0f} ppm on log time, more than a clock does: the driver may"
+            " count samples; compare with --time log"
+        )
+    return lines
+
+
+def _mixed(clocks: Mapping[str, SensorClock], by_header: Mapping[str, ClockDrift]) -> list[str]:
+    fell_back = [name for name, clock in clocks.items() if clock.choice.fell_back]
+    if not fell_back or not by_header:
+        return []
+    late_ms = 1e3 * statistics.median(drift.offset_s for drift in by_header.values())
+    line = (
+        f"{', '.join(fell_back)} by log time beside others by header time, which log time follows by {late_ms:.1f} ms:"
+        " the residual between them is not to be trusted; use --time log for all"
+    )
+    return [line]
+
+
+def _apart_by_drift(by_header: Mapping[str, ClockDrift], seconds: float) -> list[str]:
+    rates = {
+        name: (drift.ppm, drift.ppm_error)
+        for name, drift in by_header.items()
+        if drift.ppm is not None and drift.ppm_error is not None
+    }
+    if len(rates) < 2:
+        return []
+    fast, slow = max(rates.values()), min(rates.values())
+    apart_s = 1e-6 * (fast[0] - slow[0]) * seconds
+    if apart_s - 1e-6 * math.hypot(fast[1], slow[1]) * seconds <= DRIFT_TOLERATED_S:
+        return []
+    each = ", ".join(f"{name} {ppm:+.1f}" for name, (ppm, _) in rates.items())
+    line = (
+        f"header clocks drift apart by {1e3 * apart_s:.1f} ms over {seconds:.0f} s (ppm against log time: {each}):"
+        " the residual is not to be trusted; use --time log"
+    )
+    return [line]
+
+
+def _apart_by_offset(by_header: Mapping[str, ClockDrift]) -> list[str]:
+    offsets = [drift.offset_s for drift in by_header.values()]
+    noise_s = max((drift.scatter_s for drift in by_header.values()), default=0.0)
+    if not offsets or max(offsets) - min(offsets) <= OFFSET_TOLERATED_S + 3.0 * noise_s:
+        return []
+    each = ", ".join(f"{name} {1e3 * drift.offset_s:.1f}" for name, drift in by_header.items())
+    line = (
+        f"header stamps lie behind log time by different amounts (ms: {each}): clocks or transport differ, and where"
+        " it is the clocks, the residual is not to be trusted; compare with --time log"
+    )
+    return [line]
