@@ -1,0 +1,86 @@
+"""Two subjects, parameter by parameter: which values they share and which are their own.
+
+Zaman et al., 9.1.1 and 9.1.2, Tables 6 and 7.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from biodyn_core.errors import InputError
+from biodyn_core.model import Chain
+from biodyn_core.parameters import PARAMETERS
+from biodyn_core.segments import SEGMENTS
+from biodyn_core.subject import Subject
+
+THRESHOLD_PERCENT: Final = 30.0
+"""Parameters that deviate by less are convergent (9.1.1)."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One quantity of two subjects; `segment` names the joint below it, None where the body has one value."""
+
+    quantity: str
+    segment: str | None
+    unit: str
+    a: float
+    b: float
+
+    @property
+    def percent(self) -> float:
+        """|b - a| / a in percent; infinite where a alone is zero."""
+        if self.a == self.b:
+            return 0.0
+        return 100.0 * abs(self.b - self.a) / self.a if self.a > 0.0 else math.inf
+
+
+@dataclass(frozen=True)
+class SubjectComparison:
+    """The quantities of subject a that subject b shares (convergent) and does not (divergent), in the order of theta.
+
+    Stiffness and stiffening stand behind theta. How much of a deviation is uncertainty of the two fits is not known.
+    """
+
+    a: Subject
+    b: Subject
+    threshold_percent: float
+    convergent: tuple[Deviation, ...]
+    divergent: tuple[Deviation, ...]
+
+
+def compare(a: Subject, b: Subject, threshold_percent: float = THRESHOLD_PERCENT) -> SubjectComparison:
+    """Sort every quantity by its deviation from a, below the threshold or not (Tables 6 and 7).
+
+    Raises InputError for a threshold that is not positive, and for subjects of different mass matrices.
+    """
+    if not (math.isfinite(threshold_percent) and threshold_percent > 0.0):
+        raise InputError(f"the threshold is {threshold_percent:g} %, expected a positive number")
+    if a.mass_matrix != b.mass_matrix:
+        raise InputError(
+            f"{a.name} has mass_matrix {a.mass_matrix}, {b.name} {b.mass_matrix}: these are parameters of different"
+            " models; compare subjects fitted with the same one"
+        )
+    values_of_b = _values(b)
+    rows = [Deviation(*key, value, values_of_b[key]) for key, value in _values(a).items()]
+    return SubjectComparison(
+        a,
+        b,
+        threshold_percent,
+        convergent=tuple(row for row in rows if row.percent < threshold_percent),
+        divergent=tuple(row for row in rows if not row.percent < threshold_percent),
+    )
+
+
+def _values(subject: Subject) -> dict[tuple[str, str | None, str], float]:
+    """The value by quantity, segment and unit: theta, then the stiffness and the stiffening of each joint."""
+    p, chain = subject.parameters, Chain.of(subject)
+    found = {(q.group, q.segment, q.unit): float(v) for q, v in zip(PARAMETERS, p.vector(), strict=True)}
+    # Tables 4 to 7 have k without m_scale, which stands in a row of its own.
+    joints = {("stiffness_n_per_m", "N/m"): chain.stiffness_n_per_m / p.mass_scale}
+    joints["stiffening_per_m", "1/m"] = chain.stiffening_per_m
+    for (quantity, unit), values in joints.items():
+        found |= {(quantity, name, unit): float(v) for name, v in zip(SEGMENTS, values, strict=True)}
+    return found
