@@ -129,6 +129,53 @@ def _replay(options: argparse.Namespace) -> int:
     return 0
 
 
+def _compare(options: argparse.Namespace) -> int:
+    from biodyn_core.identification.compare import compare
+    from biodyn_core.subject import load_subject
+    from biodyn_ros.comparison_text import comparison_document, text_of
+    from biodyn_ros.resources import subject_file
+
+    a, b = (load_subject(subject_file(name)) for name in (options.first, options.second))
+    document = comparison_document(compare(a, b, options.threshold))
+    _print(options, document, text_of(document))
+    return 0
+
+
+def _validate(options: argparse.Namespace) -> int:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.recording import RecordingSettings
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_core.subject import load_subject
+    from biodyn_ros.mapping import parse_map
+    from biodyn_ros.recordings import RecordingOptions
+    from biodyn_ros.resources import subject_file
+    from biodyn_ros.validate import ValidateOptions, validate, validate_to_directory
+    from biodyn_ros.validation_findings import ValidationSettings
+    from biodyn_ros.validation_text import text_of
+
+    how = ValidateOptions(
+        case=options.case,
+        reading=RecordingOptions(
+            mapping=parse_map(options.map),
+            time=options.time,
+            vertical=options.vertical,
+            conditioning=_settings(options, ConditioningSettings),
+            recording=_settings(options, RecordingSettings),
+        ),
+        spectra=_settings(options, SpectrumSettings),
+        limits=_settings(options, ValidationSettings),
+        seat_force=options.seat_force,
+        as_printed=options.as_printed,
+    )
+    subject, progress = load_subject(subject_file(options.subject)), _progress("validating")
+    if options.output:
+        validated = validate_to_directory(options.bag, subject, Path(options.output), how, progress)
+    else:
+        validated = validate(options.bag, subject, how, progress)
+    _print(options, validated.document, text_of(validated.document))
+    return 0
+
+
 # --- parser ----------------------------------------------------------------------------------------------------------
 
 
@@ -149,6 +196,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_info(commands)
     _add_play(commands)
     _add_replay(commands)
+    _add_compare(commands)
+    _add_validate(commands)
     return parser
 
 
@@ -209,6 +258,45 @@ def _add_replay(commands: Any) -> None:
     _add_settings(command, "conditioning", ConditioningSettings)
     _add_settings(command, "pipeline", PipelineSettings)
     command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
+
+
+def _add_compare(commands: Any) -> None:
+    from biodyn_core.identification.compare import THRESHOLD_PERCENT
+
+    command = _command(commands, "compare", _compare, "which parameters two subjects share, and which are their own")
+    command.add_argument("first", metavar="A", help="subject file or bundled name; deviations are from it")
+    command.add_argument("second", metavar="B", help="the other subject")
+    command.add_argument(
+        "--threshold", type=float, default=THRESHOLD_PERCENT, metavar="PERCENT",
+        help=f"deviation from which a parameter diverges (default {THRESHOLD_PERCENT:g} %%)",
+    )  # fmt: skip
+
+
+def _add_validate(commands: Any) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.recording import RecordingSettings
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_ros.validation_findings import ValidationSettings
+
+    command = _command(commands, "validate", _validate, "forward prediction of an event that was not fitted to")
+    command.add_argument("bag", metavar="BAG")
+    _add_subject(command)
+    _add_map(command)
+    _add_time(command)
+    command.add_argument("--case", metavar="CASE", help="loading condition (default: by the bag's name)")
+    command.add_argument("--vertical", default="", metavar="TEXT", help="where sensors' axes see up if not by gravity")
+    command.add_argument(
+        "--seat-force", choices=("inertia", "joint", "paper"), default="inertia", help="form of the force at the seat"
+    )
+    command.add_argument("--as-printed", action="store_true", help="forces under cascade masses too, labelled")
+    for title, kind in (
+        ("conditioning", ConditioningSettings),
+        ("recording", RecordingSettings),
+        ("spectra", SpectrumSettings),
+        ("judging", ValidationSettings),
+    ):
+        _add_settings(command, title, kind)
+    command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json")
 
 
 def _command(commands: Any, name: str, handler: Handler, text: str) -> argparse.ArgumentParser:

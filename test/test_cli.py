@@ -484,3 +484,35 @@ def test_a_broken_seat_file_is_one_clear_line(
     assert "seat.csv" in line
     assert said in line
     assert not (tmp_path / "bag.mcap").exists()
+
+
+# --- compare and validate --------------------------------------------------------------------------------------------
+
+
+def test_compare_says_what_the_paper_s_table_6_says(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "compare", "subject_1", "subject_2", "--json")
+    document = json.loads(out)
+    assert code == 0
+    rows = {(row["quantity"], row["segment"]): row["percent"] for row in document["convergent"]}
+    assert rows["natural_frequency_hz", "head"] == pytest.approx(2.49, abs=0.15)
+    code, out, _ = run(capsys, "compare", "subject_1", "subject_2", "--threshold", "1")
+    assert code == 0 and "head" in out
+    assert "different models" in refused(capsys, "compare", "subject_1", "subject_1_as_printed")
+
+
+def test_validate_writes_what_it_prints_and_names_what_disagrees(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    arguments = ("validate", BAG, "--subject", "subject_1", "-o", tmp_path / "out", "--json")
+    code, out, _ = run(capsys, *arguments)
+    assert code == 0
+    assert json.loads(out) == json.loads((tmp_path / "out" / "validate.json").read_text(encoding="utf-8"))
+    assert json.loads(out)["verdict"] == "agrees"
+    code, out, _ = run(capsys, "validate", BAG, "--subject", "subject_2")
+    assert code == 0 and "verdict: disagrees" in out and "head: error" in out
+
+
+def test_validate_refuses_in_one_line_and_leaves_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    missing = tmp_path / "missing.mcap"
+    assert "missing.mcap" in refused(capsys, "validate", missing, "--subject", "subject_1", "-o", tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -40,7 +40,7 @@ LAYERS = (
 CORE_NEEDS = {"numpy", "scipy", "yaml"}
 COMPILED = "biodyn_core.kernels.compiling"
 
-ROS_FREE = ("cdr", "bag", "resources", "environment", "blue_trident")
+ROS_FREE = ("cdr", "bag", "resources", "environment", "blue_trident", "recordings", "validat", "comparison")
 ROS = {
     "rclpy",
     "ament_index_python",

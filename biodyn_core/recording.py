@@ -1,0 +1,344 @@
+"""Recording: what identification and validation fit to, one event of six sensors on the seat's grid, zero-phase.
+
+The conditioning is that of the live path but for its filter, which runs forward and backward. What a sensor did not
+truly read is masked, never repaired: clipped and stuck readings, longer gaps, and as far around them as the low-pass
+reaches.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.alignment import Aligner
+from biodyn_core.conditioning import FILTER_ORDER, Block, Conditioner, ConditioningSettings, Vector
+from biodyn_core.errors import InputError
+from biodyn_core.kernels.sensor import IMPLAUSIBLE
+from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
+from biodyn_core.settings import check_settings, setting
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+WARM_UP_S: Final = 2.0
+"""A model that starts from rest is not compared before so long (Zaman et al., 5.3), nor behind a seat misread."""
+
+LEFT_OF_AN_ERROR: Final = 1e-3
+"""Of a wrong sample no more than this share is left where the low-pass is said to reach no further."""
+
+SHORTEST_LEVEL_S: Final = 2.0
+"""A level is taken from at least so long without a mask: three periods of a car's body bounce."""
+
+
+WORTH_A_LINE_S: Final = 0.05
+"""What is masked in all is said from here on: one clipped sample is more, the ends, where nothing is read, less."""
+
+_NONE: Final = np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One event, conditioned zero-phase and aligned on the seat's grid: what identification fits to."""
+
+    name: str
+    """Where it came from."""
+    case: str
+    """Loading condition: road, pothole, rail, ..."""
+    rate_hz: float
+    stamps_ns: Integers
+    """(n,)"""
+    seat_mps2: Floats
+    """(n,) vertical, gravity-free, low-passed, no NaN."""
+    measured_mps2: Floats
+    """(n, 5) by `MEASURED_SEGMENTS`, NaN where a sensor brought nothing usable."""
+    warnings: tuple[str, ...]
+    """Quality: clipping, gaps, drift, missing segments, one line each."""
+
+
+@dataclass(frozen=True)
+class RecordingSettings:
+    """What a recording must be, and what is masked or taken off in it."""
+
+    shortest_s: float = setting(3.0, "shortest recording, the 2 s of warm-up included", "s", 2.5, 3600.0)
+    least_seat_rms_mps2: float = setting(
+        0.1, "least rms of the seat, behind the warm-up, that counts as excitation", "m/s^2", 0.0, 100.0
+    )
+    bridge_s: float = setting(
+        0.004, "a straight line across a gap up to this long is kept, a longer one is masked", "s", 0.0, 0.05
+    )
+    keep_level: bool = setting(False, "keep what a channel's level has moved by since rest, instead of taking it off")
+    moved_level_mps2: float = setting(
+        0.3, "a level moved by more than this is said: 14 deg of lean, or a bias", "m/s^2", 0.0, 100.0
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+class Recorder:
+    """`push(sensor, stamps_ns, samples)` raw samples as they come, `finish()` gives the recordings; any cut, same bits.
+
+    verticals: where sensors' axes see up, for those whose rest is not to tell it.
+    """
+
+    def __init__(
+        self,
+        case: str,
+        name: str,
+        conditioning: ConditioningSettings | None = None,
+        settings: RecordingSettings | None = None,
+        verticals: Mapping[str, Vector] | None = None,
+    ) -> None:
+        self.case, self.name = case, name
+        self.settings = settings or RecordingSettings()
+        given = verticals or {}
+        self._channels = {s: _Channel(Conditioner(s, conditioning, "zero_phase", given.get(s))) for s in SENSORS}
+
+    def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> None:
+        """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
+        if sensor not in self._channels:
+            raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
+        self._channels[sensor].push(stamps_ns, samples_mps2)
+
+    def finish(self) -> list[Recording]:
+        """The record has ended: one recording for each run of the seat that can be fitted to, in order.
+
+        Raises InputError, saying why, where there is none: no seat, no other sensor, too short, no excitation.
+        """
+        for channel in self._channels.values():
+            channel.finish()
+        seat, others = self._channels[SEAT], [self._channels[name] for name in MEASURED_SEGMENTS]
+        if not seat.blocks:
+            raise InputError(f"{self.name}: {seat.why_nothing()}")
+        if not any(channel.blocks for channel in others):
+            raise InputError(f"{self.name}: {others[-1].why_nothing()}, nor is any other segment: nothing to compare")
+        aligners = [channel.aligner(self.settings.bridge_s) for channel in others]
+        recordings, reasons = [], []
+        for block in seat.blocks:
+            try:
+                recordings.append(self._recording(block, aligners))
+            except InputError as error:
+                reasons.append((-block.time_s.size, str(error)))
+        if not recordings:
+            raise InputError(f"{self.name}: {min(reasons)[1]}")  # that of the longest run
+        return self._told(recordings, [reason for _, reason in reasons])
+
+    def _recording(self, block: Block, aligners: Sequence[Aligner]) -> Recording:
+        """One run of the seat, less the ends that the low-pass could not see beyond, and the others beside it."""
+        seat, rate_hz = self._channels[SEAT], _mean_rate_hz(block)
+        reach = seat.reach(block.rate_hz)
+        misread = around(seat.misread(block, self.settings.bridge_s), reach, reach)
+        block, misread = block.part(reach, block.time_s.size - reach), misread[reach : misread.size - reach]
+        unsettled = around(misread, 0, round(WARM_UP_S * rate_hz))
+        read = {SEAT: np.where(misread, np.nan, block.low_passed_mps2)}
+        self._check(read[SEAT], rate_hz)
+        for name, aligner in zip(MEASURED_SEGMENTS, aligners, strict=True):
+            read[name] = np.where(unsettled, np.nan, aligner.read(block.time_s, block.epoch_ns)[0])
+        levels = {name: self._level(values, rate_hz) for name, values in read.items()}
+        measured = np.column_stack([read[name] - levels[name] for name in MEASURED_SEGMENTS])
+        return Recording(
+            name=self.name,
+            case=self.case,
+            rate_hz=rate_hz,
+            stamps_ns=block.stamps_ns.copy(),
+            seat_mps2=block.low_passed_mps2 - levels[SEAT],
+            measured_mps2=measured,
+            warnings=(*self._moved(levels), *self._masked(unsettled, measured, rate_hz)),
+        )
+
+    def _masked(self, unsettled: Flags, measured_mps2: Floats, rate_hz: float) -> Iterator[str]:
+        """How long nothing can be compared, one line for the seat and each segment."""
+        if unsettled.any():
+            seconds = np.count_nonzero(unsettled) / rate_hz
+            yield f"seat: misread, so all segments are masked there and {WARM_UP_S:g} s on: {seconds:.2f} s"
+        for name, column in zip(MEASURED_SEGMENTS, measured_mps2.T, strict=True):
+            masked_s = np.count_nonzero(np.isnan(column)) / rate_hz
+            if masked_s > WORTH_A_LINE_S and self._channels[name].blocks:
+                yield f"{name}: nothing usable in {masked_s:.2f} s of {column.size / rate_hz:.2f} s"
+
+    def _check(self, seat_mps2: Floats, rate_hz: float) -> None:
+        """Raise InputError for what no model can be fitted to; what was misread (NaN) is no excitation."""
+        seconds, s = seat_mps2.size / rate_hz, self.settings
+        if seconds < s.shortest_s:
+            raise InputError(
+                f"{seconds:.2f} s between rest, gaps and ends are too short: {s.shortest_s:g} s are needed,"
+                f" {WARM_UP_S:g} s of them warm-up: record longer"
+            )
+        behind = seat_mps2[round(WARM_UP_S * rate_hz) :]
+        behind = behind[~np.isnan(behind)]
+        rms = float(behind.std()) if behind.size else 0.0
+        if rms < s.least_seat_rms_mps2:
+            raise InputError(
+                f"the seat moves by {rms:.2g} m/s^2 rms behind the warm-up, {s.least_seat_rms_mps2:g} are needed:"
+                " without excitation nothing can be told"
+            )
+
+    def _level(self, values: Floats, rate_hz: float) -> float:
+        """What is taken off a channel; 0 where its level is kept or cannot be told."""
+        return 0.0 if self.settings.keep_level else level_mps2(values, rate_hz) or 0.0
+
+    def _moved(self, levels: Mapping[str, float]) -> Iterator[str]:
+        """The levels that have moved far since rest, one line each."""
+        for name, level in levels.items():
+            if abs(level) > self.settings.moved_level_mps2:
+                yield f"{name}: its level has moved by {level:+.2f} m/s^2 since rest (taken off): did it lean over?"
+
+    def _told(self, recordings: list[Recording], left_out: list[str]) -> list[Recording]:
+        """The recordings, each named and with what is to be said of all."""
+        of_all = [line for channel in self._channels.values() for line in channel.warnings()]
+        of_all += [f"a part is left out: {reason}" for reason in left_out]
+        several = len(recordings) > 1
+        if several:
+            of_all.append(f"gaps of the seat split the record into {len(recordings)} recordings")
+        return [
+            dataclasses.replace(
+                recording,
+                name=f"{self.name} ({number} of {len(recordings)})" if several else self.name,
+                warnings=(*of_all, *recording.warnings),
+            )
+            for number, recording in enumerate(recordings, 1)
+        ]
+
+
+class _Channel:
+    """One sensor on its way into a recording: its conditioned runs, and which of their samples were not truly read."""
+
+    def __init__(self, conditioner: Conditioner) -> None:
+        self._conditioner = conditioner
+        self._usable: list[Integers] = []
+        self._clipped: list[Integers] = []
+        self._read = self._clipped_ns = _NONE
+        self.blocks: list[Block] = []
+
+    def push(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
+        # The largest of the axes is NaN where one is: then neither usable nor clipped.
+        largest, limit = np.abs(samples_mps2).max(axis=1), self._conditioner.settings.saturation_mps2
+        self._usable.append(stamps_ns[largest < IMPLAUSIBLE * limit].astype(np.int64))
+        self._clipped.append(stamps_ns[largest >= limit].astype(np.int64))
+        self.blocks += self._conditioner.push(stamps_ns, samples_mps2)
+
+    def finish(self) -> None:
+        self.blocks += self._conditioner.finish()
+        # Sorted once: a record full of gaps has thousands of runs to look up.
+        self._read, self._clipped_ns = (
+            np.unique(np.concatenate([*part, _NONE])) for part in (self._usable, self._clipped)
+        )
+
+    def reach(self, rate_hz: float) -> int:
+        """How many samples the low-pass reaches to either side: until its slowest pole has died away."""
+        cutoff_hz = self._conditioner.settings.cutoff_hz
+        decay_per_s = 2.0 * math.pi * cutoff_hz * math.sin(math.pi / (2.0 * FILTER_ORDER))
+        return math.ceil(-math.log(LEFT_OF_AN_ERROR) / decay_per_s * rate_hz)
+
+    def misread(self, block: Block, bridge_s: float) -> Flags:
+        """Which samples of a run (n,) are clipped, stuck, or interpolated across more than `bridge_s`."""
+        # What was read carries its raw stamp: a zero-phase filter takes no delay off.
+        filled = ~_among(block.stamps_ns, self._read)
+        unchanged = np.append(False, (np.diff(block.levelled_mps2, axis=0) == 0.0).all(axis=1))
+        flat_for = math.ceil(self._conditioner.settings.flat_s * block.rate_hz)
+        stuck = around(unchanged, 1, 0, least=flat_for)
+        lost = around(filled, 0, 0, least=max(1, math.floor(bridge_s * block.rate_hz + 1e-9)))
+        return _among(block.stamps_ns, self._clipped_ns) | lost | stuck
+
+    def aligner(self, bridge_s: float) -> Aligner:
+        """Answers at the seat's instants; NaN in what is masked, and at the ends of runs."""
+        aligner = Aligner(keep_s=math.inf)
+        for block in self.blocks:
+            misread = self.misread(block, bridge_s)
+            misread[0] = misread[-1] = True
+            reach = self.reach(block.rate_hz)
+            low_passed = np.where(around(misread, reach, reach), np.nan, block.low_passed_mps2)
+            aligner.feed([block._replace(low_passed_mps2=low_passed)])
+        return aligner
+
+    def why_nothing(self) -> str:
+        """Why there is no run, in one line."""
+        sensor = self._conditioner.sensor
+        if not self._usable:
+            return f"{sensor}: not in the record"
+        shorter = "shorter than the seconds of rest that gravity needs: record longer, or lower rest_s"
+        return self._conditioner.fault or f"{sensor}: {shorter}"
+
+    def warnings(self) -> Iterator[str]:
+        """What is to be said of the sensor, one line each."""
+        sensor, status = self._conditioner.sensor, self._conditioner.status()
+        if not self.blocks:
+            yield self.why_nothing()
+            return
+        yield from (f"{sensor}: {line}" for line in status.warnings)
+        if status.clipped:
+            yield f"{sensor}: {status.clipped} samples clipped, masked"
+        if status.filled:
+            yield f"{sensor}: {status.filled} samples interpolated, gaps above the bridge masked"
+        if status.rejected:
+            yield f"{sensor}: {status.rejected} samples rejected"
+        if status.runs > 1:
+            yield f"{sensor}: {status.runs - 1} gaps or jumps of the stamps, {status.gap_s:.3f} s missing"
+
+
+def representative(recordings: Sequence[Recording]) -> Recording:
+    """The repetition of a case with the largest rms acceleration of the head (Zaman et al., 5.3).
+
+    Raises InputError where the head was measured in none.
+    """
+    measured = [recording for recording in recordings if np.isfinite(_head(recording)).any()]
+    if not measured:
+        raise InputError("no recording has a head: the representative trial is the one with the largest head rms")
+    return max(measured, key=lambda recording: float(np.nanmean(_head(recording) ** 2)))
+
+
+def _head(recording: Recording) -> Floats:
+    behind = round(WARM_UP_S * recording.rate_hz)
+    return recording.measured_mps2[behind:, MEASURED_SEGMENTS.index(HEAD)]
+
+
+def level_mps2(values: Floats, rate_hz: float) -> float | None:
+    """The level of a channel (n,) with NaN, by its longest stretch without; None where that is too short.
+
+    A tapered mean: a plain one (Zaman et al., 5.2: all channels demeaned) takes the velocity gained between the ends
+    for a level.
+    """
+    begin, end = max(stretches(~np.isnan(values)), key=lambda stretch: stretch[1] - stretch[0], default=(0, 0))
+    if end - begin < SHORTEST_LEVEL_S * rate_hz:
+        return None
+    taper = np.hanning(end - begin)
+    return float(taper @ values[begin:end] / taper.sum())
+
+
+def stretches(flags: Flags) -> list[tuple[int, int]]:
+    """Where flags (n,) are set: (first, end) of every stretch."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def around(flags: Flags, before: int, after: int, least: int = 1) -> Flags:
+    """Flags (n,) widened by so many samples before and after each stretch; stretches shorter than `least` are gone."""
+    wide = np.zeros(flags.shape, dtype=np.bool_)
+    for begin, end in stretches(flags):
+        if end - begin >= least:
+            wide[max(0, begin - before) : end + after] = True
+    return wide
+
+
+def _among(values: Integers, ascending: Integers) -> Flags:
+    """Which values (n,) are among ascending ones (m,)."""
+    if ascending.size == 0:
+        return np.zeros(values.shape, dtype=np.bool_)
+    at = np.minimum(np.searchsorted(ascending, values), ascending.size - 1)
+    return ascending[at] == values
+
+
+def _mean_rate_hz(block: Block) -> float:
+    """The rate a run truly had; that of its design where it is one sample long."""
+    return (
+        float((block.time_s.size - 1) / (block.time_s[-1] - block.time_s[0]))
+        if block.time_s.size > 1
+        else block.rate_hz
+    )

@@ -1,0 +1,279 @@
+"""Response over frequency: transmissibility, apparent mass and impedance by Welch's method, with their coherence.
+
+H1 estimates, S_yx / S_xx: noise on the answer is averaged out, noise on the seat makes them too small. A segment in
+which anything is masked is left out, of the input's spectrum too. The linear model's own response is `Chain`'s.
+Zaman et al., 4.1 and 4.2; Welch 1967; Bendat and Piersol, Random Data, 4th ed., 9.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from biodyn_core.errors import InputError
+from biodyn_core.model import Chain, Response, SeatForce
+from biodyn_core.recording import WARM_UP_S, stretches
+from biodyn_core.settings import check_settings, setting
+from biodyn_core.subject import Subject
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Part = tuple[Floats, Floats]
+"""One stretch of time: input (n,) and outputs (n, m), NaN where masked."""
+
+CHANCE: Final = 0.05
+"""Signals without anything in common reach `CrossSpectra.chance_coherence` this often."""
+
+SAME_RATE: Final = 1e-3
+"""Records are pooled whose rates differ by less than this: 0.05 Hz at 50 Hz."""
+
+
+@dataclass(frozen=True)
+class SpectrumSettings:
+    """How spectra are estimated: Welch's averaged segments, each less its mean, and the frequencies answered."""
+
+    window: str = setting("hann", "window of a segment, by SciPy's name")
+    segment_s: float = setting(2.0, "length of a segment, whose inverse is the step in frequency", "s", 0.25, 1000.0)
+    overlap: float = setting(0.5, "share of a segment that the next one has too", "", 0.0, 0.9)
+    lowest_hz: float = setting(1.0, "lowest frequency answered, at least two steps", "Hz", 0.002, 99.0)
+    highest_hz: float = setting(50.0, "highest frequency answered", "Hz", 1.0, 100.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        try:
+            signal.get_window(self.window, 16)
+        except ValueError:
+            raise InputError(f"window {self.window!r} is unknown to SciPy, or needs a parameter: try hann") from None
+        if self.lowest_hz * self.segment_s < 2.0 * (1.0 - 1e-9):
+            raise InputError(f"lowest_hz is {self.lowest_hz:g}, below two steps of {1.0 / self.segment_s:g} Hz")
+        if self.highest_hz <= self.lowest_hz:
+            raise InputError(f"highest_hz is {self.highest_hz:g}, expected more than lowest_hz {self.lowest_hz:g}")
+
+
+@dataclass(frozen=True, eq=False)
+class CrossSpectra:
+    """Averaged spectra of one input and m outputs over frequency_hz (f,); NaN for an output without any segment.
+
+    input_psd, output_psd (f, m), one-sided, unit squared per Hz; cross (f, m) is S_yx, conj(X) Y; segments (m,) that
+    were averaged; averages (m,) independent ones they are worth; bandwidth_hz: equivalent noise bandwidth of a line.
+    """
+
+    frequency_hz: Floats
+    input_psd: Floats
+    output_psd: Floats
+    cross: Complexes
+    segments: Integers
+    averages: Floats
+    bandwidth_hz: float
+
+    @property
+    def h1(self) -> Complexes:
+        """Output per input, (f, m)."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.cross / self.input_psd
+
+    @property
+    def phase_deg(self) -> Floats:
+        """Phase of output against input, (f, m) degrees: degrees(arg S_yx); the paper's 4.1 has the unit inside arg."""
+        return np.degrees(np.angle(self.cross))
+
+    @property
+    def coherence(self) -> Floats:
+        """Share of the output's power that goes linearly with the input, (f, m); 1 for one segment alone."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.minimum(np.abs(self.cross) ** 2 / (self.input_psd * self.output_psd), 1.0)
+
+    @property
+    def chance_coherence(self) -> Floats:
+        """Coherence (m,) that unrelated signals exceed at one frequency in twenty; 1 for one segment: it tells nothing.
+
+        1 - CHANCE^(1 / (averages - 1)), after Goodman 1957.
+        """
+        freedom = np.maximum(self.averages - 1.0, 1e-9)
+        return 1.0 - CHANCE ** (1.0 / freedom)
+
+    def tells(self, least_coherence: float) -> Flags:
+        """Where, (f, m), the coherence is above the least that is asked for, and above chance."""
+        return np.nan_to_num(self.coherence) > np.maximum(self.chance_coherence, least_coherence)
+
+    @property
+    def relative_error(self) -> Floats:
+        """Standard error of |H1| over |H1|, and of its phase in rad, (f, m) (Bendat and Piersol, Eq. 9.90)."""
+        share = self.coherence
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.sqrt(np.maximum(1.0 - share, 0.0) / (2.0 * self.averages * share))
+
+
+def cross_spectra(parts: Sequence[Part], rate_hz: float, settings: SpectrumSettings | None = None) -> CrossSpectra:
+    """Welch's averages over all parts, of one rate.
+
+    Raises InputError where no output has a segment without NaN, or highest_hz lies above half the rate.
+    """
+    s = settings or SpectrumSettings()
+    window = signal.get_window(s.window, round(s.segment_s * rate_hz))
+    size = window.size
+    step = size - int(s.overlap * size)
+    frequency = np.arange(size // 2 + 1) * rate_hz / size
+    if s.highest_hz >= rate_hz / 2.0:
+        raise InputError(f"highest_hz is {s.highest_hz:g}, half the sampling rate is {rate_hz / 2.0:g} Hz")
+    lines = np.flatnonzero((frequency >= s.lowest_hz * (1.0 - 1e-3)) & (frequency <= s.highest_hz * (1.0 + 1e-3)))
+    outputs = parts[0][1].shape[1]
+    sums = np.zeros((3, lines.size, outputs), dtype=np.complex128)
+    segments = np.zeros(outputs, dtype=np.int64)
+    for given, answers in parts:
+        for m in range(outputs):
+            starts = _starts(np.isfinite(given) & np.isfinite(answers[:, m]), size, step)
+            segments[m] += len(starts)
+            for start in starts:
+                x, y = (_lines(v[start : start + size], window, lines) for v in (given, answers[:, m]))
+                sums[:, :, m] += x.conj() * x, y.conj() * y, x.conj() * y
+    if not segments.any():
+        raise InputError(f"no {s.segment_s:g} s without a mask in the record: shorten segment_s, or record longer")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = sums * 2.0 / (rate_hz * (window**2).sum()) / segments
+    return CrossSpectra(
+        frequency_hz=frequency[lines],
+        input_psd=np.ascontiguousarray(mean[0].real),
+        output_psd=np.ascontiguousarray(mean[1].real),
+        cross=mean[2],
+        segments=segments,
+        averages=np.array([_independent(int(n), window, step) for n in segments]),
+        bandwidth_hz=float(rate_hz * (window**2).sum() / window.sum() ** 2),
+    )
+
+
+def _starts(usable: Flags, size: int, step: int) -> list[int]:
+    """Where segments begin: in every stretch without a mask, from its beginning on."""
+    return [start for begin, end in stretches(usable) for start in range(begin, end - size + 1, step)]
+
+
+def _lines(values: Floats, window: Floats, lines: NDArray[np.intp]) -> Complexes:
+    return np.asarray(np.fft.rfft((values - values.mean()) * window)[lines], dtype=np.complex128)
+
+
+def _independent(segments: int, window: Floats, step: int) -> float:
+    """How many independent segments so many overlapping ones are worth (Welch 1967, for a smooth spectrum)."""
+    shared = 0.0
+    for j in range(1, min(segments, math.ceil(window.size / step))):
+        common = window[: window.size - j * step] @ window[j * step :] / (window @ window)
+        shared += 2.0 * (1.0 - j / segments) * float(common) ** 2
+    return segments / (1.0 + shared)
+
+
+class Peak(NamedTuple):
+    """Where a magnitude is largest, and how large."""
+
+    frequency_hz: float
+    magnitude: float
+
+
+def peak(frequency_hz: Floats, magnitude: Floats, among: Flags | None = None) -> Peak | None:
+    """The largest magnitude (f,) over the frequencies flagged; None where none is."""
+    allowed = np.isfinite(magnitude) if among is None else among & np.isfinite(magnitude)
+    if not allowed.any():
+        return None
+    at = int(np.argmax(np.where(allowed, magnitude, -np.inf)))
+    return Peak(float(frequency_hz[at]), float(magnitude[at]))
+
+
+@dataclass(frozen=True, eq=False)
+class DrivingPoint:
+    """What the seat feels of a body over frequency_hz (f,): apparent_mass_kg (f,), complex, and its coherence (f,).
+
+    Where the seat hardly moves the coherence is low, and what stands there is no apparent mass; below chance_coherence
+    nothing is told. body_mass_kg is the whole person's (Eq. 20), upper_body_mass_kg the model's, by which the paper's
+    printed 1.686 and 2.709 are normalised.
+    """
+
+    frequency_hz: Floats
+    apparent_mass_kg: Complexes
+    coherence: Floats
+    chance_coherence: float
+    body_mass_kg: float
+    upper_body_mass_kg: float
+
+    def tells(self, least_coherence: float) -> Flags:
+        """Where, (f,), the coherence is above the least that is asked for, and above chance."""
+        return np.nan_to_num(self.coherence) > max(self.chance_coherence, least_coherence)
+
+    @property
+    def by_body_mass(self) -> Floats:
+        """Magnitude over the body's mass, (f,)."""
+        return np.abs(self.apparent_mass_kg) / self.body_mass_kg
+
+    @property
+    def by_upper_body_mass(self) -> Floats:
+        """Magnitude over the mass of the six segments, (f,)."""
+        return np.abs(self.apparent_mass_kg) / self.upper_body_mass_kg
+
+    @property
+    def phase_deg(self) -> Floats:
+        """Phase of the force against the acceleration, (f,) degrees."""
+        return np.degrees(np.angle(self.apparent_mass_kg))
+
+    @property
+    def impedance_n_s_per_m(self) -> Complexes:
+        """Force over the seat's velocity, (f,) N s/m (Eq. 22).
+
+        S_FV / S_VV is 2 pi i f S_FA / S_AA: integrated over frequency, where a velocity summed up over time drifts.
+        """
+        return 2j * np.pi * self.frequency_hz * self.apparent_mass_kg
+
+
+def driving_point(
+    subject: Subject,
+    responses: Sequence[Response],
+    form: SeatForce = "inertia",
+    as_printed: bool = False,
+    settings: SpectrumSettings | None = None,
+) -> DrivingPoint:
+    """Apparent mass and impedance of simulated responses, `WARM_UP_S` of each left out; options of `Chain.seat_force`.
+
+    Raises InputError as that does, and as `cross_spectra`.
+    """
+    chain = Chain.of(subject)
+    rate_hz = common_rate_hz([response.rate_hz for response in responses])
+    parts = []
+    for response in responses:
+        begin = round(WARM_UP_S * rate_hz)
+        parts.append((response.seat_mps2[begin:], chain.seat_force(response, form, as_printed)[begin:, None]))
+    found = cross_spectra(parts, rate_hz, settings)
+    return DrivingPoint(
+        frequency_hz=found.frequency_hz,
+        apparent_mass_kg=found.h1[:, 0],
+        coherence=found.coherence[:, 0],
+        chance_coherence=float(found.chance_coherence[0]),
+        body_mass_kg=subject.body_mass_kg,
+        upper_body_mass_kg=float(chain.mass_kg.sum()),
+    )
+
+
+def linear_driving_point(
+    subject: Subject, frequency_hz: Floats, form: SeatForce = "inertia", as_printed: bool = False
+) -> DrivingPoint:
+    """The same of the linear model (s_nl = 0), exactly."""
+    chain = Chain.of(subject)
+    return DrivingPoint(
+        frequency_hz=frequency_hz,
+        apparent_mass_kg=chain.apparent_mass(frequency_hz, form, as_printed),
+        coherence=np.ones(frequency_hz.size),
+        chance_coherence=0.0,
+        body_mass_kg=subject.body_mass_kg,
+        upper_body_mass_kg=float(chain.mass_kg.sum()),
+    )
+
+
+def common_rate_hz(rates_hz: Sequence[float]) -> float:
+    """The one rate of records that are to be pooled; InputError where they differ."""
+    if max(rates_hz) > min(rates_hz) * (1.0 + SAME_RATE):
+        listed = ", ".join(f"{rate:g}" for rate in rates_hz)
+        raise InputError(f"records of {listed} Hz cannot share spectra: give records of one rate")
+    return rates_hz[0]

@@ -1,0 +1,89 @@
+"""What disagrees in a validation, and what cannot be told: findings, one line each, and the verdict they make."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from biodyn_core.segments import HEAD
+from biodyn_core.settings import check_settings, setting
+from biodyn_ros.wording import number, words
+
+Document = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ValidationSettings:
+    """From where on prediction and measurement disagree, and what is too uncertain to tell."""
+
+    stht_ratio: float = setting(
+        1.25, "largest ratio between predicted and measured peaks of seat-to-head transmissibility", "", 1.01, 10.0
+    )
+    frequency_ratio: float = setting(1.25, "largest ratio between the frequencies of both peaks", "", 1.01, 10.0)
+    dose_ratio: float = setting(1.25, "largest ratio between predicted and measured VDV of a segment", "", 1.01, 10.0)
+    nrmse_percent: float = setting(20.0, "largest error of a segment, rms over measured rms", "%", 0.1, 1000.0)
+    least_coherence: float = setting(0.5, "measured coherence from which on a frequency can tell", "", 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+def findings(document: Document, limits: ValidationSettings) -> Iterator[Document]:
+    """Every disagreement, and everything that cannot be told, one line each."""
+    yield from _stht_findings(document["stht"], document["spectra"], limits)
+    for name, error in document["error"]["segments"].items():
+        if error is None or error["nrmse_rms_percent"] is None:
+            yield _finding("undecided", "not_measured", name, f"{words(name)}: not measured in this event")
+        elif error["nrmse_rms_percent"] > limits.nrmse_percent:
+            percent = number(error["nrmse_rms_percent"])
+            text = f"{words(name)}: error {percent} % of its rms, above {limits.nrmse_percent:g} %"
+            yield _finding("disagrees", "nrmse", name, text)
+    for name, doses in document["exposure"]["segments"].items():
+        measured, predicted = doses["measured"], doses["predicted"]
+        if measured and predicted and measured["vdv_mps175"] > 0.0:
+            ratio = predicted["vdv_mps175"] / measured["vdv_mps175"]
+            if not 1.0 / limits.dose_ratio <= ratio <= limits.dose_ratio:
+                text = f"{words(name)}: predicted VDV is {number(ratio)} times the measured one"
+                yield _finding("disagrees", "vdv", name, text)
+
+
+def _stht_findings(stht: Document, spectra: Document, limits: ValidationSettings) -> Iterator[Document]:
+    what = "seat-to-head transmissibility"
+    ratio, error = stht["peak_ratio"], stht["peak_ratio_relative_error"]
+    if ratio is None:
+        averages = spectra["averages"][HEAD]
+        text = f"{what}: the measured coherence ({averages:.1f} independent averages) is nowhere high enough to tell"
+        yield _finding("undecided", "stht", HEAD, text)
+        return
+    # Two standard errors, as a factor; the prediction has none.
+    allowed, off, margin = math.log(limits.stht_ratio), abs(math.log(ratio)), 2.0 * error
+    peaks = (
+        f"predicted peak {number(stht['predicted']['magnitude'])} at {number(stht['predicted']['frequency_hz'])} Hz,"
+        f" measured {number(stht['measured']['magnitude'])} at {number(stht['measured']['frequency_hz'])} Hz,"
+        f" ratio {number(ratio)} +- {number(100.0 * margin)} %"
+    )
+    if off - margin > allowed or (off > allowed and margin <= allowed):
+        yield _finding("disagrees", "stht", HEAD, f"{what}: {peaks}")
+    elif margin > allowed:
+        yield _finding("undecided", "stht", HEAD, f"{what}: too uncertain to tell: {peaks}")
+    if not 1.0 / limits.frequency_ratio <= stht["frequency_ratio"] <= limits.frequency_ratio:
+        yield _finding("disagrees", "stht_frequency", HEAD, f"{what}: the peaks lie apart: {peaks}")
+    hidden = stht["predicted_anywhere"]
+    if hidden and hidden["magnitude"] > limits.stht_ratio * stht["predicted"]["magnitude"]:
+        text = (
+            f"{what}: the predicted peak, {number(hidden['magnitude'])} at {number(hidden['frequency_hz'])} Hz,"
+            " lies where the measured coherence is too low to tell"
+        )
+        yield _finding("undecided", "stht_peak_hidden", HEAD, text)
+
+
+def _finding(status: str, what: str, segment: str, text: str) -> Document:
+    return {"status": status, "what": what, "segment": segment, "text": text}
+
+
+def verdict(findings: Sequence[Document]) -> str:
+    """The worst of all findings: disagrees, undecided, or agrees where there is none."""
+    found = {finding["status"] for finding in findings}
+    return next((status for status in ("disagrees", "undecided") if status in found), "agrees")

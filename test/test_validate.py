@@ -1,0 +1,401 @@
+"""Validation: recordings whose disagreement with the model is known beforehand, and what the document says of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import naive
+import numpy as np
+import pytest
+from streams import independent_streams, subject
+
+from biodyn_core.errors import InputError
+from biodyn_core.model import Chain
+from biodyn_core.recording import WARM_UP_S, Recorder, Recording
+from biodyn_core.response import SpectrumSettings, cross_spectra
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEGMENTS
+from biodyn_core.subject import load_subject
+from biodyn_core.synthesis import SensorSettings, load_case
+from biodyn_ros.resources import subject_file
+from biodyn_ros.simulate import simulate_bag
+from biodyn_ros.validate import ValidateOptions, validate_recordings, validate_to_directory
+from biodyn_ros.validation_findings import ValidationSettings, findings, verdict
+from biodyn_ros.validation_text import text_of
+
+RATE_HZ = 1000.0
+BEHIND = round(WARM_UP_S * RATE_HZ)
+HEAD = MEASURED_SEGMENTS.index("head")
+NECK = MEASURED_SEGMENTS.index("neck")
+
+
+def event(seconds: float = 20.0, seed: int = 1, slow: float = 1.0, fast: float = 1.0) -> Recording:
+    """What perfect sensors would see of a seat with so much (m/s^2 rms) at 1 to 10 Hz and at 15 to 45 Hz."""
+    frequency = np.fft.rfftfreq(round(seconds * RATE_HZ), 1.0 / RATE_HZ)
+    rng = np.random.default_rng(seed)
+    seat = np.zeros(round(seconds * RATE_HZ))
+    for rms, low, high in ((slow, 1.0, 10.0), (fast, 15.0, 45.0)):
+        lines = (frequency > low) & (frequency < high)
+        noise = np.fft.irfft(lines * np.exp(2j * np.pi * rng.random(frequency.size)), seat.size)
+        seat += rms * noise / noise.std()
+    seat *= np.minimum(np.arange(seat.size) / 500.0, 1.0)
+    measured = Chain.of(subject()).simulate(seat, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    stamps = np.arange(seat.size) * 1_000_000
+    return Recording("event", "rail", RATE_HZ, stamps, seat, measured, ("neck: something was odd",))
+
+
+def with_measured(recording: Recording, change) -> Recording:
+    measured = recording.measured_mps2.copy()
+    change(measured)
+    return dataclasses.replace(recording, measured_mps2=measured)
+
+
+def document_of(*recordings: Recording, who: str = "subject_1", **options) -> dict:
+    return validate_recordings(recordings, load_subject(subject_file(who)), ValidateOptions(**options)).document
+
+
+def kinds(document: dict) -> set[tuple[str, str, str]]:
+    return {(finding["status"], finding["what"], finding["segment"]) for finding in document["findings"]}
+
+
+# --- what agrees, and what does not -----------------------------------------------------------------------------------
+
+
+def test_the_model_agrees_with_itself():
+    document = document_of(event())
+    assert document["verdict"] == "agrees"
+    assert document["findings"] == []
+    for error in document["error"]["segments"].values():
+        assert error["nrmse_rms_percent"] == pytest.approx(0.0, abs=1e-9)
+    for doses in document["exposure"]["segments"].values():
+        assert doses["measured"] in (doses["predicted"], None)
+    assert document["stht"]["peak_ratio"] == 1.0
+    assert document["exposure"]["hic15"]["measured"] == document["exposure"]["hic15"]["predicted"]
+
+
+def test_another_integrator_agrees_too():
+    recorder = Recorder("road", "drive")
+    for stream in independent_streams(6.0):
+        recorder.push(stream.sensor, stream.stamps_ns, stream.accel_mps2)
+    document = document_of(*recorder.finish())
+    assert document["error"]["mean_nrmse_rms_percent"] < 0.02
+    for name in MEASURED_SEGMENTS:
+        doses = document["exposure"]["segments"][name]
+        assert doses["predicted"]["vdv_mps175"] == pytest.approx(doses["measured"]["vdv_mps175"], rel=2e-4)
+
+
+def test_a_small_error_over_time_passes_no_wrong_transmissibility():
+    """The paper's own case: 2.6 times too much at the head around its resonance, and an error that looks fine."""
+    good = event(slow=0.03, fast=3.0)
+
+    def damp(measured: np.ndarray) -> None:
+        spectrum = np.fft.rfft(measured[:, HEAD])
+        frequency = np.fft.rfftfreq(len(measured), 1.0 / RATE_HZ)
+        spectrum[frequency < 12.0] /= 2.6
+        measured[:, HEAD] = np.fft.irfft(spectrum, len(measured))
+
+    document = document_of(with_measured(good, damp))
+    assert document["error"]["segments"]["head"]["nrmse_rms_percent"] < 20.0
+    assert document["stht"]["peak_ratio"] == pytest.approx(2.6, rel=0.02)
+    assert document["stht"]["measured"]["frequency_hz"] == pytest.approx(4.0, abs=0.5)
+    assert ("disagrees", "stht", "head") in kinds(document)
+    assert document["verdict"] == "disagrees"
+    assert "ratio 2.6" in text_of(document)
+
+
+def test_without_coherence_nothing_is_passed():
+    rng = np.random.default_rng(2)
+
+    def drown(measured: np.ndarray) -> None:
+        measured[:, HEAD] = 30.0 * rng.standard_normal(len(measured))
+
+    document = document_of(with_measured(event(), drown))
+    assert document["stht"]["peak_ratio"] is None
+    assert ("undecided", "stht", "head") in kinds(document)
+
+
+def test_a_short_event_is_undecided_however_well_it_fits():
+    document = document_of(event(seconds=4.5))
+    assert document["spectra"]["averages"]["head"] == pytest.approx(1.0)
+    assert document["error"]["mean_nrmse_rms_percent"] < 1e-6
+    assert document["verdict"] == "undecided"
+    assert "apparent mass, predicted: the coherence is too low to tell" in text_of(document)
+
+
+def test_a_hidden_peak_of_the_prediction_is_undecided():
+    rng = np.random.default_rng(3)
+
+    def drown_slow(measured: np.ndarray) -> None:
+        spectrum = np.fft.rfft(30.0 * rng.standard_normal(len(measured)))
+        frequency = np.fft.rfftfreq(len(measured), 1.0 / RATE_HZ)
+        measured[:, HEAD] += np.fft.irfft(np.where(frequency < 6.0, spectrum, 0.0), len(measured))
+
+    document = document_of(with_measured(event(slow=0.3), drown_slow))
+    assert ("undecided", "stht_peak_hidden", "head") in kinds(document)
+    assert document["stht"]["predicted_anywhere"]["frequency_hz"] == pytest.approx(4.0, abs=0.5)
+
+
+def test_another_person_disagrees():
+    document = document_of(event(), who="subject_2")
+    assert {("disagrees", "nrmse", name) for name in MEASURED_SEGMENTS} <= kinds(document)
+
+
+SPECTRA = {"averages": {"head": 20.0}}
+
+
+@pytest.mark.parametrize(
+    ("ratio", "error", "statuses"),
+    [
+        (1.0, 0.05, set()),
+        (1.24, 0.05, set()),
+        (1.26, 0.05, {"disagrees"}),
+        (1 / 1.26, 0.05, {"disagrees"}),
+        (1.1, 0.2, {"undecided"}),
+        (1.4, 0.2, {"undecided"}),
+        (2.0, 0.2, {"disagrees"}),
+        (0.5, 0.2, {"disagrees"}),
+    ],
+)
+def test_a_peak_disagrees_only_where_its_error_allows_to_say_so(ratio, error, statuses):
+    peak = {"frequency_hz": 4.0, "magnitude": 1.0}
+    stht = {
+        "peak_ratio": ratio,
+        "peak_ratio_relative_error": error,
+        "frequency_ratio": 1.0,
+        "measured": peak,
+        "predicted": peak,
+        "predicted_anywhere": peak,
+    }
+    document = {"stht": stht, "spectra": SPECTRA, "error": {"segments": {}}, "exposure": {"segments": {}}}
+    found = list(findings(document, ValidationSettings()))
+    assert {finding["status"] for finding in found} == statuses
+    assert verdict(found) == next(iter(statuses), "agrees")
+
+
+def test_peaks_at_different_frequencies_disagree():
+    document = document_of(event(), who="subject_1_as_printed")
+    assert ("disagrees", "stht_frequency", "head") in kinds(document)
+
+
+# --- the figures -----------------------------------------------------------------------------------------------------
+
+
+def test_errors_in_both_normalisations():
+    def larger(measured: np.ndarray) -> None:
+        measured *= 1.25
+
+    recording = event()
+    document = document_of(with_measured(recording, larger))
+    truth = 1.25 * recording.measured_mps2[BEHIND:, HEAD]
+    error = document["error"]["segments"]["head"]
+    assert error["nrmse_rms_percent"] == pytest.approx(20.0)
+    rms = math.sqrt(float(np.mean(truth**2)))
+    assert error["nrmse_range_percent"] == pytest.approx(20.0 * rms / (truth.max() - truth.min()))
+    assert error["rms_mps2"] == pytest.approx(0.2 * rms)
+    assert error["compared_s"] == pytest.approx(18.0)
+    assert document["error"]["mean_nrmse_rms_percent"] == pytest.approx(20.0)
+
+
+def test_doses_and_injury_criteria_follow_their_powers():
+    def double(measured: np.ndarray) -> None:
+        measured[:, HEAD] *= 2.0
+
+    document = document_of(with_measured(event(), double))
+    head = document["exposure"]["segments"]["head"]
+    for key in ("aw_mps2", "vdv_mps175", "mtvv_mps2", "peak_mps2"):
+        assert head["measured"][key] == pytest.approx(2.0 * head["predicted"][key])
+    hic = document["exposure"]["hic15"]
+    assert hic["measured"]["vertical"] == pytest.approx(2.0**2.5 * hic["predicted"]["vertical"])
+    assert set(hic["measured"]) == {"as_printed", "vertical"}  # there is no resultant of one axis
+    assert ("disagrees", "vdv", "head") in kinds(document)
+    assert document["exposure"]["segments"]["central_torso"]["measured"] is None
+
+
+def test_figures_are_those_of_slow_twins():
+    recording = event()
+    document = document_of(recording)
+    weighted = naive.weighted("Wk", recording.measured_mps2[:, NECK], RATE_HZ)[BEHIND:]
+    neck = document["exposure"]["segments"]["neck"]["measured"]
+    assert neck["aw_mps2"] == pytest.approx(np.sqrt(np.mean(weighted**2)), rel=2e-3)
+    assert neck["vdv_mps175"] == pytest.approx((np.sum(weighted**4) / RATE_HZ) ** 0.25, rel=2e-3)
+    head_g = np.abs(recording.measured_mps2[BEHIND : BEHIND + 4000, HEAD]) / naive.GRAVITY
+    short = dataclasses.replace(
+        recording,
+        stamps_ns=recording.stamps_ns[: BEHIND + 4000],
+        seat_mps2=recording.seat_mps2[: BEHIND + 4000],
+        measured_mps2=recording.measured_mps2[: BEHIND + 4000],
+    )
+    hic = document_of(short)["exposure"]["hic15"]["measured"]["vertical"]
+    assert hic == pytest.approx(naive.head_injury(head_g, RATE_HZ, 0.015), rel=0.02)
+
+
+def test_the_dynamic_response_of_a_drop_is_the_notes():
+    time = np.arange(8000) / RATE_HZ
+    pulse = np.where((time > 3.0) & (time < 3.08), -5.0 * naive.GRAVITY * np.sin(np.pi * (time - 3.0) / 0.08), 0.0)
+    measured = Chain.of(subject()).simulate(pulse, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    drop = Recording("drop", "rail", RATE_HZ, np.arange(8000) * 1_000_000, pulse, measured, ())
+    dri = document_of(drop)["exposure"]["dri"]
+    assert dri["as_printed"] == pytest.approx(6.47, abs=0.01)
+    assert dri["compression"] == pytest.approx(3.08, abs=0.01)
+
+
+def test_arrays_stand_on_the_stated_grid():
+    recording = event()
+    settings = SpectrumSettings(segment_s=4.0, lowest_hz=0.5, highest_hz=30.0)
+    document = document_of(recording, spectra=settings)
+    grid = document["spectra"]["frequency_hz"]
+    assert grid == pytest.approx(np.arange(0.5, 30.01, 0.25))
+    assert document["spectra"]["step_hz"] == pytest.approx(0.25)
+    parts = [(recording.seat_mps2[BEHIND:], recording.measured_mps2[BEHIND:])]
+    truth = cross_spectra(parts, RATE_HZ, settings)
+    head = document["transmissibility"]["head"]["measured"]
+    assert head["magnitude"] == pytest.approx(np.abs(truth.h1[:, HEAD]), rel=1e-5)
+    assert head["phase_deg"] == pytest.approx(truth.phase_deg[:, HEAD], rel=1e-5)
+    assert head["coherence"] == pytest.approx(truth.coherence[:, HEAD], rel=1e-5)
+    power = document["power_spectral_density"]
+    assert power["head"]["measured"]["psd_mps2_squared_per_hz"] == pytest.approx(truth.output_psd[:, HEAD], rel=1e-5)
+    assert power["seat"]["measured"]["psd_mps2_squared_per_hz"] == pytest.approx(truth.input_psd[:, HEAD], rel=1e-5)
+    assert "measured" not in power["central_torso"]
+    assert document["transmissibility"]["central_torso"]["measured"] is None
+    assert all(len(each["linear"]["magnitude"]) == len(grid) for each in document["transmissibility"].values())
+
+
+def test_the_driving_point_carries_both_normalisations():
+    subject_1 = subject()
+    fine = SpectrumSettings(segment_s=8.0)
+    document = document_of(event(seconds=100.0), seat_force="joint", spectra=fine)
+    point = document["driving_point"]
+    assert point["upper_body_mass_kg"] == pytest.approx(0.581 * 58.6 * subject_1.parameters.mass_scale)
+    linear = point["linear"]
+    assert linear["peak"]["magnitude"] == pytest.approx(60.4, abs=0.06)  # NOTES: at 3.75 Hz
+    assert linear["peak"]["frequency_hz"] == pytest.approx(3.75)
+    assert linear["peak_by_body_mass"]["magnitude"] == pytest.approx(linear["peak"]["magnitude"] / 58.6)
+    assert linear["peak_by_upper_body_mass"]["magnitude"] == pytest.approx(
+        linear["peak"]["magnitude"] / point["upper_body_mass_kg"]
+    )
+    predicted = point["predicted"]
+    frequency = np.array(document["spectra"]["frequency_hz"])
+    np.testing.assert_allclose(
+        predicted["impedance_n_s_per_m"], 2.0 * np.pi * frequency * predicted["apparent_mass_kg"], rtol=1e-4
+    )
+    assert predicted["peak"]["magnitude"] == pytest.approx(60.4, rel=0.05)  # this seat hardly stiffens anything
+    # Between its bands the seat does not move: what stands there is no apparent mass, and never its peak.
+    still = (frequency > 11.0) & (frequency < 14.0)
+    assert np.array(predicted["apparent_mass_kg"])[still].max() > 70.0
+    assert np.array(predicted["coherence"])[still].max() < 0.5
+    assert point["printed_band"] == [0.80, 0.95]
+
+
+def test_forces_of_three_bodies_are_refused_unless_asked_for():
+    refused = document_of(event(), who="subject_1_as_printed")
+    assert "as_printed" in refused["driving_point"]["refused"]
+    assert "as_printed" in text_of(refused)
+    printed = document_of(event(), who="subject_1_as_printed", as_printed=True)
+    assert printed["driving_point"]["as_printed"] is True
+    assert printed["driving_point"]["linear"]["peak"]["magnitude"] > 150.0
+    assert "as printed" in text_of(printed)
+
+
+# --- masks, warm-up, runs --------------------------------------------------------------------------------------------
+
+
+def test_the_warm_up_counts_nowhere_but_in_the_filters():
+    def spoil(measured: np.ndarray) -> None:
+        measured[: BEHIND - 1000] = 1e3
+
+    good, spoilt = document_of(event()), document_of(with_measured(event(), spoil))
+    for part in ("error", "transmissibility", "power_spectral_density", "stht"):
+        assert spoilt[part] == good[part]
+
+
+def test_what_is_masked_is_left_out_on_both_sides():
+    def mask(measured: np.ndarray) -> None:
+        measured[8000:9000, HEAD] = np.nan
+
+    document = document_of(with_measured(event(), mask))
+    head = document["exposure"]["segments"]["head"]
+    assert head["lower_bound"] is True
+    assert head["measured"] == head["predicted"]
+    assert head["measured"]["counted_s"] == pytest.approx(17.0)
+    assert document["error"]["segments"]["head"]["compared_s"] == pytest.approx(17.0)
+    assert document["exposure"]["segments"]["neck"]["lower_bound"] is False
+    assert document["exposure"]["hic15"]["lower_bound"] is True
+    segments = document["spectra"]["segments"]
+    assert segments["neck"] == 17
+    assert segments["head"] == 5 + 10  # two seconds every second, in 6 s and in 11 s
+    assert document["stht"]["peak_ratio"] == 1.0
+    assert document["verdict"] == "agrees"
+
+
+def test_a_segment_without_sensor_is_undecided():
+    def lose(measured: np.ndarray) -> None:
+        measured[:, HEAD] = np.nan
+
+    document = document_of(with_measured(event(), lose))
+    assert document["error"]["segments"]["head"] is None
+    assert document["transmissibility"]["head"]["measured"] is None
+    assert document["exposure"]["hic15"]["measured"] is None
+    assert ("undecided", "not_measured", "head") in kinds(document)
+    assert document["verdict"] == "undecided"
+    assert "not measured" in text_of(document)
+
+
+def test_runs_of_one_event_are_pooled():
+    first = event(seed=1)
+    second = with_measured(event(seed=2), lambda measured: np.multiply(measured, 1.25, out=measured))
+    second = dataclasses.replace(second, stamps_ns=second.stamps_ns + 21_000_000_000)
+    document = document_of(first, second)
+    truth = np.concatenate([first.measured_mps2[BEHIND:], second.measured_mps2[BEHIND:]])[:, HEAD]
+    error = 0.2 * second.measured_mps2[BEHIND:, HEAD]
+    share = 100.0 * math.sqrt(float(np.sum(error**2) / np.sum(truth**2)))
+    assert document["error"]["segments"]["head"]["nrmse_rms_percent"] == pytest.approx(share)
+    assert document["runs"] == 2
+    assert document["seconds"] == pytest.approx(40.0)
+    one, other = (document_of(r)["exposure"]["segments"]["head"]["measured"] for r in (first, second))
+    both = document["exposure"]["segments"]["head"]["measured"]
+    assert both["counted_s"] == pytest.approx(36.0)
+    pooled = (one["vdv_mps175"] ** 4 + other["vdv_mps175"] ** 4) ** 0.25
+    assert both["vdv_mps175"] == pytest.approx(pooled, rel=0.01)  # the second run's filters start behind a break
+    assert document["warnings"] == ["neck: something was odd"]
+
+
+def test_a_model_that_diverges_is_refused():
+    wild = dataclasses.replace(event(), seat_mps2=1e7 * event().seat_mps2)
+    with pytest.raises(InputError, match="leaves the finite numbers"), np.errstate(all="ignore"):
+        document_of(wild)
+
+
+# --- files -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_bag_becomes_a_document(tmp_path):
+    bag = tmp_path / "rail_1.mcap"
+    simulate_bag(bag, subject(), load_case("rail", 8.0, np.random.default_rng(3)), 3, SensorSettings())
+    validated = validate_to_directory(bag, subject(), tmp_path / "out" / "deep")
+    written = json.loads((tmp_path / "out" / "deep" / "validate.json").read_text(encoding="utf-8"))
+    assert written == json.loads(json.dumps(validated.document, allow_nan=False))
+    assert written["case"] == "rail"
+    assert written["path"] == "zero_phase"
+    assert "made by the model itself" in written["bag_made_by_model"]
+    assert "made by the model itself" in text_of(written)
+    assert written["error"]["mean_nrmse_rms_percent"] < 15.0  # offsets of the clocks, 0.2 ms
+    assert set(written["transmissibility"]) == set(SEGMENTS)
+    assert len(validated.responses) == len(validated.recordings) == 1
+    for name in MEASURED_SEGMENTS:
+        doses = written["exposure"]["segments"][name]
+        assert doses["predicted"]["vdv_mps175"] == pytest.approx(doses["measured"]["vdv_mps175"], rel=0.02)
+
+
+def test_a_directory_that_cannot_be_is_one_line(tmp_path):
+    (tmp_path / "file").touch()
+    bag = tmp_path / "road.mcap"
+    simulate_bag(bag, subject(), load_case("road", 6.0, np.random.default_rng(3)), 3, SensorSettings())
+    with pytest.raises(InputError, match="cannot be made a directory"):
+        validate_to_directory(bag, subject(), tmp_path / "file")
+
+
+def test_a_bag_that_is_refused_leaves_no_directory(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        validate_to_directory(tmp_path / "none.mcap", subject(), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
