@@ -1,0 +1,285 @@
+"""The two objectives of identification: transmissibility magnitudes (Zaman et al., Eq. 31) and samples (Eq. 33).
+
+Body mass and m_scale cancel from every acceleration (k, b, alpha_r M, F_nl and M are all proportional to them), so both
+need the convention of M alone. What the paper leaves open is a setting, named where it stands.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.problem import Case
+from biodyn_core.kernels.chain import integrate_chain
+from biodyn_core.kernels.cost import LANES, integrate_lanes
+from biodyn_core.kernels.surrogate import surrogate_costs
+from biodyn_core.model import Chain, Stepper
+from biodyn_core.parameters import LOWER, N_PARAMETERS, UPPER, Parameters, from_log, to_log
+from biodyn_core.segments import (
+    MASS_FRACTION,
+    MEASURED_SEGMENT_INDEX,
+    MEASURED_SEGMENTS,
+    N_SEGMENTS,
+    STIFFENING_SHAPE_PER_M,
+)
+from biodyn_core.subject import MassMatrix, Subject
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Regularization = Literal["physical", "log"]
+Clocks = Literal["trusted", "estimated"]
+
+N_LINEAR: Final = 13
+"""Parameters of phase 1: f_n, zeta and alpha_r; s_nl = 0 and m_scale = 1 are held (Eq. 29)."""
+
+SEGMENT_WEIGHTS: Final = (0.5, 0.2, 0.8, 2.5, 3.0)
+"""Weights of the measured segments in Eq. 31, given in its text; each multiplies its segment's sum."""
+
+PENALTY: Final = 1e9
+"""Cost of a parameter set whose answer runs away; an answer of nothing but zeros costs 5 a case."""
+
+_SEGMENTS: Final = MEASURED_SEGMENT_INDEX.astype(np.int64)
+_NO_TARGET: Final = np.empty((0, len(MEASURED_SEGMENTS)))
+_NO_ACCEL: Final = np.empty((0, len(MEASURED_SEGMENTS), LANES))
+_NO_MOTION: Final = np.empty((0, 2 * N_SEGMENTS))
+_STEP: Final = 1e-6
+"""Relative step of the parameters for the Jacobian: its own error and that of rounding are both below 1e-5 there."""
+
+
+class Constants:
+    """Constants of the joints per kg of body mass for many theta (p, 15), as `Chain.of` has them, each (p, 6)."""
+
+    def __init__(self, theta: Floats, mass_matrix: MassMatrix) -> None:
+        mass = theta[:, 14:] * MASS_FRACTION
+        cascade = np.cumsum(mass[:, ::-1], axis=1)[:, ::-1]
+        self.k = (2.0 * np.pi * theta[:, :6]) ** 2 * cascade
+        self.b = 2.0 * theta[:, 6:12] * np.sqrt(self.k * cascade)
+        self.k_alpha = self.k * theta[:, 13:14] * STIFFENING_SHAPE_PER_M
+        self.mass = np.ascontiguousarray(mass if mass_matrix == "segment" else cascade)
+        self.alpha_r = np.ascontiguousarray(theta[:, 12])
+
+    def lanes(self) -> Floats:
+        """The rows `integrate_lanes` reads, (25, LANES); lanes without a theta repeat the last."""
+        rows = np.column_stack([self.k, self.b, self.k_alpha, 1.0 / self.mass, self.alpha_r])
+        return np.ascontiguousarray(rows[np.minimum(np.arange(LANES), len(rows) - 1)].T)
+
+
+@dataclass(frozen=True)
+class SurrogateSettings:
+    """What Eq. 31 leaves open. `reference` is theta_ref, the middle of Table 1 in log space where none is given."""
+
+    lambda_1: float = 0.005
+    segment_weights: tuple[float, ...] = SEGMENT_WEIGHTS
+    reference: Parameters | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.segment_weights) != len(MEASURED_SEGMENTS) or not all(0.0 <= w < 1e6 for w in self.segment_weights):
+            raise InputError(f"segment_weights: {len(MEASURED_SEGMENTS)} numbers from 0 to 1e6 are needed")
+        if not 0.0 <= self.lambda_1 <= 1e3:
+            raise InputError(f"lambda_1 is {self.lambda_1:g}, allowed are 0 to 1000")
+
+
+class Surrogate:
+    """Eq. 31 over one case or several: sum w_i gamma_i^2 (|T_i| - |T_meas,i|)^2 + lambda_1 |theta_log - theta_ref|^2.
+
+    T_i = 1 - (2 pi f)^2 H_i, since what was measured is a transmissibility of accelerations.
+    """
+
+    def __init__(
+        self, cases: Sequence[Case], mass_matrix: MassMatrix, settings: SurrogateSettings | None = None
+    ) -> None:
+        s = settings or SurrogateSettings()
+        self.mass_matrix = mass_matrix
+        self.lower, self.upper = to_log(LOWER[:N_LINEAR]), to_log(UPPER[:N_LINEAR])
+        self._omega = 2.0 * np.pi * np.concatenate([case.frequency_hz for case in cases])
+        self._magnitude = np.concatenate([case.transmissibility for case in cases])
+        self._weight = np.concatenate([case.coherence for case in cases]) * np.array(s.segment_weights)
+        self._lambda_1 = s.lambda_1
+        middle = 0.5 * (self.lower + self.upper)
+        self._reference = middle if s.reference is None else to_log(s.reference.vector()[:N_LINEAR])
+
+    def costs(self, theta_log: Floats) -> Floats:
+        """The objective of each of the points (p, 13) in log space, (p,)."""
+        theta = np.ones((theta_log.shape[0], N_PARAMETERS))
+        theta[:, :N_LINEAR] = from_log(theta_log)
+        c, costs = Constants(theta, self.mass_matrix), np.empty(theta.shape[0])
+        surrogate_costs(self._omega, self._magnitude, self._weight, _SEGMENTS, c.k, c.b, c.mass, c.alpha_r, costs)
+        return np.asarray(costs + self._lambda_1 * ((theta_log - self._reference) ** 2).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """The last term of Eq. 33: lambda_2 |theta - reference|^2 in physical units as printed, or of the logarithms."""
+
+    reference: Floats
+    lambda_2: float = 0.002
+    regularization: Regularization = "physical"
+
+    def __call__(self, theta: Floats) -> Floats:
+        """What squares to it, (..., 15)."""
+        away = np.log(theta / self.reference) if self.regularization == "log" else theta - self.reference
+        return np.asarray(np.sqrt(self.lambda_2) * away)
+
+
+class TimeDomain:
+    """Eq. 33 over one case or several: sum over cases and measured segments of |z'' - a|^2 / |a|^2, and a pull.
+
+    z'' = x'' + seat, from rest; what is masked or within the warm-up counts on neither side. The model's answer is not
+    low-passed: the seat is, and a nearly linear chain hands that on; once more would be once too often.
+
+    clocks: `trusted` as in the paper, or `estimated`: least squares and all that follows from it then see residuals
+    less the best constant and linearly growing delay of each sensor. Clocks that differ by 0.2 ms, as good ones do,
+    move damping by several percent otherwise. To first order in the delay, which is to stay below 2 ms.
+    """
+
+    def __init__(self, cases: Sequence[Case], mass_matrix: MassMatrix, pull: Pull, clocks: Clocks = "trusted") -> None:
+        self.cases, self.mass_matrix = tuple(cases), mass_matrix
+        self._pull = pull
+        self._weights = [case.weight for case in cases]
+        self._clocks = clocks
+        # One choice for the whole of Table 1: steps that change with theta would put edges into the objective.
+        stiffest = Chain.of(Subject("stiffest", 70.0, 1.7, mass_matrix, Parameters.from_vector(UPPER)))
+        self._substeps = [Stepper(stiffest, case.rate_hz).substeps for case in cases]
+        self.evaluations = 0
+        self.penalties: Counter[str] = Counter()
+
+    def costs(self, theta: Floats) -> Floats:
+        """Eq. 33 as printed at points (p, 15), (p,), in batches of `LANES`; a penalty where it is not finite."""
+        total = np.asarray((self._pull(theta) ** 2).sum(axis=1))
+        for begin in range(0, len(theta), LANES):
+            batch = slice(begin, begin + LANES)
+            for number, weight in enumerate(self._weights):
+                target = self.cases[number].measured_mps2
+                total[batch] += self._lanes(number, theta[batch], target, weight, _NO_ACCEL)
+        self.evaluations += len(theta)
+        return np.array([self._penalised(cost) for cost in total])
+
+    def cost(self, theta: Floats) -> float:
+        """The same at one point (15,)."""
+        pull = self._pull(theta)
+        total = float(pull @ pull)
+        for number, (case, weight) in enumerate(zip(self.cases, self._weights, strict=True)):
+            with np.errstate(all="ignore"):  # what is not finite is told from the total
+                miss = self.accelerations(number, theta) - case.measured_mps2
+                total += float(np.vdot(weight * miss, miss))
+        self.evaluations += 1
+        return self._penalised(total)
+
+    def accelerations(self, number: int, theta: Floats) -> Floats:
+        """Absolute accelerations z'' (n, 5) of the measured segments in one case at one point (15,)."""
+        case, substeps, c = self.cases[number], self._substeps[number], Constants(theta[None, :], self.mass_matrix)
+        accel, state = np.zeros((case.seat_mps2.size, N_SEGMENTS)), np.zeros(2 * N_SEGMENTS + 1)
+        state[-1] = case.seat_mps2[0]
+        integrate_chain(
+            case.seat_mps2[1:], state, c.k[0], c.b[0], c.k_alpha[0], 1.0 / c.mass[0], float(c.alpha_r[0]),
+            1.0 / (case.rate_hz * substeps), substeps, accel[1:], _NO_MOTION,
+        )  # fmt: skip
+        return accel[:, MEASURED_SEGMENT_INDEX]
+
+    def linearised(self, theta: Floats, free: Flags) -> tuple[Floats, Floats]:
+        """Residuals (p + 1,) and their derivatives (p + 1, p) by ln theta of the p parameters that are free.
+
+        They stand for the rows of all samples, by a root of their products: the same sum of squares, gradient and J'J,
+        so that the solver's work does not grow with the records. Where the answer is not finite neither are they.
+        """
+        points = _neighbours(theta, free)
+        pull = _differences(self._pull(points).T)
+        products = pull.T @ pull
+        for number in range(len(self.cases)):
+            with np.errstate(all="ignore"):  # what is not finite is told from the products
+                rows = self.rows(number, theta, free).reshape(-1, len(points))
+                products += rows.T @ rows
+        if self._penalised(products[-1, -1]) == PENALTY:
+            products[:] = np.inf
+        root = _root(products)
+        return root[:, -1], root[:, :-1]
+
+    def rows(self, number: int, theta: Floats, free: Flags) -> Floats:
+        """Derivatives by ln theta of the p that are free, then the residual, of one case, (n, 5, p + 1).
+
+        From the end of the warm-up on, each over the root of its segment's energy, 0 where not compared. One-sided
+        differences in one batch; at most `LANES` - 1 parameters are free.
+        """
+        case, points = self.cases[number], _neighbours(theta, free)
+        accel = np.empty((case.seat_mps2.size, len(MEASURED_SEGMENTS), LANES))
+        self._lanes(number, points, _NO_TARGET, _NO_TARGET, accel)
+        self.evaluations += len(points)
+        weight = np.sqrt(self._weights[number][case.begin :])
+        rows = _differences(accel[case.begin :, :, : len(points)])
+        answers = rows[:, :, -1].copy()
+        rows[:, :, -1] -= case.measured_mps2[case.begin :]
+        rows *= weight[:, :, None]
+        if self._clocks == "estimated":
+            _take_off(rows, _delays(answers, case.rate_hz) * weight[:, :, None])
+        return rows
+
+    def clock_delays_s(self, number: int, theta: Floats) -> Floats:
+        """How late each segment's sensor is at the middle of one case, and how much later each second, (5, 2), s."""
+        case = self.cases[number]
+        accel, weight = self.accelerations(number, theta)[case.begin :], np.sqrt(self._weights[number][case.begin :])
+        miss = (accel - case.measured_mps2[case.begin :]) * weight
+        shapes = _delays(accel, case.rate_hz) * weight[:, :, None]
+        found = [np.linalg.lstsq(shapes[:, s], miss[:, s], rcond=None)[0] for s in range(len(MEASURED_SEGMENTS))]
+        return np.where(case.energy[:, None] > 0.0, np.array(found), np.nan)
+
+    def _lanes(self, number: int, theta: Floats, target: Floats, weight: Floats, accel: Floats) -> Floats:
+        case, substeps, costs = self.cases[number], self._substeps[number], np.empty(LANES)
+        lanes, step_s = Constants(theta, self.mass_matrix).lanes(), 1.0 / (case.rate_hz * substeps)
+        integrate_lanes(case.seat_mps2, lanes, step_s, substeps, _SEGMENTS, target, weight, costs, accel)
+        return costs[: len(theta)]
+
+    def _penalised(self, cost: float) -> float:
+        """The cost, or where the chain has run away a penalty, counted by cause."""
+        if cost < PENALTY:
+            return float(cost)
+        self.penalties["not a number" if np.isnan(cost) else "diverged"] += 1
+        return PENALTY
+
+
+def _delays(accel: Floats, rate_hz: float) -> Floats:
+    """What answers (n, 5) differ by from those of a clock one second late, and one second a second, (n, 5, 2)."""
+    slope = np.gradient(accel, 1.0 / rate_hz, axis=0)
+    time_s = (np.arange(len(accel)) - 0.5 * (len(accel) - 1)) / rate_hz
+    return np.stack([slope, slope * time_s[:, None]], axis=2)
+
+
+def _take_off(rows: Floats, shapes: Floats) -> None:
+    """Take the part along the shapes (n, 5, 2) off rows (n, 5, p), segment by segment, in place.
+
+    Variable projection (Kaufman 1975): the shapes' own change with theta is left out of the derivatives.
+    """
+    for s in range(rows.shape[1]):
+        basis = shapes[:, s]
+        share = np.linalg.pinv(basis.T @ basis, hermitian=True) @ (basis.T @ rows[:, s])
+        rows[:, s] -= basis @ share
+
+
+def _neighbours(theta: Floats, free: Flags) -> Floats:
+    """One step along each free parameter, and last the point itself, (p + 1, 15)."""
+    which = np.flatnonzero(free)
+    points = np.repeat(theta[None, :], which.size + 1, axis=0)
+    points[np.arange(which.size), which] *= 1.0 + _STEP
+    return points
+
+
+def _differences(values: Floats) -> Floats:
+    """Values at the neighbours and last at the point (..., p + 1), to derivatives by ln theta and last the value."""
+    values[..., :-1] -= values[..., -1:]
+    values[..., :-1] /= _STEP
+    return values
+
+
+def _root(products: Floats) -> Floats:
+    """Some R (q, q) with R'R = products (q, q); scaled first, since columns of pinned parameters are tiny."""
+    if not np.isfinite(products).all():
+        return np.full_like(products, np.inf)
+    scale = np.sqrt(np.diag(products))
+    scale[scale == 0.0] = 1.0
+    squares, vectors = np.linalg.eigh(products / np.outer(scale, scale))
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0))[:, None] * vectors.T * scale)

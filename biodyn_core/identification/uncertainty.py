@@ -1,0 +1,260 @@
+"""How sure a fit is of every parameter: intervals, what the data cannot tell, and profiles of the likelihood.
+
+What a fit leaves over is coloured, follows the input, and is common to all sensors where the seat's errs: taken for
+white it gives intervals several times too short (sandwich: White 1982; lags: Newey and West 1987). Errors of sensors
+that last a whole recording do not average out at all, and are added. What is wrong with the model itself is in neither.
+Profiles: Raue et al. 2009.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.objectives import PENALTY, TimeDomain
+from biodyn_core.identification.phase2 import Fit, least_squares
+from biodyn_core.identification.problem import Case
+from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.settings import check_settings, setting
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Call = Literal["identifiable", "weakly identifiable", "not identifiable"]
+
+NORMAL_95: Final = 1.959964
+"""Half width of a 95 % interval in standard errors."""
+
+LEAK_DELAYS_S: Final = np.linspace(0.0, 0.1, 6)
+"""How late sideways motion follows the vertical: an axle after the other, a body after its seat; which, is unknown."""
+
+_LOG_RANGE: Final = np.log(UPPER / LOWER)
+
+
+@dataclass(frozen=True)
+class UncertaintySettings:
+    """What is assumed of residuals and sensors, and from when on a parameter is called known."""
+
+    window_s: float = setting(0.5, "residuals farther apart than this are taken as independent", "s", 0.05, 10.0)
+    cross_axis: float = setting(
+        0.002, "share of the vertical that reaches a sensor sideways: 0.3 deg off, and sideways 0.4 of it", "", 0.0, 0.1
+    )
+    gain_error: float = setting(0.0, "standard error of the sensors' scale factors", "", 0.0, 0.1)
+    identifiable: float = setting(0.05, "identifiable: half width up to this share of Table 1, in log", "", 1e-3, 1.0)
+    weakly: float = setting(0.25, "weakly identifiable: up to this share", "", 1e-3, 1.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter with its 95 % interval, cut at Table 1; half_width is of ln theta, infinite where nothing is known.
+
+    A parameter on a bound has no interval of its own: the others' hold while it stays there.
+    """
+
+    name: str
+    unit: str
+    value: float
+    lower: float
+    upper: float
+    half_width: float
+    call: Call
+    at_bound: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Estimates of the fitted parameters, the covariance (p, p) of ln theta of those off the bounds, by `names`.
+
+    least_known: the combination of ln theta, over the log range of Table 1, that the data constrain least, by name
+    with a share of at least 0.3, and its half width in those units.
+    """
+
+    estimates: tuple[Estimate, ...]
+    names: tuple[str, ...]
+    covariance: Floats
+    least_known: dict[str, float]
+    least_known_half_width: float
+
+
+def uncertainty(fit: Fit, cases: Sequence[Case], settings: UncertaintySettings | None = None) -> Uncertainty:
+    """Intervals of a fit from the cases it was made of, by the sandwich H^-1 B H^-1 with H = J'J."""
+    s = settings or UncertaintySettings()
+    theta = fit.subject.parameters.vector()
+    inside = _inside(fit)
+    covariance, _ = _covariance(fit.unpulled(cases), theta, inside, s)
+    half = np.full(theta.size, math.inf)
+    half[inside] = NORMAL_95 * np.sqrt(np.diag(covariance))
+    estimates = tuple(_estimate(int(i), theta[i], half[i], not inside[i], s) for i in np.flatnonzero(fit.settings.free))
+    names = tuple(PARAMETERS[i].name for i in np.flatnonzero(inside))
+    scale = _LOG_RANGE[inside]
+    squares, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    worst = {name: float(share) for name, share in zip(names, vectors[:, -1], strict=True) if abs(share) >= 0.3}
+    return Uncertainty(estimates, names, covariance, worst, NORMAL_95 * math.sqrt(squares[-1]))
+
+
+def _inside(fit: Fit) -> Flags:
+    """The fitted parameters that are not on a bound, (15,)."""
+    pinned = np.array([parameter.name in fit.at_bound for parameter in PARAMETERS])
+    return np.asarray(fit.settings.free & ~pinned)
+
+
+def _estimate(index: int, value: float, half_width: float, pinned: bool, settings: UncertaintySettings) -> Estimate:
+    parameter, share = PARAMETERS[index], half_width / _LOG_RANGE[index]
+    call: Call = "not identifiable"
+    if share <= settings.identifiable:
+        call = "identifiable"
+    elif share <= settings.weakly:
+        call = "weakly identifiable"
+    spread = math.exp(min(half_width, 100.0))
+    lower, upper = max(parameter.lower, value / spread), min(parameter.upper, value * spread)
+    return Estimate(parameter.name, parameter.unit, float(value), lower, upper, float(half_width), call, pinned)
+
+
+def _covariance(
+    problem: TimeDomain, theta: Floats, inside: Flags, settings: UncertaintySettings
+) -> tuple[Floats, Floats]:
+    """Covariance of ln theta of the parameters inside, (p, p), and (J'J)^-1 beside it."""
+    count = int(inside.sum())
+    information, scatter = np.zeros((count, count)), np.zeros((count, count))
+    lasting: dict[object, Floats] = {}
+    for number, case in enumerate(problem.cases):
+        rows = problem.rows(number, theta, inside)
+        slopes, residual = rows[:, :, :-1], rows[:, :, -1]
+        flat = slopes.reshape(-1, count)
+        information += flat.T @ flat
+        scatter += _overlapping(np.einsum("nsp,ns->np", slopes, residual), round(settings.window_s * case.rate_hz))
+        answers = problem.accelerations(number, theta)
+        for key, shape in _lasting_errors(case, answers, settings):
+            # One person, one session, the same mounting: the error is the same in every case.
+            seen = np.einsum("nsp,ns->p", slopes, shape[case.begin :] * np.sqrt(case.weight[case.begin :]))
+            lasting[key] = lasting.get(key, np.zeros(count)) + seen
+    scatter += sum((np.outer(seen, seen) for seen in lasting.values()), np.zeros((count, count)))
+    inverse = _inverse(information)
+    return inverse @ scatter @ inverse, inverse
+
+
+def _inverse(information: Floats) -> Floats:
+    """Inverse of J'J; what is not seen at all gets a variance that is enormous, not an error."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-200))
+    squares, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    kept = np.maximum(squares, 1e-14)
+    return np.asarray((vectors / kept) @ vectors.T / np.outer(scale, scale))
+
+
+def _overlapping(scores: Floats, window: int) -> Floats:
+    """Sum of the products of scores (n, p) up to `window` samples apart, weighted by Bartlett's triangle, (p, p)."""
+    count = scores.shape[1]
+    sums = np.cumsum(np.concatenate([np.zeros((window + 1, count)), scores, np.zeros((window - 1, count))]), axis=0)
+    moving = sums[window:] - sums[:-window]
+    return np.asarray(moving.T @ moving / window)
+
+
+def _lasting_errors(case: Case, answers: Floats, settings: UncertaintySettings) -> Iterator[tuple[object, Floats]]:
+    """What lasting errors of one standard deviation would add to the residual, (n, 5), each under its own key."""
+    share = settings.cross_axis / math.sqrt(LEAK_DELAYS_S.size)
+    for delay_s in LEAK_DELAYS_S:
+        late = round(delay_s * case.rate_hz)
+        # Into the seat's sensor, and through it into everything the model answers; or into one of the others.
+        yield ("seat", delay_s), share * _later(answers, late)
+        sideways = _later(case.seat_mps2[:, None], late)
+        for s, name in enumerate(MEASURED_SEGMENTS):
+            yield (name, delay_s), share * sideways * (np.arange(len(MEASURED_SEGMENTS)) == s)
+    yield "seat gain", settings.gain_error * answers
+    for s, name in enumerate(MEASURED_SEGMENTS):
+        yield f"{name} gain", settings.gain_error * answers * (np.arange(len(MEASURED_SEGMENTS)) == s)
+
+
+def _later(values: Floats, samples: int) -> Floats:
+    """Values (n, c) so many samples later, zeros before."""
+    return np.concatenate([np.zeros((samples, values.shape[1])), values[: len(values) - samples]])
+
+
+class Profile(NamedTuple):
+    """How the objective rises when one parameter is moved and all others follow, and where it passes the 95 % mark.
+
+    values (k,) ascending; rise (k,) of the objective over its least; lower and upper are where it passes `threshold`,
+    None where it does not within Table 1. Identifiable from these data if neither is None.
+    """
+
+    name: str
+    values: Floats
+    rise: Floats
+    threshold: float
+    lower: float | None
+    upper: float | None
+
+
+def profile(
+    fit: Fit, cases: Sequence[Case], name: str, settings: UncertaintySettings | None = None, points: int = 12
+) -> Profile:
+    """Profile likelihood of one parameter, with at most `points` refits to either side.
+
+    The mark is chi-squared's, scaled by what the coloured residual makes of the variance (Chandler and Bate 2007).
+    Raises InputError for a parameter that was not fitted or lies on a bound.
+    """
+    inside = _inside(fit)
+    known = [p.name for p in PARAMETERS]
+    if name not in known or not inside[known.index(name)]:
+        raise InputError(f"{name}: not fitted, or on a bound; profiles are drawn of parameters inside Table 1")
+    index, theta = known.index(name), fit.subject.parameters.vector()
+    problem = fit.unpulled(cases)
+    covariance, inverse = _covariance(problem, theta, inside, settings or UncertaintySettings())
+    place = int(inside[:index].sum())
+    threshold = float(NORMAL_95**2 * covariance[place, place] / inverse[place, place])
+    step = min(NORMAL_95 * math.sqrt(covariance[place, place]) / 3.0, _LOG_RANGE[index] / points)
+    free = fit.settings.free.copy()
+    free[index] = False
+    least = float(np.sum(problem.linearised(theta, free)[0] ** 2))
+    down, up = (_side(problem, theta, index, free, direction * step, least, threshold, points) for direction in (-1, 1))
+    walked = [*down[::-1], (float(theta[index]), 0.0), *up]
+    values, rise = (np.array(column) for column in zip(*walked, strict=True))
+    at = len(down)
+    return Profile(
+        name, values, rise, threshold,
+        _crossing(values[at::-1], rise[at::-1], threshold), _crossing(values[at:], rise[at:], threshold),
+    )  # fmt: skip
+
+
+def _side(
+    problem: TimeDomain,
+    theta: Floats,
+    index: int,
+    free: Flags,
+    step: float,
+    least: float,
+    threshold: float,
+    points: int,
+) -> list[tuple[float, float]]:
+    """Values and rises outwards from the fit until the mark is passed or Table 1 ends; steps grow by half each time."""
+    walked: list[tuple[float, float]] = []
+    at = theta
+    while len(walked) < points:
+        value = float(np.clip(at[index] * math.exp(step), LOWER[index], UPPER[index]))
+        moved = at.copy()
+        moved[index] = value
+        at, objective = least_squares(problem, moved, free, 600)
+        walked.append((value, min(objective, PENALTY) - least))
+        if walked[-1][1] > threshold or value in (LOWER[index], UPPER[index]):
+            break
+        step *= 1.5
+    return walked
+
+
+def _crossing(values: Floats, rise: Floats, threshold: float) -> float | None:
+    """Where the rise passes the mark, walking outwards; its root is nearly straight in the logarithm."""
+    above = np.flatnonzero(rise > threshold)
+    if not above.size:
+        return None
+    i = int(above[0])
+    before, after = math.sqrt(max(rise[i - 1], 0.0)), math.sqrt(rise[i])
+    share = (math.sqrt(threshold) - before) / (after - before)
+    return float(math.exp((1.0 - share) * math.log(values[i - 1]) + share * math.log(values[i])))

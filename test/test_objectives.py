@@ -1,0 +1,237 @@
+"""The two objectives, their derivatives, and the kernels below them."""
+
+import dataclasses
+
+import fitting
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification import objectives
+from biodyn_core.identification.objectives import (
+    PENALTY,
+    SEGMENT_WEIGHTS,
+    Constants,
+    Pull,
+    Surrogate,
+    SurrogateSettings,
+    TimeDomain,
+)
+from biodyn_core.identification.problem import Case
+from biodyn_core.kernels import compiling, cost, surrogate
+from biodyn_core.kernels.cost import LANES
+from biodyn_core.model import Chain
+from biodyn_core.parameters import LOWER, UPPER
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX
+
+UNPULLED = Pull(np.ones(15), 0.0)
+FREE = np.arange(15) < 14
+
+
+def points(count: int, seed: int = 0) -> np.ndarray:
+    """Points all over Table 1, (count, 15)."""
+    return LOWER + (UPPER - LOWER) * np.random.default_rng(seed).uniform(0.05, 0.95, (count, 15))
+
+
+# --- Eq. 31 ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
+def test_surrogate_is_the_dense_sum(mass_matrix) -> None:
+    cases = fitting.true_cases(mass_matrix)[:2]
+    theta = points(3)
+    theta[:, 13:] = 0.0, 1.0
+    reference = fitting.drawn(9, mass_matrix).parameters
+    found = Surrogate(cases, mass_matrix, SurrogateSettings(0.3, SEGMENT_WEIGHTS, reference)).costs(
+        np.log(theta[:, :13])
+    )
+    for row, value in zip(theta, found, strict=True):
+        expected = 0.3 * (np.log(row[:13] / reference.vector()[:13]) ** 2).sum()
+        for case in cases:
+            h = naive.transfer_functions(row, 70.0, mass_matrix, case.frequency_hz)
+            t = 1.0 - ((2.0 * np.pi * case.frequency_hz) ** 2)[:, None] * h
+            misses = np.abs(t[:, MEASURED_SEGMENT_INDEX]) - case.transmissibility
+            expected += (np.array(SEGMENT_WEIGHTS) * case.coherence * misses**2).sum()
+        assert value == pytest.approx(expected, rel=1e-11)
+
+
+def test_surrogate_settings_are_checked() -> None:
+    with pytest.raises(InputError, match="segment_weights"):
+        SurrogateSettings(segment_weights=(1.0, 2.0))
+    with pytest.raises(InputError, match="lambda_1"):
+        SurrogateSettings(lambda_1=float("nan"))
+
+
+# --- Eq. 33 ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
+def test_constants_are_the_chains(mass_matrix) -> None:
+    subject = fitting.drawn(5, mass_matrix)
+    chain, mine = Chain.of(subject), Constants(fitting.theta_of(subject)[None, :], mass_matrix)
+    kg = subject.body_mass_kg
+    np.testing.assert_allclose(kg * mine.k[0], chain.stiffness_n_per_m, rtol=1e-14)
+    np.testing.assert_allclose(kg * mine.b[0], chain.damping_n_s_per_m, rtol=1e-14)
+    np.testing.assert_allclose(kg * mine.mass[0], chain.inertia_kg, rtol=1e-14)
+    np.testing.assert_allclose(mine.k_alpha[0], mine.k[0] * chain.stiffening_per_m, rtol=1e-14)
+    assert mine.alpha_r[0] == chain.rayleigh_rad_per_s
+
+
+@pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
+def test_the_truth_of_another_integrator_costs_nothing(mass_matrix) -> None:
+    cases, theta = fitting.true_cases(mass_matrix), fitting.theta_of(fitting.true_subjects()[mass_matrix])
+    problem = TimeDomain(cases, mass_matrix, UNPULLED)
+    assert problem.cost(theta) < 1e-8
+    residuals, _ = problem.linearised(theta, FREE)
+    assert residuals @ residuals < 1e-8
+
+
+def test_cost_is_equation_33() -> None:
+    cases = fitting.true_cases("segment")
+    subject, reference = fitting.drawn(8, "segment"), fitting.theta_of(fitting.drawn(9, "segment"))
+    theta = fitting.theta_of(subject)
+    expected = {
+        "physical": 0.01 * ((theta - reference) ** 2).sum(),
+        "log": 0.01 * (np.log(theta / reference) ** 2).sum(),
+    }
+    misses = 0.0
+    for case, recording in zip(cases, fitting.true_recordings()["segment"], strict=True):
+        every = Chain.of(subject).simulate(recording.seat_mps2, recording.rate_hz).accel_mps2
+        answer = every[:, MEASURED_SEGMENT_INDEX]
+        behind = slice(round(2.0 * recording.rate_hz), None)
+        misses += (
+            ((answer - recording.measured_mps2)[behind] ** 2).sum(0) / (recording.measured_mps2[behind] ** 2).sum(0)
+        ).sum()
+        assert case.name == recording.name
+    for regularization, pull in expected.items():
+        problem = TimeDomain(cases, "segment", Pull(reference, 0.01, regularization))
+        assert problem.cost(theta) == pytest.approx(misses + pull, rel=1e-5)  # the one steps twice where the other does
+
+
+def test_batches_and_single_points_agree() -> None:
+    problem = TimeDomain(fitting.true_cases("cascade"), "cascade", Pull(points(1)[0]))
+    theta = points(LANES + 3)
+    np.testing.assert_allclose(problem.costs(theta), [problem.cost(row) for row in theta], rtol=1e-12)
+    assert problem.evaluations == 2 * len(theta)
+    accel = np.empty((problem.cases[0].seat_mps2.size, 5, LANES))
+    problem._lanes(0, theta[:LANES], np.empty((0, 5)), np.empty((0, 5)), accel)
+    for lane, row in enumerate(theta[:LANES]):
+        assert np.array_equal(accel[:, :, lane], problem.accelerations(0, row))
+
+
+@pytest.mark.parametrize("clocks", ["trusted", "estimated"])
+def test_linearised_stands_for_all_samples(clocks) -> None:
+    cases = fitting.true_cases("segment")[:2]
+    problem = TimeDomain(cases, "segment", Pull(points(1)[0], 0.01, "log"), clocks)
+    theta = points(1, 4)[0]
+    residuals, slopes = problem.linearised(theta, FREE)
+    rows = np.concatenate([problem.rows(n, theta, FREE).reshape(-1, 15) for n in range(2)])
+    pull = np.zeros((15, 14))
+    pull[:14] = 0.1 * np.eye(14)
+    away = 0.1 * np.log(theta / points(1)[0])
+    np.testing.assert_allclose(slopes.T @ slopes, rows[:, :-1].T @ rows[:, :-1] + pull.T @ pull, rtol=1e-5)
+    np.testing.assert_allclose(slopes.T @ residuals, rows[:, :-1].T @ rows[:, -1] + pull.T @ away, rtol=1e-5)
+    assert residuals @ residuals == pytest.approx((rows[:, -1] ** 2).sum() + away @ away, rel=1e-10)
+    if clocks == "trusted":
+        assert residuals @ residuals == pytest.approx(problem.cost(theta), rel=1e-10)
+
+
+def test_derivatives_are_those_of_another_integrator() -> None:
+    """Central differences of DOP853, whose step and error have nothing to do with ours."""
+    seat = fitting.seat_motion("pothole", 2.6, 5)
+    theta, step = fitting.theta_of(fitting.drawn(3, "segment")), 1e-3
+    case = fitting.ready(seat, np.ones((seat.size, 5)) + seat[:, None])
+    rows = TimeDomain([case], "segment", UNPULLED).rows(0, theta, FREE)
+    moved = theta * np.exp(step * np.concatenate([np.eye(15)[:14], -np.eye(15)[:14]]))
+    answers = naive.chain_responses([(row, 70.0, "segment") for row in moved], seat, fitting.RATE_HZ, rtol=1e-8)
+    slopes = (answers[:14] - answers[14:])[:, case.begin :, MEASURED_SEGMENT_INDEX] / (2.0 * step)
+    expected = np.moveaxis(slopes / np.sqrt(case.energy), 0, 2)
+    for p in range(14):
+        assert np.linalg.norm(rows[..., p] - expected[..., p]) < 1e-4 * np.linalg.norm(expected[..., p])
+
+
+def test_mass_scale_cancels() -> None:
+    problem = TimeDomain(fitting.true_cases("segment"), "segment", UNPULLED)
+    light, heavy = points(1)[0], points(1)[0]
+    light[14], heavy[14] = 0.85, 1.15
+    for number in range(3):
+        assert np.abs(problem.accelerations(number, light) - problem.accelerations(number, heavy)).max() < 1e-10
+
+
+@settings(max_examples=10)
+@given(st.integers(1300, 2300), st.integers(1, 400), st.integers(0, 4))
+def test_what_is_masked_does_not_matter(begin: int, length: int, segment: int) -> None:
+    recording = fitting.true_recordings()["segment"][1]
+    masked = recording.measured_mps2.copy()
+    masked[begin : begin + length, segment] = np.nan
+    case = Case.of(dataclasses.replace(recording, measured_mps2=masked), fitting.SPECTRUM, fitting.LINES)
+    theta = points(1, 2)[0]
+    answer = TimeDomain([case], "segment", UNPULLED).accelerations(0, theta)
+    misses = (answer - masked)[case.begin :]
+    expected = (np.nansum(misses**2, axis=0) / np.nansum(masked[case.begin :] ** 2, axis=0)).sum()
+    assert TimeDomain([case], "segment", UNPULLED).cost(theta) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("factor", [1e5, 1e160])
+def test_an_answer_that_runs_away_is_a_penalty_counted_by_cause(factor: float) -> None:
+    """A seat so strong that stiffening runs away, and one whose squares overflow."""
+    case = fitting.true_cases("segment")[0]
+    wild = dataclasses.replace(case, seat_mps2=factor * case.seat_mps2)
+    problem = TimeDomain([wild], "segment", UNPULLED)
+    assert problem.costs(points(2)).tolist() == [PENALTY, PENALTY]
+    assert problem.cost(points(1)[0]) == PENALTY
+    assert not np.isfinite(problem.linearised(points(1)[0], FREE)[0]).any()
+    assert sum(problem.penalties.values()) == 4 and set(problem.penalties) <= {"diverged", "not a number"}
+
+
+def test_clocks_that_are_late_and_slow_are_found_and_cost_nothing() -> None:
+    """A band-limited answer read late, by its spectrum, so that no interpolation of ours is trusted."""
+    late_s, slow = np.array([2e-4, -1e-4, 0.0, 3e-4, -2e-4]), np.array([5e-5, 0.0, -5e-5, 2e-5, 0.0])
+    recording = fitting.true_recordings()["segment"][0]
+    time_s = np.arange(recording.seat_mps2.size) / recording.rate_hz
+    middle_s = 0.5 * (round(2.0 * recording.rate_hz) / recording.rate_hz + time_s[-1])
+    measured = np.empty_like(recording.measured_mps2)
+    for s in range(5):
+        delay = late_s[s] + slow[s] * (time_s - middle_s)
+        slope = np.gradient(recording.measured_mps2[:, s], time_s)
+        measured[:, s] = recording.measured_mps2[:, s] - delay * slope
+    case = Case.of(dataclasses.replace(recording, measured_mps2=measured), fitting.SPECTRUM, fitting.LINES)
+    theta = fitting.theta_of(fitting.true_subjects()["segment"])
+    estimated = TimeDomain([case], "segment", UNPULLED, "estimated")
+    found = estimated.clock_delays_s(0, theta)
+    np.testing.assert_allclose(found[:, 0], late_s, atol=2e-6)
+    np.testing.assert_allclose(found[:, 1], slow, atol=5e-6)
+    residuals, _ = estimated.linearised(theta, FREE)
+    assert residuals @ residuals < 1e-3 * TimeDomain([case], "segment", UNPULLED).cost(theta)
+
+
+# --- kernels --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not compiling.COMPILED, reason="numba is not there: everything is plain already")
+def test_compiled_and_plain_kernels_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    seat = fitting.seat_motion("pothole", 2.3, 1)[1320:1360]
+    recording = fitting.recording(np.tile(seat, 45), np.tile(seat, 45)[:, None] * np.ones(5))
+    case = Case.of(recording, fitting.SPECTRUM, fitting.LINES)
+    short = dataclasses.replace(
+        case, seat_mps2=seat, measured_mps2=case.measured_mps2[:40], compared=np.ones((40, 5), dtype=bool)
+    )
+
+    def answers() -> list[np.ndarray]:
+        problem = TimeDomain([short], "segment", UNPULLED)
+        accel = np.empty((40, 5, LANES))
+        problem._lanes(0, points(3), np.empty((0, 5)), np.empty((0, 5)), accel)
+        return [problem.costs(points(3)), accel, Surrogate([case], "segment").costs(np.log(points(2)[:, :13]))]
+
+    compiled = answers()
+    for module in (cost, surrogate):
+        for name, value in vars(module).items():
+            if hasattr(value, "py_func"):
+                monkeypatch.setattr(module, name, value.py_func)
+    monkeypatch.setattr(objectives, "integrate_lanes", cost.integrate_lanes)
+    monkeypatch.setattr(objectives, "surrogate_costs", surrogate.surrogate_costs)
+    for fast, slow in zip(compiled, answers(), strict=True):
+        np.testing.assert_allclose(fast, slow, rtol=1e-11)

@@ -1,0 +1,226 @@
+"""Intervals that hold as often as they say, and calls that say what the data cannot tell."""
+
+import dataclasses
+
+import fitting
+import numpy as np
+import pytest
+from scipy import signal
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.phase2 import Fit, FitSettings, at_bound, least_squares
+from biodyn_core.identification.problem import Case, errors
+from biodyn_core.identification.residuals import leftovers
+from biodyn_core.identification.uncertainty import (
+    NORMAL_95,
+    Uncertainty,
+    UncertaintySettings,
+    _inverse,
+    _overlapping,
+    profile,
+    uncertainty,
+)
+from biodyn_core.model import Chain
+from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.subject import Subject
+
+NAMES = [p.name for p in PARAMETERS]
+RESIDUALS_ALONE = UncertaintySettings(cross_axis=0.0)
+
+
+def fitted(subject: Subject, cases: list[Case], settings: FitSettings | None = None) -> Fit:
+    """What a fit that starts at the truth ends with; searches are another test's."""
+    s = settings or FitSettings(lambda_2=0.0)
+    truth = fitting.theta_of(subject)
+    problem = TimeDomain(cases, subject.mass_matrix, Pull(truth, s.lambda_2, s.regularization), s.clocks)
+    theta, objective = least_squares(problem, truth, s.free, 3000)
+    return Fit(
+        subject=dataclasses.replace(subject, parameters=Parameters.from_vector(theta)),
+        settings=s,
+        reference=truth,
+        objective=objective,
+        costs=np.array([objective]),
+        errors=tuple(errors(case, problem.accelerations(n, theta)) for n, case in enumerate(cases)),
+        at_bound=at_bound(theta, s.free),
+        clock_delays_s=np.empty((0, 5, 2)),
+        searches=(),
+        evaluations=problem.evaluations,
+        penalties=problem.penalties,
+    )
+
+
+def answered(subject: Subject, seat: np.ndarray) -> np.ndarray:
+    """Measured segments of the model itself, (n, 5): what is tested here is what is made of noise."""
+    return Chain.of(subject).simulate(seat, fitting.RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+
+
+def coloured(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+    """Noise of 0.1 m/s^2 rms below 12 Hz, (n, ...)."""
+    sos = signal.butter(2, 12.0, fs=fitting.RATE_HZ, output="sos")
+    noise = signal.sosfilt(sos, rng.standard_normal(shape), axis=0)
+    return 0.1 * noise / noise.std(axis=0)
+
+
+def call_of(found: Uncertainty, name: str) -> str:
+    return next(estimate.call for estimate in found.estimates if estimate.name == name)
+
+
+def test_intervals_hold_as_often_as_they_say() -> None:
+    """24 records whose noise is coloured and reaches every segment from the seat's sensor as well as from its own."""
+    subject, rng = fitting.drawn(21, "segment"), np.random.default_rng(5)
+    seats = [fitting.seat_motion("road", 12.0, 1), fitting.seat_motion("pothole", 8.0, 2)]
+    clean = [answered(subject, seat) for seat in seats]
+    inside, too_short = [], []
+    for _ in range(24):
+        cases = [
+            fitting.ready(seat + 0.5 * coloured(seat.shape, rng), accel + coloured(accel.shape, rng))
+            for seat, accel in zip(seats, clean, strict=True)
+        ]
+        fit = fitted(subject, cases)
+        found = uncertainty(fit, cases, RESIDUALS_ALONE)
+        truth = fitting.theta_of(subject)[:14]
+        inside += [e.lower <= true <= e.upper for e, true in zip(found.estimates, truth, strict=True)]
+        white = white_half_widths(fit, cases)
+        off = np.abs(np.log(fitting.theta_of(fit.subject)[:14] / truth))
+        too_short += (off > white).tolist()
+    assert 0.88 <= np.mean(inside) <= 0.99
+    assert np.mean(too_short) > 0.3  # what the textbook's formula for white noise would have missed
+
+
+def white_half_widths(fit: Fit, cases: list[Case]) -> np.ndarray:
+    """Half widths from s^2 (J'J)^-1, as if every sample were a measurement of its own."""
+    residuals, slopes = fit.unpulled(cases).linearised(fitting.theta_of(fit.subject), fit.settings.free)
+    samples = sum(int(case.compared.sum()) for case in cases)
+    return NORMAL_95 * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)) * (residuals @ residuals) / samples)
+
+
+def test_overlapping_windows_are_bartletts_triangle() -> None:
+    scores, window = np.random.default_rng(0).standard_normal((40, 3)), 7
+    expected = np.zeros((3, 3))
+    for t in range(40):
+        for u in range(40):
+            expected += max(0.0, 1.0 - abs(t - u) / window) * np.outer(scores[t], scores[u])
+    np.testing.assert_allclose(_overlapping(scores, window), expected, rtol=1e-10, atol=1e-12)
+
+
+def test_inverse_of_what_is_seen_and_what_is_not() -> None:
+    seen = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 0.0], [0.0, 0.0, 0.0]])
+    found = _inverse(seen)
+    np.testing.assert_allclose(found[:2, :2], np.linalg.inv(seen[:2, :2]), rtol=1e-12)
+    assert found[2, 2] > 1e200
+
+
+def quiet_road(rms_mps2: float, seed: int = 1) -> np.ndarray:
+    seat = fitting.seat_motion("road", 10.0, seed)
+    return seat * rms_mps2 / seat.std()
+
+
+def soft_subject() -> Subject:
+    """Little stiffening, as the paper's subject 2 has it (s_nl = 0.5)."""
+    theta = fitting.theta_of(fitting.drawn(22, "segment"))
+    theta[13] = 0.5
+    return Subject("soft", 70.0, 1.75, "segment", Parameters.from_vector(theta))
+
+
+def test_stiffening_cannot_be_told_from_a_quiet_road_but_from_a_shock() -> None:
+    subject, rng = soft_subject(), np.random.default_rng(3)
+    calls = {}
+    for name, seat in (("road", quiet_road(0.3)), ("shock", fitting.seat_motion("rail", 8.0, 2))):
+        case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), rng))
+        calls[name] = uncertainty(fitted(subject, [case]), [case])
+    assert call_of(calls["road"], "stiffening_scale") == "not identifiable"
+    assert call_of(calls["shock"], "stiffening_scale") == "identifiable"
+    for joint in ("pelvis", "lower_torso", "neck", "head"):
+        assert call_of(calls["shock"], f"natural_frequency_hz[{joint}]") == "identifiable"
+
+
+def test_mass_scale_cannot_be_told() -> None:
+    subject = fitting.drawn(23, "segment")
+    seat = fitting.seat_motion("pothole", 6.0, 4)
+    case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), np.random.default_rng(1)))
+    fit = fitted(subject, [case], FitSettings(lambda_2=0.0, mass_scale="free"))
+    found = {e.name: e for e in uncertainty(fit, [case]).estimates}
+    assert found["mass_scale"].call == "not identifiable"
+    assert (found["mass_scale"].lower, found["mass_scale"].upper) == (0.85, 1.15)
+    assert found["natural_frequency_hz[head]"].call == "identifiable"
+
+
+def test_joints_3_and_4_can_be_told_from_slow_motion_only_jointly() -> None:
+    """Far below resonance the torso stretches by its compliance alone: 1/f_3^2 + 1/f_4^2 is all that shows."""
+    subject, rng = fitting.drawn(24, "segment"), np.random.default_rng(2)
+    white = rng.standard_normal(round(20 * fitting.RATE_HZ))
+    seat = signal.sosfiltfilt(signal.butter(4, [0.3, 1.2], "bandpass", fs=fitting.RATE_HZ, output="sos"), white)
+    seat *= 5.0 / seat.std()
+    noise = 0.02 * coloured((seat.size, 5), rng)
+    case = fitting.ready(seat, answered(subject, seat) + noise)
+    settings = dataclasses.replace(FitSettings(), lambda_2=1e-12)
+    found = uncertainty(fitted(subject, [case], settings), [case], RESIDUALS_ALONE)
+    at = [found.names.index(f"natural_frequency_hz[{joint}]") for joint in ("central_torso", "upper_torso")]
+    squares, shares = np.linalg.eigh(found.covariance[np.ix_(at, at)])
+    assert (np.sqrt(np.diag(found.covariance)[at]) > 10.0 * np.sqrt(squares[0])).all()
+    assert shares[0, 0] * shares[1, 0] > 0.0  # stiffer below, softer above: that is what goes unseen
+
+
+def test_with_lasting_errors_of_sensors_intervals_do_not_shrink_for_ever() -> None:
+    subject, rng = fitting.drawn(25, "cascade"), np.random.default_rng(4)
+    widths: dict[float, list[np.ndarray]] = {0.0: [], 0.002: []}
+    for seconds in (6.0, 38.0):
+        seat = fitting.seat_motion("road", seconds, 3)
+        case = fitting.ready(seat, answered(subject, seat) + 0.2 * coloured((seat.size, 5), rng))
+        for share, found in widths.items():
+            made = uncertainty(fitted(subject, [case]), [case], UncertaintySettings(cross_axis=share))
+            found.append(np.array([e.half_width for e in made.estimates]))
+    assert np.median(widths[0.0][0] / widths[0.0][1]) == pytest.approx(3.0, rel=0.4)  # root of 36 s over 4 s
+    assert np.median(widths[0.002][0] / widths[0.002][1]) < 2.0
+    assert (widths[0.002][1] > widths[0.0][1]).all()
+
+
+def test_a_parameter_on_a_bound_is_named_and_has_no_interval() -> None:
+    subject = fitting.drawn(26, "segment")
+    seat = fitting.seat_motion("pothole", 6.0, 4)
+    case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), np.random.default_rng(1)))
+    fit = dataclasses.replace(fitted(subject, [case]), at_bound=("damping_ratio[neck]",))
+    found = uncertainty(fit, [case])
+    neck = next(e for e in found.estimates if e.name == "damping_ratio[neck]")
+    assert neck.at_bound and neck.call == "not identifiable" and np.isinf(neck.half_width)
+    assert (neck.lower, neck.upper) == (LOWER[10], UPPER[10])
+    assert found.names == tuple(name for name in NAMES[:14] if name != "damping_ratio[neck]")
+    with pytest.raises(InputError, match="not fitted, or on a bound"):
+        profile(fit, [case], "damping_ratio[neck]")
+    with pytest.raises(InputError, match="mass_scale: not fitted"):
+        profile(fit, [case], "mass_scale")
+
+
+def test_profiles_close_where_intervals_are_good_and_stay_open_where_nothing_is_known() -> None:
+    subject, rng = soft_subject(), np.random.default_rng(6)
+    seat = quiet_road(0.3)
+    case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), rng))
+    fit = fitted(subject, [case])
+    head = next(e for e in uncertainty(fit, [case]).estimates if e.name == "natural_frequency_hz[head]")
+    drawn = profile(fit, [case], head.name)
+    assert drawn.lower == pytest.approx(head.lower, rel=0.1 * head.half_width)
+    assert drawn.upper == pytest.approx(head.upper, rel=0.1 * head.half_width)
+    assert (np.diff(drawn.values) > 0.0).all() and drawn.rise.min() > -1e-9
+    stiffening = profile(fit, [case], "stiffening_scale")
+    assert stiffening.lower is None
+    assert stiffening.values[0] == LOWER[13]
+
+
+def test_leftovers_tell_noise_from_what_follows_the_seat() -> None:
+    subject, rng = fitting.drawn(27, "segment"), np.random.default_rng(7)
+    seat = fitting.seat_motion("road", 20.0, 4)
+    noise = fitting.low_passed(0.1 * rng.standard_normal((seat.size, 5)))
+    accel = answered(subject, seat) + noise
+    accel[:, 4] += 0.1 * np.concatenate([np.zeros(12), seat[:-12]])
+    case = fitting.ready(seat, accel)
+    fit = dataclasses.replace(fitted(subject, [case]), subject=subject)
+    (found,) = leftovers(fit, [case], fitting.SPECTRUM)
+    assert (found.coherent[:4] < found.chance[:4]).all() and found.coherent[4] > 3.0 * found.chance[4]
+    assert (found.coloured[:4] < 0.2).all() and found.coloured[4] > 0.3
+
+
+def test_settings_are_checked() -> None:
+    with pytest.raises(InputError, match="cross_axis"):
+        UncertaintySettings(cross_axis=-0.1)
