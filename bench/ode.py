@@ -53,7 +53,7 @@ def _times_ms(chain: Chain, seat: Floats) -> tuple[float, float]:
         for _ in range(REPEATS):
             stepper.reset()
             ours.append(_seconds(lambda: stepper.push(seat)))
-        paper.append(_seconds(lambda: _paper(chain, seat)))
+        paper.append(_seconds(lambda: rk45(chain, seat)))
     return 1e3 * statistics.median(ours), 1e3 * statistics.median(paper)
 
 
@@ -66,7 +66,7 @@ def _seconds(task: Callable[[], object]) -> float:
 def _errors(chain: Chain, seat: Floats) -> tuple[float, float]:
     """Relative rms error of all accelerations, ours and the paper's settings', against the reference."""
     truth = _reference(chain, seat)
-    ours, paper = Stepper(chain, NATIVE_RATE_HZ).push(seat), _paper(chain, seat)
+    ours, paper = Stepper(chain, NATIVE_RATE_HZ).push(seat), rk45(chain, seat)
     return tuple(float(np.linalg.norm(found - truth) / np.linalg.norm(truth)) for found in (ours, paper))
 
 
@@ -85,7 +85,7 @@ def _slope(chain: Chain, seat_at: Callable[[float], float]) -> Slope:
     return slope
 
 
-def _paper(chain: Chain, seat: Floats) -> Floats:
+def rk45(chain: Chain, seat: Floats) -> Floats:
     """SciPy RK45 as the paper sets ode45, seat by np.interp: absolute accelerations (n, 6)."""
     times = np.arange(len(seat)) / NATIVE_RATE_HZ
     slope = _slope(chain, lambda t: np.interp(t, times, seat))

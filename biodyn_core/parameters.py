@@ -116,6 +116,10 @@ class Parameters:
         return cls(t[:6], t[6:12], float(t[12]), float(t[13]), float(t[14]))
 
 
+UNFITTED: Final = Parameters.from_vector([*np.sqrt(LOWER[:14] * UPPER[:14]), 1.0])
+"""The middle of Table 1 in log space, with m_scale 1: what stands for a person before any fit."""
+
+
 def to_log(theta: ArrayLike) -> Floats:
     """Map theta to the search space of phase 1, ln(theta) (Eq. 28)."""
     return np.log(np.asarray(theta, dtype=np.float64))

@@ -21,20 +21,35 @@ class Range:
     unit: str = ""
     lower: float = -math.inf
     upper: float = math.inf
+    choices: tuple[str, ...] = ()
 
 
-def setting(default: Any, meaning: str, unit: str = "", lower: float = -math.inf, upper: float = math.inf) -> Any:
+def setting(
+    default: Any,
+    meaning: str,
+    unit: str = "",
+    lower: float = -math.inf,
+    upper: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:
     """A dataclass field that carries its own description."""
-    return dataclasses.field(default=default, metadata={"range": Range(meaning, unit, lower, upper)})
+    return dataclasses.field(default=default, metadata={"range": Range(meaning, unit, lower, upper, choices)})
 
 
 def check_settings(settings: Any) -> None:
-    """Raise InputError naming the first field that is not finite or out of its range."""
-    for item in dataclasses.fields(settings):
+    """Raise InputError naming the first field that is not finite, out of its range or none of its choices."""
+    for item in described(settings):
         allowed: Range = item.metadata["range"]
         value = getattr(settings, item.name)
+        if allowed.choices and value not in allowed.choices:
+            raise InputError(f"{item.name} is {value!r}, allowed are {' and '.join(allowed.choices)}")
         if isinstance(value, (str, bool)) or value is None:
             continue
         if not (math.isfinite(value) and allowed.lower <= value <= allowed.upper):
             unit = f" {allowed.unit}" if allowed.unit else ""
             raise InputError(f"{item.name} is {value:g}, allowed are {allowed.lower:g} to {allowed.upper:g}{unit}")
+
+
+def described(settings: Any) -> list[dataclasses.Field[Any]]:
+    """The fields of a dataclass that are settings; settings of a part are described there."""
+    return [item for item in dataclasses.fields(settings) if "range" in item.metadata]

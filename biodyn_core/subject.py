@@ -21,7 +21,7 @@ from biodyn_core.segments import MASS_FRACTION
 
 SCHEMA: Final = 1
 MassMatrix = Literal["segment", "cascade"]
-MASS_MATRICES: Final = ("segment", "cascade")
+MASS_MATRICES: Final[tuple[MassMatrix, MassMatrix]] = ("segment", "cascade")
 BODY_MASS_KG: Final = (30.0, 200.0)
 STATURE_M: Final = (1.2, 2.3)
 
@@ -54,20 +54,13 @@ class Subject:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the subject as the mapping its YAML file holds."""
-        p = self.parameters
         return {
             "schema": SCHEMA,
             "name": self.name,
             "body_mass_kg": self.body_mass_kg,
             "stature_m": self.stature_m,
             "mass_matrix": self.mass_matrix,
-            "parameters": {
-                "natural_frequency_hz": [float(v) for v in p.natural_frequency_hz],
-                "damping_ratio": [float(v) for v in p.damping_ratio],
-                "rayleigh_rad_per_s": p.rayleigh_rad_per_s,
-                "stiffening_scale": p.stiffening_scale,
-                "mass_scale": p.mass_scale,
-            },
+            "parameters": _parameters_dict(self.parameters),
             "effects": [],
             "provenance": dict(self.provenance),
         }
@@ -77,8 +70,13 @@ class Subject:
         return yaml.safe_dump(self.to_dict(), sort_keys=False, default_flow_style=None, width=100)
 
     @classmethod
-    def from_dict(cls, data: object) -> Subject:
-        """Read the mapping of a subject file; raises InputError naming the key."""
+    def from_dict(cls, data: object, unfitted: Parameters | None = None) -> Subject:
+        """Read the mapping of a subject file; raises InputError naming the key.
+
+        unfitted: the parameters of a file that has none yet, which is an error otherwise.
+        """
+        if unfitted is not None and isinstance(data, Mapping) and "parameters" not in data:
+            return cls.from_dict({**data, "parameters": _parameters_dict(unfitted)})
         top = _mapping(data, "subject", required=_TOP_REQUIRED, optional=("effects", "provenance"))
         schema = top["schema"]
         if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
@@ -102,11 +100,11 @@ class Subject:
         )
 
 
-def load_subject(path: str | Path) -> Subject:
-    """Read a subject file; raises InputError naming the file and the key."""
+def load_subject(path: str | Path, unfitted: Parameters | None = None) -> Subject:
+    """Read a subject file; raises InputError naming the file and the key. unfitted: see `Subject.from_dict`."""
     try:
         text = Path(path).read_text(encoding="utf-8")
-        return Subject.from_dict(yaml.load(text, UniqueKeyLoader))  # noqa: S506 - a SafeLoader with one check more
+        return Subject.from_dict(yaml.load(text, UniqueKeyLoader), unfitted)  # noqa: S506 - a SafeLoader with one check more
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give a subject file") from error
     except InputError as error:
@@ -139,6 +137,16 @@ _PARAMETER_KEYS: Final = (
     "stiffening_scale",
     "mass_scale",
 )
+
+
+def _parameters_dict(parameters: Parameters) -> dict[str, Any]:
+    return {
+        "natural_frequency_hz": [float(v) for v in parameters.natural_frequency_hz],
+        "damping_ratio": [float(v) for v in parameters.damping_ratio],
+        "rayleigh_rad_per_s": parameters.rayleigh_rad_per_s,
+        "stiffening_scale": parameters.stiffening_scale,
+        "mass_scale": parameters.mass_scale,
+    }
 
 
 def _mapping(

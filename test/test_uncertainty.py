@@ -8,16 +8,20 @@ import pytest
 from scipy import signal
 
 from biodyn_core.errors import InputError
+from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import Pull, TimeDomain
-from biodyn_core.identification.phase2 import Fit, FitSettings, at_bound, least_squares
-from biodyn_core.identification.problem import Case, errors
+from biodyn_core.identification.phase2 import Refined, least_squares
+from biodyn_core.identification.problem import Case
 from biodyn_core.identification.residuals import leftovers
+from biodyn_core.identification.settings import FitSettings
 from biodyn_core.identification.uncertainty import (
     NORMAL_95,
+    WINDOW_STEPS,
     Uncertainty,
     UncertaintySettings,
     _inverse,
-    _overlapping,
+    _jackknifed,
+    _windows,
     profile,
     uncertainty,
 )
@@ -36,19 +40,8 @@ def fitted(subject: Subject, cases: list[Case], settings: FitSettings | None = N
     truth = fitting.theta_of(subject)
     problem = TimeDomain(cases, subject.mass_matrix, Pull(truth, s.lambda_2, s.regularization), s.clocks)
     theta, objective = least_squares(problem, truth, s.free, 3000)
-    return Fit(
-        subject=dataclasses.replace(subject, parameters=Parameters.from_vector(theta)),
-        settings=s,
-        reference=truth,
-        objective=objective,
-        costs=np.array([objective]),
-        errors=tuple(errors(case, problem.accelerations(n, theta)) for n, case in enumerate(cases)),
-        at_bound=at_bound(theta, s.free),
-        clock_delays_s=np.empty((0, 5, 2)),
-        searches=(),
-        evaluations=problem.evaluations,
-        penalties=problem.penalties,
-    )
+    found = Refined(theta, truth, objective, np.array([objective]), problem.evaluations, problem.penalties)
+    return Fit.of(found, cases, subject, s)
 
 
 def answered(subject: Subject, seat: np.ndarray) -> np.ndarray:
@@ -96,13 +89,46 @@ def white_half_widths(fit: Fit, cases: list[Case]) -> np.ndarray:
     return NORMAL_95 * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)) * (residuals @ residuals) / samples)
 
 
+def made_rows(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (n, 5, 3) and a residual (n, 5), the one as a least-squares fit leaves it."""
+    rng = np.random.default_rng(seed)
+    slopes, target = rng.standard_normal((count, 5, 3)), rng.standard_normal((count, 5))
+    flat = slopes.reshape(-1, 3)
+    return slopes, target - slopes @ np.linalg.lstsq(flat, target.ravel())[0]
+
+
 def test_overlapping_windows_are_bartletts_triangle() -> None:
-    scores, window = np.random.default_rng(0).standard_normal((40, 3)), 7
+    slopes, residual = made_rows(43, 0)
+    scores = np.einsum("nsp,ns->np", slopes, residual)
     expected = np.zeros((3, 3))
-    for t in range(40):
-        for u in range(40):
-            expected += max(0.0, 1.0 - abs(t - u) / window) * np.outer(scores[t], scores[u])
-    np.testing.assert_allclose(_overlapping(scores, window), expected, rtol=1e-10, atol=1e-12)
+    for t in range(43):
+        for u in range(43):
+            expected += max(0.0, 1.0 - abs(t - u) / WINDOW_STEPS) * np.outer(scores[t], scores[u])
+    found = _jackknifed(*_windows(slopes, residual, WINDOW_STEPS), np.zeros((3, 3)))
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_each_window_is_judged_by_the_fit_without_it() -> None:
+    slopes, residual = made_rows(60, 1)
+    inverse = np.linalg.inv(slopes.reshape(-1, 3).T @ slopes.reshape(-1, 3))
+    expected = np.zeros((3, 3))
+    for end in range(2, 60 + 20, 2):  # windows of 20 that begin every 2, those that reach past the ends too
+        kept = np.ones(60, dtype=bool)
+        kept[max(0, end - 20) : end] = False
+        moved = np.linalg.lstsq(slopes[kept].reshape(-1, 3), residual[kept].ravel())[0]
+        expected += np.outer(moved, moved) / WINDOW_STEPS
+    scatter = _jackknifed(*_windows(slopes, residual, 20), inverse)
+    np.testing.assert_allclose(inverse @ scatter @ inverse, expected, rtol=1e-4)
+
+
+def test_a_record_as_short_as_a_window_is_not_known_better_than_a_longer_one() -> None:
+    subject, rng = fitting.drawn(28, "segment"), np.random.default_rng(8)
+    seat = fitting.seat_motion("pothole", 12.0, 5)
+    accel = answered(subject, seat) + coloured((seat.size, 5), rng)
+    short = round(2.8 * fitting.RATE_HZ)
+    cases = [fitting.ready(seat[:n], accel[:n]) for n in (short, seat.size)]
+    half = [[e.half_width for e in uncertainty(fitted(subject, [case]), [case]).estimates] for case in cases]
+    assert np.median(half[0]) > 3.0 * np.median(half[1])
 
 
 def test_inverse_of_what_is_seen_and_what_is_not() -> None:
@@ -127,7 +153,7 @@ def soft_subject() -> Subject:
 def test_stiffening_cannot_be_told_from_a_quiet_road_but_from_a_shock() -> None:
     subject, rng = soft_subject(), np.random.default_rng(3)
     calls = {}
-    for name, seat in (("road", quiet_road(0.3)), ("shock", fitting.seat_motion("rail", 8.0, 2))):
+    for name, seat in (("road", quiet_road(0.3)), ("shock", fitting.seat_motion("rail", 16.0, 2))):
         case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), rng))
         calls[name] = uncertainty(fitted(subject, [case]), [case])
     assert call_of(calls["road"], "stiffening_scale") == "not identifiable"
@@ -172,8 +198,9 @@ def test_with_lasting_errors_of_sensors_intervals_do_not_shrink_for_ever() -> No
         for share, found in widths.items():
             made = uncertainty(fitted(subject, [case]), [case], UncertaintySettings(cross_axis=share))
             found.append(np.array([e.half_width for e in made.estimates]))
-    assert np.median(widths[0.0][0] / widths[0.0][1]) == pytest.approx(3.0, rel=0.4)  # root of 36 s over 4 s
-    assert np.median(widths[0.002][0] / widths[0.002][1]) < 2.0
+    narrower = {share: np.median(short / long) for share, (short, long) in widths.items()}
+    assert narrower[0.0] == pytest.approx(3.0, rel=0.4)  # root of 36 s over 4 s
+    assert narrower[0.002] < 0.75 * narrower[0.0]
     assert (widths[0.002][1] > widths[0.0][1]).all()
 
 

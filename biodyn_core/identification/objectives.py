@@ -28,6 +28,7 @@ from biodyn_core.segments import (
     N_SEGMENTS,
     STIFFENING_SHAPE_PER_M,
 )
+from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import MassMatrix, Subject
 
 Floats = NDArray[np.float64]
@@ -74,15 +75,14 @@ class Constants:
 class SurrogateSettings:
     """What Eq. 31 leaves open. `reference` is theta_ref, the middle of Table 1 in log space where none is given."""
 
-    lambda_1: float = 0.005
+    lambda_1: float = setting(0.005, "pull of Eq. 31 towards theta_ref, of the logarithms", "", 0.0, 1e3)
     segment_weights: tuple[float, ...] = SEGMENT_WEIGHTS
     reference: Parameters | None = None
 
     def __post_init__(self) -> None:
         if len(self.segment_weights) != len(MEASURED_SEGMENTS) or not all(0.0 <= w < 1e6 for w in self.segment_weights):
             raise InputError(f"segment_weights: {len(MEASURED_SEGMENTS)} numbers from 0 to 1e6 are needed")
-        if not 0.0 <= self.lambda_1 <= 1e3:
-            raise InputError(f"lambda_1 is {self.lambda_1:g}, allowed are 0 to 1000")
+        check_settings(self)
 
 
 class Surrogate:
@@ -166,8 +166,9 @@ class TimeDomain:
         total = float(pull @ pull)
         for number, (case, weight) in enumerate(zip(self.cases, self._weights, strict=True)):
             with np.errstate(all="ignore"):  # what is not finite is told from the total
-                miss = self.accelerations(number, theta) - case.measured_mps2
-                total += float(np.vdot(weight * miss, miss))
+                miss = self.accelerations(number, theta)
+                miss -= case.measured_mps2
+                total += float((weight * miss * miss).sum())  # a dot product would wait for other threads
         self.evaluations += 1
         return self._penalised(total)
 
@@ -180,7 +181,7 @@ class TimeDomain:
             case.seat_mps2[1:], state, c.k[0], c.b[0], c.k_alpha[0], 1.0 / c.mass[0], float(c.alpha_r[0]),
             1.0 / (case.rate_hz * substeps), substeps, accel[1:], _NO_MOTION,
         )  # fmt: skip
-        return accel[:, MEASURED_SEGMENT_INDEX]
+        return np.ascontiguousarray(accel[:, MEASURED_SEGMENT_INDEX])  # taken as it is, all that follows is slow
 
     def linearised(self, theta: Floats, free: Flags) -> tuple[Floats, Floats]:
         """Residuals (p + 1,) and their derivatives (p + 1, p) by ln theta of the p parameters that are free.
@@ -221,12 +222,29 @@ class TimeDomain:
 
     def clock_delays_s(self, number: int, theta: Floats) -> Floats:
         """How late each segment's sensor is at the middle of one case, and how much later each second, (5, 2), s."""
+        delays = self._missed(number, theta)[2]
+        return np.where(self.cases[number].energy[:, None] > 0.0, delays, np.nan)
+
+    def residuals(self, number: int, theta: Floats) -> Floats:
+        """Model less measurement of one case (n, 5), NaN where not compared; estimated delays are taken off."""
+        case = self.cases[number]
+        miss, shapes, delays = self._missed(number, theta)
+        if self._clocks == "estimated":
+            miss = miss - np.einsum("nsd,sd->ns", shapes, delays)
+        residuals = np.full(case.measured_mps2.shape, np.nan)
+        residuals[case.begin :] = np.where(case.compared[case.begin :], miss, np.nan)
+        return residuals
+
+    def _missed(self, number: int, theta: Floats) -> tuple[Floats, Floats, Floats]:
+        """Model less measurement behind the warm-up (n, 5), how delays change it (n, 5, 2), and the delays (5, 2)."""
         case = self.cases[number]
         accel, weight = self.accelerations(number, theta)[case.begin :], np.sqrt(self._weights[number][case.begin :])
-        miss = (accel - case.measured_mps2[case.begin :]) * weight
-        shapes = _delays(accel, case.rate_hz) * weight[:, :, None]
-        found = [np.linalg.lstsq(shapes[:, s], miss[:, s], rcond=None)[0] for s in range(len(MEASURED_SEGMENTS))]
-        return np.where(case.energy[:, None] > 0.0, np.array(found), np.nan)
+        miss, shapes = accel - case.measured_mps2[case.begin :], _delays(accel, case.rate_hz)
+        found = [
+            np.linalg.lstsq(shapes[:, s] * weight[:, s, None], miss[:, s] * weight[:, s], rcond=None)[0]
+            for s in range(len(MEASURED_SEGMENTS))
+        ]
+        return miss, shapes, np.array(found)
 
     def _lanes(self, number: int, theta: Floats, target: Floats, weight: Floats, accel: Floats) -> Floats:
         case, substeps, costs = self.cases[number], self._substeps[number], np.empty(LANES)

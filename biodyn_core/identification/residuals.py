@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.errors import InputError
-from biodyn_core.identification.phase2 import Fit
+from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.problem import Case
 from biodyn_core.recording import stretches
 from biodyn_core.response import SpectrumSettings, cross_spectra
@@ -43,11 +43,10 @@ class Leftover:
 def leftovers(fit: Fit, cases: Sequence[Case], spectrum: SpectrumSettings | None = None) -> list[Leftover]:
     """Judge what a fit leaves over in each of its cases."""
     problem, theta = fit.unpulled(cases), fit.subject.parameters.vector()
-    return [_leftover(case, problem.accelerations(number, theta), spectrum) for number, case in enumerate(cases)]
+    return [_leftover(case, problem.residuals(number, theta), spectrum) for number, case in enumerate(cases)]
 
 
-def _leftover(case: Case, answers: Floats, spectrum: SpectrumSettings | None) -> Leftover:
-    residual = np.where(case.compared, answers - case.measured_mps2, np.nan)
+def _leftover(case: Case, residual: Floats, spectrum: SpectrumSettings | None) -> Leftover:
     try:
         spectra = cross_spectra([(case.seat_mps2, residual)], case.rate_hz, spectrum)
         told = spectra.segments > 1

@@ -1,9 +1,10 @@
 """How sure a fit is of every parameter: intervals, what the data cannot tell, and profiles of the likelihood.
 
 What a fit leaves over is coloured, follows the input, and is common to all sensors where the seat's errs: taken for
-white it gives intervals several times too short (sandwich: White 1982; lags: Newey and West 1987). Errors of sensors
-that last a whole recording do not average out at all, and are added. What is wrong with the model itself is in neither.
-Profiles: Raue et al. 2009.
+white it gives intervals several times too short (sandwich: White 1982; lags: Newey and West 1987). A few shocks tell
+most of stiffening and the fit bends to them, so each window is left out in turn (moving-block jackknife: Kuensch 1989).
+Errors of sensors that last a whole recording do not average out at all, and are added. What is wrong with the model
+itself is in neither. Profiles: Raue et al. 2009.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.errors import InputError
+from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import PENALTY, TimeDomain
-from biodyn_core.identification.phase2 import Fit, least_squares
+from biodyn_core.identification.phase2 import least_squares
 from biodyn_core.identification.problem import Case
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.segments import MEASURED_SEGMENTS
@@ -34,6 +36,9 @@ NORMAL_95: Final = 1.959964
 LEAK_DELAYS_S: Final = np.linspace(0.0, 0.1, 6)
 """How late sideways motion follows the vertical: an axle after the other, a body after its seat; which, is unknown."""
 
+WINDOW_STEPS: Final = 10
+"""Windows of residuals begin so many times in each length of theirs."""
+
 _LOG_RANGE: Final = np.log(UPPER / LOWER)
 
 
@@ -41,7 +46,9 @@ _LOG_RANGE: Final = np.log(UPPER / LOWER)
 class UncertaintySettings:
     """What is assumed of residuals and sensors, and from when on a parameter is called known."""
 
-    window_s: float = setting(0.5, "residuals farther apart than this are taken as independent", "s", 0.05, 10.0)
+    window_s: float = setting(
+        1.0, "residuals farther apart than this are taken as independent; chains ring for 0.3 s", "s", 0.05, 10.0
+    )
     cross_axis: float = setting(
         0.002, "share of the vertical that reaches a sensor sideways: 0.3 deg off, and sideways 0.4 of it", "", 0.0, 0.1
     )
@@ -124,21 +131,22 @@ def _covariance(
 ) -> tuple[Floats, Floats]:
     """Covariance of ln theta of the parameters inside, (p, p), and (J'J)^-1 beside it."""
     count = int(inside.sum())
-    information, scatter = np.zeros((count, count)), np.zeros((count, count))
-    lasting: dict[object, Floats] = {}
+    information, lasting = np.zeros((count, count)), dict[object, Floats]()
+    windows = []
     for number, case in enumerate(problem.cases):
         rows = problem.rows(number, theta, inside)
         slopes, residual = rows[:, :, :-1], rows[:, :, -1]
         flat = slopes.reshape(-1, count)
         information += flat.T @ flat
-        scatter += _overlapping(np.einsum("nsp,ns->np", slopes, residual), round(settings.window_s * case.rate_hz))
+        windows.append(_windows(slopes, residual, round(settings.window_s * case.rate_hz)))
         answers = problem.accelerations(number, theta)
         for key, shape in _lasting_errors(case, answers, settings):
-            # One person, one session, the same mounting: the error is the same in every case.
+            # One person, one sitting, the same mounting: the error is the same in every case.
             seen = np.einsum("nsp,ns->p", slopes, shape[case.begin :] * np.sqrt(case.weight[case.begin :]))
             lasting[key] = lasting.get(key, np.zeros(count)) + seen
-    scatter += sum((np.outer(seen, seen) for seen in lasting.values()), np.zeros((count, count)))
     inverse = _inverse(information)
+    scatter = sum((_jackknifed(*seen, inverse) for seen in windows), np.zeros((count, count)))
+    scatter += sum((np.outer(seen, seen) for seen in lasting.values()), np.zeros((count, count)))
     return inverse @ scatter @ inverse, inverse
 
 
@@ -150,12 +158,33 @@ def _inverse(information: Floats) -> Floats:
     return np.asarray((vectors / kept) @ vectors.T / np.outer(scale, scale))
 
 
-def _overlapping(scores: Floats, window: int) -> Floats:
-    """Sum of the products of scores (n, p) up to `window` samples apart, weighted by Bartlett's triangle, (p, p)."""
-    count = scores.shape[1]
-    sums = np.cumsum(np.concatenate([np.zeros((window + 1, count)), scores, np.zeros((window - 1, count))]), axis=0)
-    moving = sums[window:] - sums[:-window]
-    return np.asarray(moving.T @ moving / window)
+def _windows(slopes: Floats, residual: Floats, length: int) -> tuple[Floats, Floats]:
+    """Scores (w, p) and J'J (w, p, p) of all windows of so many samples that touch a record, `WINDOW_STEPS` in each.
+
+    Slopes (n, 5, p), residual (n, 5). Products of the scores add up to those of samples, weighted by Bartlett's
+    triangle, times WINDOW_STEPS.
+    """
+    step, p = max(1, length // WINDOW_STEPS), slopes.shape[2]
+    count = -(-len(slopes) // step)
+    padded = np.concatenate([slopes, np.zeros((count * step - len(slopes), *slopes.shape[1:]))])
+    rests = np.concatenate([residual, np.zeros((len(padded) - len(residual), residual.shape[1]))])
+    parts, seen = padded.reshape(count, -1, p), rests.reshape(count, -1, 1)
+    turned = parts.transpose(0, 2, 1)
+    sums = np.cumsum(np.concatenate([np.zeros((1, p, p + 1)), turned @ np.concatenate([parts, seen], axis=2)]), axis=0)
+    ends = np.arange(1, count + WINDOW_STEPS)
+    found = sums[np.minimum(ends, count)] - sums[np.maximum(ends - WINDOW_STEPS, 0)]
+    return found[:, :, -1], found[:, :, :-1]
+
+
+def _jackknifed(scores: Floats, products: Floats, inverse: Floats) -> Floats:
+    """Scatter (p, p) of scores (w, p), each as it would be had the fit not seen its window (Kuensch 1989).
+
+    A fit bends to the few shocks that tell it of stiffening, and leaves less over there than elsewhere.
+    """
+    # A window that is the whole of a short record leaves nothing over: 0 / 0 is 0 here.
+    rest = (1.0 + 1e-6) * np.eye(len(inverse)) - products @ inverse
+    unseen = np.linalg.solve(rest, scores[:, :, None])[:, :, 0]
+    return np.asarray(unseen.T @ unseen / WINDOW_STEPS)
 
 
 def _lasting_errors(case: Case, answers: Floats, settings: UncertaintySettings) -> Iterator[tuple[object, Floats]]:

@@ -1,0 +1,154 @@
+"""Fits: one theta for one case or several, through both phases, and what a fit says of itself."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.identification.objectives import Pull, Surrogate, TimeDomain
+from biodyn_core.identification.phase1 import Search, reached, search
+from biodyn_core.identification.phase2 import Refined, refine
+from biodyn_core.identification.problem import Case, Errors, errors
+from biodyn_core.identification.settings import FitSettings
+from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.subject import Subject
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+AT_BOUND: Final = 1e-3
+"""A parameter closer to a bound than this share of its range is on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """One theta fitted to one case or several: the subject that carries it, and how it was `refined`.
+
+    clock_delays_s (cases, 5, 2) is empty where clocks are trusted; at_bound names the parameters that end on a bound of
+    Table 1.
+    """
+
+    subject: Subject
+    settings: FitSettings
+    refined: Refined
+    errors: tuple[Errors, ...]
+    at_bound: tuple[str, ...]
+    clock_delays_s: Floats
+
+    @classmethod
+    def of(cls, refined: Refined, cases: Sequence[Case], subject: Subject, settings: FitSettings) -> Fit:
+        """What phase 2 found for these cases, looked at."""
+        found = dataclasses.replace(subject, parameters=Parameters.from_vector(refined.theta), provenance={})
+        return cls(
+            subject=found,
+            settings=settings,
+            refined=refined,
+            errors=prediction_errors(found, cases),
+            at_bound=at_bound(refined.theta, settings.free),
+            clock_delays_s=_clock_delays_s(found, cases, settings),
+        )
+
+    @property
+    def reached(self) -> int:
+        """How many of the refined starts reached the best optimum."""
+        return reached(self.refined.costs)
+
+    @property
+    def error_percent(self) -> float:
+        """J of Eq. 35: normalised rms in percent, mean over the measured segments and the cases."""
+        return mean_percent(self.errors)
+
+    def unpulled(self, cases: Sequence[Case]) -> TimeDomain:
+        """The objective that was minimised, of the same cases, but for the pull: what the data alone say."""
+        pull = Pull(self.refined.reference, 0.0)
+        return TimeDomain(cases, self.subject.mass_matrix, pull, self.settings.clocks)
+
+
+def fit_case(case: Case, subject: Subject, seed: int, settings: FitSettings | None = None) -> Fit:
+    """Fit one case; the subject gives anthropometry, mass matrix and m_scale. InputError as `fit_joint`."""
+    return fit_joint([case], subject, seed, settings)
+
+
+def fit_cases(
+    cases: Sequence[Case],
+    subject: Subject,
+    seed: int,
+    settings: FitSettings | None = None,
+    searches: Sequence[Search] | None = None,
+) -> list[Fit]:
+    """Fit each case by itself, as the paper does; under `phase1: pooled` from one search over all.
+
+    searches are those of `search_all` on the same cases, where they have been made already.
+    """
+    s = settings or FitSettings()
+    found = search_all(cases, subject, seed, s) if searches is None else searches
+    return [
+        Fit.of(refine([case], subject, starts, s), [case], subject, s)
+        for case, starts in zip(cases, searches_by_case(found, len(cases), s), strict=True)
+    ]
+
+
+def fit_joint(
+    cases: Sequence[Case],
+    subject: Subject,
+    seed: int,
+    settings: FitSettings | None = None,
+    searches: Sequence[Search] | None = None,
+) -> Fit:
+    """Fit one theta to all cases; searches as in `fit_cases`. InputError where the chain diverges from every start."""
+    s = settings or FitSettings()
+    found = search_all(cases, subject, seed, s) if searches is None else searches
+    return Fit.of(refine(cases, subject, found, s), cases, subject, s)
+
+
+def search_all(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings) -> tuple[Search, ...]:
+    """Phase 1 of all cases, in their order: one search for each, or one of all."""
+    return tuple(search_group(group, subject, seed, settings) for group in search_groups(cases, settings))
+
+
+def search_groups(cases: Sequence[Case], settings: FitSettings) -> list[list[Case]]:
+    """The cases that are searched together."""
+    return [list(cases)] if settings.phase1 == "pooled" else [[case] for case in cases]
+
+
+def search_group(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings) -> Search:
+    """Phase 1 of one group."""
+    return search(Surrogate(cases, subject.mass_matrix, settings.surrogate), seed, settings.swarm)
+
+
+def searches_by_case(searches: Sequence[Search], cases: int, settings: FitSettings) -> list[Sequence[Search]]:
+    """From which searches each case by itself is refined."""
+    return [searches] * cases if settings.phase1 == "pooled" else [[one] for one in searches]
+
+
+def prediction_errors(subject: Subject, cases: Sequence[Case]) -> tuple[Errors, ...]:
+    """Errors of a subject's forward prediction of cases, fitted to or not."""
+    theta = subject.parameters.vector()
+    problem = TimeDomain(cases, subject.mass_matrix, Pull(theta, 0.0))
+    return tuple(errors(case, problem.accelerations(number, theta)) for number, case in enumerate(cases))
+
+
+def mean_percent(found: Sequence[Errors]) -> float:
+    """Mean of the cases' mean normalised rms, in percent."""
+    return float(np.mean([error.mean_percent for error in found]))
+
+
+def at_bound(theta: Floats, free: Flags) -> tuple[str, ...]:
+    """The fitted parameters that lie on a bound of Table 1."""
+    share = (theta - LOWER) / (UPPER - LOWER)
+    pinned = free & ((share < AT_BOUND) | (share > 1.0 - AT_BOUND))
+    return tuple(p.name for p, flag in zip(PARAMETERS, pinned, strict=True) if flag)
+
+
+def _clock_delays_s(subject: Subject, cases: Sequence[Case], settings: FitSettings) -> Floats:
+    if settings.clocks == "trusted":
+        return np.empty((0, len(MEASURED_SEGMENTS), 2))
+    theta = subject.parameters.vector()
+    problem = TimeDomain(cases, subject.mass_matrix, Pull(theta, 0.0), settings.clocks)
+    return np.array([problem.clock_delays_s(number, theta) for number in range(len(cases))])

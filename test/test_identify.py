@@ -1,0 +1,134 @@
+"""A whole identification: the same numbers however its tasks are run, and each of its statements checked by a twin."""
+
+import dataclasses
+import random
+
+import fitting
+import numpy as np
+import pytest
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.fit import fit_cases, fit_joint, prediction_errors
+from biodyn_core.identification.identify import Identification, Task, fingerprint, identify, run_here
+from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.settings import PAPER, FitSettings
+
+QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), evaluations=600)
+SUBJECT = fitting.true_subjects()["segment"]
+CASES = fitting.true_cases("segment")[1:]
+
+
+def shuffled(tasks: list[Task]) -> list:
+    """Run tasks in another order, each once."""
+    done = {}
+    for task in random.Random(3).sample(list(tasks), len(tasks)):
+        if task.name not in done:
+            done[task.name] = task.function(*task.arguments)
+    return [done[task.name] for task in tasks]
+
+
+@pytest.fixture(scope="module")
+def found() -> Identification:
+    return identify(CASES, SUBJECT, 1, QUICK)
+
+
+def test_the_order_of_the_tasks_does_not_matter(found: Identification) -> None:
+    again = identify(CASES, SUBJECT, 1, QUICK, shuffled)
+    assert again.subject == found.subject and again.idealized.subject == found.idealized.subject
+    for one, other in zip(found.fits, again.fits, strict=True):
+        assert one.refined.costs.tolist() == other.refined.costs.tolist()
+    assert again.evaluations == found.evaluations
+
+
+def test_its_parts_are_the_fits_by_themselves(found: Identification) -> None:
+    for fit, alone in zip(found.fits, fit_cases(CASES, SUBJECT, 1, QUICK), strict=True):
+        assert fit.subject == alone.subject and fit.errors[0].mean_percent == alone.errors[0].mean_percent
+    assert found.joint.subject == fit_joint(CASES, SUBJECT, 1, QUICK).subject
+    assert found.subject == found.joint.subject
+    fused = dataclasses.replace(QUICK, result="idealized")
+    assert identify(CASES, SUBJECT, 1, fused).subject == found.idealized.subject
+
+
+@pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
+def test_the_mass_matrix_of_the_truth_is_called_better_whichever_is_declared(mass_matrix: str) -> None:
+    cases = fitting.true_cases(mass_matrix)
+    for declared in fitting.MASS_MATRICES:
+        subject = dataclasses.replace(fitting.true_subjects()[mass_matrix], mass_matrix=declared)
+        result = identify(cases[1:], subject, 1, QUICK)
+        better, percent = result.better_mass_matrix()
+        assert better == mass_matrix and percent[better] < 0.5 < min(v for k, v in percent.items() if k != better)
+        assert result.better_mass_matrix(cases[:1])[0] == mass_matrix
+        assert result.joint.subject.mass_matrix == declared
+
+
+def test_mass_matrices_that_predict_alike_are_not_told_apart(found: Identification) -> None:
+    """Two subjects that differ in name only."""
+    twin = dataclasses.replace(found, other=dataclasses.replace(found.joint))
+    assert twin.better_mass_matrix()[0] is None
+
+
+def test_both_refiners_are_compared_on_one_problem(found: Identification) -> None:
+    assert [run.refiner for run in found.refiners] == ["least-squares", "nelder-mead"]
+    squares, simplex = (run.refined for run in found.refiners)
+    assert squares.reference.tolist() == simplex.reference.tolist()
+    assert squares.objective <= simplex.objective * (1.0 + 1e-6)
+    assert squares.evaluations < simplex.evaluations
+    assert found.compared_on.case == "rail"  # the stronger of the two
+
+
+def test_of_one_case_the_joint_fit_is_its_own() -> None:
+    found = identify(CASES[:1], SUBJECT, 1, QUICK)
+    assert found.joint.subject == found.fits[0].subject
+    assert found.idealized.subject.parameters == found.joint.subject.parameters
+    assert dict(found.idealized.weights) == {"pothole": 1.0}
+
+
+def test_the_papers_way_comes_out_fused() -> None:
+    small = dataclasses.replace(PAPER, swarm=dataclasses.replace(QUICK.swarm, polish=False, starts=1), evaluations=200)
+    found = identify(CASES, SUBJECT, 1, small)
+    assert found.subject == found.idealized.subject
+    expected = np.exp(
+        sum(
+            found.idealized.weights[case.case] * np.log(fitting.theta_of(fit.subject))
+            for case, fit in zip(CASES, found.fits, strict=True)
+        )
+    )
+    np.testing.assert_allclose(fitting.theta_of(found.subject), expected, rtol=1e-12)
+
+
+def test_errors_of_a_prediction_are_rms_over_rms() -> None:
+    (error,) = prediction_errors(SUBJECT, CASES[:1])
+    assert error.mean_percent < 1e-3  # the truth, by another integrator
+    quiet = dataclasses.replace(CASES[0], measured_mps2=0.5 * CASES[0].measured_mps2, energy=0.25 * CASES[0].energy)
+    np.testing.assert_allclose(prediction_errors(SUBJECT, [quiet])[0].nrmse_rms_percent, 100.0, rtol=1e-4)
+
+
+def test_a_fingerprint_tells_problems_apart() -> None:
+    same = fingerprint(CASES, SUBJECT, 1, QUICK)
+    assert same == fingerprint(CASES, SUBJECT, 1, QUICK)
+    measured = CASES[0].measured_mps2.copy()
+    measured[-1, -1] = np.nextafter(measured[-1, -1], np.inf)
+    other_case = dataclasses.replace(CASES[0], measured_mps2=measured)
+    others = [
+        fingerprint(CASES[::-1], SUBJECT, 1, QUICK),
+        fingerprint(CASES[:1], SUBJECT, 1, QUICK),
+        fingerprint([other_case, *CASES[1:]], SUBJECT, 1, QUICK),
+        fingerprint(CASES, dataclasses.replace(SUBJECT, body_mass_kg=71.0), 1, QUICK),
+        fingerprint(CASES, SUBJECT, 2, QUICK),
+        fingerprint(CASES, SUBJECT, 1, dataclasses.replace(QUICK, lambda_2=2e-6)),
+        fingerprint(CASES, SUBJECT, 1, PAPER),
+    ]
+    assert len({same, *others}) == len(others) + 1
+
+
+def test_tasks_of_one_name_are_done_once() -> None:
+    calls = []
+    task = Task("once", lambda: calls.append(1) or len(calls), ())
+    assert run_here([task, task]) == [1, 1]
+
+
+def test_no_case_and_a_case_twice_are_refused() -> None:
+    with pytest.raises(InputError, match="there is no case"):
+        identify([], SUBJECT, 1, QUICK)
+    with pytest.raises(InputError, match="pothole: the case is given twice"):
+        identify([CASES[0], CASES[0]], SUBJECT, 1, QUICK)
