@@ -5,13 +5,19 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from biodyn_core.errors import InputError
-from biodyn_core.settings import Range
+from biodyn_core.settings import Range, described
+from biodyn_ros.environment import ONE_THREAD
+from biodyn_ros.progress import Progress
+
+if TYPE_CHECKING:
+    from biodyn_ros.fit import FitOptions
 
 T = TypeVar("T")
 Handler = Callable[[argparse.Namespace], int]
@@ -21,6 +27,7 @@ EXIT_INPUT, EXIT_INTERRUPTED = 2, 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one subcommand and return its exit code."""
+    os.environ.update(ONE_THREAD)  # before numpy loads
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given[:1] == ["live"] and given[1:] not in (["-h"], ["--help"]):
         from biodyn_ros.live import main as live  # ROS reads its own arguments
@@ -94,7 +101,8 @@ def _info(options: argparse.Namespace) -> int:
     from biodyn_ros.mapping import parse_map
 
     how = InfoOptions(parse_map(options.map), options.time, _settings(options, ConditioningSettings))
-    document = info(options.bag, how, _progress("reading"))
+    with Progress("reading") as progress:
+        document = info(options.bag, how, progress)
     _print(options, document, text_of(document))
     return 0
 
@@ -118,11 +126,11 @@ def _replay(options: argparse.Namespace) -> int:
         project=options.project,
     )
     subject = load_subject(subject_file(options.subject))
-    progress = _progress("replaying")
-    replayed = replay_to_directory(
-        options.bag, subject, Path(options.output), how, progress=progress, report=not options.no_report,
-        predicted=not options.no_predicted,
-    )  # fmt: skip
+    with Progress("replaying") as progress:
+        replayed = replay_to_directory(
+            options.bag, subject, Path(options.output), how, progress=progress, report=not options.no_report,
+            predicted=not options.no_predicted,
+        )  # fmt: skip
     from biodyn_ros.summary import summary
 
     _print(options, replayed.document, summary(replayed.document))
@@ -167,13 +175,99 @@ def _validate(options: argparse.Namespace) -> int:
         seat_force=options.seat_force,
         as_printed=options.as_printed,
     )
-    subject, progress = load_subject(subject_file(options.subject)), _progress("validating")
-    if options.output:
-        validated = validate_to_directory(options.bag, subject, Path(options.output), how, progress)
-    else:
-        validated = validate(options.bag, subject, how, progress)
+    subject = load_subject(subject_file(options.subject))
+    with Progress("validating") as progress:
+        if options.output:
+            validated = validate_to_directory(options.bag, subject, Path(options.output), how, progress)
+        else:
+            validated = validate(options.bag, subject, how, progress)
     _print(options, validated.document, text_of(validated.document))
     return 0
+
+
+def _fit(options: argparse.Namespace) -> int:
+    if options.campaign:
+        return _fit_campaign(options)
+    from biodyn_core.parameters import UNFITTED
+    from biodyn_core.subject import load_subject
+    from biodyn_ros.executors import executor_of
+    from biodyn_ros.fit import check_output, fit_bags, write_fitted
+    from biodyn_ros.fit_text import text_of
+    from biodyn_ros.resources import subject_file
+    from biodyn_ros.work import Work
+
+    if not (options.bag and options.subject):
+        raise InputError("BAG... and --subject are needed, or --campaign")
+    output = Path(options.output)
+    check_output(output)
+    how = _fit_options(options)
+    subject = load_subject(subject_file(options.subject), UNFITTED)
+    checkpoint = output.with_name(f"{output.stem}.checkpoint.json")
+    try:
+        with executor_of(options.executor) as executor:
+            work = Work(executor, checkpoint, options.resume)
+            fitted = fit_bags(options.bag, subject, how, work)
+    except KeyboardInterrupt:
+        if checkpoint.exists():
+            print(f"biodyn fit: {checkpoint} keeps what is done; --resume takes it up", file=sys.stderr)
+        raise
+    write_fitted(fitted, output)
+    work.finish()
+    _print(options, fitted.document, text_of(fitted.document))
+    return 0
+
+
+def _fit_campaign(options: argparse.Namespace) -> int:
+    from biodyn_ros.campaign import check_failed, fit_campaign, text_of
+    from biodyn_ros.campaign_file import load_campaign
+    from biodyn_ros.executors import executor_of
+
+    if options.bag or options.subject or options.hold_out or options.case:
+        raise InputError("BAG, --subject, --hold-out and --case are each subject's own: give them in the campaign file")
+    campaign, directory = load_campaign(options.campaign), Path(options.output)
+    with executor_of(options.executor) as executor, Progress("fitting") as progress:
+        document = fit_campaign(campaign, directory, _fit_options(options), executor, options.resume, progress)
+    _print(options, document, text_of(document))
+    check_failed(document, directory)
+    return 0
+
+
+def _fit_options(options: argparse.Namespace) -> FitOptions:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.identification.objectives import SurrogateSettings
+    from biodyn_core.identification.phase1 import SwarmSettings
+    from biodyn_core.identification.problem import CaseSettings
+    from biodyn_core.identification.settings import PAPER, FitSettings
+    from biodyn_core.identification.uncertainty import UncertaintySettings
+    from biodyn_core.recording import RecordingSettings
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_ros.fit import FitOptions, parse_cases
+    from biodyn_ros.mapping import parse_map
+    from biodyn_ros.recordings import RecordingOptions
+
+    base = PAPER if options.paper else FitSettings()
+    settings = dataclasses.replace(
+        _settings(options, FitSettings, base),
+        swarm=_settings(options, SwarmSettings, base.swarm),
+        surrogate=_settings(options, SurrogateSettings, base.surrogate),
+    )
+    return FitOptions(
+        seed=options.seed,
+        held_out=tuple(options.hold_out),
+        cases=parse_cases(options.case),
+        profiles=tuple(options.profile),
+        reading=RecordingOptions(
+            mapping=parse_map(options.map),
+            time=options.time,
+            vertical=options.vertical,
+            conditioning=_settings(options, ConditioningSettings),
+            recording=_settings(options, RecordingSettings),
+        ),
+        spectra=_settings(options, SpectrumSettings),
+        preparing=_settings(options, CaseSettings),
+        settings=settings,
+        uncertainty=_settings(options, UncertaintySettings),
+    )
 
 
 # --- parser ----------------------------------------------------------------------------------------------------------
@@ -196,6 +290,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_info(commands)
     _add_play(commands)
     _add_replay(commands)
+    _add_fit(commands)
     _add_compare(commands)
     _add_validate(commands)
     return parser
@@ -260,6 +355,57 @@ def _add_replay(commands: Any) -> None:
     command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
 
 
+def _add_fit(commands: Any) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.identification.objectives import SurrogateSettings
+    from biodyn_core.identification.phase1 import SwarmSettings
+    from biodyn_core.identification.problem import CaseSettings
+    from biodyn_core.identification.settings import FitSettings
+    from biodyn_core.identification.uncertainty import UncertaintySettings
+    from biodyn_core.recording import RecordingSettings
+    from biodyn_core.response import SpectrumSettings
+
+    command = _command(commands, "fit", _fit, "recorded events to a subject, with how sure every number is")
+    command.add_argument("bag", nargs="*", metavar="BAG", help="one or more of each loading condition")
+    command.add_argument(
+        "--subject", metavar="S", help="who it is: a subject file, whose parameters may be missing, or a bundled name"
+    )
+    command.add_argument("--campaign", metavar="FILE", help="many subjects, from a file; -o is then a directory")
+    command.add_argument(
+        "--hold-out", nargs="+", action="extend", default=[], metavar="BAG", help="bags that are only predicted"
+    )
+    command.add_argument(
+        "--case", action="append", default=[], metavar="BAG=CASE", help="a bag's loading condition (default: its name)"
+    )
+    command.add_argument(
+        "--profile", action="append", default=[], metavar="NAME",
+        help="profile the likelihood of a parameter, such as natural_frequency_hz[head], or of all",
+    )  # fmt: skip
+    command.add_argument("--paper", action="store_true", help="the paper's way; single options still change it")
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="of the swarms (default 0)")
+    command.add_argument("--resume", action="store_true", help="take up what an interrupted fit left")
+    command.add_argument(
+        "--executor", default="processes", metavar="WHERE",
+        help="none, processes[:N], threads[:N] or a Dask scheduler's tcp://HOST:PORT, on trusted networks only"
+        " (default processes)",
+    )  # fmt: skip
+    _add_map(command)
+    _add_time(command)
+    command.add_argument("--vertical", default="", metavar="TEXT", help="where sensors' axes see up if not by gravity")
+    for title, kind in (
+        ("fitting", FitSettings),
+        ("phase 1", SwarmSettings),
+        ("surrogate", SurrogateSettings),
+        ("spectra", SpectrumSettings),
+        ("cases", CaseSettings),
+        ("uncertainty", UncertaintySettings),
+        ("conditioning", ConditioningSettings),
+        ("recording", RecordingSettings),
+    ):
+        _add_settings(command, title, kind)
+    command.add_argument("-o", "--output", required=True, metavar="OUT.yaml", help="the subject; fit.json beside it")
+
+
 def _add_compare(commands: Any) -> None:
     from biodyn_core.identification.compare import THRESHOLD_PERCENT
 
@@ -322,47 +468,36 @@ def _add_time(command: argparse.ArgumentParser) -> None:
 
 
 def _add_settings(command: argparse.ArgumentParser, title: str, kind: type[Any]) -> None:
-    """One option per field of a settings dataclass, described as the field describes itself."""
+    """One option per field of a settings dataclass, described as the field describes itself; absent unless given."""
     group = command.add_argument_group(title)
-    for item in dataclasses.fields(kind):
+    for item in described(kind):
         allowed: Range = item.metadata["range"]
-        flag = "--" + item.name.replace("_", "-")
+        default = "none" if item.default is None else f"{item.default:g}" if _is_number(item.default) else item.default
+        how: dict[str, Any] = {"metavar": "TEXT", "help": f"{allowed.meaning} (default {default or 'none'})"}
         if isinstance(item.default, bool):
-            group.add_argument(flag, action="store_true", default=item.default, help=allowed.meaning)
-            continue
-        if isinstance(item.default, str):
-            group.add_argument(flag, default=item.default, metavar="TEXT", help=allowed.meaning)
-            continue
-        cast = float if item.default is None else type(item.default)
-        default = "none" if item.default is None else f"{item.default:g}"
-        unit = f" {allowed.unit}" if allowed.unit else ""
-        text = f"{allowed.meaning} ({allowed.lower:g} to {allowed.upper:g}{unit}, default {default})"
-        group.add_argument(flag, type=cast, default=item.default, metavar="N", help=text)
+            action = argparse.BooleanOptionalAction if item.default else "store_true"
+            how = {"action": action, "help": allowed.meaning}
+        elif allowed.choices:
+            how = {"choices": allowed.choices, "help": f"{allowed.meaning} (default {default})"}
+        elif not isinstance(item.default, str):
+            unit = f" {allowed.unit}" if allowed.unit else ""
+            text = f"{allowed.meaning} ({allowed.lower:g} to {allowed.upper:g}{unit}, default {default})"
+            how = {"type": float if item.default is None else type(item.default), "metavar": "N", "help": text}
+        group.add_argument("--" + item.name.replace("_", "-"), default=argparse.SUPPRESS, **how)
 
 
-def _settings(options: argparse.Namespace, kind: type[T]) -> T:
-    names = [item.name for item in dataclasses.fields(kind)]  # type: ignore[arg-type]
-    return kind(**{name: getattr(options, name) for name in names})
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _settings(options: argparse.Namespace, kind: type[T], base: T | None = None) -> T:
+    """The settings that were given, over the base's or the defaults."""
+    given = {item.name: getattr(options, item.name) for item in described(kind) if hasattr(options, item.name)}
+    return kind(**given) if base is None else dataclasses.replace(base, **given)  # type: ignore[type-var]
 
 
 def _print(options: argparse.Namespace, document: dict[str, Any], text: str) -> None:
     print(json.dumps(document, indent=2, allow_nan=False) if options.json else text)
-
-
-def _progress(what: str) -> Callable[[int, int], None]:
-    """A line on stderr, redrawn at every hundredth; silent where nobody watches."""
-    if not sys.stderr.isatty():
-        return lambda done, total: None
-    shown = -1
-
-    def progress(done: int, total: int) -> None:
-        nonlocal shown
-        percent = 100 * done // max(total, 1)
-        if percent != shown:
-            shown = percent
-            print(f"\r{what}: {percent:3d} %", end="\n" if percent >= 100 else "", file=sys.stderr, flush=True)
-
-    return progress
 
 
 if __name__ == "__main__":

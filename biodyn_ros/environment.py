@@ -47,6 +47,9 @@ CLEARED: Final = SEARCH_PATHS + MIDDLEWARE
 DOMAINS: Final = range(1, 102)
 """Above 101 the ports of a domain reach into those Linux hands out freely; 0 is everybody's default."""
 
+ONE_THREAD: Final = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Linear algebra on one thread; read when numpy loads. More add sums up in another order, and a fit in other digits."""
+
 HELD: Final = "BIODYN_HELD_DOMAIN_ID"
 """Tells children that ROS_DOMAIN_ID is held for them by a lock, and not merely set on this machine."""
 

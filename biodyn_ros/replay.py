@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +21,7 @@ from biodyn_ros import __version__, topics
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
+from biodyn_ros.files import make_directory, write_json
 from biodyn_ros.mapping import sensors_of
 from biodyn_ros.simulate import MADE_BY, MADE_BY_MODEL
 from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
@@ -191,10 +191,7 @@ class _LatePredictedBag:
 def _make(directory: Path) -> list[Path]:
     """Make a directory; returns what was not there, innermost first."""
     made = [path for path in (directory, *directory.parents) if not path.exists()]
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{directory}: cannot be made a directory ({error.strerror})") from None
+    make_directory(directory)
     return made
 
 
@@ -207,10 +204,3 @@ def _unmake_on_failure(made: list[Path]) -> Callable[..., None]:
                 path.rmdir()
 
     return leave
-
-
-def write_json(path: Path, document: dict[str, Any]) -> None:
-    """Write a JSON file beside and rename it, so that it is never half there."""
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    part.replace(path)

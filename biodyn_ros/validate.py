@@ -34,8 +34,9 @@ from biodyn_core.response import (
 from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
+from biodyn_ros.files import make_directory, write_json
+from biodyn_ros.provenance import Role, bag_sha256, role_of
 from biodyn_ros.recordings import RecordingOptions, read_recordings
-from biodyn_ros.replay import write_json
 from biodyn_ros.simulate import MADE_BY_MODEL
 from biodyn_ros.validation_findings import ValidationSettings, findings, verdict
 
@@ -115,7 +116,7 @@ def validate(
     """Predict a bag's event from its seat alone and compare; raises InputError as `read_recordings`."""
     options = options or ValidateOptions()
     recordings = read_recordings(bag, options.case, options.reading, progress)
-    return validate_recordings(recordings, subject, options, str(bag))
+    return validate_recordings(recordings, subject, options, str(bag), role_of(subject, bag_sha256(bag)))
 
 
 def validate_to_directory(
@@ -127,18 +128,19 @@ def validate_to_directory(
 ) -> Validated:
     """Validate and write `validate.json`; a bag that is refused leaves no directory."""
     validated = validate(bag, subject, options, progress)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{directory}: cannot be made a directory ({error.strerror})") from None
+    make_directory(directory)
     write_json(directory / "validate.json", validated.document)
     return validated
 
 
 def validate_recordings(
-    recordings: Sequence[Recording], subject: Subject, options: ValidateOptions | None = None, bag: str = ""
+    recordings: Sequence[Recording],
+    subject: Subject,
+    options: ValidateOptions | None = None,
+    bag: str = "",
+    role: Role | None = None,
 ) -> Validated:
-    """The same for recordings at hand, the runs of one event."""
+    """The same for recordings at hand, the runs of one event; role is what the bag was to the subject's fit."""
     options = options or ValidateOptions()
     events = [_Event.of(recording, subject) for recording in recordings]
     rate_hz = common_rate_hz([recording.rate_hz for recording in recordings])
@@ -151,6 +153,7 @@ def validate_recordings(
         "case": recordings[0].case,
         "subject": subject.name,
         "mass_matrix": subject.mass_matrix,
+        "role": role,
         "path": "zero_phase",
         "rate_hz": rate_hz,
         "seconds": sum(event.seat.size for event in events) / rate_hz,

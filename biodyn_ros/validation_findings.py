@@ -32,6 +32,9 @@ class ValidationSettings:
 
 def findings(document: Document, limits: ValidationSettings) -> Iterator[Document]:
     """Every disagreement, and everything that cannot be told, one line each."""
+    if document["role"] == "fitted":
+        text = "the subject was fitted to this recording, so it validates nothing: take one that was not"
+        yield _finding("undecided", "fitted_to", None, text)
     yield from _stht_findings(document["stht"], document["spectra"], limits)
     for name, error in document["error"]["segments"].items():
         if error is None or error["nrmse_rms_percent"] is None:
@@ -79,7 +82,7 @@ def _stht_findings(stht: Document, spectra: Document, limits: ValidationSettings
         yield _finding("undecided", "stht_peak_hidden", HEAD, text)
 
 
-def _finding(status: str, what: str, segment: str, text: str) -> Document:
+def _finding(status: str, what: str, segment: str | None, text: str) -> Document:
     return {"status": status, "what": what, "segment": segment, "text": text}
 
 

@@ -14,6 +14,8 @@ ROOT = Path(__file__).resolve().parents[1]
 # `make test` has done this already; here it is done for a bare `pytest`. rclpy reads these variables on import.
 assert "rclpy" not in sys.modules
 DOMAIN = environment.settle(os.environ)
+# As the command line does.
+os.environ.update(environment.ONE_THREAD)
 
 # A deadline would measure the machine. Continuous integration tries the same examples each time.
 settings.register_profile("biodyn", deadline=None, derandomize="CI" in os.environ)

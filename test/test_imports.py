@@ -40,7 +40,21 @@ LAYERS = (
 CORE_NEEDS = {"numpy", "scipy", "yaml"}
 COMPILED = "biodyn_core.kernels.compiling"
 
-ROS_FREE = ("cdr", "bag", "resources", "environment", "blue_trident", "recordings", "validat", "comparison")
+ROS_FREE = (
+    "cdr",
+    "bag",
+    "resources",
+    "environment",
+    "blue_trident",
+    "recordings",
+    "validat",
+    "comparison",
+    "campaign",
+    "checkpoint",
+    "executors",
+    "progress",
+    "work",
+)
 ROS = {
     "rclpy",
     "ament_index_python",

@@ -167,7 +167,7 @@ def test_a_peak_disagrees_only_where_its_error_allows_to_say_so(ratio, error, st
         "predicted": peak,
         "predicted_anywhere": peak,
     }
-    document = {"stht": stht, "spectra": SPECTRA, "error": {"segments": {}}, "exposure": {"segments": {}}}
+    document = {"role": None, "stht": stht, "spectra": SPECTRA, "error": {"segments": {}}, "exposure": {"segments": {}}}
     found = list(findings(document, ValidationSettings()))
     assert {finding["status"] for finding in found} == statuses
     assert verdict(found) == next(iter(statuses), "agrees")

@@ -58,8 +58,10 @@ class BagReader:
     an unfinished, cut or damaged bag; `warnings` says what was missing or left out, and may grow while reading.
     """
 
-    def __init__(self, path: Path, storage: str, storages: list[Storage], warnings: list[str]) -> None:
-        self.path, self.storage, self.warnings = path, storage, warnings
+    def __init__(
+        self, path: Path, files: list[Path], storage: str, storages: list[Storage], warnings: list[str]
+    ) -> None:
+        self.path, self.files, self.storage, self.warnings = path, files, storage, warnings
         self._storages = storages
         counts: dict[TopicKey, int] = {}
         for topic in (topic for part in storages for topic in part.topics):
@@ -133,7 +135,7 @@ def open_bag(path: str | Path) -> BagReader:
     except BaseException:
         _close_all(storages)
         raise
-    return BagReader(path, kind, storages, warnings)
+    return BagReader(path, files, kind, storages, warnings)
 
 
 def imu_blocks(

@@ -1,0 +1,165 @@
+"""Campaign files: many subjects, each with bags of its own.
+
+A campaign file is YAML; paths are relative to it, `name`, `hold_out` and `cases` may be missing:
+
+    subjects:
+      - subject: anna.yaml            # or a bundled name
+        name: anna                    # of the result; the subject's own where it is not given
+        bags: [anna/road_1.mcap, anna/pothole.mcap]
+        hold_out: [anna/rail.mcap]
+        cases: {anna/road_1.mcap: gravel}
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from biodyn_core.errors import InputError
+from biodyn_core.parameters import UNFITTED
+from biodyn_core.subject import Subject, UniqueKeyLoader, load_subject
+from biodyn_ros.resources import subject_file
+
+_NAME: Final = re.compile(r"[^\W_][\w .+-]{0,99}")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One subject of a campaign: the name of its result, who it is, and the absolute paths of its bags."""
+
+    name: str
+    subject: Subject
+    bags: tuple[str, ...]
+    held_out: tuple[str, ...]
+    cases: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """The subjects of a campaign file, and the files that it must not overwrite."""
+
+    path: Path
+    entries: tuple[Entry, ...]
+    inputs: tuple[Path, ...]
+
+
+def load_campaign(path: str | Path) -> Campaign:
+    """Read a campaign file; raises InputError, one line, naming the file and the key, before anything is fitted."""
+    try:
+        data = yaml.load(Path(path).read_text(encoding="utf-8"), UniqueKeyLoader)  # noqa: S506 - a SafeLoader
+        return _campaign(data, Path(path))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
+
+
+def _campaign(data: object, path: Path) -> Campaign:
+    rows = _keys(data, "the file", ("subjects",))["subjects"]
+    if not isinstance(rows, list) or not rows:
+        raise InputError("subjects: expected a list of at least one subject")
+    files, entries = [], []
+    for index, row in enumerate(rows):
+        file, entry = _entry(row, f"subjects[{index}]", path.absolute().parent)
+        files.append(file)
+        entries.append(entry)
+    _check_names(entries)
+    bags = [Path(bag) for entry in entries for bag in (*entry.bags, *entry.held_out)]
+    return Campaign(path, tuple(entries), (path, *files, *bags))
+
+
+def _entry(row: object, where: str, base: Path) -> tuple[Path, Entry]:
+    given = _keys(row, where, ("subject", "bags"), ("name", "hold_out", "cases"))
+    text = _text(given["subject"], f"{where}.subject")
+    try:
+        file = base / text if (base / text).is_file() else subject_file(text)
+        subject = load_subject(file, UNFITTED)
+    except InputError as error:
+        raise InputError(f"{where}.subject: {error}") from error
+    name = _text(given.get("name", subject.name), f"{where}.name")
+    if not _NAME.fullmatch(name):
+        raise InputError(f"{where}.name: {name!r} cannot be a file's; give a name of letters, digits and . - + _")
+    bags = _bags(given["bags"], f"{where}.bags", base)
+    held_out = _bags(given.get("hold_out", []), f"{where}.hold_out", base)
+    if not bags:
+        raise InputError(f"{where}.bags: {name} has no bag, give at least one")
+    _check_once([*bags.values(), *held_out.values()], where)
+    return file, Entry(
+        name, subject, tuple(bags.values()), tuple(held_out.values()),
+        _cases(given.get("cases", {}), f"{where}.cases", bags | held_out),
+    )  # fmt: skip
+
+
+def _bags(value: object, where: str, base: Path) -> dict[str, str]:
+    """The absolute path of each bag by how it is written."""
+    if not isinstance(value, list):
+        raise InputError(f"{where}: expected a list of bags")
+    found = {}
+    for index, item in enumerate(value):
+        text = _text(item, f"{where}[{index}]")
+        if text in found:
+            raise InputError(f"{where}[{index}]: {text} is given twice")
+        path = base / Path(text).expanduser()
+        if not path.exists():
+            raise InputError(f"{where}[{index}]: there is no {path}; paths are relative to the campaign file")
+        found[text] = str(path)
+    return found
+
+
+def _check_once(bags: Sequence[str], where: str) -> None:
+    real = [Path(bag).resolve() for bag in bags]
+    for bag, path in zip(bags, real, strict=True):
+        if real.count(path) > 1:
+            raise InputError(f"{where}: {bag} is given twice; what is fitted to cannot be held out, nor count double")
+
+
+def _cases(value: object, where: str, bags: Mapping[str, str]) -> dict[str, str]:
+    cases = {}
+    for bag, case in _keys(value, where, (), tuple(bags), "bag").items():
+        cases[bags[bag]] = _text(case, f"{where}: {bag}")
+    return cases
+
+
+def _check_names(entries: Sequence[Entry]) -> None:
+    """Raise InputError for two results of one name, also where capitals do not count, and for two persons of one."""
+    results: dict[str, int] = {}
+    persons: dict[str, tuple[int, Subject]] = {}
+    for index, entry in enumerate(entries):
+        before = results.setdefault(entry.name.casefold(), index)
+        if before != index:
+            raise InputError(
+                f"subjects[{index}].name: {entry.name} is the result of subjects[{before}] too; set a name"
+            )
+        first, person = persons.setdefault(entry.subject.name, (index, entry.subject))
+        for key in ("body_mass_kg", "stature_m", "mass_matrix"):
+            one, other = getattr(person, key), getattr(entry.subject, key)
+            if one != other:
+                raise InputError(
+                    f"subjects[{index}].subject: {person.name} has {key} {other}, but {one} in subjects[{first}]; "
+                    "one person has one"
+                )
+
+
+def _keys(
+    value: object, where: str, required: tuple[str, ...], optional: tuple[str, ...] = (), kind: str = "key"
+) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: expected keys and values, got {type(value).__name__}")
+    for key in value:
+        if key not in (*required, *optional):
+            raise InputError(f"{where}: unknown {kind} {key!r}, known are {', '.join((*required, *optional))}")
+    for key in required:
+        if key not in value:
+            raise InputError(f"{where}: {kind} {key!r} is missing")
+    return value
+
+
+def _text(value: object, where: str) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(f"{where}: is {value!r}, expected a text")
+    return value

@@ -1,0 +1,181 @@
+"""The file that keeps what is finished of a long fit: JSON of exact numbers, read as if a stranger had written it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.objectives import N_LINEAR
+from biodyn_core.identification.phase1 import Search
+from biodyn_core.identification.phase2 import Refined
+from biodyn_core.parameters import LOWER, N_PARAMETERS, UPPER
+from biodyn_ros import __version__
+from biodyn_ros.files import write_json
+
+Result = Search | Refined
+
+SCHEMA: Final = 1
+LARGEST_BYTES: Final = 64 * 2**20
+"""Of a file that is read; 1000 results of 100 starts each take a third of it."""
+
+KINDS: Final[dict[str, type[Result]]] = {kind.__name__: kind for kind in (Search, Refined)}
+ROUNDING: Final = 1e-9
+"""Logarithms and back may carry a value out of Table 1 by this share."""
+
+_ANY: Final = -1
+_SHAPES: Final[dict[type[Result], dict[str, tuple[int, ...]]]] = {
+    Search: {"theta": (_ANY, N_LINEAR), "costs": (_ANY,)},
+    Refined: {"theta": (N_PARAMETERS,), "reference": (N_PARAMETERS,), "costs": (_ANY,)},
+}
+
+
+class Checkpoint:
+    """Finished tasks by name, on disk after each one.
+
+    A problem is a text that tells one fit from another. With resume the file's tasks are taken up; where there is none
+    the work starts anew. Raises InputError for a file that is there and not to be taken up, of another problem or
+    version, or damaged, and for one that cannot be written; such a file stays as it is.
+    """
+
+    def __init__(self, path: Path, problem: str, resume: bool = False) -> None:
+        self._path, self._problem = path, problem
+        self._documents: dict[str, Any] = {}
+        self._done: dict[str, Result] = {}
+        if path.exists():
+            if not resume:
+                raise InputError(f"{path}: is of an interrupted fit; give --resume to take it up, or remove it")
+            self._take_up()
+        self._write()  # whether it can be written is better known before the work than after it
+
+    @property
+    def done(self) -> Mapping[str, Result]:
+        """What is finished, by the task's name."""
+        return self._done
+
+    def add(self, name: str, result: Result) -> None:
+        """Keep one more result."""
+        self._documents[name] = encoded(result)
+        self._done[name] = result
+        self._write()
+
+    def _write(self) -> None:
+        what = {"schema": SCHEMA, "version": __version__, "problem": self._problem}
+        write_json(self._path, what | {"done": self._documents})
+
+    def _take_up(self) -> None:
+        try:
+            document = keys_of(read_json(self._path), "the file", ("schema", "version", "problem", "done"))
+            if document["schema"] != SCHEMA:
+                raise InputError(f"schema is {document['schema']!r}, this version reads {SCHEMA}")
+            if document["version"] != __version__:
+                version = str(document["version"])[:40]
+                raise InputError(f"is of biodyn {version}, this is {__version__}; go on with that one, or remove it")
+            if document["problem"] != self._problem:
+                raise InputError(
+                    "is of another problem: other recordings, subject, seed or settings; "
+                    "give those again, or remove the file to start anew"
+                )
+            self._documents = keys_of(document["done"], "done")
+            self._done = {name: decoded(item, name) for name, item in self._documents.items()}
+        except InputError as error:
+            raise InputError(f"{self._path}: {error}") from None
+
+
+def read_json(path: Path) -> object:
+    """What a JSON file holds; raises InputError, without its name, for what is none or larger than `LARGEST_BYTES`."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})") from None
+    if len(data) > LARGEST_BYTES:
+        raise InputError(f"is larger than {LARGEST_BYTES // 2**20} MiB, so it is none of ours; remove it")
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError):  # JSON's own error and Unicode's are ValueErrors
+        raise InputError("is damaged, it is no JSON; remove it to start anew") from None
+
+
+def encoded(result: Result) -> dict[str, Any]:
+    """A result as JSON holds it; its floats come back to the last bit."""
+    document: dict[str, Any] = {"kind": type(result).__name__}
+    for item in dataclasses.fields(result):
+        value = getattr(result, item.name)
+        document[item.name] = value.tolist() if isinstance(value, np.ndarray) else value
+    return document
+
+
+def decoded(document: object, where: str) -> Result:
+    """The result of its document; raises InputError naming what is wrong with which key."""
+    kind = KINDS.get(str(document.get("kind"))) if isinstance(document, dict) else None
+    if kind is None:
+        raise InputError(f"{where}: is no result, a kind is {' or '.join(KINDS)}")
+    fields = {item.name: item.type for item in dataclasses.fields(kind)}
+    given = keys_of(document, where, ("kind", *fields))
+    values: dict[str, Any] = {}
+    for name, type_name in fields.items():
+        at, value = f"{where}: {name}", given[name]
+        if name in _SHAPES[kind]:
+            values[name] = _array(value, at, _SHAPES[kind][name])
+        elif type_name == "float":
+            values[name] = float(_array(value, at, ()))
+        elif type_name == "int":
+            values[name] = _count(value, at)
+        else:
+            values[name] = Counter({cause: _count(n, f"{at}: {cause}") for cause, n in keys_of(value, at).items()})
+    return _checked(kind(**values), where)
+
+
+def keys_of(value: object, where: str, expected: tuple[str, ...] | None = None) -> dict[str, Any]:
+    """A mapping with these keys and no other; raises InputError."""
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: expected keys and values, got {type(value).__name__}")
+    if expected is not None and value.keys() != set(expected):
+        raise InputError(f"{where}: has the keys {', '.join(sorted(value))}, expected {', '.join(sorted(expected))}")
+    return value
+
+
+def _array(value: object, where: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Finite numbers of a shape, of which `_ANY` is any length but 0."""
+    if not _numbers(value, len(shape)):
+        raise InputError(f"{where}: expected {'lists of numbers' if shape else 'a number'}")
+    try:
+        found = np.array(value, dtype=np.float64)
+    except (ValueError, OverflowError):  # rows of several lengths, whole numbers beyond all floats
+        raise InputError(f"{where}: expected rows of one length and numbers a float holds") from None
+    fits = found.size > 0 and all(n in (m, _ANY) for m, n in zip(found.shape, shape, strict=True))
+    if not (fits and np.isfinite(found).all()):
+        raise InputError(f"{where}: has the shape {found.shape} or numbers that are not finite")
+    return found
+
+
+def _numbers(value: object, depth: int) -> bool:
+    if depth:
+        return isinstance(value, list) and all(_numbers(item, depth - 1) for item in value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _count(value: object, where: str) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 2**63:
+        raise InputError(f"{where}: is {str(value)[:40]}, expected a count")
+    return value
+
+
+def _checked(result: Result, where: str) -> Result:
+    """A result whose parameters lie in Table 1."""
+    for theta in [result.theta, *([result.reference] if isinstance(result, Refined) else [])]:
+        width = theta.shape[-1]
+        inside = (theta >= LOWER[:width] * (1.0 - ROUNDING)) & (theta <= UPPER[:width] * (1.0 + ROUNDING))
+        if not inside.all():
+            raise InputError(f"{where}: parameters out of Table 1")
+    if isinstance(result, Search) and len(result.theta) != len(result.costs):
+        raise InputError(f"{where}: {len(result.theta)} starts and {len(result.costs)} costs")
+    return result

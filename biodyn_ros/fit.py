@@ -1,0 +1,195 @@
+"""Fit: bags to a subject. Reads the events, identifies, and says of every number how it was found and how sure it is.
+
+Of several recordings of one case the representative one is fitted to (Zaman et al., 5.3); the others, and the bags held
+out by name, are predicted by the finished fits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.identify import Identification, fingerprint, identify
+from biodyn_core.identification.problem import Case, CaseSettings
+from biodyn_core.identification.settings import FitSettings
+from biodyn_core.identification.uncertainty import UncertaintySettings, profile, uncertainty
+from biodyn_core.recording import representative
+from biodyn_core.response import SpectrumSettings
+from biodyn_core.subject import Subject
+from biodyn_ros import __version__
+from biodyn_ros.files import write_json, write_text
+from biodyn_ros.fit_json import Event, Findings, fit_document, provenance
+from biodyn_ros.provenance import bag_sha256
+from biodyn_ros.recordings import RecordingOptions, case_of, read_recordings
+from biodyn_ros.work import Tell, Work
+
+Document = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How bags are read, prepared and fitted.
+
+    held_out: bags that are only predicted; cases: the loading condition of a bag where its name does not tell it;
+    profiles: parameters whose likelihood is profiled, or `all`.
+    """
+
+    seed: int = 0
+    held_out: tuple[str, ...] = ()
+    cases: Mapping[str, str] = field(default_factory=dict)
+    profiles: tuple[str, ...] = ()
+    reading: RecordingOptions = field(default_factory=RecordingOptions)
+    spectra: SpectrumSettings = field(default_factory=SpectrumSettings)
+    preparing: CaseSettings = field(default_factory=CaseSettings)
+    settings: FitSettings = field(default_factory=FitSettings)
+    uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The document of fit.json, the subject with its provenance, and the identification behind both."""
+
+    document: Document
+    subject: Subject
+    identification: Identification
+
+
+def fit_bags(
+    bags: Sequence[str | Path],
+    subject: Subject,
+    options: FitOptions | None = None,
+    work: Work | None = None,
+) -> Fitted:
+    """Fit a subject to bags; raises InputError, one line, for bags that nothing can be fitted to."""
+    o, work, begin = options or FitOptions(), work or Work(), time.monotonic()
+    _check(bags, o)
+    with work.watch("reading") as tell:
+        events = _read(bags, o, tell)
+    fitted, spare = choose(events)
+    # A bag that holds nothing to compare with must be heard of before the work, not after it.
+    cases, held_out = [_prepared(event, o) for event in fitted], [_prepared(event, o) for event in spare]
+    problem = fingerprint(cases, subject, o.seed, o.settings)
+    identification = identify(cases, subject, o.seed, o.settings, work.run(problem))
+    findings = _findings(identification, cases, o)
+    document = fit_document(
+        subject, identification, findings, list(zip(fitted, cases, strict=True)),
+        list(zip(spare, held_out, strict=True)), o.seed,
+    )  # fmt: skip
+    document |= {"seconds": time.monotonic() - begin, "version": __version__}
+    fitted_subject = dataclasses.replace(identification.subject, provenance=provenance(document))
+    return Fitted(document, fitted_subject, identification)
+
+
+def write_fitted(fitted: Fitted, output: Path) -> None:
+    """Write the subject file and its fit.json."""
+    subject = fitted.subject.to_yaml()
+    write_json(json_beside(output), fitted.document)
+    write_text(output, subject)
+
+
+def parse_cases(pairs: Iterable[str]) -> dict[str, str]:
+    """Read `bag=case` pairs; raises InputError naming the pair."""
+    cases: dict[str, str] = {}
+    for pair in pairs:
+        bag, _, case = pair.rpartition("=")
+        if not bag or not case:
+            raise InputError(f"--case {pair}: expected BAG=CASE, such as drive_3.mcap=pothole")
+        if bag in cases:
+            raise InputError(f"--case {pair}: the bag is given twice")
+        cases[bag] = case
+    return cases
+
+
+def check_output(output: Path) -> None:
+    """Raise InputError for a place where the results cannot be written, before the work."""
+    if output.suffix not in (".yaml", ".yml"):
+        raise InputError(f"{output}: a subject file ends in .yaml")
+    if output.is_dir():
+        raise InputError(f"{output}: is a directory, give a file")
+    if not os.access(output.parent, os.W_OK):
+        raise InputError(f"{output.parent}: is no directory that can be written to")
+
+
+def json_beside(output: Path) -> Path:
+    """Where the fit.json of a subject file lies: `anna.yaml` has `anna.fit.json`."""
+    return output.with_name(f"{output.stem}.fit.json")
+
+
+def choose(events: Sequence[Event]) -> tuple[list[Event], list[Event]]:
+    """The events that are fitted to, the representative one of each case, and those that are only predicted."""
+    by_case: dict[str, list[Event]] = {}
+    for event in events:
+        if not event.held_out:
+            by_case.setdefault(event.recording.case, []).append(event)
+    fitted = [_representative(case, repetitions) for case, repetitions in by_case.items()]
+    return fitted, [event for event in events if event not in fitted]
+
+
+def _representative(case: str, repetitions: Sequence[Event]) -> Event:
+    if len(repetitions) == 1:
+        return repetitions[0]
+    try:
+        chosen = representative([event.recording for event in repetitions])
+    except InputError as error:
+        raise InputError(f"{case}: {error}; give one bag of this case, the others with --hold-out") from error
+    return next(event for event in repetitions if event.recording is chosen)
+
+
+def _check(bags: Sequence[str | Path], options: FitOptions) -> None:
+    if not bags:
+        raise InputError("there is no bag to fit to, give at least one")
+    paths = [Path(bag).resolve() for bag in (*bags, *options.held_out)]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise InputError(f"{path}: given twice; what is fitted to cannot be held out, nor count double")
+    given = {str(bag) for bag in (*bags, *options.held_out)}
+    for bag in options.cases:
+        if bag not in given:
+            raise InputError(f"case of {bag}: no such bag is given")
+    known = options.settings.fitted
+    for name in options.profiles:
+        if name != "all" and name not in known:
+            raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}")
+
+
+def _read(bags: Sequence[str | Path], options: FitOptions, tell: Tell) -> list[Event]:
+    """The recordings of all bags, those held out last."""
+    events: list[Event] = []
+    given = [(bag, False) for bag in bags] + [(bag, True) for bag in options.held_out]
+    for number, (bag, held_out) in enumerate(given):
+        tell(number, len(given))
+        sha256 = bag_sha256(bag)
+        _refuse_twin(bag, sha256, events)
+        case = options.cases.get(str(bag), case_of(bag))
+        found = read_recordings(bag, case, options.reading)
+        events += [Event(str(bag), sha256, recording, held_out) for recording in found]
+    tell(len(given), len(given))
+    return events
+
+
+def _refuse_twin(bag: str | Path, sha256: str, events: Sequence[Event]) -> None:
+    for event in events:
+        if event.sha256 == sha256:
+            raise InputError(f"{bag}: the same recording as {event.bag}; give it once")
+
+
+def _prepared(event: Event, options: FitOptions) -> Case:
+    return Case.of(event.recording, options.spectra, options.preparing)
+
+
+def _findings(identification: Identification, cases: Sequence[Case], options: FitOptions) -> Findings:
+    joint = identification.joint
+    sure = uncertainty(joint, cases, options.uncertainty)
+    # One on a bound has no profile, and says so by being there.
+    names = [e.name for e in sure.estimates if not e.at_bound and {e.name, "all"} & set(options.profiles)]
+    return Findings(
+        uncertainty=sure,
+        profiles=tuple(profile(joint, cases, name, options.uncertainty) for name in names),
+        spectrum=options.spectra,
+    )

@@ -1,0 +1,129 @@
+"""A fit for the terminal, from the mapping of fit.json."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_ros.wording import number, words
+
+Document = dict[str, Any]
+
+_GROUPS: Final = {
+    "natural_frequency_hz": "natural frequency",
+    "damping_ratio": "damping ratio",
+    "rayleigh_rad_per_s": "Rayleigh damping",
+    "stiffening_scale": "stiffening scale",
+    "mass_scale": "mass scale",
+}
+_DRAWN_APART: Final = 1.02
+"""Objectives of two refiners that differ by no more than this factor are the same."""
+
+
+def text_of(document: Document) -> str:
+    """The document for the terminal."""
+    cases, held_out = document["cases"], document["held_out"]
+    lines = [
+        _headline(document),
+        "",
+        "error, % of measured rms " + "".join(f"{words(name):>12}" for name in MEASURED_SEGMENTS) + f"{'mean':>9}",
+        *(row for event in cases for row in _error_rows(event, ("error", "joint", "idealized"))),
+        *(row for event in held_out for row in _error_rows(event, ("joint", "idealized"))),
+        "",
+        *_parameter_rows(document),
+        "",
+        *_said(document),
+        *(f"warning: {line}" for line in document["warnings"]),
+    ]
+    return "\n".join(lines)
+
+
+def _headline(document: Document) -> str:
+    cases = len(document["cases"])
+    return (
+        f"{document['subject']}, {document['body_mass_kg']:g} kg, mass matrix {document['mass_matrix']['declared']}:"
+        f" {cases} {'case' if cases == 1 else 'cases'}, {document['seconds']:.1f} s,"
+        f" {document['evaluations']} evaluations"
+    )
+
+
+_BY: Final = {"error": "by itself", "joint": "joint", "idealized": "idealized"}
+
+
+def _error_rows(event: Document, by: tuple[str, ...]) -> Iterator[str]:
+    why = f" ({event['why']})" if "why" in event else ""
+    yield f"{event['case']}{why}"
+    for key in by:
+        shown = [event[key]["nrmse_rms"][name] for name in MEASURED_SEGMENTS]
+        cells = "".join(f"{number(value):>12}" for value in shown)
+        yield f"  {_BY[key]:<23}{cells}{number(event[key]['mean']):>9}"
+
+
+def _parameter_rows(document: Document) -> Iterator[str]:
+    yield f"{'parameter of the joint fit':<34}{'value':>8}  {'95 % interval':<20}{'CV of cases':>12}  "
+    for name, of in document["intervals"].items():
+        cv = document["cv"][name]
+        scatter = f"{cv:.1f} %{'!' if name in document['flagged'] else ' '}" if cv is not None else "–"
+        interval = "on its bound" if of["at_bound"] else f"{number(of['lower'])} to {number(of['upper'])}"
+        call = document["identifiable"][name]
+        unit = "" if of["unit"] == "-" else f" {of['unit']}"
+        yield f"{_parameter(name):<34}{number(of['value']):>8}  {interval + unit:<20}{scatter:>12}  {call}".rstrip()
+
+
+def _parameter(name: str) -> str:
+    """`natural_frequency_hz[head]` is "natural frequency, head"."""
+    group, _, segment = name.partition("[")
+    return f"{_GROUPS[group]}, {words(segment.rstrip(']'))}" if segment else _GROUPS[group]
+
+
+def _said(document: Document) -> Iterator[str]:
+    joint, matrix = document["joint"], document["mass_matrix"]
+    if document["settings"]["mass_scale"] == "fixed":
+        yield "mass scale: held; accelerations say nothing of it"
+    swarms = (f"{one['case']} {one['reached']} of {one['of']}" for one in document["phase1"])
+    yield f"swarms that reached the lowest valley: {', '.join(swarms)}"
+    yield f"refined starts that reached the lowest objective: {joint['starts']['reached']} of {joint['starts']['of']}"
+    if joint["at_bound"]:
+        yield f"on a bound of Table 1: {', '.join(_parameter(name) for name in joint['at_bound'])}"
+    if document["flagged"]:
+        yield f"CV above 30 % (!): {', '.join(_parameter(name) for name in document['flagged'])}"
+    yield _matrix_line(matrix)
+    yield _refiner_line(document["refiners"])
+    if document["penalties"]:
+        yield "penalties: " + ", ".join(f"{count} {cause}" for cause, count in document["penalties"].items())
+    yield from _residual_lines(document["residuals"])
+    if not document["held_out"]:
+        yield "nothing was held out: how well the subject predicts an unused event is not known (--hold-out, validate)"
+
+
+def _matrix_line(matrix: Document) -> str:
+    errors = ", ".join(f"{name} {number(percent)} %" for name, percent in matrix["error_percent"].items())
+    where = "events held out" if matrix["judged_by"] == "held_out" else "the fitted events"
+    if matrix["better"] is None:
+        return f"mass matrix: cannot be told apart on {where} ({errors})"
+    warned = "" if matrix["better"] == matrix["declared"] else f"; the subject's file declares {matrix['declared']}"
+    return f"mass matrix: {matrix['better']} predicts {where} better ({errors}){warned}"
+
+
+def _refiner_line(refiners: Document) -> str:
+    objective, evaluations = refiners["objective"], refiners["evaluations"]
+    ours, simplex = objective["least-squares"], objective["nelder-mead"]
+    counts = f"{evaluations['least-squares']} and {evaluations['nelder-mead']} simulations"
+    if max(ours, simplex) <= _DRAWN_APART * min(ours, simplex):
+        what = "end at the same objective"
+    else:
+        what = f"end at {number(ours)} and {number(simplex)}"
+    return f"refiners on {refiners['case']}: least squares and Nelder-Mead {what} after {counts}"
+
+
+def _residual_lines(residuals: list[Document]) -> Iterator[str]:
+    """The segments whose residual still follows the seat."""
+    for residual in residuals:
+        following = [
+            f"{words(name)} {value:.2f}"
+            for name, value in residual["input_coherence"].items()
+            if value is not None and value > residual["chance_coherence"][name]
+        ]
+        if following:
+            yield f"residual of {residual['case']} still follows the seat (coherence): {', '.join(following)}"

@@ -1,0 +1,85 @@
+"""Work for other processes to do, in a module that imports fast there."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.identify import Task
+from biodyn_core.identification.phase1 import Search
+from biodyn_core.parameters import LOWER, UPPER
+from biodyn_ros.campaign import Fits
+from biodyn_ros.campaign_file import Entry
+from biodyn_ros.executors import executor_of
+from biodyn_ros.fit import FitOptions
+from biodyn_ros.work import Work
+
+NAMES = ("search a", "search b", "search c", "search d")
+PROBLEM = "the four letters"
+
+
+def found(seed: int) -> Search:
+    """What a search might have found."""
+    share = np.random.default_rng(seed).random((2, 13))
+    return Search(LOWER[:13] + (UPPER - LOWER)[:13] * share, np.array([0.1, 1.0 / 3.0]), seed, Counter(infinite=seed))
+
+
+def search(cases: list[str], seed: int, journal: Path) -> Search:
+    """A search that writes down that it was done, and gets stuck on "c" as long as there is a file `stuck`."""
+    if cases == ["c"] and (journal / "stuck").exists():
+        (journal / "pid.part").write_text(str(os.getpid()))
+        (journal / "pid.part").rename(journal / "pid")
+        time.sleep(600)
+    with (journal / "done").open("a") as file:
+        file.write(f"search {cases[0]}\n")
+    return found(seed)
+
+
+def searches(journal: Path) -> list[Task]:
+    """Four tasks, the first of them twice."""
+    tasks = [Task(name, search, ([name[-1]], number, journal)) for number, name in enumerate(NAMES)]
+    return [*tasks, tasks[0]]
+
+
+def refuse(cases: list[str]) -> Search:
+    """A search that does not like its input."""
+    raise InputError(f"{cases[0]}: not this one")
+
+
+def die(cases: list[str]) -> Search:
+    """A search that takes its process with it."""
+    os._exit(3)
+
+
+def fit_or_die(entry: Entry, options: FitOptions) -> Fits:
+    """What a fit might have brought, but Ben takes its process with it."""
+    if entry.name == "ben":
+        os._exit(3)
+    return fits(entry)
+
+
+def fits(entry: Entry) -> Fits:
+    """What a fit might have brought."""
+    document = {"seconds": 1.0, "result": "joint", "cases": [{"joint": {"mean": 2.0}}]}
+    return Fits(f"{entry.name} 0", document, entry.subject.to_yaml())
+
+
+def main() -> int:
+    """Do the four tasks in two processes, as the command line does."""
+    journal = Path(sys.argv[1])
+    try:
+        with executor_of("processes:2") as executor:
+            Work(executor, journal / "checkpoint.json").run(PROBLEM)(searches(journal))
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,298 @@
+"""Campaigns: what a file may say, results as they come, and what one subject's trouble does to the others."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import chores
+import fitting
+import pytest
+import yaml
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.settings import FitSettings
+from biodyn_core.subject import load_subject
+from biodyn_core.synthesis import SensorSettings
+from biodyn_ros import campaign as campaigns
+from biodyn_ros import cli
+from biodyn_ros.campaign import check_failed, fit_campaign, text_of
+from biodyn_ros.campaign_file import load_campaign
+from biodyn_ros.executors import executor_of
+from biodyn_ros.fit import FitOptions, fit_bags
+from biodyn_ros.simulate import motion_of_cases, simulate_bag
+
+QUICK = FitOptions(
+    settings=FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=400, refined_starts=1)
+)
+QUICKLY = ["--particles", "20", "--iterations", "20", "--starts", "2", "--evaluations", "400", "--refined-starts", "1"]
+PEOPLE = ("anna", "ben", "carl")
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory) -> Path:
+    """Three subject files, a bag of each, and the campaign of all."""
+    directory = tmp_path_factory.mktemp("field")
+    for seed, name in enumerate(PEOPLE):
+        subject = fitting.drawn(seed, "segment")
+        text = subject.to_yaml().replace(subject.name, name)
+        (directory / f"{name}.yaml").write_text(text)
+        motion = motion_of_cases(["road"], 4.0, seed)
+        simulate_bag(directory / f"{name}.mcap", subject, motion, seed, SensorSettings(), "lz4")
+    write(directory, [{"subject": f"{name}.yaml", "bags": [f"{name}.mcap"]} for name in PEOPLE])
+    return directory
+
+
+@pytest.fixture(scope="module")
+def alone(field: Path) -> dict[str, str]:
+    """The subject file of each, fitted by itself."""
+    return {
+        name: fit_bags([field / f"{name}.mcap"], load_subject(field / f"{name}.yaml"), QUICK).subject.to_yaml()
+        for name in PEOPLE
+    }
+
+
+def write(directory: Path, subjects: object) -> Path:
+    """A campaign file."""
+    path = directory / "campaign.yaml"
+    path.write_text(yaml.safe_dump({"subjects": subjects}, sort_keys=False))
+    return path
+
+
+def written(directory: Path) -> dict[str, str]:
+    """The subjects in a directory of results, without the paths of their bags, and whether campaign.json agrees."""
+    document = json.loads((directory / "campaign.json").read_text())
+    done = [row for row in document["subjects"] if row["state"] == "done"]
+    assert sorted(row["result"] for row in done) == sorted(path.name for path in directory.glob("*.yaml"))
+    for row in done:
+        fit = json.loads((directory / f"{row['name']}.fit.json").read_text())
+        assert (row["seconds"], row["mean_error_percent"]) == (fit["seconds"], fit["cases"][0]["joint"]["mean"])
+    assert not list(directory.glob(".*"))
+    return {row["name"]: (directory / row["result"]).read_text() for row in done}
+
+
+# --- the file --------------------------------------------------------------------------------------------------------
+
+
+def test_a_campaign_file_is_read(field: Path, tmp_path: Path) -> None:
+    for name in ("one.mcap", "two.mcap"):
+        (tmp_path / name).touch()
+    path = write(
+        tmp_path,
+        [
+            {"subject": "subject_1", "bags": ["one.mcap"], "cases": {"one.mcap": "gravel"}},
+            {"subject": str(field / "anna.yaml"), "name": "anna 2", "bags": ["two.mcap"], "hold_out": ["one.mcap"]},
+        ],
+    )
+    first, second = load_campaign(path).entries
+    assert first.name == first.subject.name == "subject_1"
+    assert first.bags == (str(tmp_path / "one.mcap"),) and first.cases == {str(tmp_path / "one.mcap"): "gravel"}
+    assert (second.name, second.subject.name, second.held_out) == ("anna 2", "anna", first.bags)
+
+
+GOOD = {"subject": "anna.yaml", "bags": ["anna.mcap"]}
+
+
+@pytest.mark.parametrize(
+    ("subjects", "fault"),
+    [
+        ([], r"subjects: expected a list of at least one subject"),
+        ({}, r"subjects: expected a list of at least one subject"),
+        ([3], r"subjects\[0\]: expected keys and values, got int"),
+        ([GOOD | {"bag": 1}], r"subjects\[0\]: unknown key 'bag', known are subject, bags, name, hold_out, cases"),
+        ([{"subject": "anna.yaml"}], r"subjects\[0\]: key 'bags' is missing"),
+        ([GOOD, GOOD | {"subject": "nobody"}], r"subjects\[1\].subject: no subject file nobody; bundled are"),
+        ([GOOD | {"subject": 3}], r"subjects\[0\].subject: is 3, expected a text"),
+        ([GOOD | {"subject": "anna.mcap"}], r"subjects\[0\].subject: /.*anna.mcap: not a YAML file"),
+        ([GOOD | {"bags": []}], r"subjects\[0\].bags: anna has no bag, give at least one"),
+        ([GOOD | {"bags": "anna.mcap"}], r"subjects\[0\].bags: expected a list of bags"),
+        ([GOOD | {"bags": ["x.mcap"]}], r"subjects\[0\].bags\[0\]: there is no /.*/x.mcap; paths are relative to the"),
+        ([GOOD | {"hold_out": [None]}], r"subjects\[0\].hold_out\[0\]: is None, expected a text"),
+        ([GOOD | {"bags": ["anna.mcap"] * 2}], r"subjects\[0\].bags\[1\]: anna.mcap is given twice"),
+        ([GOOD | {"hold_out": ["./anna.mcap"]}], r"subjects\[0\]: /.*/anna.mcap is given twice; what is fitted to"),
+        ([GOOD | {"cases": {"x": "road"}}], r"subjects\[0\].cases: unknown bag 'x', known are anna.mcap"),
+        ([GOOD | {"cases": {"anna.mcap": 3}}], r"subjects\[0\].cases: anna.mcap: is 3, expected a text"),
+        ([GOOD | {"name": "../x"}], r"subjects\[0\].name: '../x' cannot be a file's"),
+        ([GOOD | {"name": "x\n"}], r"subjects\[0\].name: 'x\\n' cannot be a file's"),
+        ([GOOD | {"name": ".x"}], r"subjects\[0\].name: '.x' cannot be a file's"),
+        ([GOOD, GOOD], r"subjects\[1\].name: anna is the result of subjects\[0\] too; set a name"),
+        ([GOOD, GOOD | {"name": "ANNA"}], r"subjects\[1\].name: ANNA is the result of subjects\[0\] too; set a name"),
+    ],
+)
+def test_a_campaign_file_with_a_fault_is_one_line(field: Path, tmp_path: Path, subjects, fault: str) -> None:
+    for name in ("anna.yaml", "anna.mcap"):
+        (tmp_path / name).symlink_to(field / name)
+    refused(write(tmp_path, subjects), fault)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("subjects: []\nsubjects: []", "subjects: given twice"),
+        ("[", "cannot be read as YAML"),
+        ("[" * 5000, "cannot be read as YAML"),
+        ("more: 1\nsubjects: []", "the file: unknown key 'more', known are subjects"),
+        ("", "the file: expected keys and values, got NoneType"),
+    ],
+)
+def test_what_is_no_campaign_file_is_one_line(tmp_path: Path, text: str, fault: str) -> None:
+    (tmp_path / "campaign.yaml").write_text(text)
+    refused(tmp_path / "campaign.yaml", fault)
+
+
+@pytest.mark.parametrize(("key", "value"), [("body_mass_kg", 80.5), ("stature_m", 1.5), ("mass_matrix", "cascade")])
+def test_one_person_is_the_same_in_all_entries(field: Path, tmp_path: Path, key: str, value: object) -> None:
+    data = yaml.safe_load((field / "anna.yaml").read_text())
+    (tmp_path / "other.yaml").write_text(yaml.safe_dump(data | {key: value}))
+    bag = str(field / "anna.mcap")
+    path = write(
+        tmp_path,
+        [
+            {"subject": str(field / "anna.yaml"), "bags": [bag]},
+            {"subject": "other.yaml", "name": "anna 2", "bags": [bag]},
+        ],
+    )
+    refused(path, rf"subjects\[1\].subject: anna has {key} {value}, but .* in subjects\[0\]; one person has one")
+
+
+def refused(path: Path, fault: str) -> None:
+    """Assert that a campaign file is refused in one line that names it."""
+    with pytest.raises(InputError, match=fault) as caught:
+        load_campaign(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+# --- the fits --------------------------------------------------------------------------------------------------------
+
+
+def test_a_campaign_fits_each_subject_as_if_it_were_alone(field: Path, tmp_path: Path, alone) -> None:
+    heard = []
+    document = fit_campaign(
+        load_campaign(field / "campaign.yaml"), tmp_path / "out", QUICK, tell=lambda *told: heard.append(told)
+    )
+    assert written(tmp_path / "out") == alone
+    assert document == json.loads((tmp_path / "out" / "campaign.json").read_text())
+    assert heard == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    check_failed(document, tmp_path / "out")
+    lines = text_of(document).splitlines()
+    assert len(lines) == 4 and [line.split()[:2] for line in lines[1:]] == [[name, "done"] for name in PEOPLE]
+
+
+def test_a_campaign_runs_on_a_cluster(field: Path, tmp_path: Path, alone) -> None:
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", protocol="tcp", dashboard_address=None
+        ) as cluster,
+        executor_of(cluster.scheduler_address) as executor,
+    ):
+        fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)
+    assert written(tmp_path) == alone
+
+
+def test_a_subject_that_fails_does_not_stop_the_others(field: Path, tmp_path: Path, alone, capsys) -> None:
+    (tmp_path / "bad.mcap").write_bytes((field / "ben.mcap").read_bytes()[:300])
+    bags = {"anna": str(field / "anna.mcap"), "ben": "bad.mcap"}
+    path = write(tmp_path, [{"subject": str(field / f"{name}.yaml"), "bags": [bag]} for name, bag in bags.items()])
+    out = tmp_path / "out"
+    command = ["fit", "--campaign", str(path), "-o", str(out), "--executor", "none", *QUICKLY]
+    assert cli.main(command) == 2
+    said = capsys.readouterr()
+    assert said.err == (
+        f"biodyn fit: 1 of 2 subjects failed: ben; why is in {out / 'campaign.json'}, --resume tries them again\n"
+    )
+    assert f"\n  {tmp_path / 'bad.mcap'}: " in said.out
+    assert written(out) == {"anna": alone["anna"]}
+    row = json.loads((out / "campaign.json").read_text())["subjects"][1]
+    assert (row["state"], row["result"]) == ("failed", None) and "bad.mcap" in row["error"]
+
+    # It is mended, and only it is fitted.
+    (tmp_path / "bad.mcap").write_bytes((field / "ben.mcap").read_bytes())
+    before = (out / "anna.yaml").stat().st_mtime_ns
+    assert cli.main(command) == 2
+    assert "campaign.json: holds a campaign; give --resume to go on with it" in capsys.readouterr().err
+    assert cli.main([*command, "--resume"]) == 0
+    assert set(written(out)) == {"anna", "ben"} and (out / "anna.yaml").stat().st_mtime_ns == before
+
+
+def test_a_worker_that_dies_is_one_subject_lost(field: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(campaigns, "fit_one", chores.fit_or_die)
+    with executor_of("processes:1") as executor:
+        document = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)
+    assert set(written(tmp_path)) == {"anna", "carl"}
+    assert document["subjects"][1]["error"].startswith("ben: its worker died in the middle, killed or out of memory")
+
+
+def test_an_error_of_ours_is_told_and_does_not_stop_the_others(field: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(campaigns, "fit_one", lambda entry, options: {}[entry.name])
+    document = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK)
+    assert [row["error"] for row in document["subjects"]] == [f"KeyError: '{name}'" for name in PEOPLE]
+
+
+def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path, monkeypatch) -> None:
+    fitted = []
+    monkeypatch.setattr(campaigns, "fit_one", lambda entry, options: fitted.append(entry.name) or chores.fits(entry))
+    monkeypatch.setattr(campaigns, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
+    campaign = load_campaign(field / "campaign.yaml")
+    fit_campaign(campaign, tmp_path, QUICK)
+    with pytest.raises(InputError, match=r"anna.yaml: is of another fit: .*; remove it to fit anew, or give another"):
+        fit_campaign(campaign, tmp_path, FitOptions(seed=1), resume=True)
+    fit_campaign(campaign, tmp_path, QUICK, resume=True)
+    assert fitted == list(PEOPLE)
+    (tmp_path / "ben.yaml").unlink()
+    fit_campaign(campaign, tmp_path, QUICK, resume=True)
+    assert fitted == [*PEOPLE, "ben"]
+
+
+def test_results_do_not_overwrite_what_is_read(field: Path) -> None:
+    with pytest.raises(InputError, match=r"anna.yaml: the campaign reads this file; name another directory"):
+        fit_campaign(load_campaign(field / "campaign.yaml"), field, QUICK)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda document: document.pop("schema"),
+        lambda document: document.update(schema=2),
+        lambda document: document.update(subjects={}),
+        lambda document: document.update(subjects=[3]),
+        lambda document: document["subjects"][0].pop("name"),
+        lambda document: document["subjects"][0].update(name=[3]),
+        lambda document: document["subjects"][0].update(bags=3),
+        lambda document: document["subjects"][0].update(seconds="3"),
+    ],
+)
+def test_a_damaged_campaign_json_is_one_line_and_stays(field: Path, tmp_path: Path, monkeypatch, change) -> None:
+    monkeypatch.setattr(campaigns, "fit_one", lambda entry, options: chores.fits(entry))
+    campaign, path = load_campaign(field / "campaign.yaml"), tmp_path / "campaign.json"
+    document = fit_campaign(campaign, tmp_path, QUICK)
+    change(document)
+    path.write_text(json.dumps(document))
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=r"^[^\n]*campaign.json: [^\n]*$"):
+        fit_campaign(campaign, tmp_path, QUICK, resume=True)
+    assert path.read_bytes() == before
+
+
+def test_an_interrupted_campaign_keeps_what_is_finished(field: Path, tmp_path: Path, alone) -> None:
+    """A real Ctrl-C: to every process of the terminal."""
+    out = tmp_path / "out"
+    arguments = ["fit", "--campaign", str(field / "campaign.yaml"), "-o", str(out), *QUICKLY]
+    command = [sys.executable, "-m", "biodyn_ros.cli", *arguments, "--executor", "processes:1"]
+    with subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True) as child:
+        end = time.monotonic() + 60.0
+        while not (out / "anna.yaml").exists():
+            assert child.poll() is None and time.monotonic() < end
+            time.sleep(0.01)
+        os.killpg(child.pid, signal.SIGINT)
+        assert (child.wait(20), child.stderr.read()) == (130, "biodyn fit: interrupted\n")
+    states = {row["name"]: row["state"] for row in json.loads((out / "campaign.json").read_text())["subjects"]}
+    assert states["carl"] == "waiting"
+    before = (out / "anna.yaml").stat().st_mtime_ns
+    assert cli.main([*arguments, "--executor", "none", "--resume"]) == 0
+    assert written(out) == alone
+    assert states["anna"] == "waiting" or (out / "anna.yaml").stat().st_mtime_ns == before

@@ -1,0 +1,239 @@
+"""From bags to a subject file: what is written, what is held out, what is refused."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.settings import FitSettings
+from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.subject import load_subject
+from biodyn_core.synthesis import SensorSettings
+from biodyn_ros.cli import main
+from biodyn_ros.fit import FitOptions, Fitted, check_output, fit_bags, parse_cases, write_fitted
+from biodyn_ros.fit_text import text_of
+from biodyn_ros.provenance import bag_sha256, role_of
+from biodyn_ros.resources import subject_file
+from biodyn_ros.simulate import motion_of_cases, simulate_bag
+
+SUBJECT = load_subject(subject_file("subject_1"))
+QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=200)
+SMALL = ["--particles", "30", "--iterations", "60", "--starts", "2", "--refined-starts", "2", "--evaluations", "200"]
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Two repetitions of a rail, a road and one that is held out."""
+    folder = tmp_path_factory.mktemp("bags")
+    made = {}
+    for name, case, seed in (("rail_1", "rail", 1), ("rail_2", "rail", 2), ("road", "road", 3), ("spare", "rail", 4)):
+        made[name] = folder / f"{name}.mcap"
+        simulate_bag(made[name], SUBJECT, motion_of_cases([case], 5.0, seed), seed, SensorSettings())
+    return made
+
+
+@pytest.fixture(scope="module")
+def fitted(bags: dict[str, Path]) -> Fitted:
+    options = FitOptions(
+        settings=QUICK, held_out=(str(bags["spare"]),), cases={str(bags["spare"]): "rail"},
+        profiles=("natural_frequency_hz[head]",),
+    )  # fmt: skip
+    return fit_bags([bags["rail_1"], bags["rail_2"], bags["road"]], SUBJECT, options)
+
+
+def test_the_document_has_what_scripts_read(fitted: Fitted) -> None:
+    document = json.loads(json.dumps(fitted.document, allow_nan=False))
+    least = {
+        "subject", "cases", "idealized", "weights", "cv", "intervals", "identifiable", "evaluations", "seconds", "seed",
+        "version",
+    }  # fmt: skip
+    assert least <= document.keys()
+    assert [case["case"] for case in document["cases"]] == ["rail", "road"]
+    for case in document["cases"]:
+        assert {"bag", "error", "parameters", "at_bound"} <= case.keys()
+        for key in ("nrmse_rms", "nrmse_range"):
+            assert list(case["error"][key]) == list(MEASURED_SEGMENTS)
+        assert case["error"]["objective"] > 0.0
+        assert case["error"]["mean"] <= case["joint"]["mean"] * 1.2
+    assert sum(document["weights"].values()) == pytest.approx(1.0)
+    assert list(document["intervals"]) == [p.name for p in PARAMETERS[:14]]
+    assert {interval["unit"] for interval in document["intervals"].values()} == {"Hz", "-", "rad/s"}
+
+
+def test_the_truth_is_inside_what_is_said(fitted: Fitted) -> None:
+    truth = SUBJECT.parameters.vector()
+    for (name, interval), true in zip(fitted.document["intervals"].items(), truth[:14], strict=True):
+        assert interval["lower"] <= interval["value"] <= interval["upper"], name
+        if name.startswith("natural_frequency_hz") and fitted.document["identifiable"][name] == "identifiable":
+            assert interval["value"] == pytest.approx(true, rel=0.03)
+    assert fitted.document["identifiable"]["natural_frequency_hz[head]"] == "identifiable"
+    drawn, interval = (fitted.document[key]["natural_frequency_hz[head]"] for key in ("profiles", "intervals"))
+    assert drawn["lower"] == pytest.approx(interval["lower"], rel=0.01)
+    assert drawn["upper"] == pytest.approx(interval["upper"], rel=0.01)
+
+
+def test_one_repetition_is_fitted_and_the_other_predicted(fitted: Fitted, bags: dict[str, Path]) -> None:
+    fitted_to = [case["bag"] for case in fitted.document["cases"]]
+    others = {event["bag"]: event["why"] for event in fitted.document["held_out"]}
+    chosen = fitted_to[0]
+    assert chosen in (str(bags["rail_1"]), str(bags["rail_2"])) and fitted_to[1] == str(bags["road"])
+    unchosen = ({str(bags["rail_1"]), str(bags["rail_2"])} - {chosen}).pop()
+    assert others == {unchosen: "another repetition", str(bags["spare"]): "held out"}
+    for event in fitted.document["held_out"]:
+        assert 0.0 < event["joint"]["mean"] < 10.0
+    assert fitted.document["mass_matrix"]["better"] == "segment"
+    assert fitted.document["mass_matrix"]["judged_by"] == "held_out"
+
+
+def test_the_subject_file_remembers_its_bags(fitted: Fitted, bags: dict[str, Path], tmp_path: Path) -> None:
+    write_fitted(fitted, tmp_path / "anna.yaml")
+    subject = load_subject(tmp_path / "anna.yaml")
+    assert subject.parameters == fitted.subject.parameters
+    assert role_of(subject, bag_sha256(bags["road"])) == "fitted"
+    assert role_of(subject, bag_sha256(bags["spare"])) == "held_out"
+    moved = shutil.copy(bags["road"], tmp_path / "another_name.mcap")
+    assert role_of(subject, bag_sha256(moved)) == "fitted"
+    assert role_of(SUBJECT, bag_sha256(bags["road"])) is None
+    assert json.loads((tmp_path / "anna.fit.json").read_text()) == fitted.document
+    kept = yaml.safe_load((tmp_path / "anna.yaml").read_text())["provenance"]
+    assert kept["intervals"]["natural_frequency_hz[head]"][0] < subject.parameters.natural_frequency_hz[5]
+    assert kept["seed"] == 0 and kept["result"] == "joint" and len(kept["held_out"]) == 2
+
+
+def test_a_bag_that_was_fitted_to_validates_nothing(
+    fitted: Fitted, bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_fitted(fitted, tmp_path / "anna.yaml")
+    for name, expected in (("road", True), ("spare", False)):
+        assert main(["validate", str(bags[name]), "--subject", str(tmp_path / "anna.yaml"), "--json"]) == 0
+        document = json.loads(capsys.readouterr().out)
+        assert ("fitted_to" in {finding["what"] for finding in document["findings"]}) is expected
+        if expected:
+            assert document["verdict"] != "agrees"
+
+
+def test_the_terminal_shows_errors_intervals_and_what_is_not_known(fitted: Fitted) -> None:
+    text = text_of(fitted.document)
+    assert "rail (another repetition)" in text and "rail (held out)" in text
+    assert "mass scale: held; accelerations say nothing of it" in text
+    assert "made by the model itself" in text
+    assert all(len(line) < 200 for line in text.splitlines() if not line.startswith("warning"))
+    alone = dict(fitted.document, held_out=[])
+    assert "nothing was held out" in text_of(alone)
+
+
+def test_a_missing_segment_is_left_out_and_said(bags: dict[str, Path], tmp_path: Path) -> None:
+    bag = only(bags["spare"], tmp_path / "rail.mcap", ("seat", "neck", "head"))
+    found = fit_bags([bag], SUBJECT, FitOptions(settings=QUICK))
+    (case,) = found.document["cases"]
+    assert case["error"]["nrmse_rms"]["pelvis"] is None and case["error"]["nrmse_rms"]["head"] > 0.0
+    assert set(case["not_fitted"]) == {"pelvis", "lower_torso", "upper_torso"}
+    assert any("pelvis" in line for line in found.document["warnings"])
+    assert found.document["idealized"]["weighted_error_percent"] > 0.0
+    assert "–" in text_of(found.document)
+
+
+def only(bag: Path, copy: Path, sensors: tuple[str, ...]) -> Path:
+    """A copy of a bag with the topics of some sensors, by the mcap package."""
+    with bag.open("rb") as source, copy.open("wb") as target:
+        writer = Writer(target)
+        writer.start()
+        channels: dict[str, int] = {}
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.topic.split("/")[-2] not in sensors:
+                continue
+            if channel.topic not in channels:
+                of = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, of)
+            writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    return copy
+
+
+def test_the_command_fits_and_an_unfitted_person_will_do(
+    bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    person = tmp_path / "new.yaml"
+    person.write_text("schema: 1\nname: new\nbody_mass_kg: 58.6\nstature_m: 1.73\nmass_matrix: segment\n")
+    output = tmp_path / "fitted.yaml"
+    command = ["fit", str(bags["rail_1"]), "--subject", str(person), "-o", str(output), "--executor", "none", *SMALL]
+    assert main([*command, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["subject"] == "new" and load_subject(output).name == "new"
+    assert not list(tmp_path.glob("*.checkpoint.json")) and not list(tmp_path.glob(".*"))
+    with pytest.raises(InputError, match="'parameters' is missing"):
+        load_subject(person)
+
+
+def test_the_papers_way_is_an_option_of_its_own(bags: dict[str, Path], tmp_path: Path) -> None:
+    small = ["--particles", "30", "--iterations", "60", "--evaluations", "200", "--executor", "none"]
+    command = ["fit", str(bags["rail_1"]), "--subject", "subject_1", "--paper", "-o", str(tmp_path / "p.yaml"), *small]
+    assert main(command) == 0
+    document = json.loads((tmp_path / "p.fit.json").read_text())
+    settings = document["settings"]
+    assert (settings["refine"], settings["lambda_2"], settings["particles"]) == ("nelder-mead", 0.002, 30)
+    assert document["result"] == "idealized" and "mass_scale" in document["intervals"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--subject", "subject_1"], "BAG... and --subject are needed"),
+        (["{rail_1}"], "BAG... and --subject are needed"),
+        (["{rail_1}", "{rail_1}", "--subject", "subject_1"], "given twice"),
+        (["{rail_1}", "--hold-out", "{rail_1}", "--subject", "subject_1"], "given twice"),
+        (["{rail_1}", "--case", "rail", "--subject", "subject_1"], "expected BAG=CASE"),
+        (["{rail_1}", "--case", "other.mcap=road", "--subject", "subject_1"], "no such bag is given"),
+        (["{rail_1}", "--profile", "f_n", "--subject", "subject_1"], "not a fitted parameter"),
+        (["{rail_1}", "--executor", "cloud", "--subject", "subject_1"], "executor 'cloud'"),
+        (["{rail_1}", "--lambda-2", "-1", "--subject", "subject_1"], "lambda_2 is -1"),
+        (["missing.mcap", "--subject", "subject_1"], "missing.mcap: cannot be read"),
+        (["{rail_1}", "--subject", "nobody"], "no subject file nobody"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: list[str], said: str, bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = [text.format(**{name: str(path) for name, path in bags.items()}) for text in arguments]
+    assert main(["fit", *given, "-o", str(tmp_path / "out.yaml")]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_written_to_is_said_before_the_work(tmp_path: Path) -> None:
+    for output, said in (
+        (tmp_path / "out.txt", "ends in .yaml"),
+        (tmp_path / "none" / "out.yaml", "no directory that can be written to"),
+    ):
+        with pytest.raises(InputError, match=said):
+            check_output(output)
+    (tmp_path / "dir.yaml").mkdir()
+    with pytest.raises(InputError, match="is a directory"):
+        check_output(tmp_path / "dir.yaml")
+
+
+def test_the_same_recording_by_two_names_is_refused(bags: dict[str, Path], tmp_path: Path) -> None:
+    twin = Path(shutil.copy(bags["rail_1"], tmp_path / "rail_9.mcap"))
+    with pytest.raises(InputError, match=r"rail_9\.mcap: the same recording as .*rail_1"):
+        fit_bags([bags["rail_1"], twin], SUBJECT, FitOptions(settings=QUICK))
+
+
+def test_cases_are_read_from_pairs() -> None:
+    assert parse_cases(["a=b.mcap=rail"]) == {"a=b.mcap": "rail"}
+    with pytest.raises(InputError, match="given twice"):
+        parse_cases(["a=rail", "a=road"])
+
+
+def test_bounds_of_table_1_hold_for_every_result(fitted: Fitted) -> None:
+    theta = fitted.subject.parameters.vector()
+    assert ((theta >= LOWER) & (theta <= UPPER)).all()
+    assert np.isfinite(theta).all()

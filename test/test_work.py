@@ -1,0 +1,455 @@
+"""Long work is safe: it can be done anywhere, be interrupted and taken up, and no file makes it go wrong."""
+
+import contextlib
+import dataclasses
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+import chores
+import fitting
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.identify import Task, fingerprint, identify
+from biodyn_core.identification.phase1 import Search, SwarmSettings
+from biodyn_core.identification.phase2 import Refined
+from biodyn_core.identification.settings import FitSettings
+from biodyn_core.model import Chain
+from biodyn_core.parameters import LOWER, UPPER
+from biodyn_ros import executors
+from biodyn_ros.checkpoint import LARGEST_BYTES, Checkpoint, decoded, encoded
+from biodyn_ros.environment import ONE_THREAD
+from biodyn_ros.executors import as_done, executor_of, result_of
+from biodyn_ros.progress import Progress
+from biodyn_ros.work import Work
+
+QUICK = FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=400, refined_starts=1)
+SUBJECT = fitting.drawn(1, "segment")
+
+
+@cache
+def cases():
+    """Two noisy ones."""
+    rng, found = np.random.default_rng(7), []
+    for number, name in enumerate(("road", "pothole")):
+        seat = fitting.seat_motion(name, 4.0, number)
+        accel = Chain.of(SUBJECT).simulate(seat, fitting.RATE_HZ).accel_mps2
+        found.append(fitting.ready(seat, accel + 0.1 * rng.standard_normal(accel.shape), name))
+    return tuple(found)
+
+
+def identified(run):
+    """A small identification, and everything in it that is a number."""
+    found = identify(cases(), SUBJECT, 5, QUICK, run)
+    refined = [fit.refined for fit in (*found.fits, found.joint, found.other)] + [r.refined for r in found.refiners]
+    return [encoded(result) for result in (*found.searches, *refined)]
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """What comes out where all is done here, one after the other."""
+    return identified(Work().run("-"))
+
+
+@pytest.fixture(scope="module")
+def processes():
+    """Two processes for all tests that need some."""
+    with executor_of("processes:2") as executor:
+        yield executor
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """The address of a Dask cluster with two workers on this machine."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", protocol="tcp", dashboard_address=None
+    ) as local:
+        yield local.scheduler_address
+
+
+# --- where it is done ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["none", "processes:1", "threads:2"])
+def test_numbers_are_the_same_wherever_it_is_done(reference, text: str) -> None:
+    with executor_of(text) as executor:
+        assert identified(Work(executor).run("-")) == reference
+
+
+def test_numbers_are_the_same_on_two_processes(reference, processes) -> None:
+    assert identified(Work(processes).run("-")) == reference
+    for name, value in ONE_THREAD.items():
+        assert processes.submit(os.getenv, name).result() == value
+
+
+def test_numbers_are_the_same_on_a_cluster(reference, cluster: str) -> None:
+    with executor_of(cluster) as executor:
+        assert identified(Work(executor).run("-")) == reference
+        with pytest.raises(InputError, match=r"^x: not this one$"):
+            Work(executor).run("-")([Task("search x", chores.refuse, (["x"],))])
+
+
+def test_a_cluster_that_does_not_fit_is_one_line(cluster: str, monkeypatch) -> None:
+    monkeypatch.setattr(executors, "__version__", "99.0")
+    with pytest.raises(InputError, match=r"^tcp://.*: worker tcp://.* has biodyn .*, here is 99.0; make them equal$"):
+        enter(cluster)
+
+
+def test_a_cluster_that_is_not_there_is_one_line(monkeypatch) -> None:
+    pytest.importorskip("distributed")
+    text = "tcp://127.0.0.1:9"
+    monkeypatch.setattr(executors, "CLUSTER_ANSWERS_S", 0.3)
+    with pytest.raises(InputError, match="no Dask scheduler answers there") as caught:
+        enter(text)
+    assert str(caught.value).startswith(f"{text}: ") and "\n" not in str(caught.value)
+
+
+def test_dask_that_is_not_installed_is_one_line(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"Dask is not installed; pip install 'biodyn_ros\[cluster\]'"):
+        enter("tcp://127.0.0.1:8786")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "process",
+        "None",
+        "none:2",
+        "processes:",
+        "processes:0",
+        "processes:-1",
+        "threads:2000",
+        "processes:²",
+        "tcp:",
+        "tcp://host",
+        "tcp://:1",
+        "tcp://host:x",
+        "tls://host:65536",
+        "http://host:80",
+    ],
+)
+def test_a_text_that_names_no_executor_is_one_line(text: str) -> None:
+    with pytest.raises(InputError, match=r"^executor '.*': expected"):
+        enter(text)
+
+
+def enter(text: str) -> None:
+    """Begin and end with an executor."""
+    with executor_of(text):
+        pass
+
+
+def test_an_input_error_of_a_worker_arrives_as_it_is(processes, tmp_path: Path) -> None:
+    kept = tmp_path / "kept.json"
+    tasks = [*chores.searches(tmp_path), Task("search x", chores.refuse, (["x"],))]
+    with pytest.raises(InputError, match=r"^x: not this one$"):
+        Work(processes, kept).run(chores.PROBLEM)(tasks)
+    assert set(Checkpoint(kept, chores.PROBLEM, resume=True).done) <= set(chores.NAMES)
+
+
+def test_a_worker_that_dies_takes_no_other_task_with_it(processes, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^search x: its worker died in the middle, killed or out of memory"):
+        Work(processes).run("-")([Task("search x", chores.die, (["x"],))])
+    calls = [(chores.die, (["x"],)), *((task.function, task.arguments) for task in chores.searches(tmp_path))]
+    done = dict(as_done(processes, calls))
+    assert len(done) == len(calls) and [n for n, future in done.items() if future.exception()] == [0]
+    assert result_of(done[4], "search d").evaluations == 3
+
+
+# --- interrupted -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_interrupted_work_ends_at_once_and_is_taken_up(tmp_path: Path, how: signal.Signals) -> None:
+    """Ctrl-C reaches all processes of a terminal; a kill the first one alone. One of the workers is busy for long."""
+    (tmp_path / "stuck").touch()
+    command = [sys.executable, chores.__file__, str(tmp_path)]
+    with subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True) as child:
+        until(lambda: (tmp_path / "pid").exists() and len(journal(tmp_path)) == 3)
+        until(lambda: len(json.loads((tmp_path / "checkpoint.json").read_text())["done"]) == 3)
+        (os.killpg if how == signal.SIGINT else os.kill)(child.pid, how)
+        code, said = child.wait(20), child.stderr.read()
+    assert (code, said) == ((130, "") if how == signal.SIGINT else (-how, said))
+    until(lambda: not running(int((tmp_path / "pid").read_text())))
+
+    (tmp_path / "stuck").unlink()
+    with pytest.raises(InputError, match="is of an interrupted fit; give --resume to take it up, or remove it"):
+        Work(None, tmp_path / "checkpoint.json").run(chores.PROBLEM)
+    work = Work(None, tmp_path / "checkpoint.json", resume=True)
+    results = work.run(chores.PROBLEM)(chores.searches(tmp_path))
+    assert [encoded(result) for result in results] == [encoded(chores.found(n)) for n in (0, 1, 2, 3, 0)]
+    assert sorted(journal(tmp_path)) == list(chores.NAMES)
+    work.finish()
+    assert not (tmp_path / "checkpoint.json").exists()
+
+
+def until(happened) -> None:
+    """Wait for something, not for ever."""
+    end = time.monotonic() + 60.0
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def journal(directory: Path) -> list[str]:
+    """The tasks that were done."""
+    path = directory / "done"
+    return path.read_text().splitlines() if path.exists() else []
+
+
+def running(pid: int) -> bool:
+    """Whether there is such a process, and it has not ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize("after", [1, 5, 8])
+def test_a_fit_that_is_taken_up_ends_as_one_that_was_not_interrupted(reference, tmp_path: Path, after: int) -> None:
+    path, heard = tmp_path / "kept.json", []
+    problem = fingerprint(cases(), SUBJECT, 5, QUICK)
+    with pytest.raises(KeyboardInterrupt):
+        identified(Work(None, path, watch=listener([], after)).run(problem))
+    before = len(Checkpoint(path, problem, resume=True).done)
+    assert 0 < before <= after
+    assert identified(Work(None, path, resume=True, watch=listener(heard)).run(problem)) == reference
+    # Both stages are told from what is there to their end, in cases: 4 searches of one, and 2 of one, 2 of both and 2
+    # of one refined. A stage that is finished is not told of; each of the others is, before its first task.
+    left = 4 + 6 - before
+    assert len(heard) == left + len({what for what, _, _ in heard})
+    assert heard[-1] == ("refine", 8, 8)
+
+
+def listener(heard: list, most: float = np.inf):
+    """A watch that writes down what it is told, and interrupts when it has heard enough."""
+
+    @contextlib.contextmanager
+    def watch(what: str):
+        def tell(done: int, total: int) -> None:
+            heard.append((what, done, total))
+            if len(heard) > most:
+                raise KeyboardInterrupt
+
+        yield tell
+
+    return watch
+
+
+# --- checkpoint ------------------------------------------------------------------------------------------------------
+
+COUNTS = st.integers(0, 2**63 - 1)
+PENALTIES = st.dictionaries(st.text(), COUNTS, max_size=3).map(Counter)
+COSTS = arrays(np.float64, st.integers(1, 4), elements=st.floats(allow_nan=False, allow_infinity=False))
+
+
+def thetas(shape):
+    """Parameters inside Table 1."""
+    width = shape[-1]
+    low, wide = LOWER[:width], (UPPER - LOWER)[:width]
+    return arrays(np.float64, shape, elements=st.floats(0.0, 1.0)).map(lambda share: low + wide * share)
+
+
+SEARCHES = COSTS.flatmap(
+    lambda costs: st.builds(Search, thetas((len(costs), 13)), st.just(costs), COUNTS, PENALTIES)
+)  # fmt: skip
+REFINED = st.builds(
+    Refined, thetas((15,)), thetas((15,)), st.floats(allow_nan=False, allow_infinity=False), COSTS, COUNTS, PENALTIES
+)
+
+
+@given(SEARCHES | REFINED)
+def test_results_come_back_to_the_last_bit(result) -> None:
+    again = decoded(json.loads(json.dumps(encoded(result), allow_nan=False)), "x")
+    assert type(again) is type(result)
+    for item in dataclasses.fields(result):
+        one, other = getattr(result, item.name), getattr(again, item.name)
+        assert type(one) is type(other)
+        if isinstance(one, np.ndarray):
+            assert one.shape == other.shape and one.dtype == other.dtype and one.tobytes() == other.tobytes()
+        else:
+            assert repr(one) == repr(other)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
+)
+
+
+@given(st.sampled_from([encoded(chores.found(1))]), st.data())
+def test_whatever_a_result_holds_is_read_or_refused(good, data) -> None:
+    key = data.draw(st.sampled_from(list(good)))
+    bad = good | {key: data.draw(JSON)}
+    with contextlib.suppress(InputError):
+        decoded(data.draw(JSON | st.just(bad)), "x")
+
+
+def kept(path: Path) -> dict:
+    """A checkpoint with two results, and its document."""
+    checkpoint = Checkpoint(path, "p")
+    checkpoint.add("search a", chores.found(1))
+    theta = chores.found(2).theta[0].tolist()
+    theta = np.array([*theta, 3000.0, 1.0])
+    theta = np.clip(theta, LOWER, UPPER)
+    checkpoint.add("refine a", Refined(theta, theta, 0.1, np.array([0.1]), 7, Counter()))
+    return json.loads(path.read_text())
+
+
+@pytest.mark.parametrize(
+    ("where", "value", "fault"),
+    [
+        (("schema",), 2, "schema is 2, this version reads 1"),
+        (("more",), 2, "the file: has the keys done, more, problem, schema, version, expected done, problem"),
+        (("version",), [7], r"is of biodyn \[7\], this is .*; go on with that one, or remove it"),
+        (("done",), [], "done: expected keys and values, got list"),
+        (("done", "search a"), 3, "search a: is no result, a kind is Search or Refined"),
+        (("done", "search a", "kind"), "Counter", "search a: is no result, a kind is Search or Refined"),
+        (("done", "search a", "kind"), "Refined", "search a: has the keys costs, "),
+        (("done", "search a", "kind"), [], "search a: is no result"),
+        (("done", "search a", "theta"), "x", "search a: theta: expected lists of numbers"),
+        (("done", "search a", "theta"), [[1.0, 2.0], [1.0]], "search a: theta: expected rows of one length"),
+        (("done", "search a", "theta"), [[1.0]], r"search a: theta: has the shape \(1, 1\)"),
+        (("done", "search a", "theta"), [[]], r"search a: theta: has the shape \(1, 0\)"),
+        (("done", "search a", "costs"), [], r"search a: costs: has the shape \(0,\)"),
+        (("done", "search a", "costs"), [0.1], "search a: 2 starts and 1 costs"),
+        (("done", "search a", "costs"), [0.1, float("nan")], "search a: costs: .* not finite"),
+        (("done", "search a", "costs"), [0.1, True], "search a: costs: expected lists of numbers"),
+        (("done", "search a", "costs"), [0.1, 10**400], "search a: costs: expected rows of one length and numbers a"),
+        (("done", "search a", "evaluations"), -1, "search a: evaluations: is -1, expected a count"),
+        (("done", "search a", "evaluations"), 2.5, "search a: evaluations: is 2.5, expected a count"),
+        (("done", "search a", "penalties"), {"infinite": "x"}, "search a: penalties: infinite: is x, expected a count"),
+        (("done", "search a", "penalties"), None, "search a: penalties: expected keys and values, got NoneType"),
+        (("done", "refine a", "theta"), [1e3] * 15, "refine a: parameters out of Table 1"),
+        (("done", "refine a", "reference"), [-1.0] * 15, "refine a: parameters out of Table 1"),
+        (("done", "refine a", "objective"), None, "refine a: objective: expected a number"),
+        (("done", "refine a", "objective"), float("inf"), "refine a: objective: .* not finite"),
+        (("problem",), "q", "is of another problem: other recordings, subject, seed or settings; give those again"),
+    ],
+)
+def test_a_damaged_or_foreign_checkpoint_is_one_line_and_stays(tmp_path: Path, where, value, fault: str) -> None:
+    path = tmp_path / "kept.json"
+    document = part = kept(path)
+    for key in where[:-1]:
+        part = part[key]
+    part[where[-1]] = value
+    path.write_text(json.dumps(document))
+    refused(path, fault)
+
+
+@pytest.mark.parametrize("content", [b"", b"[]", b"\xff\xfe", b"[" * 10**5, b'{"schema": 1' + b"0" * 5000 + b"}"])
+def test_what_is_no_checkpoint_at_all_is_one_line_and_stays(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "kept.json"
+    path.write_bytes(content)
+    refused(path, "is damaged, it is no JSON; remove it to start anew|the file: expected keys and values, got list")
+
+
+def test_a_truncated_or_endless_checkpoint_is_one_line_and_stays(tmp_path: Path) -> None:
+    path = tmp_path / "kept.json"
+    kept(path)
+    content = path.read_bytes()
+    for length in (1, len(content) // 2, len(content) - 3):
+        path.write_bytes(content[:length])
+        refused(path, "is damaged")
+    with path.open("wb") as file:
+        file.truncate(LARGEST_BYTES + 1)
+    with pytest.raises(InputError, match="is larger than 64 MiB, so it is none of ours"):
+        Checkpoint(path, "p", resume=True)
+
+
+def refused(path: Path, fault: str) -> None:
+    """Assert that a checkpoint is refused for a reason, and is left alone."""
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=fault) as caught:
+        Checkpoint(path, "p", resume=True)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+    assert path.read_bytes() == before
+
+
+def test_a_checkpoint_that_cannot_be_written_is_said_before_the_work(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nowhere/kept.json: cannot be written"):
+        Work(None, tmp_path / "nowhere" / "kept.json").run("p")
+    (tmp_path / "kept.json").mkdir()
+    with pytest.raises(InputError, match=r"kept\.json: cannot be read"):
+        Work(None, tmp_path / "kept.json", resume=True).run("p")
+
+
+def test_there_may_be_nothing_to_take_up(tmp_path: Path) -> None:
+    path = tmp_path / "kept.json"
+    Work(None, path, resume=True).run("p")(chores.searches(tmp_path))
+    assert set(Checkpoint(path, "p", resume=True).done) == set(chores.NAMES)
+    assert [entry.name for entry in tmp_path.iterdir() if entry.name.startswith(".")] == []
+
+
+# --- progress --------------------------------------------------------------------------------------------------------
+
+
+class Terminal(io.StringIO):
+    """A stream that somebody watches."""
+
+    def isatty(self) -> bool:
+        """Yes."""
+        return True
+
+
+def test_progress_is_silent_where_nobody_watches() -> None:
+    stream = io.StringIO()
+    with Progress("fitting", stream) as progress:
+        progress(1, 2)
+    assert stream.getvalue() == ""
+
+
+def test_progress_says_percent_and_when_it_will_be_done(monkeypatch) -> None:
+    now = [1000.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time, "time", lambda: now[0])
+    stream = Terminal()
+    with Progress("fitting", stream) as progress:
+        # Half of it was done before, which says nothing of how long the rest takes.
+        for seconds, done in ((0.0, 50), (10.0, 60), (0.1, 60), (2.0, 60), (28.0, 100), (5.0, 100)):
+            now[0] += seconds
+            progress(done, 100)
+    at = [time.strftime("%H:%M:%S", time.localtime(when)) for when in (1010.0 + 40.0, 1012.1 + 4.0 * 12.1)]
+    lines = ["fitting:  50 %", f"fitting:  60 %, ETA {at[0]}", f"fitting:  60 %, ETA {at[1]}", "fitting: 100 %"]
+    assert stream.getvalue() == "".join(f"\r{line}\x1b[K" for line in lines) + "\n"
+
+
+def test_progress_of_days_names_the_day(monkeypatch) -> None:
+    now = [1000.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time, "time", lambda: now[0])
+    stream = Terminal()
+    with Progress("fitting", stream) as progress:
+        progress(0, 100)
+        now[0] += 86400.0
+        progress(1, 100)
+    day = time.strftime("%a %d %b %H:%M", time.localtime(1000.0 + 100 * 86400.0))
+    assert stream.getvalue().endswith(f"fitting:   1 %, ETA {day}\x1b[K\n")
+
+
+def test_progress_ends_its_line_when_it_is_interrupted() -> None:
+    stream = Terminal()
+
+    def work() -> None:
+        with Progress("fitting", stream) as progress:
+            progress(1, 2)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert stream.getvalue() == "\rfitting:  50 %\x1b[K\n"
