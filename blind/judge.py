@@ -1,0 +1,119 @@
+"""Looks the truth up: how far the answers are from it, and from what the true subject would have predicted."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.identification.fit import prediction_errors
+from biodyn_core.identification.problem import Case
+from biodyn_core.identification.uncertainty import Estimate
+from biodyn_core.model import Chain
+from biodyn_core.parameters import PARAMETERS, Parameters
+from biodyn_core.subject import Subject
+from blind.draw import Person, Truth
+from blind.identify import Answer, somebody
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+JOINTS: Final = (0, 1, 4, 5)
+"""Joints 1, 2, 5 and 6, whose natural frequencies are to be told."""
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """One way's subject beside the truth.
+
+    off (14,) is ln of found over true; error_percent (events, 5) against what was measured in held-out events;
+    unseen_percent (events, 6) against the true motion of all six segments.
+    """
+
+    off: Floats
+    error_percent: Floats
+    unseen_percent: Floats
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One person: both ways, the floor of the true subject (errors as in `Way`), and our estimates.
+
+    apart_percent (events, 6) is how far the predictions of our subject and the true one are apart.
+    """
+
+    truth: Truth
+    mass_matrix: str
+    ours: Way
+    papers: Way
+    floor: Way
+    apart_percent: Floats
+    estimates: tuple[Estimate, ...]
+
+    @property
+    def ratio(self) -> Floats:
+        """Our error over the floor, (events, 5)."""
+        return self.ours.error_percent / self.floor.error_percent
+
+    @property
+    def papers_ratio(self) -> Floats:
+        """The paper's."""
+        return self.papers.error_percent / self.floor.error_percent
+
+    @property
+    def called(self) -> bool:
+        """Whether all of `JOINTS` are called identifiable."""
+        return all(self.estimates[joint].call == "identifiable" for joint in JOINTS)
+
+    @property
+    def inside(self) -> Flags:
+        """Whether the intervals hold the truth, (14,)."""
+        pairs = zip(self.estimates, self.truth.theta, strict=False)
+        return np.array([estimate.lower <= true <= estimate.upper for estimate, true in pairs])
+
+    @property
+    def counted(self) -> Flags:
+        """Which parameters have an interval of their own, (14,): those on a bound have none."""
+        return np.array([not estimate.at_bound for estimate in self.estimates])
+
+
+def joints_off(way: Way) -> float:
+    """How far the worst f_n of `JOINTS` is from the truth."""
+    return float(np.abs(np.expm1(way.off[list(JOINTS)])).max())
+
+
+def judge(person: Person, answer: Answer, truth: Truth) -> Judged:
+    """Compare both answers with the truth."""
+    true = dataclasses.replace(somebody(person), parameters=Parameters.from_vector(truth.theta))
+    return Judged(
+        truth,
+        person.mass_matrix,
+        _way(answer.ours.subject, person, truth, answer.ours.seconds),
+        _way(answer.papers.subject, person, truth, answer.papers.seconds),
+        _way(true, person, truth, 0.0),
+        np.array([_off_percent(_moved(answer.ours.subject, case), _moved(true, case)) for case in person.held_out]),
+        answer.estimates,
+    )
+
+
+def _way(subject: Subject, person: Person, truth: Truth, seconds: float) -> Way:
+    # m_scale cancels from accelerations: it is nobody's to find.
+    off = np.log(subject.parameters.vector() / truth.theta)[: len(PARAMETERS) - 1]
+    measured = np.array([errors.nrmse_rms_percent for errors in prediction_errors(subject, person.held_out)])
+    pairs = zip(person.held_out, truth.accel_mps2, strict=True)
+    unseen = np.array([_off_percent(_moved(subject, case), accel[case.begin :, 1:]) for case, accel in pairs])
+    return Way(off, measured, unseen, seconds)
+
+
+def _moved(subject: Subject, case: Case) -> Floats:
+    """How a subject's six segments move, behind the warm-up, (n, 6) m/s^2."""
+    return Chain.of(subject).simulate(case.seat_mps2, case.rate_hz).accel_mps2[case.begin :]
+
+
+def _off_percent(accel_mps2: Floats, reference_mps2: Floats) -> Floats:
+    """Rms of the difference of (n, 6) over that of the reference, (6,)."""
+    return 100.0 * np.sqrt(((accel_mps2 - reference_mps2) ** 2).sum(axis=0) / (reference_mps2**2).sum(axis=0))

@@ -1,0 +1,1 @@
+"""A world that is not ours: people, vehicles and sensors written from the paper and from physics, without biodyn."""
