@@ -160,6 +160,7 @@ class Conditioner:
     """One sensor: clock, gaps, vertical and gravity, low-pass. `push` raw samples, get `Block`s, `finish` at the end.
 
     vertical (3,): where the sensor's axes see up, if rest is not to tell it; its gravity is then the mean along it.
+    waited: how many samples had been pushed when rest ended, the last one at rest included.
     """
 
     def __init__(
@@ -180,6 +181,7 @@ class Conditioner:
         self._given_vertical = vertical
         self._fault: str | None = None
         self.first_ns: int | None = None
+        self.waited = 0
         self._waiting = self._new_wait()
         self._rest: Rest | None = None
         self._uncounted = 0
@@ -223,6 +225,17 @@ class Conditioner:
         """Sampling rate the filters were designed for; known after rest."""
         assert self._rest is not None
         return 1.0 / self._rest.period_s
+
+    @property
+    def rest(self) -> Rest | None:
+        """The rest that gravity and clock are taken from; None while it is looked for."""
+        return self._rest
+
+    def zero_phase(self, values: Floats) -> Floats:
+        """Low-pass a whole run (n, ...) forward and backward, as a zero-phase sensor's vertical is; not before rest."""
+        padding = min(3 * (2 * kernel.SECTIONS + 1), len(values) - 1)
+        filtered: Floats = np.ascontiguousarray(signal.sosfiltfilt(self._sos, values, axis=0, padlen=padding))
+        return filtered
 
     @property
     def fault(self) -> str | None:
@@ -296,6 +309,7 @@ class Conditioner:
         found = self._found_rest()
         begin = int(np.flatnonzero(is_set)[-self._waiting.end()]) if found else len(stamps_ns)
         self._counts[kernel.UNSET] += int((~is_set[:begin]).sum())
+        self.waited += begin
         return (stamps_ns[begin:], samples[begin:]) if found else None
 
     def _found_rest(self) -> bool:
@@ -460,10 +474,8 @@ class Conditioner:
         if not self._held:
             return []
         stamps, times, levelled = (np.concatenate([block[k] for block in self._held]) for k in range(3))
-        padding = min(3 * (2 * kernel.SECTIONS + 1), len(levelled) - 1)
-        low_passed = signal.sosfiltfilt(self._sos, levelled[:, 2], padlen=padding)
         run = self._held[0]._replace(
-            stamps_ns=stamps, time_s=times, levelled_mps2=levelled, low_passed_mps2=np.ascontiguousarray(low_passed)
+            stamps_ns=stamps, time_s=times, levelled_mps2=levelled, low_passed_mps2=self.zero_phase(levelled[:, 2])
         )
         self._held = []
         return [run]

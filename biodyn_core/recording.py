@@ -10,14 +10,22 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.alignment import Aligner
-from biodyn_core.conditioning import FILTER_ORDER, Block, Conditioner, ConditioningSettings, Vector
+from biodyn_core.channels import Channels, Gyro, bridged, laid_level
+from biodyn_core.conditioning import (
+    FILTER_ORDER,
+    Block,
+    Conditioner,
+    ConditioningSettings,
+    Vector,
+    rotation_to_vertical,
+)
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
@@ -60,6 +68,8 @@ class Recording:
     """(n, 5) by `MEASURED_SEGMENTS`, NaN where a sensor brought nothing usable."""
     warnings: tuple[str, ...]
     """Quality: clipping, gaps, drift, missing segments, one line each."""
+    channels: Mapping[str, Channels] = field(default_factory=dict)
+    """What each of `SENSORS` measured beside its vertical; empty where it was not asked for."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +95,8 @@ class RecordingSettings:
 class Recorder:
     """`push(sensor, stamps_ns, samples)` raw samples as they come, `finish()` gives the recordings; any cut, same bits.
 
-    verticals: where sensors' axes see up, for those whose rest is not to tell it.
+    verticals: where sensors' axes see up, for those whose rest is not to tell it. channels: whether the channels of a
+    recording are wanted, for which rates are pushed too.
     """
 
     def __init__(
@@ -95,54 +106,66 @@ class Recorder:
         conditioning: ConditioningSettings | None = None,
         settings: RecordingSettings | None = None,
         verticals: Mapping[str, Vector] | None = None,
+        channels: bool = False,
     ) -> None:
         self.case, self.name = case, name
         self.settings = settings or RecordingSettings()
         given = verticals or {}
-        self._channels = {s: _Channel(Conditioner(s, conditioning, "zero_phase", given.get(s))) for s in SENSORS}
+        self._with_channels = channels
+        self._sensors = {
+            sensor: _Sensor(Conditioner(sensor, conditioning, "zero_phase", given.get(sensor)), channels)
+            for sensor in SENSORS
+        }
 
-    def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> None:
-        """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
-        if sensor not in self._channels:
+    def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats, rates_radps: Floats | None = None) -> None:
+        """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival.
+
+        rates_radps (n, 3) in the same axes, NaN where there are none; looked at with `channels` alone.
+        """
+        if sensor not in self._sensors:
             raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
-        self._channels[sensor].push(stamps_ns, samples_mps2)
+        if rates_radps is not None and rates_radps.shape != samples_mps2.shape:
+            raise InputError(f"{sensor}: rates of shape {rates_radps.shape}, samples have {samples_mps2.shape}")
+        self._sensors[sensor].push(stamps_ns, samples_mps2, rates_radps)
 
     def finish(self) -> list[Recording]:
         """The record has ended: one recording for each run of the seat that can be fitted to, in order.
 
         Raises InputError, saying why, where there is none: no seat, no other sensor, too short, no excitation.
         """
-        for channel in self._channels.values():
-            channel.finish()
-        seat, others = self._channels[SEAT], [self._channels[name] for name in MEASURED_SEGMENTS]
-        if not seat.blocks:
+        for sensor in self._sensors.values():
+            sensor.finish()
+        seat, others = self._sensors[SEAT], [self._sensors[name] for name in MEASURED_SEGMENTS]
+        if not seat.runs:
             raise InputError(f"{self.name}: {seat.why_nothing()}")
-        if not any(channel.blocks for channel in others):
+        if not any(sensor.runs for sensor in others):
             raise InputError(f"{self.name}: {others[-1].why_nothing()}, nor is any other segment: nothing to compare")
-        aligners = [channel.aligner(self.settings.bridge_s) for channel in others]
+        aligners = {name: self._sensors[name].aligners(self.settings.bridge_s) for name in MEASURED_SEGMENTS}
         recordings, reasons = [], []
-        for block in seat.blocks:
+        for run in seat.runs:
             try:
-                recordings.append(self._recording(block, aligners))
+                recordings.append(self._recording(run, aligners))
             except InputError as error:
-                reasons.append((-block.time_s.size, str(error)))
+                reasons.append((-run.block.time_s.size, str(error)))
         if not recordings:
             raise InputError(f"{self.name}: {min(reasons)[1]}")  # that of the longest run
         return self._told(recordings, [reason for _, reason in reasons])
 
-    def _recording(self, block: Block, aligners: Sequence[Aligner]) -> Recording:
+    def _recording(self, run: _Run, aligners: Mapping[str, Sequence[Aligner]]) -> Recording:
         """One run of the seat, less the ends that the low-pass could not see beyond, and the others beside it."""
-        seat, rate_hz = self._channels[SEAT], _mean_rate_hz(block)
-        reach = seat.reach(block.rate_hz)
-        misread = around(seat.misread(block, self.settings.bridge_s), reach, reach)
-        block, misread = block.part(reach, block.time_s.size - reach), misread[reach : misread.size - reach]
-        unsettled = around(misread, 0, round(WARM_UP_S * rate_hz))
-        read = {SEAT: np.where(misread, np.nan, block.low_passed_mps2)}
-        self._check(read[SEAT], rate_hz)
-        for name, aligner in zip(MEASURED_SEGMENTS, aligners, strict=True):
-            read[name] = np.where(unsettled, np.nan, aligner.read(block.time_s, block.epoch_ns)[0])
-        levels = {name: self._level(values, rate_hz) for name, values in read.items()}
-        measured = np.column_stack([read[name] - levels[name] for name in MEASURED_SEGMENTS])
+        seat, rate_hz = self._sensors[SEAT], _mean_rate_hz(run.block)
+        reach = seat.reach(run.block.rate_hz)
+        inner = slice(reach, run.block.time_s.size - reach)
+        block = run.block.part(inner.start, inner.stop)
+        misread = seat.misread(run.block, self.settings.bridge_s)
+        tracks = {SEAT: [track[inner] for track in seat.tracks(run, misread, self.settings.bridge_s)]}
+        unsettled = around(np.isnan(tracks[SEAT][0]), 0, round(WARM_UP_S * rate_hz))
+        self._check(tracks[SEAT][0], rate_hz)
+        for name in MEASURED_SEGMENTS:
+            read = [aligner.read(block.time_s, block.epoch_ns)[0] for aligner in aligners[name]]
+            tracks[name] = [np.where(unsettled, np.nan, track) for track in read]
+        levels = {name: self._level(vertical, rate_hz) for name, (vertical, *_) in tracks.items()}
+        measured = np.column_stack([tracks[name][0] - levels[name] for name in MEASURED_SEGMENTS])
         return Recording(
             name=self.name,
             case=self.case,
@@ -151,7 +174,15 @@ class Recorder:
             seat_mps2=block.low_passed_mps2 - levels[SEAT],
             measured_mps2=measured,
             warnings=(*self._moved(levels), *self._masked(unsettled, measured, rate_hz)),
+            channels={name: self._beside(tracks[name], rate_hz) for name in SENSORS} if self._with_channels else {},
         )
+
+    def _beside(self, tracks: Sequence[Floats], rate_hz: float) -> Channels:
+        """A sensor's tracks but its vertical; what is no sensor in the record has no numbers."""
+        if len(tracks) == 1:
+            return Channels(np.full((tracks[0].size, 2), np.nan), None)
+        horizontal = [track - self._level(track, rate_hz) for track in tracks[1:3]]
+        return Channels(np.column_stack(horizontal), np.column_stack(tracks[3:]) if tracks[3:] else None)
 
     def _masked(self, unsettled: Flags, measured_mps2: Floats, rate_hz: float) -> Iterator[str]:
         """How long nothing can be compared, one line for the seat and each segment."""
@@ -160,7 +191,7 @@ class Recorder:
             yield f"seat: misread, so all segments are masked there and {WARM_UP_S:g} s on: {seconds:.2f} s"
         for name, column in zip(MEASURED_SEGMENTS, measured_mps2.T, strict=True):
             masked_s = np.count_nonzero(np.isnan(column)) / rate_hz
-            if masked_s > WORTH_A_LINE_S and self._channels[name].blocks:
+            if masked_s > WORTH_A_LINE_S and self._sensors[name].runs:
                 yield f"{name}: nothing usable in {masked_s:.2f} s of {column.size / rate_hz:.2f} s"
 
     def _check(self, seat_mps2: Floats, rate_hz: float) -> None:
@@ -192,7 +223,7 @@ class Recorder:
 
     def _told(self, recordings: list[Recording], left_out: list[str]) -> list[Recording]:
         """The recordings, each named and with what is to be said of all."""
-        of_all = [line for channel in self._channels.values() for line in channel.warnings()]
+        of_all = [line for sensor in self._sensors.values() for line in sensor.warnings()]
         of_all += [f"a part is left out: {reason}" for reason in left_out]
         several = len(recordings) > 1
         if several:
@@ -207,25 +238,45 @@ class Recorder:
         ]
 
 
-class _Channel:
+class _Run(NamedTuple):
+    """A conditioned run of a sensor, and the rates read with it: (n, 3) rad/s in its own axes, NaN where none was."""
+
+    block: Block
+    rates_radps: Floats | None = None
+
+
+class _Sensor:
     """One sensor on its way into a recording: its conditioned runs, and which of their samples were not truly read."""
 
-    def __init__(self, conditioner: Conditioner) -> None:
+    def __init__(self, conditioner: Conditioner, with_channels: bool) -> None:
         self._conditioner = conditioner
+        self._gyro = Gyro() if with_channels else None
+        self._why_no_rates: str | None = None
         self._usable: list[Integers] = []
         self._clipped: list[Integers] = []
         self._read = self._clipped_ns = _NONE
-        self.blocks: list[Block] = []
+        self._blocks: list[Block] = []
+        self.runs: list[_Run] = []
 
-    def push(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
+    def push(self, stamps_ns: Integers, samples_mps2: Floats, rates_radps: Floats | None) -> None:
         # The largest of the axes is NaN where one is: then neither usable nor clipped.
         largest, limit = np.abs(samples_mps2).max(axis=1), self._conditioner.settings.saturation_mps2
-        self._usable.append(stamps_ns[largest < IMPLAUSIBLE * limit].astype(np.int64))
+        usable = largest < IMPLAUSIBLE * limit
+        self._usable.append(stamps_ns[usable].astype(np.int64))
         self._clipped.append(stamps_ns[largest >= limit].astype(np.int64))
-        self.blocks += self._conditioner.push(stamps_ns, samples_mps2)
+        if self._gyro is not None:
+            self._gyro.push(stamps_ns, usable, rates_radps)
+        self._blocks += self._conditioner.push(stamps_ns, samples_mps2)
 
     def finish(self) -> None:
-        self.blocks += self._conditioner.finish()
+        blocks = self._blocks + self._conditioner.finish()
+        self.runs = [_Run(block) for block in blocks]
+        if self._gyro is not None and blocks:
+            try:
+                rates = self._gyro.on(blocks, self._conditioner)
+                self.runs = [_Run(*pair) for pair in zip(blocks, rates, strict=True)]
+            except InputError as error:
+                self._why_no_rates = str(error)
         # Sorted once: a record full of gaps has thousands of runs to look up.
         self._read, self._clipped_ns = (
             np.unique(np.concatenate([*part, _NONE])) for part in (self._usable, self._clipped)
@@ -244,19 +295,47 @@ class _Channel:
         unchanged = np.append(False, (np.diff(block.levelled_mps2, axis=0) == 0.0).all(axis=1))
         flat_for = math.ceil(self._conditioner.settings.flat_s * block.rate_hz)
         stuck = around(unchanged, 1, 0, least=flat_for)
-        lost = around(filled, 0, 0, least=max(1, math.floor(bridge_s * block.rate_hz + 1e-9)))
-        return _among(block.stamps_ns, self._clipped_ns) | lost | stuck
+        return _among(block.stamps_ns, self._clipped_ns) | self._too_long(filled, block, bridge_s) | stuck
 
-    def aligner(self, bridge_s: float) -> Aligner:
-        """Answers at the seat's instants; NaN in what is masked, and at the ends of runs."""
-        aligner = Aligner(keep_s=math.inf)
-        for block in self.blocks:
-            misread = self.misread(block, bridge_s)
+    def _too_long(self, missing: Flags, block: Block, bridge_s: float) -> Flags:
+        """Which samples of a run (n,) lie in gaps that no straight line may bridge."""
+        return around(missing, 0, 0, least=max(1, math.floor(bridge_s * block.rate_hz + 1e-9)))
+
+    def tracks(self, run: _Run, misread: Flags, bridge_s: float) -> list[Floats]:
+        """What is low-passed of a run, each (n,): its vertical, and with channels x and y, and the rates if there are.
+
+        NaN where it is misread, and as far around as the low-pass reaches.
+        """
+        block, reach = run.block, self.reach(run.block.rate_hz)
+        masked = around(misread, reach, reach)
+        tracks = [np.where(masked, np.nan, block.low_passed_mps2)]
+        if self._gyro is None:
+            return tracks
+        up = self._conditioner.status().vertical
+        assert up is not None  # it has been levelled by it
+        axes = laid_level(up)
+        turn = axes @ rotation_to_vertical(np.array(up)).T
+        horizontal = self._conditioner.zero_phase(block.levelled_mps2 @ turn[:2].T)
+        tracks += [np.where(masked, np.nan, track) for track in horizontal.T]
+        if run.rates_radps is not None:
+            missing = np.isnan(run.rates_radps[:, 0])
+            masked = around(misread | self._too_long(missing, block, bridge_s), reach, reach)
+            rates = self._conditioner.zero_phase(bridged(block.time_s, run.rates_radps) @ axes.T)
+            tracks += [np.where(masked, np.nan, track) for track in rates.T]
+        return tracks
+
+    def aligners(self, bridge_s: float) -> list[Aligner]:
+        """For each of the tracks, answers at the seat's instants; NaN also at the ends of runs."""
+        tracks = []
+        for run in self.runs:
+            misread = self.misread(run.block, bridge_s)
             misread[0] = misread[-1] = True
-            reach = self.reach(block.rate_hz)
-            low_passed = np.where(around(misread, reach, reach), np.nan, block.low_passed_mps2)
-            aligner.feed([block._replace(low_passed_mps2=low_passed)])
-        return aligner
+            tracks.append(self.tracks(run, misread, bridge_s))
+        aligners = [Aligner(keep_s=math.inf) for _ in (tracks[0] if tracks else [()])]
+        for run, of_run in zip(self.runs, tracks, strict=True):
+            for aligner, track in zip(aligners, of_run, strict=True):
+                aligner.feed([run.block._replace(low_passed_mps2=track)])
+        return aligners
 
     def why_nothing(self) -> str:
         """Why there is no run, in one line."""
@@ -269,9 +348,11 @@ class _Channel:
     def warnings(self) -> Iterator[str]:
         """What is to be said of the sensor, one line each."""
         sensor, status = self._conditioner.sensor, self._conditioner.status()
-        if not self.blocks:
+        if not self.runs:
             yield self.why_nothing()
             return
+        if self._why_no_rates:
+            yield self._why_no_rates
         yield from (f"{sensor}: {line}" for line in status.warnings)
         if status.clipped:
             yield f"{sensor}: {status.clipped} samples clipped, masked"

@@ -10,8 +10,8 @@ Both messages open with std_msgs/Header and go on with float64 only. In CDR that
                       linear acceleration +200 (3), covariance +224 (9); 296 bytes
     AccelStamped body linear +0 (3), angular +24 (3); 48 bytes
 
-So a message needs no message object: given where each one lies, three gathers read a whole block of them. Writers
-do not zero their padding: compare values, never serialized bytes.
+So a message needs no message object: given where each one lies, two gathers read a whole block of them, a third one
+its angular velocity where that is asked for. Writers do not zero their padding: compare values, never serialized bytes.
 """
 
 from __future__ import annotations
@@ -38,18 +38,20 @@ NS_PER_S: Final = 1_000_000_000
 
 @dataclass(frozen=True)
 class _Layout:
-    """A stamped message of float64: type, bytes of its body, and where in it the 3-vectors to be read lie."""
+    """A stamped message of float64: type, bytes of its body, and (byte in it, how many) of the numbers to be read."""
 
     type: str
     body_bytes: int
-    vectors_at: tuple[int, ...]
+    numbers_at: tuple[tuple[int, int], ...]
 
 
 _HEADER_BYTES = 16
 _GYRO_AT = 104
 _ACCEL_AT = 200
-_IMU = _Layout(IMU_TYPE, 296, (_ACCEL_AT, _GYRO_AT))
-_ACCEL_STAMPED = _Layout(ACCEL_STAMPED_TYPE, 48, (0,))
+_IMU = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3),))
+# The angular velocity and, right behind it, the first element of its covariance.
+_IMU_WITH_GYRO = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3), (_GYRO_AT, 4)))
+_ACCEL_STAMPED = _Layout(ACCEL_STAMPED_TYPE, 48, ((0, 3),))
 _STAMPED = _Layout("message that starts with std_msgs/Header", 0, ())
 
 _LITTLE = b"\x00\x01\x00\x00"
@@ -61,32 +63,39 @@ _ACCEL = {0: struct.Struct(">3d72x"), 1: struct.Struct("<3d72x")}
 
 @dataclass(frozen=True, eq=False)
 class ImuBlock:
-    """Samples of one sensor: header stamps int64 (n,), specific force (n, 3) and angular rate (n, 3), SI units."""
+    """Samples of one sensor: header stamps int64 (n,), specific force (n, 3) and angular rate (n, 3), SI units.
+
+    gyro_radps is None where it was not asked for, and NaN in messages without one: covariance[0] = -1 (REP-145).
+    """
 
     stamps_ns: Ints
     accel_mps2: Floats
-    gyro_radps: Floats
+    gyro_radps: Floats | None
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
 
-def decode_imu(messages: Sequence[bytes]) -> ImuBlock:
+def decode_imu(messages: Sequence[bytes], gyro: bool = False) -> ImuBlock:
     """Decode serialized Imu messages, order kept; frame_id lengths and byte orders may differ among them.
 
-    InputError names the first message that is cut or is no Imu.
+    The angular velocity with `gyro` only. InputError names the first message that is cut or is no Imu.
     """
-    return decode_imu_in(*_joined(messages))
+    return decode_imu_in(*_joined(messages), gyro)
 
 
-def decode_imu_in(buffer: Bytes, offsets: Ints, lengths: Ints) -> ImuBlock:
+def decode_imu_in(buffer: Bytes, offsets: Ints, lengths: Ints, gyro: bool = False) -> ImuBlock:
     """Decode the Imu messages that lie in a buffer, such as a decompressed chunk, at offsets[i] with lengths[i] bytes.
 
-    Only stamp, angular velocity and linear acceleration are touched. Nothing outside a message is read: InputError
-    names the first message that reaches beyond the buffer, is cut, or is no Imu.
+    Only stamp and linear acceleration are touched, and with `gyro` the angular velocity. Nothing outside a message is
+    read: InputError names the first message that reaches beyond the buffer, is cut, or is no Imu.
     """
-    stamps_ns, (accel, gyro) = _decode(_IMU, buffer, offsets, lengths)
-    return ImuBlock(stamps_ns, accel, gyro)
+    if not gyro:
+        stamps_ns, (accel,) = _decode(_IMU, buffer, offsets, lengths)
+        return ImuBlock(stamps_ns, accel, None)
+    stamps_ns, (accel, rates) = _decode(_IMU_WITH_GYRO, buffer, offsets, lengths)
+    rates[rates[:, 3] == -1.0] = np.nan
+    return ImuBlock(stamps_ns, accel, rates[:, :3])
 
 
 def decode_imu_one(message: bytes) -> tuple[int, tuple[float, float, float]]:
@@ -205,9 +214,9 @@ def _joined(messages: Sequence[bytes]) -> tuple[Bytes, Ints, Ints]:
 
 
 def _decode(layout: _Layout, buffer: Bytes, offsets: Ints, lengths: Ints) -> tuple[Ints, list[Floats]]:
-    """Stamps and the layout's vectors, for messages of either byte order."""
+    """Stamps and the layout's numbers, for messages of either byte order."""
     if len(offsets) == 0:
-        return np.empty(0, dtype=np.int64), [np.empty((0, 3)) for _ in layout.vectors_at]
+        return np.empty(0, dtype=np.int64), [np.empty((0, count)) for _, count in layout.numbers_at]
     outside = (lengths < _HEADER_BYTES) | (offsets < 0) | (offsets > buffer.size - lengths)
     if outside.any():
         raise InputError(_refusal_of_first(layout, buffer, offsets, lengths, outside))
@@ -221,12 +230,12 @@ def _decode(layout: _Layout, buffer: Bytes, offsets: Ints, lengths: Ints) -> tup
         raise InputError(_refusal_of_first(layout, buffer, offsets, lengths, unknown))
 
     stamps_ns = np.empty(len(offsets), dtype=np.int64)
-    vectors = [np.empty((len(offsets), 3)) for _ in layout.vectors_at]
+    numbers = [np.empty((len(offsets), count)) for _, count in layout.numbers_at]
     for rows, order in ((np.flatnonzero(little), "<"), (np.flatnonzero(~little), ">")):
         stamps_ns[rows], found = _decode_ordered(layout, order, head[rows], buffer, offsets[rows], lengths[rows])
-        for vector, part in zip(vectors, found, strict=True):
-            vector[rows] = part
-    return stamps_ns, vectors
+        for all_rows, part in zip(numbers, found, strict=True):
+            all_rows[rows] = part
+    return stamps_ns, numbers
 
 
 def _decode_ordered(
@@ -234,15 +243,18 @@ def _decode_ordered(
 ) -> tuple[Ints, list[Floats]]:
     """The same for one byte order, "<" or ">"; head is uint8 (n, 16) and the messages are known to lie inside."""
     if len(offsets) == 0:
-        return np.empty(0, dtype=np.int64), [np.empty((0, 3)) for _ in layout.vectors_at]
+        return np.empty(0, dtype=np.int64), [np.empty((0, count)) for _, count in layout.numbers_at]
     words = head.view(f"{order}u4")
     body = 4 + ((words[:, 3].astype(np.int64) + 19) & ~7)
     cut = body > lengths - layout.body_bytes
     if cut.any():
         raise InputError(_refusal_of_first(layout, buffer, offsets, lengths, cut))
     stamps_ns = head.view(f"{order}i4")[:, 1].astype(np.int64) * NS_PER_S + words[:, 2]
-    vectors = [gather(buffer, offsets + body + at, 24).view(f"{order}f8") for at in layout.vectors_at]
-    return stamps_ns, [vector.reshape(-1, 3).astype(np.float64, copy=False) for vector in vectors]
+    numbers = [
+        gather(buffer, offsets + body + at, 8 * count).view(f"{order}f8").reshape(-1, count)
+        for at, count in layout.numbers_at
+    ]
+    return stamps_ns, [found.astype(np.float64, copy=False) for found in numbers]
 
 
 def _refusal_of_first(layout: _Layout, buffer: Bytes, offsets: Ints, lengths: Ints, bad: NDArray[np.bool_]) -> str:

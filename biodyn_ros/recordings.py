@@ -23,7 +23,8 @@ from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
 class RecordingOptions:
     """How a bag is read: which topic is which sensor, whose clock, and how it is conditioned and masked.
 
-    vertical: where sensors' axes see up if not by gravity, as `PipelineSettings.vertical`.
+    vertical: where sensors' axes see up if not by gravity, as `PipelineSettings.vertical`. channels: whether what they
+    measure beside their vertical is read too, `Recording.channels`.
     """
 
     mapping: dict[str, str] = field(default_factory=dict)
@@ -31,6 +32,7 @@ class RecordingOptions:
     vertical: str = ""
     conditioning: ConditioningSettings | None = None
     recording: RecordingSettings | None = None
+    channels: bool = False
 
 
 def read_recordings(
@@ -46,15 +48,18 @@ def read_recordings(
     """
     options = options or RecordingOptions()
     verticals = PipelineSettings(vertical=options.vertical).verticals()
-    recorder = Recorder(case or case_of(bag), str(bag), options.conditioning, options.recording, verticals)
+    recorder = Recorder(
+        case or case_of(bag), str(bag), options.conditioning, options.recording, verticals, options.channels
+    )
     with open_bag(bag) as reader:
         sensors = sensors_of(reader, options.mapping)
         times = choose_times(reader, sensors, options.time)
         clocks = {topic: ClockComparison() for topic in sensors}
         total = sum(topic.messages for topic in reader.topics if topic.name in sensors)
         done = 0
-        for topic, block in imu_blocks(reader, sensors, {name: choice.time for name, choice in times.items()}):
-            recorder.push(sensors[topic], block.stamps_ns, block.accel_mps2)
+        by_topic = {name: choice.time for name, choice in times.items()}
+        for topic, block in imu_blocks(reader, sensors, by_topic, options.channels):
+            recorder.push(sensors[topic], block.stamps_ns, block.accel_mps2, block.gyro_radps)
             clocks[topic].push(block.header_ns, block.log_ns)
             done += len(block.stamps_ns)
             progress(done, total)

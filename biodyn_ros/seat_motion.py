@@ -48,10 +48,12 @@ def _from_bag(path: Path, mapping: dict[str, str], time: str) -> tuple[Floats, F
         topic = next(name for name, sensor in sensors.items() if sensor == SEAT)
         # A driver may leave its stamps zero: then the recorder's times serve.
         choice = choose_times(reader, [topic], time)[topic]
-        blocks = [block for _, block in imu_blocks(reader, [topic], choice.time)]
+        blocks = [block for _, block in imu_blocks(reader, [topic], choice.time, gyro=True)]
     stamps_ns = np.concatenate([block.stamps_ns for block in blocks])
     accel = np.concatenate([block.accel_mps2 for block in blocks])
+    # Without a gyro the seat does not pitch, as in a CSV file.
     gyro = np.concatenate([block.gyro_radps for block in blocks])
+    gyro[~np.isfinite(gyro)] = 0.0
     rotation, levelled = _level(accel)
     return (stamps_ns - stamps_ns[0]) * 1e-9, levelled, (gyro @ rotation.T)[:, 1]
 

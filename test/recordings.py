@@ -48,3 +48,13 @@ def comma(data: Path) -> Recording:
     """A car on a highway at 104.36 Hz, seconds since boot; forward, right, down."""
     rows = np.loadtxt(data / "comma2k19_car_imu_104hz/imu.csv", delimiter=",", skiprows=1)
     return np.rint(rows[:, 0] * 1e9).astype(np.int64), rows[:, 1:4]
+
+
+def comma_turning(data: Path) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+    """The same car on an even grid: accelerations and angular rates (n, 6), rate (Hz), speed by the car's bus (n,)."""
+    folder = data / "comma2k19_car_imu_104hz"
+    rows = np.loadtxt(folder / "imu.csv", delimiter=",", skiprows=1)
+    even_s = np.linspace(rows[0, 0], rows[-1, 0], len(rows))
+    values = np.column_stack([np.interp(even_s, rows[:, 0], column) for column in rows[:, 1:7].T])
+    speed_t, speed = (np.load(folder / f"speed_{kind}.npy").ravel() for kind in ("t", "value"))
+    return values, (len(rows) - 1) / (rows[-1, 0] - rows[0, 0]), np.interp(even_s, speed_t, speed)

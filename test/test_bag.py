@@ -365,11 +365,12 @@ def merged(blocks: Iterable[tuple[str, cdr.ImuBlock]]) -> dict[str, list[int]]:
 def test_imu_blocks_are_the_decoded_messages(tmp_path, time):
     write_with_mcap(tmp_path / "a.mcap", RECORDING)
     with open_bag(tmp_path / "a.mcap") as bag:
-        blocks = list(imu_blocks(bag, [ODD, SEAT], time))
+        blocks = list(imu_blocks(bag, [ODD, SEAT], time, gyro=True))
+        assert all(block.gyro_radps is None for _, block in imu_blocks(bag, [ODD, SEAT], time))
         assert {topic for topic, _ in blocks} == {ODD, SEAT}
         for topic in (ODD, SEAT):
             log_ns, data = zip(*by_topic(RECORDING)[topic], strict=True)
-            expected = cdr.decode_imu(data)
+            expected = cdr.decode_imu(data, gyro=True)
             mine = [block for name, block in blocks if name == topic]
             stamps = np.concatenate([block.stamps_ns for block in mine])
             np.testing.assert_array_equal(stamps, expected.stamps_ns if time == "header" else log_ns)
@@ -827,13 +828,16 @@ def test_real_files_that_cannot_be_read_say_why(shared_data, name, message):
 
 def test_real_imus_decode_to_what_is_known_of_them(shared_data):
     with open_bag(shared_data / "rosbag2_real_imu/byu_SO_bag") as bag:
-        blocks = [block for _, block in imu_blocks(bag, ["/coug2/modem_imu"])]
+        blocks = [block for _, block in imu_blocks(bag, ["/coug2/modem_imu"], gyro=True)]
+        rates = np.concatenate([b.gyro_radps for b in blocks])
+        assert 25.0 < np.abs(rates).max() < 35.0  # SOURCE.txt: up to 29, clearly not rad/s, and nothing says so
         assert not np.concatenate([b.stamps_ns for b in blocks]).any()  # all stamps are zero: take log time
         norm = np.linalg.norm(np.concatenate([b.accel_mps2 for b in blocks]), axis=1)
         assert (len(norm), round(norm.mean(), 2)) == (161, 10.08)
         stamps = np.concatenate([b.stamps_ns for _, b in imu_blocks(bag, ["/coug2/modem_imu"], "log")])
         assert 9.8 < 1e9 / np.diff(stamps).mean() < 10.2
     with open_bag(shared_data / "rosbag2_real_imu/av_start_position_A") as bag:
-        accel = np.concatenate([b.accel_mps2 for _, b in imu_blocks(bag, ["/ins/imu"])])
+        blocks = [block for _, block in imu_blocks(bag, ["/ins/imu"], gyro=True)]
+        accel = np.concatenate([b.accel_mps2 for b in blocks])
         assert len(accel) == 1264
         assert round(accel[:, 0].mean(), 1) == -9.8

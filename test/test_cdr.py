@@ -44,7 +44,7 @@ def assert_decodes(block: cdr.ImuBlock, samples: list[tuple[int, tuple[float, ..
 @given(st.lists(st.tuples(SAMPLES, st.sampled_from("<>")), max_size=8))
 def test_any_mixture_of_frames_and_byte_orders_decodes_in_order(items):
     samples = [sample for sample, _ in items]
-    assert_decodes(cdr.decode_imu([imu_bytes(*sample, order) for sample, order in items]), samples)
+    assert_decodes(cdr.decode_imu([imu_bytes(*sample, order) for sample, order in items], gyro=True), samples)
 
 
 @given(SAMPLES, st.sampled_from("<>"))
@@ -60,11 +60,11 @@ def test_encode_then_decode_is_the_identity(samples, frame_id):
     stamps = np.array([stamp for stamp, _, _ in samples], dtype=np.int64)
     encoded = cdr.encode_imu(stamps, values[:, :3], values[:, 3:], frame_id)
     messages = [row.tobytes() for row in encoded]
-    assert_decodes(cdr.decode_imu(messages), samples)
+    assert_decodes(cdr.decode_imu(messages, gyro=True), samples)
     assert {cdr.frame_id_of(m) for m in messages} == {frame_id.rstrip("\0")}
     assert_decodes(
         cdr.decode_imu_in(
-            encoded.ravel(), np.arange(len(encoded)) * encoded.shape[1], np.full(len(encoded), encoded.shape[1])
+            encoded.ravel(), np.arange(len(encoded)) * encoded.shape[1], np.full(len(encoded), encoded.shape[1]), True
         ),
         samples,
     )
@@ -73,14 +73,30 @@ def test_encode_then_decode_is_the_identity(samples, frame_id):
 def test_gaps_and_disorder_in_the_buffer_are_followed():
     a, b = imu_bytes(1, (1, 2, 3, 4, 5, 6), "a"), imu_bytes(2, (7, 8, 9, 10, 11, 12), "longer frame")
     buffer = np.frombuffer(b"??" + b + b"???" + a, dtype=np.uint8)
-    block = cdr.decode_imu_in(buffer, np.array([5 + len(b), 2]), np.array([len(a), len(b)]))
+    block = cdr.decode_imu_in(buffer, np.array([5 + len(b), 2]), np.array([len(a), len(b)]), gyro=True)
     assert_decodes(block, [(1, (1, 2, 3, 4, 5, 6), "a"), (2, (7, 8, 9, 10, 11, 12), "longer frame")])
 
 
 def test_no_messages_are_an_empty_block():
-    block = cdr.decode_imu([])
+    block = cdr.decode_imu([], gyro=True)
     assert (len(block), block.accel_mps2.shape, block.gyro_radps.shape) == (0, (0, 3), (0, 3))
     assert cdr.decode_accel_stamped([])[1].shape == (0, 3)
+
+
+def test_no_angular_velocity_is_decoded_unasked():
+    assert cdr.decode_imu([imu_bytes(1, (1, 2, 3, 4, 5, 6), "imu")]).gyro_radps is None
+    assert cdr.decode_imu([]).gyro_radps is None
+
+
+def test_a_covariance_of_minus_one_says_there_is_no_gyro():
+    """REP-145: in the first element; -1 elsewhere says nothing, and other messages keep theirs."""
+    messages = [bytearray(imu_bytes(n, (1, 2, 3, 4, 5, n), "imu", order)) for n, order in enumerate("<><")]
+    for n, order, element in ((0, "<", 0), (1, ">", 0), (2, "<", 1)):
+        struct.pack_into(f"{order}d", messages[n], len(messages[n]) - 296 + 128 + 8 * element, -1.0)
+    block = cdr.decode_imu([bytes(message) for message in messages], gyro=True)
+    assert np.isnan(block.gyro_radps[:2]).all()
+    assert block.gyro_radps[2].tolist() == [4.0, 5.0, 2.0]
+    assert block.accel_mps2.tolist() == [[1.0, 2.0, 3.0]] * 3
 
 
 @pytest.mark.parametrize("cut", [0, 1, 3, 4, 12, 15, 16, 100, 200, 250, 319, 323])
@@ -106,7 +122,7 @@ def test_a_frame_length_of_zero_is_an_empty_frame():
     message = imu_bytes(5, (1, 2, 3, 4, 5, 6), "")
     bare = message[:12] + struct.pack("<I", 0) + bytes(4) + message[-296:]
     assert cdr.decode_imu_one(bare) == (5, (1.0, 2.0, 3.0))
-    assert_decodes(cdr.decode_imu([bare]), [(5, (1, 2, 3, 4, 5, 6), "")])
+    assert_decodes(cdr.decode_imu([bare], gyro=True), [(5, (1, 2, 3, 4, 5, 6), "")])
     assert cdr.frame_id_of(bare) == ""
 
 
@@ -210,7 +226,7 @@ def test_rclpy_reads_what_is_encoded_and_writes_what_is_decoded(ros, frame_id):
 
     written = [ros.write(message) for message in read]
     samples = [(stamp, tuple(row), frame_id) for stamp, row in zip(stamps.tolist(), values, strict=True)]
-    assert_decodes(cdr.decode_imu(written), samples)
+    assert_decodes(cdr.decode_imu(written, gyro=True), samples)
     assert cdr.decode_imu_one(written[0]) == (samples[0][0], samples[0][1][:3])
     moved = ros.read(cdr.restamp(written[0], 42), ros.Imu)
     assert (moved.header.stamp.sec, moved.header.stamp.nanosec, moved.header.frame_id) == (0, 42, frame_id)

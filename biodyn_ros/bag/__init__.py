@@ -139,9 +139,11 @@ def open_bag(path: str | Path) -> BagReader:
 
 
 def imu_blocks(
-    reader: BagReader, topics: Iterable[str], time: str | Mapping[str, str] = "header"
+    reader: BagReader, topics: Iterable[str], time: str | Mapping[str, str] = "header", gyro: bool = False
 ) -> Iterator[tuple[str, LoggedImu]]:
     """Decoded samples of these Imu topics, which advance together: (topic, block), over and over.
+
+    Angular velocities are decoded with `gyro` only.
 
     Blocks are cut at multiples of 0.25 s of log time: all topics' samples of one such slot come before any of the
     next, however the bag is chunked. Within a chunk the samples of a topic stay in file order; one logged earlier than
@@ -157,22 +159,23 @@ def imu_blocks(
         if topic.name in names and topic.type != IMU_TYPE:
             raise InputError(f"{reader.path}: topic {topic.name} is {topic.type}, {IMU_TYPE} is needed: map another")
     by_log = frozenset(name for name in names if times[name] == "log")
-    return _sliced(reader, names, reader.chunks(names), by_log)
+    return _sliced(reader, names, reader.chunks(names), by_log, gyro)
 
 
 def _sliced(
-    reader: BagReader, names: tuple[str, ...], chunks: Iterable[Chunk], by_log: frozenset[str]
+    reader: BagReader, names: tuple[str, ...], chunks: Iterable[Chunk], by_log: frozenset[str], gyro: bool
 ) -> Iterator[tuple[str, LoggedImu]]:
     waiting: list[_Run] = []
     for chunk in chunks:
         # Nothing before the chunk's first slot can follow any more: that much of every topic is complete.
         yield from _advance(waiting, names, chunk.start_ns // SLICE_NS)
-        block, log_ns, runs = _decoded(reader, chunk), chunk.log_ns, list(_runs(chunk))
+        block, log_ns, runs = _decoded(reader, chunk, gyro), chunk.log_ns, list(_runs(chunk))
         del chunk  # its memory serves the next one, which is a third faster than fresh memory
         for name, slot, first_ns, lo, hi in runs:
             header, log = block.stamps_ns[lo:hi], log_ns[lo:hi]
             stamps = log if name in by_log else header
-            part = LoggedImu(stamps, block.accel_mps2[lo:hi], block.gyro_radps[lo:hi], header, log)
+            rates = None if block.gyro_radps is None else block.gyro_radps[lo:hi]
+            part = LoggedImu(stamps, block.accel_mps2[lo:hi], rates, header, log)
             waiting.append((slot, names.index(name), first_ns, part))
     yield from _advance(waiting, names, None)
 
@@ -207,19 +210,20 @@ def _advance(waiting: list[_Run], names: tuple[str, ...], end_slot: int | None) 
 
 def _concatenated(parts: list[LoggedImu]) -> LoggedImu:
     header, log = (np.concatenate(column) for column in zip(*((p.header_ns, p.log_ns) for p in parts), strict=True))
+    rates = [part.gyro_radps for part in parts if part.gyro_radps is not None]
     return LoggedImu(
         header if parts[0].stamps_ns is parts[0].header_ns else log,
         np.concatenate([part.accel_mps2 for part in parts]),
-        np.concatenate([part.gyro_radps for part in parts]),
+        np.concatenate(rates) if rates else None,
         header,
         log,
     )
 
 
-def _decoded(reader: BagReader, chunk: Chunk) -> ImuBlock:
+def _decoded(reader: BagReader, chunk: Chunk, gyro: bool) -> ImuBlock:
     """All messages of a chunk in one decoding."""
     try:
-        return decode_imu_in(chunk.buffer, chunk.offsets, chunk.lengths)
+        return decode_imu_in(chunk.buffer, chunk.offsets, chunk.lengths, gyro)
     except InputError:
         _name_culprit(reader, chunk)
         raise

@@ -1,0 +1,119 @@
+"""Channels: what a sensor measures beside its vertical, in a frame of its own that is laid level."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.conditioning import Block, Conditioner, Vector
+from biodyn_core.errors import InputError
+from biodyn_core.kernels.sensor import IMPLAUSIBLE
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+UPRIGHT: Final = 0.9
+"""A first axis whose cosine with the vertical is this or more, 26 degrees, has no direction once it is laid level."""
+
+LARGEST_RATE_RADPS: Final = IMPLAUSIBLE * 34.9
+"""Ten times 2000 deg/s is no reading of a gyro: missing, like one that is not finite."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """What one sensor measured beside its vertical, on the seat's grid, low-passed and masked (NaN) as that is.
+
+    x is the sensor's own first axis laid level, z is up, and y completes them: the second axis laid level where the
+    third points up, against it where it points down. Where the first axis itself stands upright, y is the second laid
+    level. So axes of different sensors agree up to a turn about the vertical, which nobody knows, and those of one
+    sensor stay as long as it is mounted alike.
+    """
+
+    horizontal_mps2: Floats
+    """(n, 2) along x and y, less the reading at rest and the level since; tilting meanwhile shows as gravity in it."""
+    rates_radps: Floats | None
+    """(n, 3) about x, y and z, less the bias at rest; NaN also where the gyro alone has a gap; None without a gyro."""
+
+
+def laid_level(up: Vector) -> Floats:
+    """The axes of `Channels` in those of a sensor that sees up so: rows x, y and z, (3, 3)."""
+    z = np.array(up) / np.linalg.norm(up)
+    own = 1 if abs(z[0]) >= UPRIGHT else 0
+    level = np.eye(3)[own] - z[own] * z
+    level /= np.linalg.norm(level)
+    return np.array([level, np.cross(z, level), z] if own == 0 else [np.cross(level, z), level, z])
+
+
+class Gyro:
+    """One sensor's angular rates: `push` them beside its samples, and once these are conditioned `on` their runs."""
+
+    def __init__(self) -> None:
+        self._stamps: list[Integers] = []
+        self._rates: list[Floats] = []
+        self._usable: list[Flags] = []
+
+    def push(self, stamps_ns: Integers, usable: Flags, rates_radps: Floats | None) -> None:
+        """Take stamps (n,) in order of arrival, whether the accelerations are usable (n,), and rates (n, 3), if any."""
+        rates = np.full((len(stamps_ns), 3), np.nan) if rates_radps is None else np.array(rates_radps, dtype=np.float64)
+        rates[~(np.abs(rates) < LARGEST_RATE_RADPS).all(axis=1)] = np.nan
+        self._stamps.append(np.array(stamps_ns, dtype=np.int64))
+        self._rates.append(rates)
+        self._usable.append(usable)
+
+    def on(self, blocks: Sequence[Block], conditioner: Conditioner) -> list[Floats]:
+        """Rates (n, 3) in the sensor's axes on each of its runs, bias taken off, NaN where none was read.
+
+        Raises InputError where there is no gyro, which one reading throughout means too (drivers that do not keep
+        REP-145 send zeros), or no bias at rest to take off.
+        """
+        stamps, usable = np.concatenate(self._stamps), np.concatenate(self._usable)
+        rates = np.concatenate(self._rates)
+        known = rates[~np.isnan(rates[:, 0])]
+        if (known == known[:1]).all():
+            raise InputError(f"{conditioner.sensor}: no angular rates in the record")
+        at_rest = rates[_rest(stamps, conditioner)]
+        at_rest = at_rest[~np.isnan(at_rest[:, 0])]
+        if at_rest.size == 0:
+            raise InputError(f"{conditioner.sensor}: no angular rates at rest, so their bias is unknown: left out")
+        usable[: conditioner.waited] = False
+        read = _paired(np.concatenate([block.stamps_ns for block in blocks]), stamps[usable])
+        found = np.where((read >= 0)[:, None], rates[usable][read], np.nan) - at_rest.mean(axis=0)
+        return np.split(found, np.cumsum([block.time_s.size for block in blocks])[:-1])
+
+
+def bridged(time_s: Floats, values: Floats) -> Floats:
+    """Values (n, k) of which some are NaN, with a straight line across what is missing, as acceleration has it."""
+    known = ~np.isnan(values).any(axis=1)
+    if not known.any():
+        return np.zeros_like(values)
+    return np.column_stack([np.interp(time_s, time_s[known], column) for column in values[known].T])
+
+
+def _rest(stamps_ns: Integers, conditioner: Conditioner) -> slice:
+    """The samples, by order of arrival, that a sensor's rest was told by; all but the first of a stamp that it shares.
+
+    They came in one piece, and are told by where they came, since time may have leapt back before.
+    """
+    assert conditioner.rest is not None
+    before = stamps_ns[: conditioner.waited]
+    return slice(int(np.flatnonzero(before == conditioner.rest.epoch_ns)[-1]), conditioner.waited)
+
+
+def _paired(stamps_ns: Integers, pushed_ns: Integers) -> Integers:
+    """For each stamp (n,) which of the pushed ones (m,) it is, -1 for none: the second of a stamp is the second there.
+
+    Conditioning leaves samples out but keeps their order, and what was truly read keeps its stamp.
+    """
+    order, pushed_order = np.argsort(stamps_ns, kind="stable"), np.argsort(pushed_ns, kind="stable")
+    ascending, pushed = stamps_ns[order], pushed_ns[pushed_order]
+    nth = np.arange(ascending.size) - np.searchsorted(ascending, ascending)
+    at = np.searchsorted(pushed, ascending) + nth
+    there = np.minimum(at, pushed.size - 1)
+    paired = np.empty(stamps_ns.size, dtype=np.int64)
+    paired[order] = np.where((at < pushed.size) & (pushed[there] == ascending), pushed_order[there], -1)
+    return paired
