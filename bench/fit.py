@@ -122,7 +122,7 @@ def _cost_ms(subject: Subject) -> tuple[float, float]:
     accel = Chain.of(subject).simulate(seat, NATIVE_RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
     stamps = np.rint(np.arange(seat.size) / NATIVE_RATE_HZ * 1e9).astype(np.int64)
     case = Case.of(Recording("road", "road", NATIVE_RATE_HZ, stamps, seat, accel, ()))
-    problem = TimeDomain([case], subject.mass_matrix, Pull(subject.parameters.vector()))
+    problem = TimeDomain([case], subject, Pull(subject.parameters.vector()))
     theta = LOWER + (UPPER - LOWER) * np.random.default_rng(1).random((LANES, LOWER.size))
     batched = _least(lambda: problem.costs(theta), REPEATS) / LANES
     return 1e3 * batched, 1e3 * _least(lambda: problem.cost(theta[0]), REPEATS)

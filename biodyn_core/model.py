@@ -6,17 +6,20 @@ Vertical axis only. Not validated beyond the paper's two adult men, upright, wit
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from biodyn_core.effects import AppliedEffect, Joint, felt
 from biodyn_core.errors import InputError
-from biodyn_core.kernels import integrate_chain
-from biodyn_core.segments import N_SEGMENTS, STIFFENING_SHAPE_PER_M
+from biodyn_core.segments import MASS_FRACTION, N_SEGMENTS, SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.subject import MassMatrix, Subject
+from biodyn_core.wiring import Element, Wiring
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -54,6 +57,8 @@ class Chain:
     """The chain's physical constants, all of shape (6,), joints and segments inferior to superior.
 
     mass_kg are the segments' masses; inertia_kg is the diagonal of M, equal to them unless the subject says `cascade`.
+    elements are what effects add in time, but for those on the seat and on sensors (`predict`). Matrices, modes and
+    frequency responses are those of the chain without them.
     """
 
     mass_matrix_form: MassMatrix
@@ -63,23 +68,65 @@ class Chain:
     damping_n_s_per_m: Floats
     stiffening_per_m: Floats
     rayleigh_rad_per_s: float
+    elements: tuple[Element, ...] = ()
 
     @classmethod
     def of(cls, subject: Subject) -> Chain:
-        """Build the chain of a subject (Eq. 5-8, 10-12, 16)."""
-        p = subject.parameters
-        mass = subject.segment_mass_kg
+        """Build the chain of a subject, with its effects."""
+        chain = cls.of_theta(subject.parameters.vector(), subject.body_mass_kg, subject.mass_matrix)
+        return chain.with_effects(subject.effects)
+
+    @classmethod
+    def of_theta(cls, theta: Floats, body_mass_kg: float, mass_matrix: MassMatrix) -> Chain:
+        """Build the chain of theta (15,), which may lie outside Table 1 (Eq. 5-8, 10-12, 16)."""
+        natural_frequency_hz, damping_ratio = theta[:N_SEGMENTS], theta[N_SEGMENTS : 2 * N_SEGMENTS]
+        mass = theta[14] * MASS_FRACTION * body_mass_kg
         cascade = np.cumsum(mass[::-1])[::-1]
         # Stiffness and damping come from the cascade masses under both conventions of M (Eq. 8, 11).
-        stiffness = (2.0 * np.pi * p.natural_frequency_hz) ** 2 * cascade
+        stiffness = (2.0 * np.pi * natural_frequency_hz) ** 2 * cascade
         return cls(
-            mass_matrix_form=subject.mass_matrix,
+            mass_matrix_form=mass_matrix,
             mass_kg=mass,
-            inertia_kg=mass if subject.mass_matrix == "segment" else cascade,
+            inertia_kg=mass if mass_matrix == "segment" else cascade,
             stiffness_n_per_m=stiffness,
-            damping_n_s_per_m=2.0 * p.damping_ratio * np.sqrt(stiffness * cascade),
-            stiffening_per_m=p.stiffening_scale * STIFFENING_SHAPE_PER_M,
-            rayleigh_rad_per_s=p.rayleigh_rad_per_s,
+            damping_n_s_per_m=2.0 * damping_ratio * np.sqrt(stiffness * cascade),
+            stiffening_per_m=theta[13] * STIFFENING_SHAPE_PER_M,
+            rayleigh_rad_per_s=float(theta[12]),
+        )
+
+    def with_effects(self, effects: Iterable[AppliedEffect]) -> Chain:
+        """The same chain with effects; one of no strength is left out."""
+        chain = self
+        for applied in effects:
+            if applied.effect.in_chain and not applied.absent:
+                chain = chain._with(applied)
+        return chain
+
+    def _with(self, applied: AppliedEffect) -> Chain:
+        if applied.effect.mass_kg is not None:
+            return self._heavier(SEGMENTS.index(applied.site), applied.effect.mass_kg(applied.values))
+        return dataclasses.replace(self, elements=(*self.elements, self._element(applied)))
+
+    def _element(self, applied: AppliedEffect) -> Element:
+        effect, index = applied.effect, SEGMENTS.index(applied.site)
+        joint = Joint(
+            stiffness_n_per_m=float(self.stiffness_n_per_m[index]),
+            stiffening_n_per_m2=float(self.stiffness_n_per_m[index] * self.stiffening_per_m[index]),
+            damping_n_s_per_m=float(self.damping_n_s_per_m[index]),
+            mass_above_kg=float(self.mass_kg[index:].sum()),
+            segment_mass_kg=float(self.mass_kg[index]),
+        )
+        constants, most = effect.constants(joint, applied.values), effect.stiffens(joint, applied.values)
+        delay_s = applied.values[effect.delay] if effect.delay else 0.0
+        return Element(effect, index, constants, delay_s, *most)
+
+    def _heavier(self, index: int, mass_kg: float) -> Chain:
+        """With a mass on one segment; under `cascade` it counts for every segment below, as all masses do there."""
+        on = np.arange(N_SEGMENTS) == index
+        under = np.arange(N_SEGMENTS) <= index
+        carried = on if self.mass_matrix_form == "segment" else under
+        return dataclasses.replace(
+            self, mass_kg=self.mass_kg + mass_kg * on, inertia_kg=self.inertia_kg + mass_kg * carried
         )
 
     @property
@@ -158,11 +205,21 @@ class Chain:
             )
 
     def largest_eigenvalue_rad_per_s(self) -> float:
-        """Largest |eigenvalue| of the linear state matrix, 1/s."""
-        inverse = 1.0 / self.inertia_kg[:, None]
+        """Largest |eigenvalue| of the linear state matrix, 1/s, with the most that effects may add to it."""
+        inverse, K, C = 1.0 / self.inertia_kg[:, None], self.K, self.C
+        for element in self.elements:
+            at = np.zeros(N_SEGMENTS)
+            at[element.index] = 1.0
+            where = _chain_matrix(at) if element.effect.place == "joint" else np.diag(at)
+            K, C = K + element.stiffness_n_per_m * where, C + element.damping_n_s_per_m * where
         upper = np.hstack([np.zeros((N_SEGMENTS, N_SEGMENTS)), np.eye(N_SEGMENTS)])
-        lower = np.hstack([-inverse * self.K, -inverse * self.C])
+        lower = np.hstack([-inverse * K, -inverse * C])
         return float(np.abs(np.linalg.eigvals(np.vstack([upper, lower]))).max())
+
+    def substeps(self, rate_hz: float) -> int:
+        """How many steps the integrator takes from one sample to the next."""
+        longest = min(MAX_STEP_S, MAX_EIGENVALUE_STEP / self.largest_eigenvalue_rad_per_s())
+        return math.ceil(1.0 / (rate_hz * longest) - 1e-9)
 
     def energy_j(self, displacement_m: Floats, velocity_mps: Floats) -> Floats:
         """Kinetic plus stored energy relative to the seat, (n,) J; it can only fall while the seat rests."""
@@ -171,67 +228,84 @@ class Chain:
         energy: Floats = (0.5 * self.inertia_kg * velocity_mps**2 + stored).sum(axis=1)
         return energy
 
-    def simulate(self, seat_mps2: ArrayLike, rate_hz: float) -> Response:
-        """Answer a seat acceleration (n,) from rest, with the state over time; see `Stepper` for the method."""
+    def simulate(self, seat_mps2: ArrayLike, rate_hz: float, channels: Mapping[str, Floats] | None = None) -> Response:
+        """Answer a seat acceleration (n,) from rest, with the state over time; method and channels as in `Stepper`."""
         seat = np.ascontiguousarray(seat_mps2, dtype=np.float64)
         motion = np.empty((seat.size, 2 * N_SEGMENTS))
-        accel = Stepper(self, rate_hz).push(seat, motion)
+        accel = Stepper(self, rate_hz).push(seat, motion, channels)
         return Response(rate_hz, seat, accel, motion[:, :N_SEGMENTS], motion[:, N_SEGMENTS:])
+
+
+def predict(
+    subject: Subject, seat_mps2: Floats, rate_hz: float, channels: Mapping[str, Floats] | None = None
+) -> Response:
+    """What a subject does over a seat motion (n,), with every effect on the body and none on its sensors.
+
+    channels (n,) by name are what effects need besides. Raises InputError where one is missing.
+    """
+    return Chain.of(subject).simulate(felt(subject.effects, seat_mps2, rate_hz, channels or {}), rate_hz, channels)
 
 
 class Stepper:
     """The chain in time: seat samples in, absolute accelerations out, the same numbers for any cut into blocks.
 
     Classical Runge-Kutta, the seat linear between samples (3.3). Substeps are chosen here, once, so that a step is at
-    most 1 ms and at most 1 / |largest eigenvalue|. The chain is at rest at the first sample after `reset`.
+    most 1 ms and at most 1 / |largest eigenvalue|, or given. The chain is at rest at the first sample after `reset`.
 
     Against DOP853 the accelerations of subject 1, one step a sample, err by 3e-6 (pothole) to 3e-5 (rail); two steps a
     sample by 2e-7 to 1.3e-6. Taking the seat as linear between samples errs by far more than either.
     """
 
-    def __init__(self, chain: Chain, rate_hz: float) -> None:
+    def __init__(self, chain: Chain, rate_hz: float, substeps: int | None = None) -> None:
         if not (math.isfinite(rate_hz) and rate_hz > 0.0):
             raise InputError(f"rate_hz is {rate_hz}, expected a positive number")
-        longest = min(MAX_STEP_S, MAX_EIGENVALUE_STEP / chain.largest_eigenvalue_rad_per_s())
-        self.substeps = math.ceil(1.0 / (rate_hz * longest) - 1e-9)
+        self.substeps = substeps or chain.substeps(rate_hz)
         self._step_s = 1.0 / (rate_hz * self.substeps)
         self._k = np.ascontiguousarray(chain.stiffness_n_per_m)
         self._b = np.ascontiguousarray(chain.damping_n_s_per_m)
         self._k_alpha = self._k * chain.stiffening_per_m
         self._inverse_mass = 1.0 / chain.inertia_kg
         self._alpha_r = float(chain.rayleigh_rad_per_s)
-        self._state = np.zeros(2 * N_SEGMENTS + 1)
+        self._wiring = Wiring(chain.elements, self._step_s)
+        self._state = np.zeros(2 * N_SEGMENTS + 1 + self._wiring.states)
         self._fresh = True
 
     def reset(self) -> None:
         """Put the chain back to rest."""
         self._fresh = True
 
-    def push(self, seat_mps2: Floats, motion: Floats | None = None) -> Floats:
+    def push(
+        self, seat_mps2: Floats, motion: Floats | None = None, channels: Mapping[str, Floats] | None = None
+    ) -> Floats:
         """Advance over seat samples (n,) m/s^2 and return absolute accelerations (n, 6) m/s^2.
 
-        `motion` (n, 12), where given, receives relative displacements and velocities.
+        `motion` (n, 12), where given, receives relative displacements and velocities; `channels` (n,) by name are what
+        effects need besides. Raises InputError where one is missing.
         """
         accel = np.empty((seat_mps2.shape[0], N_SEGMENTS))
+        drive = self._wiring.drive(channels, seat_mps2.shape[0])
         if seat_mps2.shape[0] == 0:
             return accel
         start = 0
         if self._fresh:
             # No joint is stretched yet, so nothing has been accelerated: z'' = 0.
             self._state[:] = 0.0
-            self._state[-1] = seat_mps2[0]
+            self._state[2 * N_SEGMENTS] = seat_mps2[0]
+            self._wiring.begin(self._state[2 * N_SEGMENTS + 1 :], drive)
             accel[0] = 0.0
             if motion is not None:
                 motion[0] = 0.0
             self._fresh, start = False, 1
-        integrate_chain(
+        self._wiring.integrate(
             seat_mps2[start:],
+            drive[start:],
             self._state,
             self._k,
             self._b,
             self._k_alpha,
             self._inverse_mass,
             self._alpha_r,
+            self._wiring.p,
             self._step_s,
             self.substeps,
             accel[start:],

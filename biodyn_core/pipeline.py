@@ -151,6 +151,7 @@ class Pipeline:
         self.settings = settings or PipelineSettings()
         self.limits = limits
         self.mode = mode
+        _check_effects(subject)
         self._chain = Chain.of(subject)
         verticals = self.settings.verticals()
         self._conditioners = {name: Conditioner(name, conditioning, mode, verticals.get(name)) for name in SENSORS}
@@ -352,3 +353,14 @@ def _joined(frames: list[Frames]) -> Frames:
         PredictedFrames(*map(np.concatenate, zip(*predicted, strict=True))) if predicted else NO_PREDICTED,
         MeasuredFrames(*map(np.concatenate, zip(*measured, strict=True))) if measured else NO_MEASURED,
     )
+
+
+def _check_effects(subject: Subject) -> None:
+    """Raise InputError for an effect on predictions that needs more than the seat's vertical, sample by sample."""
+    for applied in subject.effects:
+        effect = applied.effect
+        if not applied.absent and effect.measured is None and (effect.channels or not effect.in_chain):
+            raise InputError(
+                f"{subject.name}: effect {effect.name} needs {', '.join(effect.channels)}, which predictions sample by"
+                " sample do not have: validate with it, or take it out of the subject's file"
+            )

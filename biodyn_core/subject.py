@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.errors import InputError
 from biodyn_core.parameters import Parameters
 from biodyn_core.segments import MASS_FRACTION
@@ -39,6 +40,7 @@ class Subject:
     stature_m: float
     mass_matrix: MassMatrix
     parameters: Parameters
+    effects: tuple[AppliedEffect, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -61,7 +63,7 @@ class Subject:
             "stature_m": self.stature_m,
             "mass_matrix": self.mass_matrix,
             "parameters": _parameters_dict(self.parameters),
-            "effects": [],
+            "effects": [applied.to_dict() for applied in self.effects],
             "provenance": dict(self.provenance),
         }
 
@@ -83,8 +85,6 @@ class Subject:
             raise InputError(f"schema is {schema!r}, expected the whole number {SCHEMA}")
         if schema > SCHEMA:
             raise InputError(f"schema {schema} is newer than the {SCHEMA} this version reads: update biodyn")
-        if top.get("effects") not in (None, []):
-            raise InputError("effects: this version of biodyn has no catalogue of effects; leave the list empty")
         values = _mapping(top["parameters"], "parameters", required=_PARAMETER_KEYS)
         return cls(
             name=_text(top["name"], "name"),
@@ -96,6 +96,7 @@ class Subject:
                 damping_ratio=_numbers(values["damping_ratio"], "parameters.damping_ratio"),
                 **{key: _number(values[key], f"parameters.{key}") for key in _PARAMETER_KEYS[2:]},
             ),
+            effects=_effects(top.get("effects")),
             provenance=_mapping({} if top.get("provenance") is None else top["provenance"], "provenance"),
         )
 
@@ -163,6 +164,31 @@ def _mapping(
             choice = f": one of {' and '.join(MASS_MATRICES)}, it has no default" if key == "mass_matrix" else ""
             raise InputError(f"{where}: key {key!r} is missing{choice}")
     return dict(data)
+
+
+def _effects(data: object) -> tuple[AppliedEffect, ...]:
+    if data is None:
+        return ()
+    if not isinstance(data, list):
+        raise InputError(f"effects is {data!r}, expected a list")
+    effects = tuple(_effect(item, f"effects[{index}]") for index, item in enumerate(data))
+    seen: set[tuple[str, str]] = set()
+    for applied in effects:
+        key = (applied.effect.name, applied.site)
+        if key in seen:
+            raise InputError(f"effects: {key[0]} at {key[1]} is given twice")
+        seen.add(key)
+    return effects
+
+
+def _effect(data: object, where: str) -> AppliedEffect:
+    item = _mapping(data, where, required=("name", "site"), optional=("parameters",))
+    name, site = _text(item["name"], f"{where}.name"), _text(item["site"], f"{where}.site")
+    if name not in CATALOGUE:
+        raise InputError(f"{where}: unknown effect {name!r}, known are {', '.join(CATALOGUE)}")
+    given = _mapping(item.get("parameters") or {}, f"{where}.parameters")
+    values = {key: _number(value, f"{where}.parameters.{key}") for key, value in given.items()}
+    return AppliedEffect(CATALOGUE[name], site, values)
 
 
 def _text(value: object, where: str) -> str:

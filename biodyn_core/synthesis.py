@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy import interpolate, signal
 from scipy.spatial.transform import Rotation
 
+from biodyn_core.effects import shown
 from biodyn_core.errors import InputError
-from biodyn_core.model import Chain
+from biodyn_core.model import predict
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
@@ -105,13 +106,24 @@ def imu_streams(
     """What six IMUs on a subject would send for a seat motion, with `quiet_s` at rest before and after it."""
     settings = sensors or SensorSettings()
     time, accel, pitch = _with_quiet(motion, quiet_s)
-    segments = Chain.of(subject).simulate(accel[:, 2], TRUTH_RATE_HZ).accel_mps2
+    channels = _channels(accel, pitch)
+    segments = predict(subject, accel[:, 2], TRUTH_RATE_HZ, channels).accel_mps2
+    segments = shown(subject.effects, segments, TRUTH_RATE_HZ, channels)
     streams = []
     for name in SENSORS:
         up = accel[:, 2] if name == SEAT else segments[:, SEGMENTS.index(name)]
         truth = interpolate.CubicSpline(time, np.column_stack([accel[:, :2], up, pitch]), axis=0)
         streams.append(_sensor(name, truth, float(time[-1]), settings, rng, start_ns))
     return streams
+
+
+def _channels(accel_mps2: Floats, pitch_rate_radps: Floats) -> dict[str, Floats]:
+    """What effects may need beside the vertical: all sensors move fore-aft, sideways and in pitch as the seat does."""
+    none = np.zeros_like(pitch_rate_radps)
+    motion = {
+        "x": accel_mps2[:, 0], "y": accel_mps2[:, 1], "rate_x": none, "rate_y": pitch_rate_radps, "rate_z": none,
+    }  # fmt: skip
+    return {f"{sensor}.{name}": values for sensor in SENSORS for name, values in motion.items()}
 
 
 def _sensor(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from biodyn_core.effects import needs_channels
 from biodyn_core.errors import InputError
 from biodyn_core.identification.identify import Identification, fingerprint, identify
 from biodyn_core.identification.problem import Case, CaseSettings
@@ -70,7 +71,7 @@ def fit_bags(
     o, work, begin = options or FitOptions(), work or Work(), time.monotonic()
     _check(bags, o)
     with work.watch("reading") as tell:
-        events = _read(bags, o, tell)
+        events = _read(bags, subject, o, tell)
     fitted, spare = choose(events)
     # A bag that holds nothing to compare with must be heard of before the work, not after it.
     cases, held_out = [_prepared(event, o) for event in fitted], [_prepared(event, o) for event in spare]
@@ -158,8 +159,9 @@ def _check(bags: Sequence[str | Path], options: FitOptions) -> None:
             raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}")
 
 
-def _read(bags: Sequence[str | Path], options: FitOptions, tell: Tell) -> list[Event]:
+def _read(bags: Sequence[str | Path], subject: Subject, options: FitOptions, tell: Tell) -> list[Event]:
     """The recordings of all bags, those held out last."""
+    reading = dataclasses.replace(options.reading, channels=needs_channels(subject.effects))
     events: list[Event] = []
     given = [(bag, False) for bag in bags] + [(bag, True) for bag in options.held_out]
     for number, (bag, held_out) in enumerate(given):
@@ -167,7 +169,7 @@ def _read(bags: Sequence[str | Path], options: FitOptions, tell: Tell) -> list[E
         sha256 = bag_sha256(bag)
         _refuse_twin(bag, sha256, events)
         case = options.cases.get(str(bag), case_of(bag))
-        found = read_recordings(bag, case, options.reading)
+        found = read_recordings(bag, case, reading)
         events += [Event(str(bag), sha256, recording, held_out) for recording in found]
     tell(len(given), len(given))
     return events

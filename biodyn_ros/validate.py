@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.effects import needs_channels, shown
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, DoseMeter, DriMeter, HicMeter
-from biodyn_core.model import Chain, Response, SeatForce
+from biodyn_core.identification.problem import named_channels
+from biodyn_core.model import Chain, Response, SeatForce, predict
 from biodyn_core.recording import WARM_UP_S, WORTH_A_LINE_S, Recording
 from biodyn_core.response import (
     CrossSpectra,
@@ -87,12 +89,13 @@ class _Event:
 
     @classmethod
     def of(cls, recording: Recording, subject: Subject) -> _Event:
-        response = Chain.of(subject).simulate(recording.seat_mps2, recording.rate_hz)
+        channels = named_channels(recording)
+        response = predict(subject, recording.seat_mps2, recording.rate_hz, channels)
         if not np.isfinite(response.accel_mps2).all():
             raise InputError(f"{recording.name}: the model of {subject.name} leaves the finite numbers: fit it anew")
         measured = np.full(response.accel_mps2.shape, np.nan)
         measured[:, MEASURED_SEGMENT_INDEX] = recording.measured_mps2
-        predicted = response.accel_mps2.copy()
+        predicted = shown(subject.effects, response.accel_mps2, recording.rate_hz, channels).copy()
         masked = np.isnan(recording.measured_mps2)
         predicted[:, MEASURED_SEGMENT_INDEX] = np.where(masked, np.nan, predicted[:, MEASURED_SEGMENT_INDEX])
         return cls(recording, response, measured, predicted)
@@ -115,7 +118,8 @@ def validate(
 ) -> Validated:
     """Predict a bag's event from its seat alone and compare; raises InputError as `read_recordings`."""
     options = options or ValidateOptions()
-    recordings = read_recordings(bag, options.case, options.reading, progress)
+    reading = replace(options.reading, channels=needs_channels(subject.effects))
+    recordings = read_recordings(bag, options.case, reading, progress)
     return validate_recordings(recordings, subject, options, str(bag), role_of(subject, bag_sha256(bag)))
 
 

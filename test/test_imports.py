@@ -16,9 +16,10 @@ LAYERS = (
     ("parameters", "settings"),
     ("effects",),
     ("kernels",),
-    ("subject", "model"),
+    ("subject", "wiring", "model"),
     (
         "alignment",
+        "channels",
         "clocks",
         "comparison",
         "conditioning",

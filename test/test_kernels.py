@@ -79,8 +79,9 @@ def _chain(kind: str, keep_motion: bool, high: float) -> list:
     seat = given(kind, 1)[:, 0]
     stepper = Stepper(chain, RATE_HZ)
     return [
-        seat, np.linspace(-1e-3, 1e-3, 13), stepper._k, stepper._b, stepper._k_alpha, stepper._inverse_mass,
-        stepper._alpha_r, stepper._step_s, 2, np.empty((seat.size, 6)),
+        seat, np.empty((seat.size, 0)), np.linspace(-1e-3, 1e-3, 13),
+        stepper._k, stepper._b, stepper._k_alpha, stepper._inverse_mass,
+        stepper._alpha_r, stepper._wiring.p, stepper._step_s, 2, np.empty((seat.size, 6)),
         np.empty((seat.size, 12)) if keep_motion and seat.size else np.empty((0, 12)),
     ]  # fmt: skip
 
@@ -321,10 +322,10 @@ import sys
 {block}
 import numpy as np
 from biodyn_core import kernels
-from biodyn_core.kernels.compiling import _CACHE
+from biodyn_core.kernels.compiling import CACHE
 out = np.empty((3, 1))
 kernels.filter_sections(np.array([[0.5, 0.5, 0, 1, 0, 0]]), np.zeros((1, 2, 1)), np.array([[1.0], [2.0], [4.0]]), out)
-print(kernels.COMPILED, _CACHE, out.ravel().tolist())
+print(kernels.COMPILED, CACHE, out.ravel().tolist())
 """
 
 

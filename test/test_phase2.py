@@ -6,6 +6,7 @@ import fitting
 import numpy as np
 import pytest
 
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import Fit, at_bound, fit_case, fit_cases, fit_joint, search_all
 from biodyn_core.identification.objectives import Pull, TimeDomain
@@ -64,7 +65,7 @@ def test_pooled_search_is_one_of_all_cases() -> None:
 def test_both_refiners_find_the_same_optimum() -> None:
     """A noisy case, so that the optimum is not at zero and not at the truth."""
     case, theta = noisy("pothole"), fitting.theta_of(fitting.true_subjects()["segment"])
-    problem = TimeDomain([case], "segment", Pull(theta, 1e-6, "log"))
+    problem = TimeDomain([case], fitting.drawn(0, "segment"), Pull(theta, 1e-6, "log"))
     start = theta * np.where(FREE, 1.1, 1.0)
     by_squares, least = least_squares(problem, start, FREE, 3000)
     by_simplex, lowest = nelder_mead(problem, start, FREE, 6000)
@@ -94,7 +95,7 @@ def test_the_papers_way_is_held_back_by_its_pull() -> None:
     found = fitting.theta_of(fit.subject)
     pull = 0.002 * ((found - fit.refined.reference) ** 2).sum()
     assert fit.refined.objective == pytest.approx(
-        TimeDomain(cases, "segment", Pull(fit.refined.reference)).cost(found), rel=1e-12
+        TimeDomain(cases, fitting.drawn(0, "segment"), Pull(fit.refined.reference)).cost(found), rel=1e-12
     )
     assert pull > 0.1 * fit.refined.objective > 0.0
     assert fit.clock_delays_s.size == 0 and fit.settings.free.all()
@@ -130,6 +131,20 @@ def test_a_truth_beyond_table_1_ends_on_its_bound() -> None:
     fit = fit_case(case, inside, seed=1, settings=QUICK)
     assert "natural_frequency_hz[head]" in fit.at_bound
     assert fit.subject.parameters.natural_frequency_hz[5] == pytest.approx(12.0, rel=1e-3)
+
+
+def test_a_subject_with_an_effect_is_fitted_with_it() -> None:
+    """An orifice damper at the pelvis; the subject's file knows of it, or does not."""
+    effect = AppliedEffect(CATALOGUE["quadratic_damping"], "pelvis", {"growth_s_per_m": 3.0})
+    truth = dataclasses.replace(fitting.drawn(1, "segment"), effects=(effect,))
+    seat = fitting.seat_motion("pothole", 5.0, 1)
+    case = fitting.ready(seat, Chain.of(truth).simulate(seat, fitting.RATE_HZ).accel_mps2, "pothole")
+    knowing, ignorant = (fit_case(case, s, 1, QUICK) for s in (truth, dataclasses.replace(truth, effects=())))
+    assert knowing.subject.effects == (effect,)
+    assert knowing.error_percent < 0.1 and ignorant.error_percent > 1.0
+    np.testing.assert_allclose(
+        knowing.subject.parameters.natural_frequency_hz, truth.parameters.natural_frequency_hz, rtol=5e-3
+    )
 
 
 def test_a_missing_segment_does_not_stop_a_fit() -> None:

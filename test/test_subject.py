@@ -245,11 +245,6 @@ def test_a_newer_schema_is_refused_with_advice(refused):
     assert "schema 2 is newer" in message and "update" in message
 
 
-def test_effects_are_refused_while_there_are_none_to_choose_from(refused):
-    message = refused(changed("effects", [{"name": "backrest", "site": "upper_torso"}]))
-    assert "effects: " in message
-
-
 @pytest.mark.parametrize("value", ["", "  ", 7, None, ["a"]])
 def test_a_name_that_is_no_text_is_refused(refused, value):
     assert "name is " in refused(changed("name", value))

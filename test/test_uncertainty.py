@@ -38,7 +38,7 @@ def fitted(subject: Subject, cases: list[Case], settings: FitSettings | None = N
     """What a fit that starts at the truth ends with; searches are another test's."""
     s = settings or FitSettings(lambda_2=0.0)
     truth = fitting.theta_of(subject)
-    problem = TimeDomain(cases, subject.mass_matrix, Pull(truth, s.lambda_2, s.regularization), s.clocks)
+    problem = TimeDomain(cases, subject, Pull(truth, s.lambda_2, s.regularization), s.clocks)
     theta, objective = least_squares(problem, truth, s.free, 3000)
     found = Refined(theta, truth, objective, np.array([objective]), problem.evaluations, problem.penalties)
     return Fit.of(found, cases, subject, s)

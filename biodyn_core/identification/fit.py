@@ -67,7 +67,7 @@ class Fit:
     def unpulled(self, cases: Sequence[Case]) -> TimeDomain:
         """The objective that was minimised, of the same cases, but for the pull: what the data alone say."""
         pull = Pull(self.refined.reference, 0.0)
-        return TimeDomain(cases, self.subject.mass_matrix, pull, self.settings.clocks)
+        return TimeDomain(cases, self.subject, pull, self.settings.clocks)
 
 
 def fit_case(case: Case, subject: Subject, seed: int, settings: FitSettings | None = None) -> Fit:
@@ -130,7 +130,7 @@ def searches_by_case(searches: Sequence[Search], cases: int, settings: FitSettin
 def prediction_errors(subject: Subject, cases: Sequence[Case]) -> tuple[Errors, ...]:
     """Errors of a subject's forward prediction of cases, fitted to or not."""
     theta = subject.parameters.vector()
-    problem = TimeDomain(cases, subject.mass_matrix, Pull(theta, 0.0))
+    problem = TimeDomain(cases, subject, Pull(theta, 0.0))
     return tuple(errors(case, problem.accelerations(number, theta)) for number, case in enumerate(cases))
 
 
@@ -150,5 +150,5 @@ def _clock_delays_s(subject: Subject, cases: Sequence[Case], settings: FitSettin
     if settings.clocks == "trusted":
         return np.empty((0, len(MEASURED_SEGMENTS), 2))
     theta = subject.parameters.vector()
-    problem = TimeDomain(cases, subject.mass_matrix, Pull(theta, 0.0), settings.clocks)
+    problem = TimeDomain(cases, subject, Pull(theta, 0.0), settings.clocks)
     return np.array([problem.clock_delays_s(number, theta) for number in range(len(cases))])

@@ -1,7 +1,8 @@
 """The two objectives of identification: transmissibility magnitudes (Zaman et al., Eq. 31) and samples (Eq. 33).
 
-Body mass and m_scale cancel from every acceleration (k, b, alpha_r M, F_nl and M are all proportional to them), so both
-need the convention of M alone. What the paper leaves open is a setting, named where it stands.
+Body mass and m_scale cancel from every acceleration of the base chain (k, b, alpha_r M, F_nl and M are all proportional
+to them), so the surrogate needs the convention of M alone; effects may have masses of their own. What the paper leaves
+open is a setting, named where it stands.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.effects import felt, shown
 from biodyn_core.errors import InputError
 from biodyn_core.identification.problem import Case
-from biodyn_core.kernels.chain import integrate_chain
 from biodyn_core.kernels.cost import LANES, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
 from biodyn_core.model import Chain, Stepper
@@ -25,7 +26,6 @@ from biodyn_core.segments import (
     MASS_FRACTION,
     MEASURED_SEGMENT_INDEX,
     MEASURED_SEGMENTS,
-    N_SEGMENTS,
     STIFFENING_SHAPE_PER_M,
 )
 from biodyn_core.settings import check_settings, setting
@@ -48,7 +48,6 @@ PENALTY: Final = 1e9
 _SEGMENTS: Final = MEASURED_SEGMENT_INDEX.astype(np.int64)
 _NO_TARGET: Final = np.empty((0, len(MEASURED_SEGMENTS)))
 _NO_ACCEL: Final = np.empty((0, len(MEASURED_SEGMENTS), LANES))
-_NO_MOTION: Final = np.empty((0, 2 * N_SEGMENTS))
 _STEP: Final = 1e-6
 """Relative step of the parameters for the Jacobian: its own error and that of rounding are both below 1e-5 there."""
 
@@ -138,19 +137,21 @@ class TimeDomain:
     move damping by several percent otherwise. To first order in the delay, which is to stay below 2 ms.
     """
 
-    def __init__(self, cases: Sequence[Case], mass_matrix: MassMatrix, pull: Pull, clocks: Clocks = "trusted") -> None:
-        self.cases, self.mass_matrix = tuple(cases), mass_matrix
+    def __init__(self, cases: Sequence[Case], subject: Subject, pull: Pull, clocks: Clocks = "trusted") -> None:
+        self.cases, self.subject = tuple(cases), subject
         self._pull = pull
         self._weights = [case.weight for case in cases]
         self._clocks = clocks
         # One choice for the whole of Table 1: steps that change with theta would put edges into the objective.
-        stiffest = Chain.of(Subject("stiffest", 70.0, 1.7, mass_matrix, Parameters.from_vector(UPPER)))
-        self._substeps = [Stepper(stiffest, case.rate_hz).substeps for case in cases]
+        self._seats = [felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels) for case in cases]
+        self._substeps = [self._chain(UPPER).substeps(case.rate_hz) for case in cases]
         self.evaluations = 0
         self.penalties: Counter[str] = Counter()
 
     def costs(self, theta: Floats) -> Floats:
         """Eq. 33 as printed at points (p, 15), (p,), in batches of `LANES`; a penalty where it is not finite."""
+        if self.subject.effects:
+            return np.array([self.cost(point) for point in theta])
         total = np.asarray((self._pull(theta) ** 2).sum(axis=1))
         for begin in range(0, len(theta), LANES):
             batch = slice(begin, begin + LANES)
@@ -174,14 +175,15 @@ class TimeDomain:
 
     def accelerations(self, number: int, theta: Floats) -> Floats:
         """Absolute accelerations z'' (n, 5) of the measured segments in one case at one point (15,)."""
-        case, substeps, c = self.cases[number], self._substeps[number], Constants(theta[None, :], self.mass_matrix)
-        accel, state = np.zeros((case.seat_mps2.size, N_SEGMENTS)), np.zeros(2 * N_SEGMENTS + 1)
-        state[-1] = case.seat_mps2[0]
-        integrate_chain(
-            case.seat_mps2[1:], state, c.k[0], c.b[0], c.k_alpha[0], 1.0 / c.mass[0], float(c.alpha_r[0]),
-            1.0 / (case.rate_hz * substeps), substeps, accel[1:], _NO_MOTION,
-        )  # fmt: skip
-        return np.ascontiguousarray(accel[:, MEASURED_SEGMENT_INDEX])  # taken as it is, all that follows is slow
+        case = self.cases[number]
+        stepper = Stepper(self._chain(theta), case.rate_hz, self._substeps[number])
+        accel = stepper.push(self._seats[number], channels=case.channels)
+        accel = shown(self.subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
+        return np.ascontiguousarray(accel)  # taken as it is, all that follows is slow
+
+    def _chain(self, theta: Floats) -> Chain:
+        s = self.subject
+        return Chain.of_theta(theta, s.body_mass_kg, s.mass_matrix).with_effects(s.effects)
 
     def linearised(self, theta: Floats, free: Flags) -> tuple[Floats, Floats]:
         """Residuals (p + 1,) and their derivatives (p + 1, p) by ln theta of the p parameters that are free.
@@ -201,19 +203,21 @@ class TimeDomain:
         root = _root(products)
         return root[:, -1], root[:, :-1]
 
-    def rows(self, number: int, theta: Floats, free: Flags) -> Floats:
+    def rows(self, number: int, theta: Floats, free: Flags, others: Floats | None = None) -> Floats:
         """Derivatives by ln theta of the p that are free, then the residual, of one case, (n, 5, p + 1).
 
         From the end of the warm-up on, each over the root of its segment's energy, 0 where not compared. One-sided
-        differences in one batch; at most `LANES` - 1 parameters are free.
+        differences in one batch; at most `LANES` - 1 parameters are free. others (m, 5, k) are accelerations of other
+        models over the whole case: what they differ by stands before the residual.
         """
         case, points = self.cases[number], _neighbours(theta, free)
-        accel = np.empty((case.seat_mps2.size, len(MEASURED_SEGMENTS), LANES))
-        self._lanes(number, points, _NO_TARGET, _NO_TARGET, accel)
+        accel = self._side_by_side(number, points)
         self.evaluations += len(points)
         weight = np.sqrt(self._weights[number][case.begin :])
-        rows = _differences(accel[case.begin :, :, : len(points)])
+        rows = _differences(accel[case.begin :])
         answers = rows[:, :, -1].copy()
+        if others is not None:
+            rows = np.concatenate([rows[:, :, :-1], others[case.begin :] - rows[:, :, -1:], rows[:, :, -1:]], axis=2)
         rows[:, :, -1] -= case.measured_mps2[case.begin :]
         rows *= weight[:, :, None]
         if self._clocks == "estimated":
@@ -246,9 +250,17 @@ class TimeDomain:
         ]
         return miss, shapes, np.array(found)
 
+    def _side_by_side(self, number: int, points: Floats) -> Floats:
+        """Accelerations at points (p, 15), (n, 5, p), side by side where there are no effects."""
+        if self.subject.effects:
+            return np.stack([self.accelerations(number, point) for point in points], axis=2)
+        accel = np.empty((self.cases[number].seat_mps2.size, len(MEASURED_SEGMENTS), LANES))
+        self._lanes(number, points, _NO_TARGET, _NO_TARGET, accel)
+        return accel[:, :, : len(points)]
+
     def _lanes(self, number: int, theta: Floats, target: Floats, weight: Floats, accel: Floats) -> Floats:
         case, substeps, costs = self.cases[number], self._substeps[number], np.empty(LANES)
-        lanes, step_s = Constants(theta, self.mass_matrix).lanes(), 1.0 / (case.rate_hz * substeps)
+        lanes, step_s = Constants(theta, self.subject.mass_matrix).lanes(), 1.0 / (case.rate_hz * substeps)
         integrate_lanes(case.seat_mps2, lanes, step_s, substeps, _SEGMENTS, target, weight, costs, accel)
         return costs[: len(theta)]
 

@@ -56,9 +56,7 @@ def refine(cases: Sequence[Case], subject: Subject, searches: Sequence[Search], 
     Raises InputError where the chain diverges from every start.
     """
     starts, ranked = _starts(cases, subject, searches, settings)
-    problem = TimeDomain(
-        cases, subject.mass_matrix, Pull(starts[0], settings.lambda_2, settings.regularization), settings.clocks
-    )
+    problem = TimeDomain(cases, subject, Pull(starts[0], settings.lambda_2, settings.regularization), settings.clocks)
     run = least_squares if settings.refine == "least-squares" else nelder_mead
     ends = [run(problem, _interior(start), settings.free, settings.evaluations) for start in starts]
     best = min(range(len(ends)), key=lambda number: ends[number][1])
@@ -80,7 +78,7 @@ def _starts(
     found = np.concatenate([search.theta for search in searches])
     theta = np.empty((len(found), N_PARAMETERS))
     theta[:, :N_LINEAR], theta[:, 13], theta[:, 14] = found, FIRST_STIFFENING, subject.parameters.mass_scale
-    unpulled = TimeDomain(cases, subject.mass_matrix, Pull(theta[0], 0.0))
+    unpulled = TimeDomain(cases, subject, Pull(theta[0], 0.0))
     kept: list[Floats] = []
     for point in theta[np.argsort(unpulled.costs(theta), kind="stable")]:
         if all(np.abs(np.log(point / other)).max() > _TWINS for other in kept):

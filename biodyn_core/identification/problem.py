@@ -5,7 +5,8 @@ Zaman et al., 5.3 and 6.2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,8 @@ class Case:
     seat_mps2 (n,), `sharpened`; measured_mps2 (n, 5), 0 where `compared` (n, 5) is not set, which leaves out masks and
     the first 2 s; energy (5,) is the sum of squares of what is compared, 0 for a segment left out. For phase 1, from
     the whole recording: frequency_hz (f,), transmissibility (f, 5), magnitude of the H1 estimate, and coherence (f, 5),
-    both 0 for a segment without spectrum.
+    both 0 for a segment without spectrum. channels (n,) by name, such as `seat.x` or `head.rate_y`, are what effects
+    may need, 0 where masked.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Case:
     transmissibility: Floats
     coherence: Floats
     warnings: tuple[str, ...]
+    channels: Mapping[str, Floats] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -82,7 +85,7 @@ class Case:
         said = [f"{segment}: not fitted, less than {s.least_compared_s:g} s to compare" for segment in _named(short)]
         return cls(
             name, recording.case, recording.rate_hz, sharpened(seat) if s.sharpen_seat else seat, measured, compared,
-            energy, grid, magnitude, coherence, (*recording.warnings, *said),
+            energy, grid, magnitude, coherence, (*recording.warnings, *said), named_channels(recording),
         )  # fmt: skip
 
     @property
@@ -110,6 +113,17 @@ def sharpened(seat_mps2: Floats) -> Floats:
     """
     padded = np.pad(seat_mps2, 1, "edge")
     return np.asarray(seat_mps2 - np.diff(padded, 2) / 12.0)
+
+
+def named_channels(recording: Recording) -> dict[str, Floats]:
+    """Every channel of a recording by its name, such as `seat.x` or `head.rate_y`, (n,) each, 0 where masked."""
+    found: dict[str, Floats] = {}
+    for sensor, channels in recording.channels.items():
+        columns = {"x": channels.horizontal_mps2[:, 0], "y": channels.horizontal_mps2[:, 1]}
+        if channels.rates_radps is not None:
+            columns |= {f"rate_{axis}": channels.rates_radps[:, i] for i, axis in enumerate("xyz")}
+        found |= {f"{sensor}.{name}": np.nan_to_num(column) for name, column in columns.items()}
+    return found
 
 
 def _named(segments: Flags) -> tuple[str, ...]:

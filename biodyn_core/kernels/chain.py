@@ -1,4 +1,8 @@
-"""The chain of segments, integrated (Zaman et al., Eq. 2-4, 17, 18)."""
+"""The chain of segments, integrated (Zaman et al., Eq. 2-4, 17, 18).
+
+What is integrated with effects is this very file with their functions written in at the lines marked `effects:`
+(`biodyn_core.effects.generated`); without them the lines about their states q cost nothing.
+"""
 
 from __future__ import annotations
 
@@ -10,38 +14,49 @@ from biodyn_core.kernels.compiling import compiled
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+# effects: functions
+
 
 @compiled
 def _accelerations(
     x: Floats,
     v: Floats,
+    q: Floats,
     seat: float,
     k: Floats,
     b: Floats,
     k_alpha: Floats,
     inverse_mass: Floats,
     alpha_r: float,
+    p: Floats,
     out: Floats,
+    dq: Floats,
 ) -> None:
-    """Relative accelerations x'' of Eq. 4, joint by joint from the head down (Eq. 17, 18)."""
+    """Relative accelerations x'' of Eq. 4, joint by joint from the head down (Eq. 17, 18); rates dq of the states q."""
     above = 0.0
+    # effects: drives
     for j in range(5, -1, -1):
         delta = x[j] - x[j - 1] if j > 0 else x[0]
         rate = v[j] - v[j - 1] if j > 0 else v[0]
         force = delta * (k[j] + k_alpha[j] * abs(delta)) + b[j] * rate
-        out[j] = (above - force) * inverse_mass[j] - alpha_r * v[j] - seat
+        # effects: joints
+        load = above - force
+        # effects: segments
+        out[j] = load * inverse_mass[j] - alpha_r * v[j] - seat
         above = force
 
 
 @compiled
 def integrate_chain(
     seat: Floats,
+    drive: Floats,
     state: Floats,
     k: Floats,
     b: Floats,
     k_alpha: Floats,
     inverse_mass: Floats,
     alpha_r: float,
+    p: Floats,
     step_s: float,
     substeps: int,
     accel: Floats,
@@ -49,42 +64,60 @@ def integrate_chain(
 ) -> None:
     """Carry the chain over `seat` samples by classical Runge-Kutta, seat acceleration linear between samples.
 
-    seat (n,) m/s^2; state (13,) = x (6), v (6), last seat sample, updated in place; accel (n, 6) absolute m/s^2;
+    seat (n,) m/s^2; drive (n, d), what else drives effects; state (13 + s,) = x (6), v (6), last seat sample, s states
+    of effects, and p, their constants and what they remember, are updated in place; accel (n, 6) absolute m/s^2;
     motion (n, 12) = x, v or (0, 12) where they are not wanted. Zaman et al., Eq. 2-4, 17, 18.
     """
     x, v, x_try = np.empty(6), np.empty(6), np.empty(6)
     v2, v3, v4 = np.empty(6), np.empty(6), np.empty(6)
     a1, a2, a3, a4 = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    states = state.shape[0] - 13
+    q, q_try = np.empty(states), np.empty(states)
+    d1, d2, d3, d4 = np.empty(states), np.empty(states), np.empty(states), np.empty(states)
     for j in range(6):
         x[j] = state[j]
         v[j] = state[6 + j]
     last = state[12]
+    for j in range(states):
+        q[j] = state[13 + j]
     half, sixth = 0.5 * step_s, step_s / 6.0
     keep_motion = motion.shape[0] > 0
-    _accelerations(x, v, last, k, b, k_alpha, inverse_mass, alpha_r, a1)
+    _accelerations(x, v, q, last, k, b, k_alpha, inverse_mass, alpha_r, p, a1, d1)
     for n in range(seat.shape[0]):
         slope = (seat[n] - last) / substeps
-        for q in range(substeps):
-            middle = last + slope * (q + 0.5)
+        # effects: samples
+        for substep in range(substeps):
+            middle = last + slope * (substep + 0.5)
             # Exactly the sample at the last substep, so that a block may be cut here without changing a bit.
-            end = seat[n] if q == substeps - 1 else last + slope * (q + 1)
+            end = seat[n] if substep == substeps - 1 else last + slope * (substep + 1)
+            # effects: middle
             for j in range(6):
                 v2[j] = v[j] + half * a1[j]
                 x_try[j] = x[j] + half * v[j]
-            _accelerations(x_try, v2, middle, k, b, k_alpha, inverse_mass, alpha_r, a2)
+            for j in range(states):
+                q_try[j] = q[j] + half * d1[j]
+            _accelerations(x_try, v2, q_try, middle, k, b, k_alpha, inverse_mass, alpha_r, p, a2, d2)
             for j in range(6):
                 v3[j] = v[j] + half * a2[j]
                 x_try[j] = x[j] + half * v2[j]
-            _accelerations(x_try, v3, middle, k, b, k_alpha, inverse_mass, alpha_r, a3)
+            for j in range(states):
+                q_try[j] = q[j] + half * d2[j]
+            _accelerations(x_try, v3, q_try, middle, k, b, k_alpha, inverse_mass, alpha_r, p, a3, d3)
+            # effects: end
             for j in range(6):
                 v4[j] = v[j] + step_s * a3[j]
                 x_try[j] = x[j] + step_s * v3[j]
-            _accelerations(x_try, v4, end, k, b, k_alpha, inverse_mass, alpha_r, a4)
+            for j in range(states):
+                q_try[j] = q[j] + step_s * d3[j]
+            _accelerations(x_try, v4, q_try, end, k, b, k_alpha, inverse_mass, alpha_r, p, a4, d4)
             for j in range(6):
                 x[j] += sixth * (v[j] + 2.0 * v2[j] + 2.0 * v3[j] + v4[j])
                 v[j] += sixth * (a1[j] + 2.0 * a2[j] + 2.0 * a3[j] + a4[j])
+            for j in range(states):
+                q[j] += sixth * (d1[j] + 2.0 * d2[j] + 2.0 * d3[j] + d4[j])
+            # effects: past
             # The input is continuous, so the last slope of this step is the first of the next, and the output.
-            _accelerations(x, v, end, k, b, k_alpha, inverse_mass, alpha_r, a1)
+            _accelerations(x, v, q, end, k, b, k_alpha, inverse_mass, alpha_r, p, a1, d1)
         last = seat[n]
         for j in range(6):
             accel[n, j] = a1[j] + last
@@ -96,3 +129,5 @@ def integrate_chain(
         state[j] = x[j]
         state[6 + j] = v[j]
     state[12] = last
+    for j in range(states):
+        state[13 + j] = q[j]

@@ -44,7 +44,8 @@ def _cache_folder() -> str | None:
     return None
 
 
-_CACHE = _cache_folder() if COMPILED else None
+CACHE: Final = _cache_folder() if COMPILED else None
+"""Where compiled code is kept, None where it cannot be."""
 
 
 def compiled(function: F) -> F:
@@ -61,10 +62,10 @@ def _compiled(function: F, inline: str) -> F:
     if numba is None:
         return function
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _CACHE or before
+    numba.config.CACHE_DIR = CACHE or before
     try:
         # numpy's error model: a division by zero gives inf, as it does in the uncompiled twin.
-        wrapped: F = numba.njit(cache=_CACHE is not None, error_model="numpy", inline=inline)(function)
+        wrapped: F = numba.njit(cache=CACHE is not None, error_model="numpy", inline=inline)(function)
         return wrapped
     finally:
         numba.config.CACHE_DIR = before

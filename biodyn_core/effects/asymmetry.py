@@ -1,0 +1,28 @@
+"""Asymmetry: a joint that is stiffer in compression than in tension, or the other way round."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+
+
+def force(stretch: float, rate: float, seat: float, k_a: float) -> float:
+    """F = k a stretch^2."""
+    return k_a * stretch * stretch
+
+
+def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+    return (joint.stiffness_n_per_m * values["asymmetry_per_m"],)
+
+
+EFFECT = Effect(
+    name="asymmetry",
+    family="stiffening",
+    equation="F += k a stretch^2",
+    signature="a shift of the level and a second harmonic, in shocks only",
+    place="joint",
+    parameters=(EffectParameter("asymmetry_per_m", "1/m", -40.0, 40.0, 10.0, "strength"),),
+    constants=_constants,
+    force=force,
+)

@@ -1,0 +1,28 @@
+"""Cubic stiffening: a joint that stiffens with the square of its stretch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+
+
+def force(stretch: float, rate: float, seat: float, k_c: float) -> float:
+    """F = k c stretch^3."""
+    return k_c * stretch * stretch * stretch
+
+
+def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+    return (joint.stiffness_n_per_m * values["cubic_per_m2"],)
+
+
+EFFECT = Effect(
+    name="cubic",
+    family="stiffening",
+    equation="F += k c stretch^3",
+    signature="shocks only, growing with the cube of the level",
+    place="joint",
+    parameters=(EffectParameter("cubic_per_m2", "1/m^2", 0.0, 2000.0, 300.0, "strength"),),
+    constants=_constants,
+    force=force,
+)

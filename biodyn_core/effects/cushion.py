@@ -1,0 +1,60 @@
+"""Cushion: foam with a mass of its own between the seat, where it is measured, and the pelvis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+
+
+def force(
+    stretch: float,
+    rate: float,
+    seat: float,
+    x_foam: float,
+    v_foam: float,
+    k: float,
+    k_alpha: float,
+    b: float,
+    k_foam: float,
+    c_foam: float,
+    mass_kg: float,
+) -> tuple[float, float, float]:
+    """What the pelvis joint carries from the foam's top, less what it would from the seat; the foam moves as states."""
+    d = stretch - x_foam
+    through = d * (k + k_alpha * abs(d)) + b * (rate - v_foam)
+    bare = stretch * (k + k_alpha * abs(stretch)) + b * rate
+    return through - bare, v_foam, (through - k_foam * x_foam - c_foam * v_foam) / mass_kg - seat
+
+
+def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+    stiffness = 1.0 / values["compliance_m_per_n"]
+    foam = stiffness, stiffness * values["damping_s"], values["mass_kg"]
+    return joint.stiffness_n_per_m, joint.stiffening_n_per_m2, joint.damping_n_s_per_m, *foam
+
+
+def _stiffens(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
+    # The foam rides between both springs: its own frequency, on the mass of the pelvis, bounds the step.
+    share = joint.segment_mass_kg / values["mass_kg"]
+    stiffness = (joint.stiffness_n_per_m + 1.0 / values["compliance_m_per_n"]) * share
+    damping = (joint.damping_n_s_per_m + values["damping_s"] / values["compliance_m_per_n"]) * share
+    return stiffness, damping
+
+
+EFFECT = Effect(
+    name="cushion",
+    family="cushion",
+    equation="m_c (x_c'' + a_s) = F_1 - k_c x_c - c_c x_c', F_1 from the stretch x_1 - x_c",
+    signature="all channels, 5 to 30 Hz",
+    place="joint",
+    parameters=(
+        EffectParameter("compliance_m_per_n", "m/N", 0.0, 4e-5, 1e-5, "strength"),
+        EffectParameter("damping_s", "s", 0.001, 0.05, 0.01),
+        EffectParameter("mass_kg", "kg", 0.5, 6.0, 3.0),
+    ),
+    sites=("pelvis",),
+    constants=_constants,
+    force=force,
+    stiffens=_stiffens,
+    states=2,
+)

@@ -1,0 +1,162 @@
+"""Effect: something the base chain lacks, as one small object that says its equation and where it may sit.
+
+What acts inside the chain is a plain function of scalars, from whose source the integrator is generated: no effect
+touches the integrator, and none that is absent costs anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_core.segments import SEGMENTS, SENSORS
+
+Floats = NDArray[np.float64]
+Place = Literal["joint", "segment", "sensor", "seat"]
+Kind = Literal["strength", "shape", "nuisance"]
+
+UNSOURCED: Final = "typical of the tracing study; no source for people"
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter: unit, range, where a fit starts, whether 0 of it is the base chain, and the range's source.
+
+    acts_at is a value at which it shows, for one that starts at zero; grid are further values to try it at, since far
+    from its own a shape shows nothing.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    start: float
+    kind: Kind = "shape"
+    source: str = UNSOURCED
+    acts_at: float = 0.0
+    grid: tuple[float, ...] = ()
+
+    @property
+    def size(self) -> float:
+        """A value at which it shows: the start, unless that is zero."""
+        return self.start or self.acts_at
+
+    def check(self, value: float, where: str) -> None:
+        """Raise InputError unless the value is finite and within the range."""
+        if not (math.isfinite(value) and self.lower <= value <= self.upper):
+            unit = f" {self.unit}" if self.unit else ""
+            raise InputError(f"{where}.{self.name} is {value:g}, allowed are {self.lower:g} to {self.upper:g}{unit}")
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What an effect on a joint is told besides its parameters, SI: its constants, and the mass that rests on it."""
+
+    stiffness_n_per_m: float
+    stiffening_n_per_m2: float
+    damping_n_s_per_m: float
+    mass_above_kg: float
+    segment_mass_kg: float
+
+
+def _none(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+    return ()
+
+
+def _nothing(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
+    return 0.0, 0.0
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue.
+
+    place: `joint` is the joint below the segment a site names, `segment` the segment itself.
+
+    An effect has one of these. force: what is added to the joint's tension, or to the force on the segment, N. It takes
+    stretch and rate of the joint, or displacement and velocity of the segment relative to the seat (m, m/s), then the
+    seat's acceleration (m/s^2), the joint's stretch one `delay` ago where it has one, its channels, its own states,
+    and its constants, all scalars; it returns the force, and after it the rates of its states. limit: the joint's
+    force once all has been added, from that force and the constants. Both use `math` and builtins alone. mass_kg: what
+    rides on the segment, from the values. seat: what the body feels of the seat, (n,), from its vertical (n,), the
+    rate in Hz, the channels (n,) by name and the values. measured: what a sensor shows of its segment's true
+    acceleration, from the same. These two are over a whole recording, so neither runs live.
+
+    constants: numbers for force or limit from the joint and the values of the parameters, in their order. stiffens: the
+    largest stiffness and damping that force may add, N/m and N s/m: the integrator's step is chosen by them. delay: the
+    parameter, in s, that says how far it looks back. channels: what has to be measured beside the seat's vertical, such
+    as `seat.x`, `own.` for the site's; without it the effect can be neither run nor tested.
+    """
+
+    name: str
+    family: str
+    equation: str
+    signature: str
+    place: Place
+    parameters: tuple[EffectParameter, ...]
+    sites: tuple[str, ...] = ()
+    constants: Callable[[Joint, Mapping[str, float]], tuple[float, ...]] = _none
+    force: Callable[..., Any] | None = None
+    states: int = 0
+    limit: Callable[..., float] | None = None
+    stiffens: Callable[[Joint, Mapping[str, float]], tuple[float, float]] = _nothing
+    mass_kg: Callable[[Mapping[str, float]], float] | None = None
+    seat: Callable[[Floats, float, Mapping[str, Floats], Mapping[str, float]], Floats] | None = None
+    measured: Callable[[Floats, float, Mapping[str, Floats], Mapping[str, float]], Floats] | None = None
+    delay: str | None = None
+    channels: tuple[str, ...] = ()
+
+    @property
+    def strengths(self) -> tuple[str, ...]:
+        """The parameters all of which are 0 in the base chain; none where presence alone is the effect."""
+        return tuple(p.name for p in self.parameters if p.kind == "strength")
+
+    @property
+    def in_chain(self) -> bool:
+        """Whether it acts inside the chain, in time, and so live too; else it is over a whole recording."""
+        return self.seat is None and self.measured is None
+
+    @property
+    def where(self) -> tuple[str, ...]:
+        """The sites it may have."""
+        if self.sites:
+            return self.sites
+        return SENSORS if self.place == "sensor" else SEGMENTS
+
+
+@dataclass(frozen=True)
+class AppliedEffect:
+    """An effect at one site with its values; raises InputError for a site or value that it does not have."""
+
+    effect: Effect
+    site: str
+    values: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        where = f"effects: {self.effect.name}"
+        if self.site not in self.effect.where:
+            raise InputError(f"{where}: site is {self.site!r}, allowed are {', '.join(self.effect.where)}")
+        known = {parameter.name: parameter for parameter in self.effect.parameters}
+        for name in self.values:
+            if name not in known:
+                raise InputError(f"{where}: unknown parameter {name!r}, known are {', '.join(known) or 'none'}")
+        for name, parameter in known.items():
+            if name not in self.values:
+                raise InputError(f"{where}: parameter {name!r} is missing")
+            parameter.check(self.values[name], where)
+
+    @property
+    def absent(self) -> bool:
+        """Whether it is of no strength, so that the base chain remains."""
+        strengths = self.effect.strengths
+        return bool(strengths) and all(self.values[name] == 0.0 for name in strengths)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The mapping of a subject file."""
+        return {"name": self.effect.name, "site": self.site, "parameters": dict(self.values)}

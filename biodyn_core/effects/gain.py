@@ -1,0 +1,32 @@
+"""Gain: a sensor whose scale factor is off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.effects.effect import Effect, EffectParameter
+from biodyn_core.segments import MEASURED_SEGMENTS
+
+Floats = NDArray[np.float64]
+
+
+def _measured(
+    accel_mps2: Floats, rate_hz: float, channels: Mapping[str, Floats], values: Mapping[str, float]
+) -> Floats:
+    """(1 + g) a."""
+    return (1.0 + values["gain"]) * accel_mps2
+
+
+EFFECT = Effect(
+    name="gain",
+    family="sensor",
+    equation="(1 + g) a",
+    signature="proportional to a, flat over frequency, one channel",
+    place="sensor",
+    parameters=(EffectParameter("gain", "", -0.3, 0.3, 0.05, "strength"),),
+    sites=MEASURED_SEGMENTS,
+    measured=_measured,
+)

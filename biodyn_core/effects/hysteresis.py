@@ -1,0 +1,38 @@
+"""Bouc-Wen hysteresis in a joint: stiff where it moves little, yielding where it moves far."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+
+
+def force(stretch: float, rate: float, seat: float, z: float, yield_n: float, per_m: float) -> tuple[float, float]:
+    """F = alpha z with z' = (rate / d_y) (1 - z^2 (1/2 + 1/2 sgn(rate z)))."""
+    bend = z * z if rate * z > 0.0 else 0.0  # where either is zero, so is their product with it
+    return yield_n * z, rate * per_m * (1.0 - bend)
+
+
+def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+    return values["yield_n"], 1.0 / values["yield_m"]
+
+
+def _stiffens(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
+    return values["yield_n"] / values["yield_m"], 0.0
+
+
+EFFECT = Effect(
+    name="hysteresis",
+    family="dry_friction",
+    equation="F += alpha z, z' = (rate / d_y) (1 - z^2 (.5 + .5 sgn(rate z)))",
+    signature="stiff at small amplitude",
+    place="joint",
+    parameters=(
+        EffectParameter("yield_n", "N", 0.0, 120.0, 20.0, "strength"),
+        EffectParameter("yield_m", "m", 1e-4, 5e-3, 5e-4, grid=(2e-4, 5e-4, 2e-3)),
+    ),
+    constants=_constants,
+    force=force,
+    stiffens=_stiffens,
+    states=1,
+)

@@ -1,0 +1,37 @@
+"""Posture: the stiffness of a joint jumps at one instant of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+
+
+def force(stretch: float, rate: float, seat: float, time_s: float, k_jump: float, at_s: float) -> tuple[float, float]:
+    """F = k p stretch from t0 on; its state is the time since the recording's begin."""
+    return k_jump * stretch if time_s >= at_s else 0.0, 1.0
+
+
+def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+    return joint.stiffness_n_per_m * values["jump"], values["at_s"]
+
+
+def _stiffens(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
+    return joint.stiffness_n_per_m * max(values["jump"], 0.0), 0.0
+
+
+EFFECT = Effect(
+    name="posture",
+    family="state_of_the_body",
+    equation="k (1 + p H(t - t0))",
+    signature="a residual that begins at one instant",
+    place="joint",
+    parameters=(
+        EffectParameter("jump", "", -0.6, 1.0, 0.2, "strength"),
+        EffectParameter("at_s", "s", 0.0, 86400.0, 10.0, "nuisance"),
+    ),
+    constants=_constants,
+    force=force,
+    stiffens=_stiffens,
+    states=1,
+)

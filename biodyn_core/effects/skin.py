@@ -1,0 +1,47 @@
+"""Skin: soft tissue under a sensor, which rings on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from biodyn_core.effects.effect import Effect, EffectParameter
+from biodyn_core.segments import MEASURED_SEGMENTS
+
+Floats = NDArray[np.float64]
+
+
+def _measured(
+    accel_mps2: Floats, rate_hz: float, channels: Mapping[str, Floats], values: Mapping[str, float]
+) -> Floats:
+    """(2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2), w one over the softness; straight between samples."""
+    if values["softness_s"] == 0.0:
+        return accel_mps2
+    omega, zeta = 1.0 / values["softness_s"], values["damping_ratio"]
+    system = signal.cont2discrete(
+        ([2.0 * zeta * omega, omega**2], [1.0, 2.0 * zeta * omega, omega**2]), 1.0 / rate_hz, "foh"
+    )
+    return np.asarray(signal.lfilter(np.ravel(system[0]), system[1], accel_mps2))
+
+
+EFFECT = Effect(
+    name="skin",
+    family="sensor",
+    equation="(2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2), w = 1 / softness",
+    signature="one channel, about f^2, rings after an impact",
+    place="sensor",
+    parameters=(
+        EffectParameter(
+            "softness_s", "s", 0.0, 1.0 / (2.0 * math.pi * 8.0), 1.0 / (2.0 * math.pi * 35.0), "strength",
+            "legs: 10 to 18 Hz, peak 1.5 to 2.2; back and head: no source",
+            grid=tuple(1.0 / (2.0 * math.pi * f) for f in (15.0, 35.0, 60.0)),
+        ),
+        EffectParameter("damping_ratio", "", 0.05, 1.0, 0.3),
+    ),
+    sites=MEASURED_SEGMENTS,
+    measured=_measured,
+)  # fmt: skip

@@ -1,0 +1,93 @@
+"""Wiring: how the effects of a chain go into its integrator, with their constants, states and memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.effects import Effect
+from biodyn_core.errors import InputError
+from biodyn_core.kernels.generated import Piece, Role, integrator
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Element:
+    """An effect in a chain: its segment or joint, 0 to 5, and its constants.
+
+    delay_s is how far it looks back; the stiffness and damping are the most that it may add there.
+    """
+
+    effect: Effect
+    index: int
+    constants: tuple[float, ...]
+    delay_s: float
+    stiffness_n_per_m: float
+    damping_n_s_per_m: float
+
+
+class Wiring:
+    """The integrator with some elements in it, for one step; its constants p also hold what the elements remember."""
+
+    def __init__(self, elements: Sequence[Element], step_s: float) -> None:
+        self.channels = tuple(dict.fromkeys(name for element in elements for name in element.effect.channels))
+        pieces = [_piece(element, self.channels, step_s) for element in elements]
+        self.integrate = integrator(pieces)
+        self.states = sum(piece.all_states for piece in pieces)
+        self.p = np.concatenate([np.empty(0), *map(_constants, elements, pieces, [step_s] * len(pieces))])
+        self._at_rest = self.p.copy()
+        self._driven = _drive_states(pieces)
+
+    def begin(self, states: Floats, drive: Floats) -> None:
+        """Put states (s,) and memory to rest, with drives at their first sample, a row of drive (n, d)."""
+        states[:] = 0.0
+        self.p[:] = self._at_rest
+        for place, column in self._driven:
+            states[place] = drive[0, column]
+
+    def drive(self, channels: Mapping[str, Floats] | None, samples: int) -> Floats:
+        """The channels that the elements need, (n, d); raises InputError for one that is missing."""
+        found = channels or {}
+        for name in self.channels:
+            if name not in found:
+                raise InputError(f"an effect needs the channel {name}, which is not measured here")
+        columns = [np.nan_to_num(found[name]) for name in self.channels]  # what is masked drives nothing
+        return np.ascontiguousarray(np.column_stack(columns)) if columns else np.empty((samples, 0))
+
+
+def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
+    """What an element writes into the integrator."""
+    effect = element.effect
+    role: Role = "force on a segment" if effect.place == "segment" else "force of a joint"
+    if effect.limit is not None:
+        role = "limit of a joint"
+    function = effect.force or effect.limit
+    assert function is not None, effect.name
+    drives = tuple(channels.index(name) for name in effect.channels)
+    past = _past(effect, step_s)
+    return Piece(role, function, element.index, effect.states, len(element.constants) + bool(past), drives, past)
+
+
+def _past(effect: Effect, step_s: float) -> int:
+    """Steps that cover the longest delay: the same for every delay, so that the integrator's text is."""
+    longest_s = next((p.upper for p in effect.parameters if p.name == effect.delay), 0.0)
+    return math.ceil(longest_s / step_s) + 3 if longest_s > 0.0 else 0
+
+
+def _constants(element: Element, piece: Piece, step_s: float) -> Floats:
+    steps = (max(element.delay_s / step_s, 1.0),) if piece.past else ()
+    return np.array([*steps, *element.constants, *[0.0] * piece.memory])
+
+
+def _drive_states(pieces: Sequence[Piece]) -> list[tuple[int, int]]:
+    """Which state begins as which column of the drive."""
+    found, state = [], 0
+    for piece in pieces:
+        found += [(state + i, column) for i, column in enumerate(piece.drives)]
+        state += piece.all_states
+    return found

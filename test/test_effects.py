@@ -1,0 +1,494 @@
+"""Effects in the chain: each against its equation integrated by another hand, and absent ones to the last bit."""
+
+import dataclasses
+import inspect
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import integrate
+
+from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, felt, shown
+from biodyn_core.errors import InputError
+from biodyn_core.model import Chain, Stepper, predict
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.segments import SEGMENTS, SENSORS
+from biodyn_core.subject import Subject, load_subject
+from biodyn_core.synthesis import SensorSettings, imu_streams, load_case
+from biodyn_ros.resources import subject_file
+
+RATE_HZ = 1129.3
+SUBJECT = load_subject(subject_file("subject_1"))
+NAMES = sorted(CATALOGUE)
+IN_TIME = [name for name in NAMES if CATALOGUE[name].in_chain and CATALOGUE[name].mass_kg is None]
+
+
+def shock(seconds: float = 0.5, peak: float = 60.0) -> np.ndarray:
+    """A seat that is thrown up and down, (n,)."""
+    time = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    return peak * np.sin(2.0 * np.pi * 7.0 * time) * np.sin(np.pi * time / seconds) ** 2
+
+
+def applied(name: str, site: str | None = None, **values: float) -> AppliedEffect:
+    """An effect with its start values but for those given."""
+    effect = CATALOGUE[name]
+    start = {parameter.name: parameter.start for parameter in effect.parameters}
+    return AppliedEffect(effect, site or effect.where[0], start | values)
+
+
+def with_effects(*effects: AppliedEffect, subject: Subject = SUBJECT) -> Subject:
+    return dataclasses.replace(subject, effects=effects)
+
+
+def channels(samples: int) -> dict[str, np.ndarray]:
+    """Horizontal and angular motion of every sensor, (n,) each, from rest."""
+    time = np.arange(samples) / RATE_HZ
+    shapes = {"x": (20.0, 40.0), "y": (10.0, 25.0), "rate_x": (0.5, 12.0), "rate_y": (1.0, 9.0), "rate_z": (0.1, 5.0)}
+    return {
+        f"{sensor}.{name}": size * time * np.sin(omega * time + len(sensor))
+        for sensor in SENSORS
+        for name, (size, omega) in shapes.items()
+    }
+
+
+def answer(chain: Chain, seat: np.ndarray) -> np.ndarray:
+    """Accelerations (n, 6) of a chain to a seat and whatever else it needs."""
+    return chain.simulate(seat, RATE_HZ, channels(seat.size)).accel_mps2
+
+
+def seen(*effects: AppliedEffect, seat: np.ndarray) -> np.ndarray:
+    """Accelerations (n, 6) as sensors show them of a subject with effects, on whatever they act."""
+    driven = channels(seat.size)
+    return shown(effects, predict(with_effects(*effects), seat, RATE_HZ, driven).accel_mps2, RATE_HZ, driven)
+
+
+# --- every equation once more, written from the catalogue -------------------------------------------------------------
+
+
+def law(name: str, p: dict[str, float], k: float, k_alpha: float, b: float, own_mass: float, past, samples: int):
+    """(extra force, rates of own states) from stretch, rate, seat and states; what the catalogue prints.
+
+    past is filled with times and stretches as they come.
+    """
+    driven, times = channels(samples), np.arange(samples) / RATE_HZ
+    plain = {
+        "asymmetry": lambda d, r: k * p["asymmetry_per_m"] * d**2,
+        "cubic": lambda d, r: k * p["cubic_per_m2"] * d**3,
+        "stop": lambda d, r: -p["stiffness_ratio"] * k * max(0.0, -d - p["gap_m"]),
+        "quadratic_damping": lambda d, r: b * p["growth_s_per_m"] * r * abs(r),
+        "friction": lambda d, r: p["friction_n"] * math.tanh(r / 0.005),
+        "backrest": lambda d, r: -p["stiffness_n_per_m"] * (d + p["damping_s"] * r),
+        "harness": lambda d, r: -p["stiffness_n_per_m"] * max(0.0, d - p["slack_m"]),
+    }
+    if name in plain:
+        return 0, lambda t, d, r, s, q: (plain[name](d, r), [])
+    sign = np.sign
+    stateful = {
+        "hysteresis": lambda t, d, r, s, q: (
+            p["yield_n"] * q[0], [r / p["yield_m"] * (1 - q[0] ** 2 * (0.5 + 0.5 * sign(r * q[0])))]
+        ),
+        "relaxation": lambda t, d, r, s, q: (p["stiffness_ratio"] * k * (d - q[0]), [(d - q[0]) / p["tau_s"]]),
+        "thixotropy": lambda t, d, r, s, q: (
+            -k * p["softening"] * q[0] * d, [(abs(r) / p["rate_mps"] * (1 - q[0]) - q[0]) / p["tau_s"]]
+        ),
+        "posture": lambda t, d, r, s, q: (k * p["jump"] * d if t >= p["at_s"] - 1e-12 else 0.0, []),
+        "periodic": lambda t, d, r, s, q: (
+            own_mass * (p["cosine_mps2"] * math.cos(2 * math.pi * p["frequency_hz"] * t)
+                        + p["sine_mps2"] * math.sin(2 * math.pi * p["frequency_hz"] * t)), []
+        ),
+        "viscera": lambda t, d, r, s, q: resonator(p, d, r, s, q),
+        "cushion": lambda t, d, r, s, q: foam(p, k, k_alpha, b, d, r, s, q),
+        "bending": lambda t, d, r, s, q: (
+            k * 0.5 * p["length_m"] * q[0] ** 2,
+            [np.interp(t, times, driven["neck.rate_y"] - driven["upper_torso.rate_y"]) - 0.5 * q[0]],
+        ),
+        "reflex": lambda t, d, r, s, q: (k * p["gain"] * np.interp(t - p["delay_s"], *past, left=0.0), []),
+        "cross_axis": lambda t, d, r, s, q: (
+            own_mass * sum(p[f"beta_{axis}"] * np.interp(t, times, driven[f"seat.{axis}"]) for axis in "xy"), []
+        ),
+    }  # fmt: skip
+    states = {"hysteresis": 1, "relaxation": 1, "thixotropy": 1, "viscera": 2, "cushion": 2, "bending": 1}
+    return states.get(name, 0), stateful[name]
+
+
+def foam(p, k, k_alpha, b, d, r, s, q):
+    stretch, rate = d - q[0], r - q[1]
+    tension = k * stretch + k_alpha * stretch * abs(stretch) + b * rate
+    own = tension - (q[0] + p["damping_s"] * q[1]) / p["compliance_m_per_n"]
+    return tension - (k * d + k_alpha * d * abs(d) + b * r), [q[1], own / p["mass_kg"] - s]
+
+
+def resonator(p, d, r, s, q):
+    omega = 2 * math.pi * p["natural_frequency_hz"]
+    pull = p["mass_kg"] * (omega**2 * (q[0] - d) + 2 * p["damping_ratio"] * omega * (q[1] - r))
+    return pull, [q[1], -pull / p["mass_kg"] - s]
+
+
+def twin(effect: AppliedEffect, seat: np.ndarray, subject: Subject = SUBJECT, rate_hz: float = RATE_HZ) -> np.ndarray:
+    """Absolute accelerations (n, 6) with one effect, by DOP853 from the paper's matrices, restarted at every sample."""
+    theta = subject.parameters.vector()
+    M, C, K, k, alpha = naive.chain_matrices(theta, subject.body_mass_kg, subject.mass_matrix)
+    at, on_joint = SEGMENTS.index(effect.site), effect.effect.place == "joint"
+    mass = np.diag(M)
+    b = 2.0 * theta[6:12] * np.sqrt(k * np.cumsum(mass[::-1])[::-1])
+    weight = 9.80665 * mass[at:].sum()
+    past: tuple[list, list] = ([0.0], [0.0])
+    extra, count = None, 0
+    if effect.effect.name != "lift_off":
+        count, extra = law(
+            effect.effect.name, dict(effect.values), k[at], k[at] * alpha[at], b[at], mass[at], past, len(seat)
+        )
+
+    def slope(t, y, t0, before, rise):
+        x, v, q = y[:6], y[6:12], y[12:]
+        s = before + rise * (t - t0)
+        stretch, rate = np.diff(x, prepend=0.0), np.diff(v, prepend=0.0)
+        tension = k * alpha * stretch * np.abs(stretch)
+        on = np.zeros(6)
+        own = []
+        if extra is None:  # lift_off: the seat joint in all carries no more than the weight
+            whole = (k[0] * stretch[0] + b[0] * rate[0]) + tension[0]
+            tension[0] += min(whole, weight) - whole
+        else:
+            force, own = extra(t, *((stretch[at], rate[at]) if on_joint else (x[at], v[at])), s, q)
+            (tension if on_joint else on)[at] += force
+        nonlinear = tension - np.append(tension[1:], 0.0)
+        a = -np.linalg.solve(M, C @ v + K @ x + nonlinear - on) - s
+        return np.concatenate([v, a, own])
+
+    out, y, step = np.zeros((len(seat), 6)), np.zeros(12 + count), 1.0 / rate_hz
+    for n in range(1, len(seat)):
+        t0, rise = (n - 1) * step, (seat[n] - seat[n - 1]) / step
+        found = integrate.solve_ivp(
+            slope, (t0, t0 + step), y, "DOP853", args=(t0, seat[n - 1], rise), rtol=1e-8, atol=1e-11
+        )
+        y = found.y[:, -1]
+        past[0].append(t0 + step)
+        past[1].append(np.diff(y[:6], prepend=0.0)[at])
+        out[n] = slope(t0 + step, y, t0, seat[n - 1], rise)[6:12] + seat[n]
+    return out
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+STRONG = {
+    "asymmetry": {"asymmetry_per_m": 30.0},
+    "cubic": {"cubic_per_m2": 2000.0},
+    "stop": {"gap_m": 0.002},
+    "harness": {"slack_m": 0.001},
+    "posture": {"jump": 0.5, "at_s": 200.5 / RATE_HZ},
+    "friction": {"friction_n": 30.0},
+    "hysteresis": {"yield_n": 60.0, "yield_m": 1e-3},
+    "bending": {"length_m": 0.8},
+    "thixotropy": {"tau_s": 0.5, "softening": 0.8},
+}
+
+
+@pytest.mark.parametrize("name", IN_TIME)
+def test_the_chain_answers_as_the_equation_does(name: str) -> None:
+    effect = applied(name, **STRONG.get(name, {}))
+    seat = shock()
+    truth = twin(effect, seat)
+    ours = answer(Chain.of(with_effects(effect)), seat)
+    base = Chain.of(SUBJECT).simulate(seat, RATE_HZ).accel_mps2
+    size = rms(truth - base)
+    assert size > 0.005  # it is there at all
+    # A jump that a step of RK4 straddles costs three orders; the equation itself is right or wrong by far more.
+    assert rms(ours - truth) < (0.08 if name == "posture" else 0.01) * size + 1e-4
+
+
+def test_every_entry_of_the_catalogue_is_tested_against_an_equation() -> None:
+    assert set(NAMES) - set(IN_TIME) == {"added_mass", "clock", "gain", "pitch", "skin", "tilt"}
+
+
+def test_an_added_mass_is_a_heavier_segment() -> None:
+    seat = shock()
+    ours = Chain.of(with_effects(applied("added_mass", "head", mass_kg=1.5)))
+    base = Chain.of(SUBJECT)
+    np.testing.assert_allclose(ours.mass_kg - base.mass_kg, [0, 0, 0, 0, 0, 1.5], atol=1e-12)
+    np.testing.assert_allclose(np.diag(ours.M) - np.diag(base.M), [0, 0, 0, 0, 0, 1.5], atol=1e-12)
+    np.testing.assert_array_equal(ours.K, base.K)
+    # Slowly shaken, the seat carries the mass too.
+    assert ours.apparent_mass([0.05])[0].real - base.apparent_mass([0.05])[0].real == pytest.approx(1.5, rel=0.01)
+    assert np.abs(ours.simulate(seat, RATE_HZ).accel_mps2 - base.simulate(seat, RATE_HZ).accel_mps2).max() > 0.1
+    cascade = dataclasses.replace(SUBJECT, mass_matrix="cascade")
+    heavier = Chain.of(with_effects(applied("added_mass", "upper_torso", mass_kg=2.0), subject=cascade))
+    np.testing.assert_allclose(heavier.inertia_kg - Chain.of(cascade).inertia_kg, [2, 2, 2, 2, 0, 0], atol=1e-12)
+
+
+def test_the_pelvis_of_a_turning_seat_feels_a_rigid_bodys_acceleration() -> None:
+    seat, driven = shock(), channels(shock().size)
+    effect = applied("pitch", forward_m=0.2, left_m=-0.1, up_m=0.3)
+    expected = np.array([
+        a + 0.2 * (q2 - q0) * RATE_HZ / 2 - 0.1 * (p2 - p0) * RATE_HZ / 2 - 0.3 * (p1 * p1 + q1 * q1)
+        for a, q0, q1, q2, p0, p1, p2 in zip(
+            seat[1:], driven["seat.rate_y"], driven["seat.rate_y"][1:], driven["seat.rate_y"][2:],
+            driven["seat.rate_x"], driven["seat.rate_x"][1:], driven["seat.rate_x"][2:], strict=False,
+        )
+    ])  # fmt: skip
+    np.testing.assert_allclose(felt([effect], seat, RATE_HZ, driven)[1:-1], expected, atol=1e-9)
+    base = Chain.of(SUBJECT).simulate(felt([effect], seat, RATE_HZ, driven), RATE_HZ).accel_mps2
+    assert np.array_equal(seen(effect, seat=seat), base)
+
+
+def test_sensors_show_what_is_wrong_with_them_in_their_own_channel_alone() -> None:
+    seat = shock(1.0)
+    time = np.arange(seat.size) / RATE_HZ
+    true = Chain.of(SUBJECT).simulate(seat, RATE_HZ).accel_mps2
+    neck, rest = SEGMENTS.index("neck"), [0, 1, 2, 3, 5]
+    driven = channels(seat.size)
+    expected = {
+        "gain": (applied("gain", "neck", gain=0.1), 1.1 * true[:, neck]),
+        "tilt": (
+            applied("tilt", "neck", lean_x=0.2, lean_y=-0.1),
+            true[:, neck] + 0.2 * driven["neck.x"] - 0.1 * driven["neck.y"],
+        ),
+        "clock": (
+            applied("clock", "neck", delay_s=0.003, drift=2e-4),
+            np.interp(time - 0.003 - 2e-4 * time, time, true[:, neck]),
+        ),
+    }
+    for name, (effect, column) in expected.items():
+        found = seen(effect, seat=seat)
+        assert rms(found[:, neck] - column) < (0.01 if name == "clock" else 1e-9) * rms(true[:, neck])
+        assert np.array_equal(found[:, rest], true[:, rest])
+
+
+def test_skin_rings_at_its_own_frequency() -> None:
+    """Steady sines through it, against its transfer function."""
+    softness, zeta = 1.0 / (2.0 * np.pi * 30.0), 0.3
+    effect = applied("skin", "head", softness_s=softness, damping_ratio=zeta)
+    time = np.arange(4000) / RATE_HZ
+    for frequency in (3.0, 15.0, 30.0, 60.0):
+        true = np.zeros((time.size, 6))
+        true[:, 5] = np.sin(2.0 * np.pi * frequency * time)
+        found = shown([effect], true, RATE_HZ, {})[2000:, 5]
+        s, omega = 2j * np.pi * frequency, 1.0 / softness
+        gain = abs((2 * zeta * omega * s + omega**2) / (s * s + 2 * zeta * omega * s + omega**2))
+        assert np.sqrt(2.0) * rms(found) == pytest.approx(gain, rel=0.02)
+
+
+# --- laws -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if CATALOGUE[n].strengths])
+def test_no_strength_is_the_base_to_the_last_bit(name: str) -> None:
+    effect = applied(name, **dict.fromkeys(CATALOGUE[name].strengths, 0.0))
+    assert effect.absent
+    seat = shock()
+    base = Stepper(Chain.of(SUBJECT), RATE_HZ).push(seat)
+    assert np.array_equal(seen(effect, seat=seat), base)
+    # A cushion of no compliance cannot be written down: it has 1 / 0 for a stiffness.
+    if name in IN_TIME and name != "cushion":
+        # ... also where it is written into the integrator.
+        chain = Chain.of(with_effects(applied(name)))
+        none = dataclasses.replace(
+            chain.elements[0], constants=Chain.of(SUBJECT)._element(effect).constants, stiffness_n_per_m=0.0,
+            damping_n_s_per_m=0.0,
+        )  # fmt: skip
+        assert np.array_equal(answer(dataclasses.replace(chain, elements=(none,)), seat), base)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.sampled_from(IN_TIME), st.lists(st.integers(1, 200), max_size=6))
+def test_block_cuts_change_no_bit(name: str, cuts: list[int]) -> None:
+    chain, seat = Chain.of(with_effects(applied(name, **STRONG.get(name, {})))), shock(0.3)
+    driven = channels(seat.size)
+    whole = Stepper(chain, RATE_HZ).push(seat, channels=driven)
+    stepper, parts, begin = Stepper(chain, RATE_HZ), [], 0
+    for length in [*cuts, seat.size]:
+        cut = slice(begin, begin + length)
+        parts.append(stepper.push(seat[cut], channels={name: values[cut] for name, values in driven.items()}))
+        begin += length
+    assert np.array_equal(np.concatenate(parts), whole)
+
+
+def test_two_effects_at_once_are_both_there() -> None:
+    one, other = applied("relaxation", "neck"), applied("viscera", "lower_torso")
+    seat = shock()
+    both, again = (
+        Chain.of(with_effects(*pair)).simulate(seat, RATE_HZ).accel_mps2 for pair in ((one, other), (other, one))
+    )
+    np.testing.assert_allclose(both, again, rtol=1e-9, atol=1e-9)
+    singles = [Chain.of(with_effects(effect)).simulate(seat, RATE_HZ).accel_mps2 for effect in (one, other)]
+    assert all(np.abs(both - single).max() > 0.1 for single in singles)
+
+
+def test_a_stepper_starts_anew_with_all_that_effects_remember() -> None:
+    names = ("reflex", "relaxation", "cross_axis", "periodic")
+    chain = Chain.of(with_effects(*(applied(name, "upper_torso") for name in names)))
+    seat, stepper = shock(0.3), Stepper(chain, RATE_HZ)
+    first = stepper.push(seat, channels=channels(seat.size))
+    stepper.reset()
+    assert np.array_equal(stepper.push(seat, channels=channels(seat.size)), first)
+
+
+def test_a_channel_that_is_not_there_is_one_line() -> None:
+    chain = Chain.of(with_effects(applied("cross_axis")))
+    with pytest.raises(InputError, match=r"an effect needs the channel seat\.x, which is not measured here"):
+        chain.simulate(shock(), RATE_HZ)
+
+
+def test_a_stiff_effect_makes_the_steps_smaller() -> None:
+    hard = applied("friction", "neck", friction_n=80.0)
+    chain = Chain.of(with_effects(hard))
+    assert Stepper(chain, RATE_HZ).substeps > Stepper(Chain.of(SUBJECT), RATE_HZ).substeps
+    assert np.isfinite(chain.simulate(shock(peak=150.0), RATE_HZ).accel_mps2).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_whole_range_of_every_parameter_stays_finite(name: str) -> None:
+    # Softened on one side by more than it is stiff, a joint runs away in truth: asymmetry is shaken less.
+    effect, seat = CATALOGUE[name], shock(0.3, 5.0 if name == "asymmetry" else 60.0)
+    for ends in ("lower", "upper"):
+        values = {parameter.name: getattr(parameter, ends) for parameter in effect.parameters}
+        if name == "cushion" and ends == "lower":
+            continue
+        site = effect.where[-1]
+        assert np.isfinite(seen(AppliedEffect(effect, site, values), seat=seat)).all(), (site, values)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_entry_says_what_it_is(name: str) -> None:
+    effect: Effect = CATALOGUE[name]
+    assert effect.name == name and effect.equation and effect.signature and effect.family
+    hooks = (effect.force, effect.limit, effect.mass_kg, effect.seat, effect.measured)
+    assert sum(hook is not None for hook in hooks) == 1
+    for parameter in effect.parameters:
+        assert parameter.lower <= parameter.start <= parameter.upper and parameter.source
+        if parameter.kind == "strength":
+            assert (parameter.lower <= 0.0 <= parameter.upper and parameter.start != 0.0) or len(effect.strengths) > 1
+    for function in (effect.force, effect.limit):
+        if function is not None:
+            free = set(inspect.getclosurevars(function).globals) - {"math"}
+            assert not free, f"{name} uses {free}: it is compiled apart from its module"
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+def test_effects_travel_through_the_subject_file(tmp_path) -> None:
+    subject = with_effects(applied("relaxation", "neck"), applied("lift_off"))
+    path = tmp_path / "s.yaml"
+    path.write_text(subject.to_yaml())
+    assert load_subject(path) == subject
+
+
+@pytest.mark.parametrize(
+    ("effects", "said"),
+    [
+        ("{}", "expected a list"),
+        ("[5]", "effects[0]"),
+        ("[{name: magic, site: neck}]", "unknown effect 'magic', known are added_mass, asymmetry"),
+        ("[{name: relaxation, site: knee, parameters: {stiffness_ratio: 0.4, tau_s: 0.1}}]", "site is 'knee', allowed"),
+        ("[{name: lift_off, site: head}]", "site is 'head', allowed are pelvis"),
+        ("[{name: relaxation, site: neck}]", "parameter 'stiffness_ratio' is missing"),
+        ("[{name: lift_off, site: pelvis, parameters: {x: 1}}]", "unknown parameter 'x', known are none"),
+        (
+            "[{name: relaxation, site: neck, parameters: {stiffness_ratio: 0.4, tau_s: 9}}]",
+            "relaxation.tau_s is 9, allowed are 0.005 to 3 s",
+        ),
+        ("[{name: lift_off, site: pelvis}, {name: lift_off, site: pelvis}]", "lift_off at pelvis is given twice"),
+        ("[{name: lift_off, site: pelvis, strength: 1}]", "unknown key 'strength'"),
+    ],
+)
+def test_a_bad_effect_is_one_line(effects: str, said: str, tmp_path) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text(SUBJECT.to_yaml().replace("effects: []", f"effects: {effects}"))
+    with pytest.raises(InputError) as error:
+        load_subject(path)
+    assert said in str(error.value) and "\n" not in str(error.value)
+
+
+def test_predictions_sample_by_sample_carry_an_effect() -> None:
+    """What the node and replay run: residuals of a person whom the seat cannot hold down, knowing of it or not."""
+    lifting = with_effects(applied("lift_off"), applied("relaxation", "lower_torso", stiffness_ratio=0.8))
+    motion = load_case("rail", 4.0, np.random.default_rng(2))
+    still = SensorSettings(clock_offset_ms=0.0, clock_drift_ppm=0.0)
+    streams = imu_streams(lifting, motion, np.random.default_rng(1), still)
+    left = {}
+    for name, subject in (("knowing", lifting), ("ignorant", SUBJECT)):
+        pipeline = Pipeline(subject)
+        for begin in range(0, len(streams[0].stamps_ns), 100):
+            for stream in streams:
+                cut = slice(begin, begin + 100)
+                pipeline.push(stream.sensor, stream.stamps_ns[cut], stream.accel_mps2[cut])
+        pipeline.finish()
+        left[name] = pipeline.exposure().residual["pelvis"]
+    left = {name: residual[1] for name, residual in left.items()}
+    assert left["knowing"] < 5.0
+    assert left["ignorant"] > 3.0 * left["knowing"]
+
+
+@pytest.mark.parametrize("name", ["cross_axis", "bending", "pitch"])
+def test_predictions_sample_by_sample_refuse_what_needs_more(name: str) -> None:
+    with pytest.raises(InputError, match=rf"effect {name} needs .*, which predictions sample by sample do not have"):
+        Pipeline(with_effects(applied(name)))
+    Pipeline(with_effects(applied("tilt", "head")))  # on a sensor: predictions are of the segment itself
+
+
+def test_the_readme_names_every_effect() -> None:
+    readme = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
+    begin = readme.index("## Effects")
+    section = readme[begin : readme.index("\n## ", begin + 1)]
+    rows = set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE))
+    assert rows == set(CATALOGUE)
+
+
+RUN = """
+import dataclasses, numpy as np, time
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.model import Chain
+from biodyn_core.subject import load_subject
+from biodyn_ros.resources import subject_file
+effect = CATALOGUE["relaxation"]
+values = {p.name: p.start for p in effect.parameters}
+subject = dataclasses.replace(load_subject(subject_file("subject_1")), effects=(AppliedEffect(effect, "neck", values),))
+accel = Chain.of(subject).simulate(np.sin(np.arange(500) / 30.0), 1129.3).accel_mps2
+print(accel[-1].tolist())
+"""
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_second_process_finds_what_the_first_compiled(closed: bool, tmp_path) -> None:
+    """... and one that may write nowhere does without."""
+    place = tmp_path / "cache"
+    place.mkdir()
+    if closed:
+        place = "/proc/none"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(place), "HOME": str(place), "TMPDIR": str(place)}
+    environment.pop("XDG_CACHE_HOME", None)
+    answers = []
+    for _ in range(2):
+        run = subprocess.run(
+            [sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, timeout=120, check=True
+        )
+        answers.append(run.stdout)
+        if not closed:
+            files = {path: path.stat().st_mtime_ns for path in place.rglob("*chain_*") if path.is_file()}
+            assert any(path.suffix == ".nbi" for path in files)
+            answers.append(files)
+    if closed:
+        assert answers[0] == answers[1]
+    else:
+        assert answers[0] == answers[2] and answers[1] == answers[3]
+
+
+def test_a_tampered_file_is_not_run(tmp_path, monkeypatch) -> None:
+    from biodyn_core.kernels import generated
+
+    text = "def integrate_chain():\n    return 'ours'\n"
+    path = tmp_path / "generated" / "chain_x.py"
+    path.parent.mkdir()
+    path.write_text("raise SystemExit('theirs')\n")
+    assert generated._kept(path, text).read_text() == text
