@@ -1,0 +1,1 @@
+"""From a fitted subject's residual to the effect that its model lacks."""
