@@ -137,14 +137,21 @@ class TimeDomain:
     move damping by several percent otherwise. To first order in the delay, which is to stay below 2 ms.
     """
 
-    def __init__(self, cases: Sequence[Case], subject: Subject, pull: Pull, clocks: Clocks = "trusted") -> None:
+    def __init__(
+        self,
+        cases: Sequence[Case],
+        subject: Subject,
+        pull: Pull,
+        clocks: Clocks = "trusted",
+        substeps: Sequence[int] | None = None,
+    ) -> None:
         self.cases, self.subject = tuple(cases), subject
         self._pull = pull
         self._weights = [case.weight for case in cases]
         self._clocks = clocks
         # One choice for the whole of Table 1: steps that change with theta would put edges into the objective.
         self._seats = [felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels) for case in cases]
-        self._substeps = [self._chain(UPPER).substeps(case.rate_hz) for case in cases]
+        self.substeps = tuple(substeps or [self._chain(UPPER).substeps(case.rate_hz) for case in cases])
         self.evaluations = 0
         self.penalties: Counter[str] = Counter()
 
@@ -176,7 +183,7 @@ class TimeDomain:
     def accelerations(self, number: int, theta: Floats) -> Floats:
         """Absolute accelerations z'' (n, 5) of the measured segments in one case at one point (15,)."""
         case = self.cases[number]
-        stepper = Stepper(self._chain(theta), case.rate_hz, self._substeps[number])
+        stepper = Stepper(self._chain(theta), case.rate_hz, self.substeps[number])
         accel = stepper.push(self._seats[number], channels=case.channels)
         accel = shown(self.subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
         return np.ascontiguousarray(accel)  # taken as it is, all that follows is slow
@@ -185,18 +192,22 @@ class TimeDomain:
         s = self.subject
         return Chain.of_theta(theta, s.body_mass_kg, s.mass_matrix).with_effects(s.effects)
 
-    def linearised(self, theta: Floats, free: Flags) -> tuple[Floats, Floats]:
-        """Residuals (p + 1,) and their derivatives (p + 1, p) by ln theta of the p parameters that are free.
+    def linearised(self, theta: Floats, free: Flags, others: Sequence[Floats] | None = None) -> tuple[Floats, Floats]:
+        """Residuals (q,) and their derivatives (q, p + k) by ln theta of the p parameters that are free.
 
         They stand for the rows of all samples, by a root of their products: the same sum of squares, gradient and J'J,
         so that the solver's work does not grow with the records. Where the answer is not finite neither are they.
+        others, for each case as in `rows`, add k columns.
         """
         points = _neighbours(theta, free)
         pull = _differences(self._pull(points).T)
+        beside = others[0].shape[2] if others else 0
+        pull = np.concatenate([pull[:, :-1], np.zeros((len(pull), beside)), pull[:, -1:]], axis=1)
         products = pull.T @ pull
         for number in range(len(self.cases)):
             with np.errstate(all="ignore"):  # what is not finite is told from the products
-                rows = self.rows(number, theta, free).reshape(-1, len(points))
+                rows = self.rows(number, theta, free, others[number] if others else None)
+                rows = rows.reshape(-1, rows.shape[-1])
                 products += rows.T @ rows
         if self._penalised(products[-1, -1]) == PENALTY:
             products[:] = np.inf
@@ -259,7 +270,7 @@ class TimeDomain:
         return accel[:, :, : len(points)]
 
     def _lanes(self, number: int, theta: Floats, target: Floats, weight: Floats, accel: Floats) -> Floats:
-        case, substeps, costs = self.cases[number], self._substeps[number], np.empty(LANES)
+        case, substeps, costs = self.cases[number], self.substeps[number], np.empty(LANES)
         lanes, step_s = Constants(theta, self.subject.mass_matrix).lanes(), 1.0 / (case.rate_hz * substeps)
         integrate_lanes(case.seat_mps2, lanes, step_s, substeps, _SEGMENTS, target, weight, costs, accel)
         return costs[: len(theta)]

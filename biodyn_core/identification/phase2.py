@@ -22,6 +22,8 @@ from biodyn_core.subject import Subject
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+Linearised = Callable[[Floats], tuple[Floats, Floats]]
+
 FIRST_STIFFENING: Final = float(np.sqrt(LOWER[13] * UPPER[13]))
 """Start of s_nl, which phase 1 does not see: the middle of Table 1 in log space."""
 
@@ -58,10 +60,10 @@ def refine(cases: Sequence[Case], subject: Subject, searches: Sequence[Search], 
     starts, ranked = _starts(cases, subject, searches, settings)
     problem = TimeDomain(cases, subject, Pull(starts[0], settings.lambda_2, settings.regularization), settings.clocks)
     run = least_squares if settings.refine == "least-squares" else nelder_mead
-    ends = [run(problem, _interior(start), settings.free, settings.evaluations) for start in starts]
+    ends = [run(problem, interior(start), settings.free, settings.evaluations) for start in starts]
     best = min(range(len(ends)), key=lambda number: ends[number][1])
     # Once more from there, off the bounds: a simplex collapses, and a step can be caught in a corner.
-    again = run(problem, _interior(ends[best][0]), settings.free, settings.evaluations)
+    again = run(problem, interior(ends[best][0]), settings.free, settings.evaluations)
     if again[1] < ends[best][1]:
         ends[best] = again
     theta, objective = ends[best]
@@ -86,7 +88,7 @@ def _starts(
     return np.array(kept[: settings.refined_starts]), len(theta)
 
 
-def _interior(theta: Floats) -> Floats:
+def interior(theta: Floats) -> Floats:
     """Theta at least `INTERIOR` away from both bounds."""
     margin = INTERIOR * (UPPER - LOWER)
     return np.clip(theta, LOWER + margin, UPPER - margin)
@@ -97,7 +99,7 @@ def nelder_mead(problem: TimeDomain, start: Floats, free: Flags, evaluations: in
 
     The first simplex is ours: SciPy's collapses at a bound before 1.13, and steps of 5 % suit no sigmoid.
     """
-    theta, phi = _mapped(start, free)
+    theta, phi = mapped(start, free)
     corners = np.repeat(phi[None, :], phi.size + 1, axis=0)
     corners[np.arange(phi.size), np.arange(phi.size)] += np.where(phi > 0.0, -SIMPLEX, SIMPLEX)
     options = {"initial_simplex": corners, "maxfev": evaluations, "maxiter": evaluations}
@@ -112,34 +114,52 @@ def nelder_mead(problem: TimeDomain, start: Floats, free: Flags, evaluations: in
 
 def least_squares(problem: TimeDomain, start: Floats, free: Flags, evaluations: int) -> tuple[Floats, float]:
     """Theta (15,) and objective by SciPy's trust region, with all derivatives from one batch of simulations."""
-    theta, phi = _mapped(start, free)
-    memory: dict[bytes, tuple[Floats, Floats]] = {}
+    theta, phi = mapped(start, free)
 
     def linearised(point: Floats) -> tuple[Floats, Floats]:
-        """Residuals and derivatives by phi; the solver asks for one after the other."""
+        at = theta(point)
+        residuals, slopes = problem.linearised(at, free)
+        return residuals, slopes * slope_by_phi(at)[free]
+
+    end, objective = trust_region(linearised, phi, evaluations)
+    return (start, PENALTY) if objective >= PENALTY else (theta(end), objective)
+
+
+def trust_region(linearised: Linearised, start: Floats, evaluations: int) -> tuple[Floats, float]:
+    """The point (p,) where a sum of squares is least and that sum, from a function to residuals and their derivatives.
+
+    `PENALTY` where it is not finite at the start.
+    """
+    memory: dict[bytes, tuple[Floats, Floats]] = {}
+
+    def remembered(point: Floats) -> tuple[Floats, Floats]:
+        # The solver asks for one after the other.
         key = point.tobytes()
         if key not in memory:
             memory.clear()
-            at = theta(point)
-            residuals, slopes = problem.linearised(at, free)
-            memory[key] = residuals, slopes * ((at - LOWER) * (UPPER - at) / ((UPPER - LOWER) * at))[free]
+            memory[key] = linearised(point)
         return memory[key]
 
-    if not np.isfinite(linearised(phi)[0]).all():
+    if not np.isfinite(remembered(start)[0]).all():
         return start, PENALTY
     found = optimize.least_squares(
-        lambda point: linearised(point)[0],
-        phi,
-        jac=lambda point: linearised(point)[1],
+        lambda point: remembered(point)[0],
+        start,
+        jac=lambda point: remembered(point)[1],
         xtol=1e-8,
         ftol=1e-8,  # 1e-10 changes no parameter by more than 1e-6, and takes a third longer
         gtol=1e-12,
-        max_nfev=evaluations // (phi.size + 1) + 1,
+        max_nfev=evaluations // (start.size + 1) + 1,
     )
-    return theta(found.x), float(2.0 * found.cost)
+    return found.x, float(2.0 * found.cost)
 
 
-def _mapped(start: Floats, free: Flags) -> tuple[Callable[[Floats], Floats], Floats]:
+def slope_by_phi(theta: Floats) -> Floats:
+    """D ln theta / d phi of the sigmoid map, (15,)."""
+    return np.asarray((theta - LOWER) * (UPPER - theta) / ((UPPER - LOWER) * theta))
+
+
+def mapped(start: Floats, free: Flags) -> tuple[Callable[[Floats], Floats], Floats]:
     """The map from phi of the free parameters (p,) to theta (15,), the others as at the start; and phi of the start."""
 
     def theta(phi: Floats) -> Floats:
