@@ -1,0 +1,97 @@
+"""Gate: what is known before any candidate is tried (tracing, 0 and "seconds of data").
+
+Whether the seat would have to hold the person down, and whether the data can carry a verdict at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.identification.problem import Case
+from biodyn_core.model import Chain, predict
+from biodyn_core.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.settings import check_settings, setting
+from biodyn_core.subject import Subject
+
+Floats = NDArray[np.float64]
+
+_APART_S: Final = 1.0
+"""Peaks closer together are of one shock: two axles, two rails."""
+
+
+@dataclass(frozen=True)
+class FloorSettings:
+    """The least that a verdict rests on, each to fit and once more held out; from the tracing study's own shortest."""
+
+    road_s: float = setting(30.0, "seconds without shocks", "s", 1.0, 3600.0)
+    shocks: int = setting(3, "shocks of 1 to 3 g", "", 0, 1000)
+    hard_shocks: int = setting(3, "shocks of 3 g and more", "", 0, 1000)
+    shock_g: float = setting(1.0, "a shock has a peak of so much", "g", 0.1, 10.0)
+    hard_shock_g: float = setting(3.0, "a hard one", "g", 0.2, 20.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What events hold: seconds without shocks, and how many of either kind."""
+
+    road_s: float
+    shocks: int
+    hard_shocks: int
+
+
+def pulled_down(subject: Subject, case: Case) -> float:
+    """The largest force with which the seat's joint holds the pelvis down in a prediction, over the weight it carries.
+
+    Above 1 no seat can: lift-off is then a known omission, to be added before any other law is believed.
+    """
+    if any(applied.effect.name == "lift_off" for applied in subject.effects):
+        return 0.0
+    chain = Chain.of(subject)
+    response = predict(subject, case.seat_mps2, case.rate_hz, case.channels)
+    stretch, rate = response.displacement_m[:, 0], response.velocity_mps[:, 0]
+    stiffness = chain.stiffness_n_per_m[0] * (1.0 + chain.stiffening_per_m[0] * np.abs(stretch))
+    tension_n = stiffness * stretch + chain.damping_n_s_per_m[0] * rate
+    return float(tension_n.max() / (STANDARD_GRAVITY_MPS2 * chain.mass_kg.sum()))
+
+
+def contents(cases: Sequence[Case], settings: FloorSettings | None = None) -> Contents:
+    """Count what events hold, behind their warm-up."""
+    s = settings or FloorSettings()
+    road_s, shocks, hard = 0.0, 0, 0
+    for case in cases:
+        peaks = _peaks_g(case, s.shock_g)
+        strong = int(np.count_nonzero(peaks >= s.hard_shock_g))
+        shocks, hard = shocks + peaks.size - strong, hard + strong
+        seconds = (case.seat_mps2.size - case.begin) / case.rate_hz
+        road_s += max(0.0, seconds - _APART_S * peaks.size)
+    return Contents(road_s, shocks, hard)
+
+
+def missing(cases: Sequence[Case], role: str, settings: FloorSettings | None = None) -> list[str]:
+    """What events lack for a verdict, one line each; role says what they are for, such as `to fit`."""
+    s = settings or FloorSettings()
+    found = contents(cases, s)
+    wanted = (
+        (found.road_s, s.road_s, "s without shocks"),
+        (found.shocks, s.shocks, f"shocks of {s.shock_g:g} to {s.hard_shock_g:g} g"),
+        (found.hard_shocks, s.hard_shocks, f"shocks of {s.hard_shock_g:g} g and more"),
+    )
+    return [f"{role}: {there:.3g} {what}, {least:g} are needed" for there, least, what in wanted if there < least]
+
+
+def _peaks_g(case: Case, least_g: float) -> Floats:
+    """The largest reading of every shock of a case, in g, behind the warm-up."""
+    size = np.abs(case.seat_mps2[case.begin :]) / STANDARD_GRAVITY_MPS2
+    above = np.flatnonzero(size >= least_g)
+    if above.size == 0:
+        return np.empty(0)
+    parts = np.split(above, np.flatnonzero(np.diff(above) > _APART_S * case.rate_hz) + 1)
+    return np.array([size[part].max() for part in parts])
