@@ -1,4 +1,4 @@
-"""`python -m bench [ode] [bag] [replay] [live] [fit]`: the marks beside their baselines, in one run; exits 0."""
+"""`python -m bench [ode] [effects] [bag] [replay] [live] [fit]`: the marks beside their baselines; exits 0."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.table import render
 
-NAMES = ("ode", "bag", "replay", "live", "fit")
+NAMES = ("ode", "effects", "bag", "replay", "live", "fit")
 
 
 def main(asked: list[str]) -> int:

@@ -118,7 +118,8 @@ class Chain:
         )
         constants, most = effect.constants(joint, applied.values), effect.stiffens(joint, applied.values)
         delay_s = applied.values[effect.delay] if effect.delay else 0.0
-        return Element(effect, index, constants, delay_s, *most)
+        own_rate_per_s = effect.own_rate_per_s(joint, applied.values)
+        return Element(effect, index, constants, delay_s, own_rate_per_s, *most)
 
     def _heavier(self, index: int, mass_kg: float) -> Chain:
         """With a mass on one segment; under `cascade` it counts for every segment below, as all masses do there."""
@@ -214,7 +215,8 @@ class Chain:
             K, C = K + element.stiffness_n_per_m * where, C + element.damping_n_s_per_m * where
         upper = np.hstack([np.zeros((N_SEGMENTS, N_SEGMENTS)), np.eye(N_SEGMENTS)])
         lower = np.hstack([-inverse * K, -inverse * C])
-        return float(np.abs(np.linalg.eigvals(np.vstack([upper, lower]))).max())
+        largest = float(np.abs(np.linalg.eigvals(np.vstack([upper, lower]))).max())
+        return max([largest, *(element.own_rate_per_s for element in self.elements)])
 
     def substeps(self, rate_hz: float) -> int:
         """How many steps the integrator takes from one sample to the next."""

@@ -20,13 +20,15 @@ Floats = NDArray[np.float64]
 class Element:
     """An effect in a chain: its segment or joint, 0 to 5, and its constants.
 
-    delay_s is how far it looks back; the stiffness and damping are the most that it may add there.
+    delay_s is how far it looks back; the stiffness and damping are the most that it may add there, own_rate_per_s the
+    largest eigenvalue of its own states.
     """
 
     effect: Effect
     index: int
     constants: tuple[float, ...]
     delay_s: float
+    own_rate_per_s: float
     stiffness_n_per_m: float
     damping_n_s_per_m: float
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from biodyn_core.effects.effect import Effect, EffectParameter, Joint
@@ -33,12 +34,12 @@ def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
     return joint.stiffness_n_per_m, joint.stiffening_n_per_m2, joint.damping_n_s_per_m, *foam
 
 
-def _stiffens(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
-    # The foam rides between both springs: its own frequency, on the mass of the pelvis, bounds the step.
-    share = joint.segment_mass_kg / values["mass_kg"]
-    stiffness = (joint.stiffness_n_per_m + 1.0 / values["compliance_m_per_n"]) * share
-    damping = (joint.damping_n_s_per_m + values["damping_s"] / values["compliance_m_per_n"]) * share
-    return stiffness, damping
+def _own_rate_per_s(joint: Joint, values: Mapping[str, float]) -> float:
+    """The foam's mass between its own spring and damper and the pelvis joint's."""
+    stiffness = joint.stiffness_n_per_m + 1.0 / values["compliance_m_per_n"]
+    damping = joint.damping_n_s_per_m + values["damping_s"] / values["compliance_m_per_n"]
+    half, square = 0.5 * damping / values["mass_kg"], stiffness / values["mass_kg"]
+    return half + math.sqrt(half * half - square) if half * half > square else math.sqrt(square)
 
 
 EFFECT = Effect(
@@ -55,6 +56,6 @@ EFFECT = Effect(
     sites=("pelvis",),
     constants=_constants,
     force=force,
-    stiffens=_stiffens,
+    own_rate_per_s=_own_rate_per_s,
     states=2,
 )

@@ -73,6 +73,10 @@ def _nothing(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
     return 0.0, 0.0
 
 
+def _no_rate(joint: Joint, values: Mapping[str, float]) -> float:
+    return 0.0
+
+
 @dataclass(frozen=True)
 class Effect:
     """One entry of the catalogue.
@@ -89,9 +93,10 @@ class Effect:
     acceleration, from the same. These two are over a whole recording, so neither runs live.
 
     constants: numbers for force or limit from the joint and the values of the parameters, in their order. stiffens: the
-    largest stiffness and damping that force may add, N/m and N s/m: the integrator's step is chosen by them. delay: the
-    parameter, in s, that says how far it looks back. channels: what has to be measured beside the seat's vertical, such
-    as `seat.x`, `own.` for the site's; without it the effect can be neither run nor tested.
+    largest stiffness and damping that force may add, N/m and N s/m, and own_rate_per_s: the largest eigenvalue of its
+    own states; the integrator's step is chosen by both. delay: the parameter, in s, that says how far it looks back.
+    channels: what has to be measured beside the seat's vertical, such as `seat.x`, `own.` for the site's; without it
+    the effect can be neither run nor tested.
     """
 
     name: str
@@ -106,6 +111,7 @@ class Effect:
     states: int = 0
     limit: Callable[..., float] | None = None
     stiffens: Callable[[Joint, Mapping[str, float]], tuple[float, float]] = _nothing
+    own_rate_per_s: Callable[[Joint, Mapping[str, float]], float] = _no_rate
     mass_kg: Callable[[Mapping[str, float]], float] | None = None
     seat: Callable[[Floats, float, Mapping[str, Floats], Mapping[str, float]], Floats] | None = None
     measured: Callable[[Floats, float, Mapping[str, Floats], Mapping[str, float]], Floats] | None = None

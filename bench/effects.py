@@ -1,0 +1,90 @@
+"""Effects: what one costs in the integrator, and how long a process takes to its first result with one."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+from bench.table import Row, render
+from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
+from biodyn_core.model import Chain, Stepper
+from biodyn_core.segments import SENSORS
+from biodyn_core.subject import Subject, load_subject
+from biodyn_core.synthesis import NATIVE_RATE_HZ, load_case
+from biodyn_ros.resources import subject_file
+
+SECONDS = 5.0
+REPEATS = 15
+FIRST = """
+import dataclasses, numpy as np
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.model import Chain
+from biodyn_core.subject import load_subject
+from biodyn_ros.resources import subject_file
+effect = CATALOGUE["viscera"]
+applied = AppliedEffect(effect, effect.where[0], {p.name: p.size for p in effect.parameters})
+subject = dataclasses.replace(load_subject(subject_file("subject_1")), effects=(applied,))
+Chain.of(subject).simulate(np.sin(np.arange(500) / 30.0), 1129.3)
+"""
+
+
+def rows() -> list[Row]:
+    """Measure; about half a minute, most of it compiling."""
+    subject = load_subject(subject_file("subject_1"))
+    seat = load_case("rail", SECONDS, np.random.default_rng(0), NATIVE_RATE_HZ).accel_mps2[:, 2]
+    shares = {name: _share(subject, effect, seat) for name, effect in CATALOGUE.items() if effect.force or effect.limit}
+    stiff, others = shares["friction"], {name: share for name, share in shares.items() if name != "friction"}
+    dearest = max(others, key=lambda name: others[name])
+    middle = statistics.median(shares.values())
+    cold_s, warm_s, bare_s = _first_results_s()
+    return [
+        Row("5 s with one effect, the median one", middle, "x", 1.0, "without", "<= 2", middle <= 2.0),
+        Row(f"... the dearest but one, {dearest}", others[dearest], "x", 1.0, "without", "<= 2",
+            others[dearest] <= 2.0),
+        Row("... friction at the head, in smaller steps", stiff, "x", 1.0, "without", "<= 2", stiff <= 2.0),
+        Row("process to first result, nothing cached", cold_s, "s", bare_s, "imports alone", "<= 3", cold_s <= 3.0),
+        Row("... compiled before, above its imports", warm_s - bare_s, "s", bare_s, "imports alone", "<= 0.5",
+            warm_s - bare_s <= 0.5),
+    ]  # fmt: skip
+
+
+def _share(subject: Subject, effect: Effect, seat: np.ndarray) -> float:
+    """Time with an effect over time without, which take turns."""
+    values = {parameter.name: parameter.size for parameter in effect.parameters}
+    with_it = dataclasses.replace(subject, effects=(AppliedEffect(effect, effect.where[-1], values),))
+    channels = {f"{sensor}.{name}": 0.1 * seat for sensor in SENSORS for name in ("x", "y", "rate_y")}
+    steppers = [Stepper(Chain.of(one), NATIVE_RATE_HZ) for one in (with_it, subject)]
+    times: list[list[float]] = [[], []]
+    for _ in range(REPEATS + 1):
+        for stepper, spent in zip(steppers, times, strict=True):
+            stepper.reset()
+            start = time.perf_counter()
+            stepper.push(seat, channels=channels)
+            spent.append(time.perf_counter() - start)
+    ours, base = (min(spent[1:]) for spent in times)  # the first compiles
+    return ours / base
+
+
+def _first_results_s() -> tuple[float, float, float]:
+    """Seconds of a process with an empty cache, of the next one, and of the imports alone."""
+    imports = "".join(line + "\n" for line in FIRST.splitlines() if "import" in line)
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+        return _process_s(FIRST, environment), _process_s(FIRST, environment), _process_s(imports, environment)
+
+
+def _process_s(program: str, environment: dict[str, str]) -> float:
+    start = time.perf_counter()
+    subprocess.run([sys.executable, "-c", program], env=environment, check=True)
+    return time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    print(render(rows()))
