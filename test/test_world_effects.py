@@ -1,0 +1,618 @@
+"""What the other world can hide: each foreign form against its own law, and sittings, bags and background."""
+
+import ast
+import dataclasses
+import itertools
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from scipy import integrate, interpolate
+from world import body, ride, seats, sensors
+from world.effects import absorbing, blind_forms, development_forms, event, moving, sitting, wearing
+from world.effects.background import NOTHING
+from world.effects.draw import KINDS, forms
+from world.effects.effect import Effect, Moment, Person
+from world.effects.event import HELD_HZ, Event
+
+from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.problem import Case
+from biodyn_core.parameters import LOWER, UPPER, Parameters
+from biodyn_core.subject import Subject
+from biodyn_ros.recordings import read_recordings
+
+WORLD = Path(__file__).parent / "world"
+ALL = (*development_forms.FORMS, *blind_forms.FORMS)
+PERSON = dataclasses.replace(
+    Person.of(body.drawn(2, np.random.default_rng(3)), 0),
+    reach_m=np.array([8.0, 6.0, 5.0, 4.0, 2.0, 2.0]) * 1e-3,
+    rise_m=np.full(6, 8e-3),
+    rate_mps=np.array([0.1, 0.08, 0.06, 0.05, 0.04, 0.03]),
+)
+SHORT_S = 0.25
+
+
+def of_kind(*kinds: str) -> list[type[Effect]]:
+    return [form for form in ALL if form.kind in kinds]
+
+
+def made(form: type[Effect], seed: int = 0) -> Effect:
+    one = form.drawn(np.random.default_rng(seed))
+    return dataclasses.replace(one, at_s=0.4 * SHORT_S) if hasattr(one, "at_s") else one
+
+
+def shaken() -> Event:
+    """Half a second of strong shaking on every axis, without rest before it, which is all of the sitting."""
+    t = np.arange(2 * round(0.5 * SHORT_S * seats.RATE_HZ) + 1) / seats.RATE_HZ
+    rise = np.sin(np.pi * np.minimum(t / SHORT_S, 1.0)) ** 2
+    up = 25.0 * np.sin(2 * np.pi * 9.0 * t) + 15.0 * np.sin(2 * np.pi * 4.0 * t)
+    forward, left = 4.0 * np.sin(2 * np.pi * 5.0 * t), 3.0 * np.sin(2 * np.pi * 6.0 * t)
+    angle = 0.03 * np.column_stack([np.sin(2 * np.pi * 4.0 * t), np.sin(2 * np.pi * 3.0 * t)])
+    accel = np.column_stack([forward, left, up])
+    return Event("rail", "synthetic", 0.0, rise[:, None] * accel, rise[:, None] * angle, SHORT_S, 1.0, SHORT_S)
+
+
+@pytest.fixture
+def no_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (event, moving):
+        monkeypatch.setattr(module, "REST_S", (0.0, 0.0))
+
+
+def moment(stretch: float = 0.0, rate: float = 0.0, count: int = 1) -> Moment:
+    """A body whose joints are all stretched so far and so fast."""
+    now = Moment()
+    now.person, now.up_n = PERSON, np.zeros((count, 6))
+    now.stretch, now.rate = np.full((count, 6), stretch), np.full((count, 6), rate)
+    now.x, now.v = np.cumsum(now.stretch, axis=1), np.cumsum(now.rate, axis=1)
+    now.joint_n = PERSON.stiffness_n_per_m * now.stretch + PERSON.damping_ns_per_m * now.rate
+    now.base_mps2, now.signal, now.late = np.zeros(count), np.ones((count, 1)), np.zeros((count, 2))
+    now.time_s, now.share, now.moving_s = np.full(count, 1.0), np.full(count, 0.5), 1.0
+    return now
+
+
+def tension(effect: Effect, stretch: float, rate: float = 0.0, own: np.ndarray | None = None) -> float:
+    """What an effect makes its joint pull, N."""
+    now = moment(stretch, rate)
+    effect.act(now, np.zeros((1, effect.states)) if own is None else own)
+    return float(-now.up_n[0, effect.site])
+
+
+def followed(effect: Effect, stretch: Callable[[float], float], rate: Callable[[float], float], t: np.ndarray):
+    """The joint's pull (n,) along a given path, its states integrated by LSODA."""
+
+    def slope(at: float, own: np.ndarray) -> np.ndarray:
+        return effect.act(moment(stretch(at), rate(at)), own[None])[0]
+
+    own = integrate.solve_ivp(slope, (0.0, t[-1]), np.zeros(effect.states), "LSODA", t, rtol=1e-8, atol=1e-12).y.T
+    return np.array([tension(effect, stretch(at), rate(at), one[None]) for at, one in zip(t, own, strict=True)])
+
+
+def k_b(effect: Effect) -> tuple[float, float]:
+    return PERSON.stiffness_n_per_m[effect.site], PERSON.damping_ns_per_m[effect.site]
+
+
+# --- the split, and what the world is made of ------------------------------------------------------------------------
+
+
+def test_the_world_of_effects_shares_nothing_with_the_package() -> None:
+    allowed = {*sys.stdlib_module_names, "numpy", "scipy", "mcap", "world", "typing_extensions"}
+    for path in WORLD.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert {name.split(".")[0] for name in names} <= allowed, path
+
+
+def test_splits_are_disjoint_and_each_has_every_class() -> None:
+    ours, theirs = (forms(split) for split in ("development", "blind"))
+    assert not set(ours) & set(theirs) and not {f.__name__ for f in ours} & {f.__name__ for f in theirs}
+    assert {f.__module__ for f in ours} == {"world.effects.development_forms"}
+    assert {f.__module__ for f in theirs} == {"world.effects.blind_forms"}
+    for split in (ours, theirs):
+        assert {form.kind for form in split} == {*KINDS, "outside"}
+    assert len({(form.kind, form.family) for form in ALL}) == len(KINDS) + 1
+
+
+def test_drawing_for_development_does_not_even_import_the_blind_forms() -> None:
+    code = (
+        "import sys, numpy as np; from world.effects import draw, sitting\n"
+        "draw.effect('development', np.random.default_rng(0))\n"
+        "sys.exit('world.effects.blind_forms' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=WORLD.parent, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("form", ALL)
+def test_draws_stay_in_their_ranges_and_truth_is_plain(form: type[Effect]) -> None:
+    for seed in range(5):
+        one = made(form, seed)
+        assert one.site in form.sites and form.strengths[0] <= one.strength <= form.strengths[1]
+        assert {type(value) for value in one.truth().values()} <= {str, int, float}
+    assert form.__doc__ and form.__doc__.rstrip(".").endswith(form.kind)
+
+
+# --- moving ----------------------------------------------------------------------------------------------------------
+
+
+def test_plain_bodies_move_as_dop853_moves_them(no_rest: None) -> None:
+    people, happens = body.drawn(2, np.random.default_rng(1)), shaken()
+    seat = happens.accel_mps2[:, 2]
+    expected = body.accelerations(people, seats.RATE_HZ, np.column_stack([seat, seat]))[:, ::2]
+    found = moving.moved([moving.Party(Person.of(people, i), [happens]) for i in range(2)])
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one.accel_mps2[0], other, atol=2e-5 * np.abs(expected).max())
+
+
+@cache
+def answers() -> tuple[np.ndarray, dict[type[Effect], np.ndarray], dict[type[Effect], np.ndarray]]:
+    """The shaken body: plain, with nothing of each form, and with each form."""
+    none = [dataclasses.replace(made(form), strength=0.0) for form in ALL]
+    parties = [moving.Party(PERSON, [shaken()], (one,)) for one in [*none, *map(made, ALL)]]
+    plain, *found = moving.moved([moving.Party(PERSON, [shaken()]), *parties])
+    accel = [one.accel_mps2[0] for one in found]
+    count = len(ALL)
+    return plain.accel_mps2[0], dict(zip(ALL, accel[:count], strict=True)), dict(zip(ALL, accel[count:], strict=True))
+
+
+SENSOR_KINDS = ("skin", "tilt", "clock", "gain", "saturation")
+
+
+@pytest.mark.parametrize("form", ALL)
+def test_no_strength_is_the_plain_world(form: type[Effect], no_rest: None) -> None:
+    plain, none, _ = answers()
+    np.testing.assert_allclose(none[form], plain, atol=1e-9 * np.abs(plain).max())
+    nothing, up = dataclasses.replace(made(form), strength=0.0), plain[:, made(form).site - 1]
+    for ours, theirs in zip(*(sent(effects, up, made(form).site) for effects in ((), (nothing,))), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-9)
+
+
+@pytest.mark.parametrize("form", ALL)
+def test_some_strength_is_not(form: type[Effect], no_rest: None) -> None:
+    plain, _, some = answers()
+    assert np.isfinite(some[form]).all()
+    moves = np.abs(some[form] - plain).max() / np.abs(plain).max()
+    one = made(form)
+    before, after = (sent(effects, plain[:, one.site - 1], one.site)[1] for effects in ((), (one,)))
+    if form.kind in SENSOR_KINDS:
+        assert moves == 0.0
+        if form.kind != "saturation":
+            assert np.abs(after - before).max() > 0.01
+    else:
+        assert 1e-3 < moves < 5.0
+        np.testing.assert_array_equal(after, before)
+
+
+def sent(effects: tuple[Effect, ...], up: np.ndarray, site: int) -> wearing.Stream:
+    imu = sensors.Imu(np.eye(3), np.zeros(3), 0.0)
+    return wearing.stream(max(site, 1), imu, shaken(), up, effects, NOTHING, np.random.default_rng(0))
+
+
+def test_a_four_times_finer_step_changes_little_even_at_kinks(no_rest: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds = ("stop", "friction", "hysteresis", "lift_off", "harness", "quadratic_damping", "reflex", "thixotropy")
+    chosen = [made(form) for form in of_kind(*kinds)]
+    coarse = moving.moved([moving.Party(PERSON, [shaken()], (one,)) for one in chosen])
+    happens = shaken()
+    fine_s = np.linspace(0.0, happens.time_s[-1], 4 * (len(happens.time_s) - 1) + 1)
+    curve = interpolate.CubicSpline(happens.time_s, happens.accel_mps2)(fine_s)
+    finer = dataclasses.replace(happens, accel_mps2=curve, angle_rad=np.zeros((len(curve), 2)))
+    monkeypatch.setattr(moving, "STEP_S", 0.25 / HELD_HZ)
+    fine = moving.moved([moving.Party(PERSON, [finer], (one,)) for one in chosen])
+    for effect, one, other in zip(chosen, coarse, fine, strict=True):
+        accel = other.accel_mps2[0][::4]
+        assert np.abs(one.accel_mps2[0] - accel).max() < 2e-3 * np.abs(accel).max(), effect
+
+
+def test_delays_look_back_by_cubic_curves() -> None:
+    effect = made(development_forms.LatePull)
+    acting = moving._Acting(effect, moving.Party(PERSON, [shaken()], (effect,)), slice(0, 1), 12, 4001)
+    t = np.arange(acting.memory.shape[1]) * moving.STEP_S
+    acting.memory[0, :, 0, 0], acting.memory[1, :, 0, 0] = np.sin(60.0 * t), 60.0 * np.cos(60.0 * t)
+    assert acting._recalled(100.37)[0, 0] == pytest.approx(np.sin(60.0 * 100.37 * moving.STEP_S), abs=1e-8)
+    assert acting._recalled(-3.0)[0, 0] == 0.0
+
+
+@pytest.mark.parametrize("form", [form for form in ALL if form.family in ("elastic", "rubbing", "drifting", "outside")])
+def test_forces_between_segments_are_equal_and_opposite(form: type[Effect]) -> None:
+    one = dataclasses.replace(made(form), site=form.sites[-1])
+    now = moment(-PERSON.reach_m[one.site], 0.01)
+    now.share[:] = 1.0
+    one.act(now, np.full((1, one.states), 1e-3))
+    assert now.up_n.any()
+    if one.site or form.kind == "outside":
+        assert now.up_n.sum() == pytest.approx(0.0, abs=1e-9 * np.abs(now.up_n).max())
+
+
+# --- each form against its own law -----------------------------------------------------------------------------------
+
+
+def test_elastic_forms_have_their_limits() -> None:
+    for form in of_kind("asymmetry", "cubic", "stop"):
+        one = made(form)
+        assert tension(one, 0.0) == pytest.approx(0.0, abs=1e-9)
+        k, d = k_b(one)[0], PERSON.reach_m[one.site]
+        e, tiny = one.strength, 1e-3 * d
+        if form is development_forms.FungTissue:
+            assert tension(one, -tiny) == pytest.approx(-0.5 * e * k * tiny**2 / (one.toe * d), rel=2e-3)
+            assert tension(one, 5 * d) > 0.0 or tension(one, -d) < -abs(tension(one, d))
+        if form is development_forms.PowerLaw:
+            assert [tension(one, s) for s in (d, -d)] == pytest.approx([e * k * d, -e * k * d])
+        if form is development_forms.ExponentialStop:
+            at_gap = tension(one, -one.gap * d)
+            assert (
+                at_gap == pytest.approx(-e * k * one.softness * d, rel=1e-2) and abs(tension(one, d)) < -0.01 * at_gap
+            )
+        if form is blind_forms.TwoSlopes:
+            assert (tension(one, 51 * d) - tension(one, 50 * d)) / d == pytest.approx(e * k, rel=1e-3)
+            assert abs(tension(one, -51 * d) - tension(one, -50 * d)) < 1e-3 * e * k * d
+        if form is blind_forms.Hyperbolic:
+            assert tension(one, tiny) == pytest.approx(e * k * tiny**3 / (6 * (one.toe * d) ** 2), rel=1e-3)
+        if form is blind_forms.HertzStop:
+            assert tension(one, -0.99 * one.gap * d) == 0.0 and tension(one, -d) == pytest.approx(-e * k * d)
+            assert tension(one, -d, 1e3) == 0.0
+
+
+def test_dampers_and_friction_have_their_limits() -> None:
+    orifice, valve = made(development_forms.Orifice), made(blind_forms.Valve)
+    rate = orifice.knee * PERSON.rate_mps[orifice.site]
+    assert tension(orifice, 0.0, rate) == pytest.approx(orifice.strength * k_b(orifice)[1] * rate)
+    twice = 2 * PERSON.rate_mps[valve.site]
+    assert tension(valve, 0.0, -twice) == pytest.approx(-valve.strength * k_b(valve)[1] * twice)
+    assert tension(valve, 0.0, twice) == pytest.approx(valve.rebound * valve.strength * k_b(valve)[1] * twice)
+    for one in (made(blind_forms.Stribeck), made(development_forms.LuGre)):
+        rate = PERSON.rate_mps[one.site]
+        coulomb = one.strength * k_b(one)[1] * rate
+        t = np.linspace(0.0, 0.2, 5)
+        fast = 5.0 * rate
+        slid = (
+            followed(one, lambda at, v=fast: v * at, lambda at, v=fast: v, t)
+            if one.states
+            else [tension(one, 0.0, fast)]
+        )
+        assert slid[-1] == pytest.approx(coulomb, rel=0.01)
+    slow = made(development_forms.LuGre)
+    creep = 1e-3 * PERSON.rate_mps[slow.site]
+    stuck = followed(slow, lambda at: creep * at, lambda at: creep, np.linspace(0.0, 40.0, 3))
+    coulomb = slow.strength * k_b(slow)[1] * PERSON.rate_mps[slow.site]
+    assert stuck[-1] == pytest.approx(slow.stiction * coulomb, rel=0.01)
+
+
+def test_hysteresis_slips_as_dahl_and_iwan_say() -> None:
+    dahl = made(development_forms.Dahl)
+    d = PERSON.reach_m[dahl.site]
+    t = np.linspace(0.0, 1.0, 30)
+    expected = dahl.strength * k_b(dahl)[0] * d * -np.expm1(-t / dahl.slip)
+    np.testing.assert_allclose(followed(dahl, lambda at: d * at, lambda at: d, t), expected, atol=1e-5 * expected[-1])
+    iwan = made(blind_forms.Iwan)
+    most, slips = 2.0 * PERSON.reach_m[iwan.site], iwan.last * PERSON.reach_m[iwan.site] * np.array([0.05, 0.2, 0.5, 1])
+    t = np.linspace(0.0, 2.0, 4001)
+    pull = followed(
+        iwan, lambda at: most * np.sin(2 * np.pi * at), lambda at: 2 * np.pi * most * np.cos(2 * np.pi * at), t
+    )
+    lost = integrate.trapezoid((pull * 2 * np.pi * most * np.cos(2 * np.pi * t))[t >= 1.0], t[t >= 1.0])
+    assert lost == pytest.approx(4 * iwan.strength * k_b(iwan)[0] * (slips * (most - slips)).mean(), rel=0.03)
+
+
+def test_relaxation_has_its_complex_stiffness() -> None:
+    high, residues, poles = blind_forms.oustaloup(0.4)
+    for w in (3.0, 20.0, 200.0):
+        assert abs((high - (residues / (1j * w + poles)).sum()) / (1j * w) ** 0.4 - 1.0) < 0.08
+    one, w = made(development_forms.TwoBranches), 2 * np.pi * 4.0
+    t = np.linspace(0.0, 5.0, 2001)
+    pull = followed(one, lambda at: 1e-3 * np.sin(w * at), lambda at: 1e-3 * w * np.cos(w * at), t)
+    modulus = sum(
+        share * 1j * w * tau / (1 + 1j * w * tau)
+        for share, tau in ((one.share, one.fast_s), (1 - one.share, one.slow_s))
+    )
+    expected = one.strength * k_b(one)[0] * 1e-3 * (modulus * np.exp(1j * w * t)).imag
+    np.testing.assert_allclose(pull[t > 4.0], expected[t > 4.0], atol=1e-3 * np.abs(expected).max())
+
+
+def test_structures_break_and_build_up_to_their_balance() -> None:
+    one = made(development_forms.Structure)
+    rate = PERSON.rate_mps[one.site]
+    gone = one.broken / (1.0 + one.broken)
+    assert one.act(moment(0.0, rate), np.array([[gone]]))[0, 0] == pytest.approx(0.0, abs=1e-12)
+    assert tension(one, 1e-3, rate, np.array([[gone]])) == pytest.approx(-one.strength * gone * k_b(one)[0] * 1e-3)
+    gel = made(blind_forms.Brittle)
+    assert gel.act(moment(0.5 * PERSON.reach_m[gel.site]), np.array([[0.0]]))[0, 0] == pytest.approx(1.0 / gel.break_s)
+    assert gel.act(moment(), np.array([[1.0]]))[0, 0] == pytest.approx(-1.0 / gel.set_s)
+
+
+def test_postures_change_when_they_should() -> None:
+    for form in of_kind("posture"):
+        one = made(form)
+        k = k_b(one)[0]
+        before, after = moment(1e-3), moment(1e-3)
+        before.share, before.moving_s, after.share, after.moving_s = np.zeros(1), -1.0, np.ones(1), 100.0
+        for now in (before, after):
+            one.act(now, np.zeros((1, 0)))
+        assert abs(before.up_n[0, one.site]) < 0.02 * one.strength * k * 1e-3
+        assert abs(after.up_n[0, one.site]) == pytest.approx(one.strength * k * 1e-3, rel=0.01)
+
+
+def test_reflexes_settle_to_their_gain() -> None:
+    late = made(development_forms.LatePull)
+    now = moment(1e-3)
+    now.late = np.array([[1e-3]])
+    assert late.act(now, np.array([[1e-3]]))[0, 0] == pytest.approx(0.0, abs=1e-15)
+    assert -now.up_n[0, late.site] == pytest.approx(late.strength * k_b(late)[0] * 1e-3)
+    tiring = made(blind_forms.TiringReflex)
+    now.up_n[:], now.late = 0.0, np.array([[1e3, 0.0]])
+    tiring.act(now, np.zeros((1, 2)))
+    most = tiring.strength * k_b(tiring)[0] * tiring.most * PERSON.reach_m[tiring.site]
+    assert -now.up_n[0, tiring.site] == pytest.approx(most)
+
+
+@pytest.mark.parametrize("form", of_kind("lift_off"))
+def test_a_seat_presses_as_before_and_never_pulls(form: type[Effect]) -> None:
+    weight, k = PERSON.weight_n, PERSON.stiffness_n_per_m[0]
+    for stretch, rate in ((-2e-3, 0.01), (-0.02, 0.3), (0.0, 0.0)):
+        now = moment(stretch, rate)
+        assert tension(made(form), stretch, rate) == pytest.approx(0.0, abs=0.003 * max(weight, abs(now.joint_n[0, 0])))
+    for rate in (-1.0, 0.0, 1.0):
+        far = moment(2.0 * weight / k + 0.05, rate)
+        left = far.joint_n[0, 0] + tension(made(form), 2.0 * weight / k + 0.05, rate)
+        assert left == pytest.approx(weight, rel=0.01) or left < weight
+
+
+@pytest.mark.parametrize("form", of_kind("cushion", "viscera", "added_mass"))
+def test_added_masses_obey_newton(form: type[Effect]) -> None:
+    one, now = made(form), moment(1e-3, 0.02)
+    now.base_mps2[:] = 3.0
+    own = np.random.default_rng(1).uniform(-2e-3, 2e-3, (1, one.states))
+    rates = one.act(now, own)[0]
+    if form.kind == "cushion":
+        still = moment()
+        still.signal[:] = 0.0
+        np.testing.assert_allclose(one.act(still, np.zeros((1, 4))), 0.0)
+        # One that is let down by its whole load stays there: springs in a row.
+        load = -400.0
+        still.joint_n[:, 0] = load
+        found = integrate.solve_ivp(
+            lambda t, y: one.act(still, y[None])[0], (0.0, 3.0), np.zeros(4), "LSODA", rtol=1e-8, atol=1e-10
+        ).y[:, -1]
+        assert abs(one.act(still, found[None])[0]).max() < 1e-2 and found[0] < 0.0
+        return
+    if form is development_forms.TwoOrgans:
+        carried = one.share * (rates[1] + 3.0) + (1.0 - one.share) * (rates[3] + 3.0)
+    else:
+        carried = rates[1] + 3.0
+    assert now.up_n.sum() == pytest.approx(-one.strength * carried)
+
+
+def test_what_is_leant_against_holds_one_way() -> None:
+    webbing, belt = made(development_forms.Webbing), made(blind_forms.CatchingBelt)
+    for one in (webbing, belt):
+        now = moment()
+        now.x[:] = 0.99 * one.slack * PERSON.rise_m[one.site]
+        one.act(now, np.zeros((1, 0)))
+        assert not now.up_n.any()
+        now.x[:], now.v[:] = PERSON.rise_m[one.site], -100.0
+        one.act(now, np.zeros((1, 0)))
+        assert now.up_n[0, one.site] <= 0.0
+    slipping = made(blind_forms.SlippingBackrest)
+    now = moment()
+    now.v[:] = 0.2
+    held = slipping.slip * PERSON.rise_m[slipping.site]
+    assert slipping.act(now, np.array([[held]]))[0, 0] == pytest.approx(0.0, abs=1e-12)
+    assert now.up_n[0, slipping.site] == pytest.approx(-slipping.strength * (held + slipping.loss_s * 0.2))
+    rubbing, now = made(development_forms.RubbingBackrest), moment()
+    now.x[:] = 1e-3
+    rubbing.act(now, np.zeros((1, 0)))
+    assert now.up_n[0, rubbing.site] == pytest.approx(-rubbing.strength * 1e-3)
+
+
+def test_turning_seats_lift_by_their_lever() -> None:
+    t = np.arange(round(2.0 * seats.RATE_HZ)) / seats.RATE_HZ
+    w = 2 * np.pi * 1.0
+    turning = Event(
+        "road", "synthetic", 0.0, np.zeros((t.size, 3)), np.column_stack([0 * t, 1e-3 * np.sin(w * t)]), 2.0
+    )
+    expected = -1e-3 * w**2 * np.sin(w * t)
+    for form in of_kind("pitch"):
+        one = made(form)
+        found = one.base_mps2(turning)
+        assert found[t > 1.0] == pytest.approx(one.strength * expected[t > 1.0], abs=0.06 * one.strength * 1e-3 * w**2)
+
+
+def test_necks_shorten_by_their_chord_and_spines_press_by_what_pushes_them() -> None:
+    now = moment()
+    now.signal = np.array([[0.2, 0.5]])
+    nod = made(development_forms.NoddingNeck)
+    assert nod.offset(now, np.empty((1, 0)))[1:] == pytest.approx(
+        (nod.strength * (1 - np.cos(0.2)), nod.strength * 0.5 * np.sin(0.2))
+    )
+    curved = made(blind_forms.CurvedNeck)
+    signals = curved.signals(shaken(), PERSON)
+    phi = curved.bent_rad + np.diff([shaken().leaning_rad(curved.site + i)[:, 1] for i in (0, 1)], axis=0)[0]
+    chord = 2.0 * np.sin(0.5 * phi) / phi
+    np.testing.assert_allclose(signals[:, 0], chord[0] - chord, atol=1e-12)
+    steady = dataclasses.replace(shaken(), accel_mps2=np.ones((9000, 3)), angle_rad=np.zeros((9000, 2)))
+    for form in of_kind("cross_axis"):
+        one, now = made(form), moment()
+        now.signal = one.signals(steady, PERSON)[-1:]
+        one.act(now, np.empty((1, 0)))
+        both = 1.0 + getattr(one, "left", 0.0)
+        assert now.up_n[0, 0] == pytest.approx(one.strength * both * PERSON.inertia_kg[0], rel=1e-3)
+
+
+def test_engines_have_their_line() -> None:
+    long = dataclasses.replace(shaken(), accel_mps2=np.zeros((round(8 * seats.RATE_HZ), 3)))
+    for form in of_kind("periodic"):
+        one = made(form)
+        line = np.abs(np.fft.rfft(one.signals(long, PERSON)[:, 0]))
+        assert np.argmax(line) / 8.0 == pytest.approx(one.frequency_hz, abs=1.6)
+
+
+def test_what_is_of_no_class_does_what_it_says() -> None:
+    tremor = made(blind_forms.Tremor)
+    w = 2 * np.pi * tremor.frequency_hz
+    cycle = integrate.solve_ivp(lambda t, y: tremor.act(moment(), y[None])[0], (0, 60 / w), [0.1, 0.0], rtol=1e-7)
+    assert np.abs(cycle.y[0]).max() == pytest.approx(2.0, abs=0.03)
+    breath, now = made(development_forms.Breathing), moment(1e-3)
+    now.time_s[:] = 0.25 / breath.rate_hz
+    breath.act(now, np.empty((1, 0)))
+    assert -now.up_n[0, breath.site] == pytest.approx(breath.strength * k_b(breath)[0] * 1e-3)
+    past, now = made(development_forms.Bypass), moment(1e-3)
+    past.act(now, np.empty((1, 0)))
+    k = PERSON.stiffness_n_per_m[past.site + 1 : past.site + 3]
+    assert now.up_n[0, past.site] == pytest.approx(past.strength * k.prod() / k.sum() * 2e-3)
+    for form, at in ((blind_forms.LongBypass, 3), (blind_forms.SharedHead, 5)):
+        now = moment(1e-3)
+        made(form).act(now, np.empty((1, 0)))
+        assert now.up_n[0, at] < 0.0
+
+
+# --- sensors ---------------------------------------------------------------------------------------------------------
+
+
+def test_skins_carry_slow_motion_and_ring() -> None:
+    happens, t = shaken(), np.arange(round(4.0 * HELD_HZ)) / HELD_HZ
+    for form in of_kind("skin"):
+        one = made(form)
+
+        def gain(hz: float, one: Effect = one) -> float:
+            wave = np.tile(np.sin(2 * np.pi * hz * t)[:, None], 3)
+            return float(one.felt(one.site, happens, wave)[t > 2.0].std() / wave[t > 2.0].std())
+
+        assert gain(0.5) == pytest.approx(1.0, abs=0.01) and gain(200.0) < 1.0
+        assert max(gain(hz) for hz in np.arange(12.0, 45.0, 3.0)) > 1.05
+
+
+def test_tilts_gains_clocks_and_ranges(no_rest: None) -> None:
+    before = dataclasses.replace(shaken(), accel_mps2=np.zeros((20000, 3)), angle_rad=np.zeros((20000, 2)))
+    pushed = dataclasses.replace(before, accel_mps2=np.full((20000, 3), [2.0, 0.0, 1.0]))
+    for form in of_kind("tilt"):
+        one = dataclasses.replace(made(form), side=0.0)
+        lean = np.full((20000, 2), [0.0, one.strength])
+        still = Fixed(one.site, 1.0, lean)
+        force, _ = wearing.felt(one.site, pushed, np.ones(10000), (still,), NOTHING)
+        s, forward = one.strength, pushed.aside_mps2(one.site)[-1, 0]
+        assert force[-1, 2] == pytest.approx(10.80665 * np.cos(s) + forward * np.sin(s), abs=0.02)
+        assert form.kind == "tilt" and np.abs(one.lean_rad(one.site, shaken())).max() <= s + 1e-12
+    for form in of_kind("gain"):
+        one = made(form)
+        found = one.felt(one.site, shaken(), np.ones((len(shaken().time_s[::2]), 3)))
+        assert np.abs(found - 1.0).max() <= one.strength + 1e-12
+        np.testing.assert_array_equal(one.felt(one.site % 6 + 1, shaken(), np.ones((5, 3))), 1.0)
+    for form in of_kind("clock"):
+        one = made(form)
+        late = one.clock_late_s(one.site, before, np.linspace(0.0, 60.0, 6001))
+        assert 0.0 < late.min() < late.max() <= 1.7 * one.strength and np.ptp(late) > 0.15 * one.strength
+    for form in of_kind("saturation"):
+        one = made(form)
+        full = sensors.GRAVITY_MPS2 + 20.0 / one.strength
+        said = one.said(one.site, np.array([[0.3 * full, 3.0 * full, -9.0 * full]]))[0]
+        assert said[0] == 0.3 * full and np.abs(said).max() <= full and said[2] == pytest.approx(-full, rel=1e-3)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fixed(Effect):
+    """A sensor that leans as it is told."""
+
+    lean: np.ndarray
+
+    def lean_rad(self, sensor: int, event: Event) -> np.ndarray:
+        """Always."""
+        return self.lean
+
+
+# --- sittings, bags and background -----------------------------------------------------------------------------------
+
+BRIEF = sitting.Plan(counts=(1, 1, 1), seconds=(2.5, 2.5, 2.5), uses=("fit",), recorded=False)
+
+
+@cache
+def sittings() -> list[sitting.Sitting]:
+    """One that hides something in the head's sensor, and one that hides something in a joint."""
+    hidden = (development_forms.GainInMotion(6, 0.1), development_forms.RubbingBackrest(3, 3e3))
+    return sitting.drawn(2, 5, plan=BRIEF, chosen=lambda i: hidden[i])
+
+
+def test_a_sitting_has_the_floor_of_data_for_each_use_and_takes_turns() -> None:
+    planned = sitting._planned(sitting.Plan(recorded=False), np.random.default_rng(0))
+    for use in sitting.USES:
+        own = [one for one in planned if one.use == use]
+        assert sum(one.event.motion_s for one in own if one.event.case == "road") >= 30.0
+        assert [sum(one.event.case == case for one in own) for case in seats.CASES] == [3, 3, 3]
+        assert {one.name for one in own} == {f"{case}_{n}" for case in seats.CASES for n in (1, 2, 3)}
+        assert own[-1].event.begin_s > 0.7 * planned[-1].event.whole_s
+    begins = [one.event.begin_s for one in planned]
+    assert all(b - a >= 2.0 for a, b in itertools.pairwise(begins))
+    rails = [one.event.accel_mps2[:, 2] for one in planned if one.event.case == "rail"]
+    assert max(abs(np.corrcoef(a, b)[0, 1]) for a, b in itertools.pairwise(rails)) < 0.5
+
+
+def test_with_and_without_are_the_same_but_for_the_effect() -> None:
+    gain, backrest = sittings()
+    for one in (gain, backrest):
+        rest = round(event.REST_S[0] * HELD_HZ)
+        assert np.abs(one.hidden[0][:rest]).max() < 1e-9
+    hidden, plain = gain.streams(0), gain.streams(0, with_effects=False)
+    for name in ride.WORN:
+        for with_it, without in zip(hidden[name], plain[name], strict=True):
+            assert np.array_equal(with_it, without) == (name != "head" or with_it is not hidden["head"][1])
+    np.testing.assert_array_equal(gain.hidden[0], gain.plain[0])
+    assert np.abs(backrest.hidden[0] - backrest.plain[0]).max() > 0.05
+    assert gain.mass_matrix != backrest.mass_matrix
+
+
+def test_a_sitting_comes_again_by_itself() -> None:
+    again, first = sitting._draft(1, 5, BRIEF, np.random.default_rng([5, 1])), sittings()[1]
+    np.testing.assert_array_equal(again.theta, first.theta)
+    for one, other in zip(again.events, first.events, strict=True):
+        np.testing.assert_array_equal(one.event.accel_mps2, other.event.accel_mps2)
+
+
+def test_bags_hold_six_topics_and_nothing_of_the_truth(tmp_path: Path) -> None:
+    one = sittings()[1]
+    paths = one.write(tmp_path)
+    assert [str(path.relative_to(tmp_path)) for path in paths] == [f"fit/{c}_1.mcap" for c in seats.CASES]
+    told = {"truth", "effect", "hidden", "blind", "theta", "segment", "cascade", *KINDS, *(f.__name__ for f in ALL)}
+    told |= {form.family for form in ALL if form.family != "sensor"}
+    with paths[0].open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        words = " ".join([s.name + s.data.decode() for s in summary.schemas.values()])
+        words += " ".join(f"{c.topic} {c.metadata}" for c in summary.channels.values())
+        messages = list(reader.iter_messages())
+        assert not list(reader.iter_metadata()) and not list(reader.iter_attachments())
+        header = reader.get_header()
+    assert {c.topic for c in summary.channels.values()} == {f"imu/{name}/data" for name in ride.WORN}
+    assert (header.profile, header.library) == ("ros2", "")
+    raw = paths[0].read_bytes() + b"".join(message.data for _, _, message in messages)
+    for word in told:
+        assert word.lower() not in words.lower()
+        assert len(word) < 5 or word.lower().encode() not in raw.lower(), word
+    stamps, force, gyro = one.streams(0)["seat"]
+    first = next(message for _, channel, message in messages if channel.topic == "imu/seat/data")
+    values = np.frombuffer(first.data[20:], "<f8")
+    assert first.log_time == sitting.START_NS + round(one.events[0].event.begin_s * 1e9) + stamps[0]
+    np.testing.assert_array_equal(values[25:28], force[0])
+    np.testing.assert_array_equal(values[13:16], gyro[0])
+    assert values[3] == 1.0 and values[4] == -1.0
+
+
+def test_effects_are_scaled_to_the_ratio_that_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sitting, "GLANCE_S", 1.5)
+    one, other = sittings()
+    weak = dataclasses.replace(one, effects=(development_forms.LinedHelmet(5, 0.2),), background=other.background)
+    (found,) = absorbing.scaled([weak], [0.8])
+    assert found.ratio == pytest.approx(0.8, rel=0.3)
+    assert found.effects[0].strength > 0.2 and found.truth()["ratio"] == found.ratio
+
+
+def test_the_background_leaves_what_the_paper_leaves(tmp_path: Path) -> None:
+    plan = sitting.Plan(counts=(0, 1, 1), seconds=(3.0, 3.0, 3.0), uses=("fit",), recorded=False)
+    (one,) = sitting.drawn(1, 8, effects=0, plan=plan)
+    cases = [Case.of(recording) for path in one.write(tmp_path) for recording in read_recordings(path)]
+    assert [case.case for case in cases] == ["pothole", "rail"]
+    middle = Parameters.from_vector(0.5 * (LOWER + UPPER))
+    fit = fit_joint(cases, Subject("drawn", one.body_mass_kg, 1.75, one.mass_matrix, middle), 0)
+    percent = np.array([errors.nrmse_rms_percent for errors in fit.errors])
+    assert 4.0 < np.median(percent) < 11.0 and percent.min() > 2.0 and percent.max() < 20.0

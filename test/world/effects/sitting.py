@@ -1,0 +1,229 @@
+"""Sittings: a person through many events for fitting, holding out and reporting, with and without what is hidden."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from world import body, ride, seats, sensors
+from world.effects import absorbing, background, bags, event
+from world.effects.background import Background
+from world.effects.draw import KINDS, Split, effect
+from world.effects.effect import Effect, Person
+from world.effects.event import Event
+from world.effects.moving import Party, moved
+from world.effects.wearing import Stream, stream
+
+Floats = NDArray[np.float64]
+Use = Literal["fit", "held", "report"]
+
+USES: Final[tuple[Use, ...]] = ("fit", "held", "report")
+START_NS: Final = 1_800_000_000_000_000_000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How many events of a case there are for each use, and seconds of motion in one: 30 s of road, 3 and 3 shocks."""
+
+    counts: tuple[int, int, int] = (3, 3, 3)
+    seconds: tuple[float, float, float] = (10.0, 6.0, 6.0)
+    uses: tuple[Use, ...] = USES
+    recorded: bool = True
+    pause_s: tuple[float, float] = (3.0, 20.0)
+
+
+PLAN: Final = Plan()
+TOGETHER: Final = 6
+"""Sittings that are moved at once: the accelerations of so many, with and without, are about 0.5 GB."""
+
+GLANCE_S: Final = 6.0
+"""Of an event is enough to tell how far a person goes, and how much of an effect stays visible."""
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """One event in a sitting: what it is for, and its file's name, in which nothing but its case and number is."""
+
+    use: Use
+    name: str
+    event: Event
+
+
+@dataclass(frozen=True, eq=False)
+class Sitting:
+    """One person's sitting. plain and hidden are accelerations by event, (n, 6) at `HELD_HZ`, without and with effects.
+
+    Both have the same person, background, seats, mountings and noise.
+    """
+
+    body_mass_kg: float
+    theta: Floats
+    mass_matrix: Literal["segment", "cascade"]
+    person: Person
+    background: Background
+    level: float
+    effects: tuple[Effect, ...]
+    events: tuple[Planned, ...]
+    worn: dict[str, sensors.Imu]
+    plain: tuple[Floats, ...]
+    hidden: tuple[Floats, ...]
+    seed: int
+    ratio: float | None = None
+
+    def party(self, effects: tuple[Effect, ...]) -> Party:
+        """The person in all events."""
+        return Party(self.person, [planned.event for planned in self.events], effects, self.background)
+
+    def streams(self, index: int, with_effects: bool = True) -> dict[str, Stream]:
+        """What the sensors send in one event."""
+        accel = (self.hidden if with_effects else self.plain)[index]
+        effects = self.effects if with_effects else ()
+        happens = self.events[index].event
+        up = np.column_stack([happens.accel_mps2[::2, 2], accel])
+        return {
+            name: stream(
+                at, self.worn[name], happens, up[:, at], effects, self.background,
+                np.random.default_rng([self.seed, index, at]),
+            )
+            for at, name in enumerate(ride.SENSORS)
+            if name in ride.WORN
+        }  # fmt: skip
+
+    def write(self, directory: Path, with_effects: bool = True) -> list[Path]:
+        """Bags `<use>/<case>_<number>.mcap`, and nothing of the truth."""
+        paths = []
+        for index, planned in enumerate(self.events):
+            paths.append(directory / planned.use / f"{planned.name}.mcap")
+            begin_ns = START_NS + round(planned.event.begin_s * 1e9)
+            bags.write(paths[-1], self.streams(index, with_effects), begin_ns)
+        return paths
+
+    def truth(self) -> dict[str, Any]:
+        """What only a scorer may know, as plain data."""
+        return {
+            "effects": [one.truth() for one in self.effects],
+            "level": self.level,
+            "ratio": self.ratio,
+            "theta": self.theta.tolist(),
+            "mass_matrix": self.mass_matrix,
+            "body_mass_kg": self.body_mass_kg,
+            "origins": [planned.event.origin for planned in self.events],
+        }
+
+
+def drawn(
+    count: int,
+    seed: int,
+    split: Split = "development",
+    kinds: Sequence[str] = KINDS,
+    effects: int = 1,
+    level: float = 1.0,
+    plan: Plan = PLAN,
+    ratio: tuple[float, float] | None = None,
+    chosen: Callable[[int], Effect] | None = None,
+) -> list[Sitting]:
+    """Sittings that hide so many effects each (0: none), of different kinds, on a background of a level.
+
+    ratio: each sitting's effects are made stronger or weaker together until their own residual over the background's,
+    as `absorbing.ratios` sees it, is about one drawn from this range; where that cannot be, it is what it is, and
+    `truth` says it. chosen: the effect of a sitting by its number, instead of drawing. Sittings do not depend on count.
+    """
+    found: list[Sitting] = []
+    for begin in range(0, count, TOGETHER):
+        rngs = [np.random.default_rng([seed, i]) for i in range(begin, min(begin + TOGETHER, count))]
+        drafts = _travelled([_draft(begin + i, seed, plan, rng) for i, rng in enumerate(rngs)])
+        settled = []
+        for i, (draft, rng) in enumerate(zip(drafts, rngs, strict=True)):
+            behind = background.drawn(draft.person, level, rng)
+            hiding = (chosen(begin + i),) if chosen else _hiding(split, kinds, effects, rng)
+            settled.append(dataclasses.replace(draft, background=behind, effects=hiding, level=level))
+        if ratio and any(one.effects for one in settled):
+            settled = absorbing.scaled(settled, [float(np.exp(rng.uniform(*np.log(ratio)))) for rng in rngs])
+        found += together(settled)
+    return found
+
+
+def together(sittings: Sequence[Sitting]) -> list[Sitting]:
+    """Move the people of sittings through all their events, without and with what is hidden."""
+    busy = [i for i, one in enumerate(sittings) if one.effects]
+    went = moved([*(one.party(()) for one in sittings), *(sittings[i].party(sittings[i].effects) for i in busy)])
+    hidden = dict(zip(busy, went[len(sittings) :], strict=True))
+    return [
+        dataclasses.replace(one, plain=went[i].accel_mps2, hidden=hidden.get(i, went[i]).accel_mps2)
+        for i, one in enumerate(sittings)
+    ]
+
+
+def _draft(number: int, seed: int, plan: Plan, rng: np.random.Generator) -> Sitting:
+    """A person, the events to come and the sensors worn; every other person's M holds cascade masses."""
+    people, row = body.drawn(2, rng), number % 2
+    return Sitting(
+        body_mass_kg=float(people.body_mass_kg[row]),
+        theta=people.theta[row],
+        mass_matrix="cascade" if people.cascade[row] else "segment",
+        person=Person.of(people, row),
+        background=background.NOTHING,
+        level=0.0,
+        effects=(),
+        events=_planned(plan, rng),
+        worn=ride.wear(rng),
+        plain=(),
+        hidden=(),
+        seed=seed * 1_000_003 + number,
+    )
+
+
+def _planned(plan: Plan, rng: np.random.Generator) -> tuple[Planned, ...]:
+    """All events, the uses taking turns, so that what changes within the sitting changes in each."""
+    sway, begin_s, found = rng.uniform(0.8, 1.25), 0.0, []
+    numbers = dict.fromkeys([(use, case) for use in plan.uses for case in seats.CASES], 0)
+    for turn in range(max(plan.counts)):
+        for use, (case, count, seconds) in itertools.product(
+            plan.uses, zip(seats.CASES, plan.counts, plan.seconds, strict=True)
+        ):
+            if turn >= count:
+                continue
+            origin = seats.ORIGINS[int(rng.integers(2))] if plan.recorded else "synthetic"
+            numbers[use, case] += 1
+            happens = event.drawn(case, origin, seconds, begin_s, sway, rng)
+            found.append(Planned(use, f"{case}_{numbers[use, case]}", happens))
+            begin_s += happens.time_s[-1] + rng.uniform(*plan.pause_s)
+    return tuple(dataclasses.replace(one, event=dataclasses.replace(one.event, whole_s=begin_s)) for one in found)
+
+
+def _hiding(split: Split, kinds: Sequence[str], count: int, rng: np.random.Generator) -> tuple[Effect, ...]:
+    chosen = rng.choice(sorted(kinds), count, replace=False)
+    return tuple(effect(split, rng, (str(kind),)) for kind in chosen)
+
+
+def _travelled(sittings: Sequence[Sitting]) -> list[Sitting]:
+    """Persons who know how far they go, from one event of each case that is for fitting."""
+    few = [dataclasses.replace(one, events=first_of_each(one.events)) for one in sittings]
+    travels = moved([one.party(()) for one in few])
+    return [
+        dataclasses.replace(
+            one,
+            person=dataclasses.replace(
+                one.person,
+                reach_m=np.median(went.reach_m, axis=0),
+                rise_m=np.median(went.rise_m, axis=0),
+                rate_mps=np.median(went.rate_mps, axis=0),
+            ),
+        )
+        for one, went in zip(sittings, travels, strict=True)
+    ]
+
+
+def first_of_each(events: Sequence[Planned]) -> tuple[Planned, ...]:
+    """The first event of each case, cut after `GLANCE_S` of motion."""
+    first: dict[str, Planned] = {}
+    for planned in events:
+        first.setdefault(planned.event.case, planned)
+    return tuple(dataclasses.replace(one, event=one.event.cut(GLANCE_S)) for one in first.values())

@@ -1,0 +1,79 @@
+"""What six IMUs on a person say of an event, turning with their segments; noise comes again from its seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import interpolate
+
+from world import sensors
+from world.effects.background import Background
+from world.effects.effect import Effect
+from world.effects.event import HELD_HZ, Event
+
+Floats = NDArray[np.float64]
+Stream = tuple[NDArray[np.int64], Floats, Floats]
+"""Stamps (n,) ns since the event began, specific force (n, 3) m/s^2 and angular velocity (n, 3) rad/s."""
+
+GYRO_NOISE_RADPS: Final = 0.002
+GYRO_BIAS_RADPS: Final = 0.003
+GYRO_STEP_RADPS: Final = np.deg2rad(2000.0) / 2**15
+
+
+def felt(
+    sensor: int, event: Event, up_mps2: Floats, effects: Sequence[Effect], background: Background
+) -> tuple[Floats, Floats]:
+    """Specific force (m, 3) and angular velocity (m, 3) at `HELD_HZ` in the axes of an upright, faultless sensor.
+
+    up_mps2 (m,) is the vertical acceleration of what it is on, 0 the seat and 1-6 the segments.
+    """
+    accel = np.column_stack([event.aside_mps2(sensor)[::2], up_mps2])
+    lean = event.leaning_rad(sensor)[::2]
+    if sensor:
+        accel = background.felt(sensor, accel)
+        lean = lean + background.leaning_rad(sensor, event)[::2]
+    for effect in effects:
+        accel = effect.felt(sensor, event, accel)
+        beyond = effect.lean_rad(sensor, event)
+        lean = lean if beyond is None else lean + beyond[::2]
+    spin = np.gradient(lean, 1.0 / HELD_HZ, axis=0)
+    angle = np.column_stack([lean, np.zeros(len(lean))])
+    force = accel + np.array([0.0, 0.0, sensors.GRAVITY_MPS2])
+    # What stands still turns the other way in axes that turn; to the second order, angles being some hundredths.
+    turned = np.cross(angle, force)
+    return force - turned + 0.5 * np.cross(angle, turned), np.column_stack([spin, np.zeros(len(spin))])
+
+
+def stream(
+    sensor: int,
+    imu: sensors.Imu,
+    event: Event,
+    up_mps2: Floats,
+    effects: Sequence[Effect],
+    background: Background,
+    rng: np.random.Generator,
+) -> Stream:
+    """What one sensor sends."""
+    force, spin = felt(sensor, event, up_mps2, effects, background)
+    offset_s = sensors.OFFSET_S * rng.standard_normal()
+    end_s = (len(force) - 1) / HELD_HZ
+    own_s = np.arange(1, int((end_s - 0.02) * sensors.RATE_HZ)) / sensors.RATE_HZ + 0.01
+    late_s = sum((effect.clock_late_s(sensor, event, own_s) for effect in effects), np.zeros(own_s.size))
+    late_s = late_s + (background.late_s[sensor] if sensor else 0.0)
+    true_s = np.clip((own_s - offset_s - late_s) / (1.0 + imu.drift), 0.0, end_s)
+    sampled = interpolate.CubicSpline(np.arange(len(force)) / HELD_HZ, np.hstack([force, spin]))(true_s)
+    said = sampled[:, :3] @ imu.axes.T
+    for effect in effects:
+        said = effect.said(sensor, said)
+    said = said + imu.bias_mps2 + sensors.NOISE_MPS2 * rng.standard_normal(said.shape)
+    gyro = sampled[:, 3:] @ imu.axes.T + GYRO_BIAS_RADPS * rng.standard_normal(3)
+    gyro = gyro + GYRO_NOISE_RADPS * rng.standard_normal(gyro.shape)
+    stamps_s = np.sort(own_s + sensors.JITTER_S * rng.standard_normal(own_s.size))
+    return (
+        np.rint(stamps_s * 1e9).astype(np.int64),
+        sensors.digits(said),
+        np.rint(gyro / GYRO_STEP_RADPS) * GYRO_STEP_RADPS,
+    )
