@@ -25,6 +25,9 @@ from biodyn_core.settings import check_settings, setting
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+RUNAWAY_MPS2: Final = 1e5
+"""No body is accelerated so: a joint that a candidate makes softer than nothing has run away."""
+
 UNSEEN: Final = 1e-12
 """A candidate of which theta leaves no more than this share of its square is not seen at all."""
 
@@ -34,6 +37,7 @@ class ScreenSettings:
     """How candidates are screened."""
 
     window_s: float = setting(1.0, "windows over which the residual's scatter is taken", "s", 0.1, 10.0)
+    replicates: int = setting(2000, "draws of the largest gain where nothing is hidden", "", 100, 1_000_000)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -57,13 +61,15 @@ class Candidate:
 class Screened:
     """What one candidate would do to first order, theta refitted.
 
-    gain: share of the residual's energy that goes; score: its square in standard errors, by windows; size: of the
-    strength, in shares of the start value; absorbed: share of the effect's own energy that theta takes on itself.
+    gain: share of the residual's energy that goes; score: its square in standard errors, by windows; p_value: how often
+    the best of all candidates gains as much by chance; size: of the strength, in shares of the start value; absorbed:
+    share of the effect's own energy that theta takes on itself.
     """
 
     candidate: Candidate
     gain: float
     score: float
+    p_value: float
     size: float
     absorbed: float
 
@@ -97,9 +103,13 @@ def _shapes(effect: Effect) -> list[dict[str, float]]:
 
 
 def screen(
-    fit: Fit, cases: Sequence[Case], tried: Sequence[Candidate], settings: ScreenSettings | None = None
+    fit: Fit, cases: Sequence[Case], tried: Sequence[Candidate], seed: int = 0, settings: ScreenSettings | None = None
 ) -> list[Screened]:
-    """Screen candidates on the cases of a fit, the largest gain first."""
+    """Screen candidates on the cases of a fit, the largest gain first.
+
+    Chance: the signs of whole windows of the residual are drawn anew, so that what is drawn keeps its colour and
+    follows the seat as the residual does (wild bootstrap by blocks). It knows no misfit that is alike in every window.
+    """
     s = settings or ScreenSettings()
     problem = fit.unpulled(cases)
     free = fit.settings.free & ~np.array([p.name in fit.at_bound for p in PARAMETERS])
@@ -117,20 +127,41 @@ def screen(
         rows[:, count:] -= rows[:, :count] @ absorb  # what theta can take on itself
     windows = np.concatenate(list(_windows(stacked, cases, count, s.window_s)))
     left = sum((rows[:, count:].T @ rows[:, count:] for rows in flat), np.zeros((len(tried) + 1,) * 2))
+    own, energy = np.diag(products)[count:-1], np.diag(left)[:-1]
+    seen = np.where(energy > UNSEEN * np.maximum(own, 1e-6), energy, 0.0)  # below is rounding
+    largest = largest_by_chance(windows, seen, left[-1, -1], s.replicates, np.random.default_rng(seed))
     found = [
-        _screened(candidate, float(products[count + i, count + i]), left, windows[:, i], i)
+        _screened(candidate, float(own[i]), float(seen[i]), left[i, -1], left[-1, -1], windows[:, i], largest)
         for i, candidate in enumerate(tried)
     ]
     return sorted(found, key=lambda one: -one.gain)
 
 
+def largest_by_chance(
+    windows: Floats, energy: Floats, residual: float, replicates: int, rng: np.random.Generator
+) -> Floats:
+    """The largest gain of all candidates in each replicate, (r,) ascending.
+
+    windows (w, k) are sums of candidate times residual, energy (k,) the candidates' own, 0 for one that is not seen,
+    residual the sum of squares.
+    """
+    seen = energy > 0.0
+    if not seen.any() or residual <= 0.0:
+        return np.zeros(replicates)
+    signs = rng.choice((-1.0, 1.0), size=(replicates, len(windows)))
+    gains = (signs @ windows[:, seen]) ** 2 / (energy[seen] * residual)
+    return np.sort(gains.max(axis=1))
+
+
 def _answers(fit: Fit, case: Case, tried: Sequence[Candidate]) -> Floats:
-    """Accelerations (n, 5, k) of the fitted subject with each candidate."""
+    """Accelerations (n, 5, k) of the fitted subject with each candidate; without, where it runs away with one."""
     theta, pull = fit.subject.parameters.vector(), Pull(fit.refined.reference, 0.0)
+    base = TimeDomain([case], fit.subject, pull).accelerations(0, theta)
     found = []
     for candidate in tried:
         subject = dataclasses.replace(fit.subject, effects=(*fit.subject.effects, candidate.applied))
-        found.append(TimeDomain([case], subject, pull).accelerations(0, theta))
+        accel = TimeDomain([case], subject, pull).accelerations(0, theta)
+        found.append(accel if np.abs(accel).max() < RUNAWAY_MPS2 else base)
     return np.stack(found, axis=2)
 
 
@@ -143,14 +174,18 @@ def _windows(stacked: Sequence[Floats], cases: Sequence[Case], count: int, windo
         yield scores[:whole].reshape(-1, min(length, len(scores)), scores.shape[1]).sum(axis=1)
 
 
-def _screened(candidate: Candidate, own: float, left: Floats, windows: Floats, index: int) -> Screened:
-    energy, match, residual = left[index, index], left[index, -1], left[-1, -1]
-    if not (np.isfinite(energy) and energy > UNSEEN * own):
-        return Screened(candidate, 0.0, 0.0, 0.0, 1.0)
+def _screened(
+    candidate: Candidate, own: float, energy: float, match: float, residual: float, windows: Floats, largest: Floats
+) -> Screened:
+    if energy == 0.0:
+        return Screened(candidate, 0.0, 0.0, 1.0, 0.0, 1.0)
     scatter = float(windows @ windows)
+    gain = float(match**2 / (energy * residual)) if residual > 0.0 else 0.0
+    as_large = largest.size - int(np.searchsorted(largest, gain))
     return Screened(
         candidate,
-        gain=float(match**2 / (energy * residual)) if residual > 0.0 else 0.0,
+        gain=gain,
+        p_value=(1.0 + as_large) / (1.0 + largest.size),
         score=float(windows.sum() ** 2 / scatter) if scatter > 0.0 else 0.0,
         size=float(-match / energy),
         absorbed=float(1.0 - energy / own),
