@@ -285,7 +285,7 @@ class Stepper:
         effects need besides. Raises InputError where one is missing.
         """
         accel = np.empty((seat_mps2.shape[0], N_SEGMENTS))
-        drive = self._wiring.drive(channels, seat_mps2.shape[0])
+        drive = self._wiring.drive(channels)
         if seat_mps2.shape[0] == 0:
             return accel
         start = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from biodyn_core.errors import InputError
 from biodyn_core.kernels.generated import Piece, Role, integrator
 
 Floats = NDArray[np.float64]
+
+_NO_DRIVE: Final = np.empty((0, 0))
 
 
 @dataclass(frozen=True)
@@ -52,14 +55,16 @@ class Wiring:
         for place, column in self._driven:
             states[place] = drive[0, column]
 
-    def drive(self, channels: Mapping[str, Floats] | None, samples: int) -> Floats:
-        """The channels that the elements need, (n, d); raises InputError for one that is missing."""
+    def drive(self, channels: Mapping[str, Floats] | None) -> Floats:
+        """The channels that the elements need, (n, d), or (0, 0); raises InputError for one that is missing."""
+        if not self.channels:
+            return _NO_DRIVE
         found = channels or {}
         for name in self.channels:
             if name not in found:
                 raise InputError(f"an effect needs the channel {name}, which is not measured here")
-        columns = [np.nan_to_num(found[name]) for name in self.channels]  # what is masked drives nothing
-        return np.ascontiguousarray(np.column_stack(columns)) if columns else np.empty((samples, 0))
+        # What is masked drives nothing.
+        return np.ascontiguousarray(np.column_stack([np.nan_to_num(found[name]) for name in self.channels]))
 
 
 def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
