@@ -71,6 +71,16 @@ class Recording:
     channels: Mapping[str, Channels] = field(default_factory=dict)
     """What each of `SENSORS` measured beside its vertical; empty where it was not asked for."""
 
+    def named_channels(self) -> dict[str, Floats]:
+        """Every channel by its name, such as `seat.x` or `head.rate_y`, (n,) each, 0 where masked."""
+        found: dict[str, Floats] = {}
+        for sensor, channels in self.channels.items():
+            columns = {"x": channels.horizontal_mps2[:, 0], "y": channels.horizontal_mps2[:, 1]}
+            if channels.rates_radps is not None:
+                columns |= {f"rate_{axis}": channels.rates_radps[:, i] for i, axis in enumerate("xyz")}
+            found |= {f"{sensor}.{name}": np.nan_to_num(column) for name, column in columns.items()}
+        return found
+
 
 @dataclass(frozen=True)
 class RecordingSettings:

@@ -31,8 +31,8 @@ def exposure_document(
         "limits": pipeline.limits.deciding.to_dict(),
         "limits_beside": _limits_beside(pipeline.limits, seat),
         "sensors": {name: _sensor(pipeline, name, dose) for name, dose in since.sensors.items()},
-        # Predicted from the seat alone, whose losses are theirs. Held-out errors come with the fit of a subject; until
-        # a file carries them no prediction is validated.
+        # Predicted from the seat alone, whose losses are theirs. Held-out errors come with the fit of a subject, but
+        # nothing ties them to this vehicle and seat, so no prediction is validated.
         "predicted": {
             name: _sensor(pipeline, SEAT, dose) | {"status": "not_validated"} for name, dose in since.predicted.items()
         },

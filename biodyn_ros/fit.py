@@ -188,9 +188,10 @@ def _prepared(event: Event, options: FitOptions) -> Case:
 def _findings(identification: Identification, cases: Sequence[Case], options: FitOptions) -> Findings:
     joint = identification.joint
     sure = uncertainty(joint, cases, options.uncertainty)
-    # One on a bound has no profile, and says so by being there.
-    names = [e.name for e in sure.estimates if not e.at_bound and {e.name, "all"} & set(options.profiles)]
+    asked = [estimate for estimate in sure.estimates if {estimate.name, "all"} & set(options.profiles)]
+    names = [estimate.name for estimate in asked if not estimate.at_bound]
     return Findings(
+        not_profiled=tuple(estimate.name for estimate in asked if estimate.at_bound),
         uncertainty=sure,
         profiles=tuple(profile(joint, cases, name, options.uncertainty) for name in names),
         spectrum=options.spectra,

@@ -43,6 +43,7 @@ class Findings:
 
     uncertainty: Uncertainty
     profiles: tuple[Profile, ...]
+    not_profiled: tuple[str, ...]
     spectrum: SpectrumSettings
 
 
@@ -75,6 +76,7 @@ def fit_document(
         "identifiable": {estimate.name: estimate.call for estimate in sure.estimates},
         "least_known": {"combination": sure.least_known, "half_width": _number(sure.least_known_half_width)},
         "profiles": {profile.name: _profile(profile) for profile in findings.profiles},
+        "not_profiled": list(findings.not_profiled),
         "residuals": [_residual(leftover) for leftover in leftovers(found.joint, found.cases, findings.spectrum)],
         "held_out": [_held_out(event, case, found) for event, case in held_out],
         "mass_matrix": _mass_matrix(found, [case for _, case in held_out]),

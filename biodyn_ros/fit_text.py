@@ -32,6 +32,7 @@ def text_of(document: Document) -> str:
         *(row for event in held_out for row in _error_rows(event, ("joint", "idealized"))),
         "",
         *_parameter_rows(document),
+        *_profile_rows(document),
         "",
         *_said(document),
         *(f"warning: {line}" for line in document["warnings"]),
@@ -69,6 +70,15 @@ def _parameter_rows(document: Document) -> Iterator[str]:
         call = document["identifiable"][name]
         unit = "" if of["unit"] == "-" else f" {of['unit']}"
         yield f"{_parameter(name):<34}{number(of['value']):>8}  {interval + unit:<20}{scatter:>12}  {call}".rstrip()
+
+
+def _profile_rows(document: Document) -> Iterator[str]:
+    """Where the profiles that were asked for pass the 95 % mark; no value of Table 1 closes an open side."""
+    for name, profile in document["profiles"].items():
+        lower, upper = ("open" if end is None else number(end) for end in (profile["lower"], profile["upper"]))
+        yield f"{'profile: ' + _parameter(name):<34}{'':>8}  {lower} to {upper}"
+    for name in document["not_profiled"]:
+        yield f"{'profile: ' + _parameter(name):<34}{'':>8}  none, it lies on its bound"
 
 
 def _parameter(name: str) -> str:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from biodyn_core.effects import needs_channels, shown
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, DoseMeter, DriMeter, HicMeter
-from biodyn_core.identification.problem import named_channels
 from biodyn_core.model import Chain, Response, SeatForce, predict
 from biodyn_core.recording import WARM_UP_S, WORTH_A_LINE_S, Recording
 from biodyn_core.response import (
@@ -89,7 +88,7 @@ class _Event:
 
     @classmethod
     def of(cls, recording: Recording, subject: Subject) -> _Event:
-        channels = named_channels(recording)
+        channels = recording.named_channels()
         response = predict(subject, recording.seat_mps2, recording.rate_hz, channels)
         if not np.isfinite(response.accel_mps2).all():
             raise InputError(f"{recording.name}: the model of {subject.name} leaves the finite numbers: fit it anew")

@@ -125,6 +125,10 @@ def test_the_terminal_shows_errors_intervals_and_what_is_not_known(fitted: Fitte
     assert "rail (another repetition)" in text and "rail (held out)" in text
     assert "mass scale: held; accelerations say nothing of it" in text
     assert "made by the model itself" in text
+    (profile,) = (line for line in text.splitlines() if line.startswith("profile: natural frequency, head"))
+    assert "10." in profile
+    pinned = dict(fitted.document, not_profiled=["rayleigh_rad_per_s"])
+    assert "profile: Rayleigh damping" in text_of(pinned) and "lies on its bound" in text_of(pinned)
     assert all(len(line) < 200 for line in text.splitlines() if not line.startswith("warning"))
     alone = dict(fitted.document, held_out=[])
     assert "nothing was held out" in text_of(alone)

@@ -62,9 +62,15 @@ def test_the_mass_matrix_of_the_truth_is_called_better_whichever_is_declared(mas
 
 
 def test_mass_matrices_that_predict_alike_are_not_told_apart(found: Identification) -> None:
-    """Two subjects that differ in name only."""
-    twin = dataclasses.replace(found, other=dataclasses.replace(found.joint))
-    assert twin.better_mass_matrix()[0] is None
+    """Measurements that neither has anything to do with: both miss all of them."""
+    case = fitting.true_cases("segment")[0]
+    noise = 1e3 * np.random.default_rng(2).standard_normal(case.measured_mps2.shape)
+    measured = np.where(case.compared, noise, 0.0)
+    foreign = dataclasses.replace(case, measured_mps2=measured, energy=(measured**2).sum(axis=0))
+    better, percent = found.better_mass_matrix([foreign])
+    assert better is None and set(percent) == {"segment", "cascade"}
+    assert min(percent.values()) == pytest.approx(100.0, rel=0.01)
+    assert found.better_mass_matrix()[0] == "segment"
 
 
 def test_both_refiners_are_compared_on_one_problem(found: Identification) -> None:

@@ -85,7 +85,7 @@ class Case:
         said = [f"{segment}: not fitted, less than {s.least_compared_s:g} s to compare" for segment in _named(short)]
         return cls(
             name, recording.case, recording.rate_hz, sharpened(seat) if s.sharpen_seat else seat, measured, compared,
-            energy, grid, magnitude, coherence, (*recording.warnings, *said), named_channels(recording),
+            energy, grid, magnitude, coherence, (*recording.warnings, *said), recording.named_channels(),
         )  # fmt: skip
 
     @property
@@ -113,17 +113,6 @@ def sharpened(seat_mps2: Floats) -> Floats:
     """
     padded = np.pad(seat_mps2, 1, "edge")
     return np.asarray(seat_mps2 - np.diff(padded, 2) / 12.0)
-
-
-def named_channels(recording: Recording) -> dict[str, Floats]:
-    """Every channel of a recording by its name, such as `seat.x` or `head.rate_y`, (n,) each, 0 where masked."""
-    found: dict[str, Floats] = {}
-    for sensor, channels in recording.channels.items():
-        columns = {"x": channels.horizontal_mps2[:, 0], "y": channels.horizontal_mps2[:, 1]}
-        if channels.rates_radps is not None:
-            columns |= {f"rate_{axis}": channels.rates_radps[:, i] for i, axis in enumerate("xyz")}
-        found |= {f"{sensor}.{name}": np.nan_to_num(column) for name, column in columns.items()}
-    return found
 
 
 def _named(segments: Flags) -> tuple[str, ...]:
