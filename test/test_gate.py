@@ -10,7 +10,7 @@ from test_effects import applied
 
 from biodyn_core.identification.problem import Case
 from biodyn_core.subject import load_subject
-from biodyn_core.tracing.gate import FloorSettings, contents, missing, pulled_down
+from biodyn_core.tracing.gate import FloorSettings, cleaned, contents, missing, pulled_down, same
 from biodyn_ros.resources import subject_file
 
 RATE_HZ = fitting.RATE_HZ
@@ -29,9 +29,22 @@ def case(peaks_g: list[float], seconds: float = 20.0, apart_s: float = 3.0) -> C
 
 
 def test_shocks_are_counted_by_their_peaks() -> None:
-    found = contents([case([0.5, 1.5, 2.9, 3.2]), case([-4.0])])
-    assert (found.shocks, found.hard_shocks) == (2, 2)
+    found = contents([case([0.5, 1.5, 1.9, 3.2]), case([-4.0])])
+    assert (found.shocks, found.hard_shocks) == (4, 2)  # hard ones are shocks too
     assert found.road_s == pytest.approx(36.0 - 4.0, abs=0.1)  # 2 s of warm-up in each
+
+
+def test_what_is_a_shock_and_what_a_hard_one_is_a_setting() -> None:
+    s = FloorSettings(shock_g=2.0, hard_shock_g=3.0)
+    found = contents([case([0.5, 1.5, 2.9, 3.2])], s)
+    assert (found.shocks, found.hard_shocks) == (2, 1)
+    assert found.road_s == pytest.approx(18.0 - 2.0, abs=0.1)
+
+
+def test_a_shock_in_the_warm_up_does_not_count() -> None:
+    early = case([3.0])
+    shifted = dataclasses.replace(early, seat_mps2=np.roll(early.seat_mps2, -round(3.0 * RATE_HZ)))
+    assert contents([shifted]).shocks == 0
 
 
 def test_two_axles_are_one_shock() -> None:
@@ -40,13 +53,18 @@ def test_two_axles_are_one_shock() -> None:
 
 
 def test_what_is_missing_is_said_and_enough_is_enough() -> None:
-    few = missing([case([1.5])], "to fit")
-    assert few == [
+    assert missing([case([1.5])], "to fit") == [
         "to fit: 17 s without shocks, 30 are needed",
-        "to fit: 1 shocks of 1 to 3 g, 3 are needed",
-        "to fit: 0 shocks of 3 g and more, 3 are needed",
+        "to fit: 1 shocks of 0.8 g and more, 6 are needed",
+        "to fit: 0 shocks of 2 g and more, 1 are needed",
     ]
-    assert missing([case([1.5, 2.0, 2.0]), case([4.0, 5.0, 5.0])], "to fit", FloorSettings(road_s=20.0)) == []
+    enough = [case([1.0, 1.5, 1.5]), case([4.0, 5.0, 1.0])]
+    assert missing(enough, "held out", FloorSettings(road_s=20.0)) == []
+    assert missing(enough, "held out") == []  # 2 x 18 s less 6 s of shocks are just 30
+    assert missing(enough[:1], "held out", FloorSettings(road_s=1.0, shocks=3)) == [
+        "held out: 0 shocks of 2 g and more, 1 are needed"
+    ]
+    assert missing([], "held out")[0] == "held out: 0 s without shocks, 30 are needed"
 
 
 def test_the_papers_windows_carry_no_verdict() -> None:
@@ -76,3 +94,46 @@ def test_a_quiet_road_lifts_nobody_and_lift_off_is_no_omission_twice() -> None:
     quiet = dataclasses.replace(fitting.true_cases("segment")[0], seat_mps2=seat)
     assert 0.0 < pulled_down(SUBJECT, quiet) < 0.5
     assert pulled_down(dataclasses.replace(SUBJECT, effects=(applied("lift_off"),)), quiet) == 0.0
+
+
+def masked(share: float, column: int, one: Case) -> Case:
+    """A case of which one sensor is masked for a share of what follows the warm-up."""
+    compared, measured = one.compared.copy(), one.measured_mps2.copy()
+    end = one.begin + round(share * (len(measured) - one.begin))
+    compared[one.begin : end, column] = False
+    measured[one.begin : end, column] = 0.0
+    return dataclasses.replace(one, compared=compared, measured_mps2=measured, energy=(measured**2).sum(axis=0))
+
+
+def test_a_sensor_that_clips_is_left_out_of_its_event_alone() -> None:
+    one = masked(0.1, 3, fitting.true_cases("segment")[0])
+    found, (line,) = cleaned(one)
+    assert line.startswith("road: neck, 10 % ")
+    assert found.energy[3] == 0.0 and not found.compared[:, 3].any() and "neck" not in found.fitted
+    others = [0, 1, 2, 4]
+    np.testing.assert_array_equal(found.compared[:, others], one.compared[:, others])
+    np.testing.assert_array_equal(found.energy[others], one.energy[others])
+
+
+def test_a_few_samples_masked_or_all_sensors_alike_leave_every_sensor_in() -> None:
+    whole = fitting.true_cases("segment")[0]
+    few, alike = masked(0.01, 3, whole), whole
+    for column in range(5):
+        alike = masked(0.1, column, alike)
+    for one in (whole, few, alike):
+        found, said = cleaned(one)
+        assert found is one and said == []
+
+
+def test_a_sensor_that_was_never_there_is_not_said_to_clip() -> None:
+    whole = fitting.true_cases("segment")[0]
+    compared, energy = whole.compared.copy(), whole.energy.copy()
+    compared[:, 1], energy[1] = False, 0.0
+    assert cleaned(dataclasses.replace(whole, compared=compared, energy=energy))[1] == []
+
+
+def test_the_same_seat_is_the_same_motion_whatever_it_is_called() -> None:
+    road, pothole = fitting.true_cases("segment")[:2]
+    renamed = dataclasses.replace(road, name="other", case="rail", measured_mps2=pothole.measured_mps2)
+    shorter = dataclasses.replace(road, seat_mps2=road.seat_mps2[:-1])
+    assert same(road, renamed) and not same(road, pothole) and not same(road, shorter)

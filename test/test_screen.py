@@ -3,126 +3,145 @@
 import dataclasses
 from functools import cache
 
-import fitting
+import hiding
 import numpy as np
 import pytest
 from scipy import signal
-from test_effects import applied, twin
+from test_effects import applied
 
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.identification.fit import Fit, fit_joint
-from biodyn_core.identification.phase1 import SwarmSettings
-from biodyn_core.identification.problem import Case
-from biodyn_core.identification.settings import FitSettings
-from biodyn_core.tracing.screen import Candidate, Screened, candidates, largest_by_chance, screen
+from biodyn_core.tracing.background import Background, Side
+from biodyn_core.tracing.rows import Rows
+from biodyn_core.tracing.screen import Screening, Tried, candidates, mean_log_ratio, screen
 
-QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2)
-NECK, HEAD = 3, 4
+FEW = ("gain", "clock", "skin", "asymmetry", "quadratic_damping", "relaxation", "friction")
 
 
-def cases(change) -> list[Case]:
-    """The true recordings with noise, their measured segments (n, 5) changed."""
-    rng, made = np.random.default_rng(4), []
-    for recording in fitting.true_recordings(6.0)["segment"]:
-        measured = change(recording.measured_mps2.copy())
-        measured += fitting.low_passed(0.02 * rng.standard_normal(measured.shape))
-        made.append(dataclasses.replace(recording, measured_mps2=measured))
-    return [Case.of(recording, fitting.SPECTRUM, fitting.LINES) for recording in made]
-
-
-def fitted(made: list[Case], clocks: str = "trusted") -> Fit:
-    """Trusted, because a clock that is off is one of the things to be found."""
-    return fit_joint(made, fitting.true_subjects()["segment"], 1, dataclasses.replace(QUICK, clocks=clocks))
-
-
-def louder(measured: np.ndarray) -> np.ndarray:
-    measured[:, NECK] *= 1.1
-    return measured
-
-
-def later(measured: np.ndarray) -> np.ndarray:
-    time = np.arange(len(measured)) / fitting.RATE_HZ
-    measured[:, HEAD] = np.interp(time - 0.004, time, measured[:, HEAD])
-    return measured
-
-
-def on_skin(measured: np.ndarray) -> np.ndarray:
-    """30 Hz, a damping ratio of 0.3, by another discretisation than the package's."""
-    w = 2.0 * np.pi * 30.0
-    b, a = signal.bilinear([0.6 * w, w * w], [1.0, 0.6 * w, w * w], fitting.RATE_HZ)
-    measured[:, HEAD] = signal.lfilter(b, a, measured[:, HEAD])
-    return measured
+def of_names(names: tuple[str, ...]) -> list[Tried]:
+    return [one for one in candidates(hiding.events(6))[0] if one.applied.effect.name in names]
 
 
 @cache
-def screened(change) -> list[Screened]:
-    made = cases(change)
-    return screen(fitted(made), made, candidates(made)[0])
+def screening(change=hiding.nothing, law=hiding.plain) -> Screening:
+    return screen(hiding.background(change, law), of_names(FEW), 200, 0)
 
 
 @pytest.mark.parametrize(
-    ("change", "name", "site"), [(louder, "gain", "neck"), (later, "clock", "head"), (on_skin, "skin", "head")]
+    ("change", "law", "name", "site", "least"),
+    [
+        (hiding.louder, hiding.plain, "gain", "neck", 0.3),
+        (hiding.later, hiding.plain, "clock", "head", 0.3),
+        (hiding.on_skin, hiding.plain, "skin", "head", 0.3),
+        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", 0.01),  # theta has taken most of it
+    ],
 )
-def test_what_is_wrong_with_a_sensor_comes_first(change, name: str, site: str) -> None:
-    best = screened(change)[0]
-    assert (best.candidate.applied.effect.name, best.candidate.applied.site) == (name, site)
-    assert best.gain > 0.5 and best.p_value < 0.05
+def test_what_was_hidden_comes_first(change, law, name: str, site: str, least: float) -> None:
+    found = screening(change, law)
+    best = found.ladder[0]
+    assert (best.tried.applied.effect.name, best.tried.applied.site) == (name, site)
+    assert best.gain > least and best.p_value < 0.05
+    assert best.gain > 2.0 * next(one.gain for one in found.ladder if one.tried.applied.site != site)
 
 
 def test_the_size_is_that_of_the_truth() -> None:
-    best = screened(louder)[0]
-    assert best.size * best.candidate.applied.values["gain"] == pytest.approx(0.1, rel=0.1)
-    best = screened(later)[0]
-    assert best.size * best.candidate.applied.values["delay_s"] == pytest.approx(0.004, rel=0.1)
+    best = screening(hiding.louder).ladder[0]
+    assert best.size * best.tried.applied.values["gain"] == pytest.approx(0.1, rel=0.1)
+    best = screening(hiding.later).ladder[0]
+    assert best.size * best.tried.applied.values["delay_s"] == pytest.approx(0.004, rel=0.1)
 
 
 def test_nothing_hidden_leaves_little_to_gain() -> None:
-    made = cases(lambda measured: measured)
-    found = screen(fitted(made), made, candidates(made)[0])
-    assert found[0].gain < 0.02 and found[0].p_value > 0.05
-    assert all(0.0 <= one.absorbed <= 1.0 + 1e-9 and one.score >= 0.0 for one in found)
+    found = screening()
+    assert found.ladder[0].gain < 0.02 and found.ladder[0].p_value > 0.05
+    assert all(0.0 <= one.absorbed <= 1.0 + 1e-9 for one in found.ladder)
+    assert [one.gain for one in found.ladder] == sorted((one.gain for one in found.ladder), reverse=True)
 
 
-def test_a_tissue_law_comes_first_in_what_another_integrator_made_of_it() -> None:
-    """An orifice damper in the seat's joint, by DOP853 from full matrices."""
-    subject = fitting.true_subjects()["segment"]
-    effect = applied("quadratic_damping", "pelvis", growth_s_per_m=4.0)
-    seat = fitting.seat_motion("pothole", 5.0, 3)
-    made = [fitting.ready(seat, twin(effect, seat, subject, fitting.RATE_HZ), "pothole")]
-    best = screen(fitted(made, "estimated"), made, candidates(made)[0])[0]
-    assert (best.candidate.applied.effect.name, best.candidate.applied.site) == ("quadratic_damping", "pelvis")
-    assert best.gain > 0.5
+def test_the_same_seed_draws_the_same_chance_and_another_one_does_not() -> None:
+    tried = of_names(("gain",))
+    first, second, other = (screen(hiding.background(hiding.louder), tried, 30, seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.chance, second.chance)
+    assert [one.gain for one in first.ladder] == [one.gain for one in second.ladder]
+    assert (first.chance != other.chance).any() and (np.diff(first.chance) >= 0.0).all()
+
+
+def test_a_gain_looks_like_itself_turned_round_and_not_like_another_sensors() -> None:
+    up, down, other = (
+        Tried(applied("gain", site, gain=gain), "gain")
+        for site, gain in (("neck", 0.05), ("neck", -0.02), ("pelvis", 0.05))
+    )
+    found = screen(hiding.background(hiding.louder), [up, down, other], 20, 0)
+    assert found.cosine(up, down) == pytest.approx(1.0, abs=1e-4) and found.cosine(up, other) < 0.5
+    by_tried = {one.tried.applied.values["gain"] * (1 + (one.tried is other)): one for one in found.ladder}
+    assert by_tried[-0.02].gain == pytest.approx(by_tried[0.05].gain, rel=1e-6)
+    assert by_tried[-0.02].size == pytest.approx(-2.5 * by_tried[0.05].size, rel=1e-6)
+
+
+def test_what_theta_can_do_itself_it_absorbs_and_a_sensors_gain_it_does_not() -> None:
+    """A mass on the head shifts the modes as frequencies and dampings do."""
+    mass, gain = Tried(applied("added_mass", "head"), ""), Tried(applied("gain", "pelvis"), "gain")
+    ladder = screen(hiding.background(), [mass, gain], 20, 0).ladder
+    absorbed = [next(one.absorbed for one in ladder if one.tried is tried) for tried in (mass, gain)]
+    assert absorbed[0] > 0.8 and absorbed[1] < 0.6
 
 
 def test_a_candidate_that_runs_away_is_not_seen_and_spoils_no_other() -> None:
-    made = cases(louder)
-    runs_away = dataclasses.replace(CATALOGUE["gain"], measured=lambda accel, *_: np.full_like(accel, np.inf))
-    gain = Candidate(applied("gain", "neck"), "gain")
-    wild = Candidate(dataclasses.replace(gain.applied, effect=runs_away), "gain")
-    fit = fitted(made)
-    (alone,), both = screen(fit, made, [gain]), screen(fit, made, [wild, gain])
-    assert both[0].candidate is gain and both[0].gain == pytest.approx(alone.gain, rel=1e-9)
+    (parameter,) = CATALOGUE["cubic"].parameters
+    softer = dataclasses.replace(CATALOGUE["cubic"], parameters=(dataclasses.replace(parameter, lower=-1e12),))
+    values = {parameter.name: -1e10}
+    wild = Tried(dataclasses.replace(applied("cubic", "pelvis"), effect=softer, values=values), parameter.name)
+    gain = Tried(applied("gain", "neck"), "gain")
+    background = hiding.background(hiding.louder)
+    (alone,), both = (screen(background, tried, 20, 0).ladder for tried in ([gain], [wild, gain]))
+    assert both[0].tried is gain and both[0].gain == pytest.approx(alone.gain, rel=1e-9)
     assert (both[1].gain, both[1].p_value, both[1].absorbed) == (0.0, 1.0, 1.0)
 
 
+class _Drawn(Rows):
+    """Rows of which what is missed has been drawn."""
+
+    def __init__(self, rows: Rows, drawn: np.ndarray) -> None:
+        self.__dict__ |= rows.__dict__
+        self._drawn = drawn
+
+    def missed(self, answer: np.ndarray) -> np.ndarray:
+        return self._drawn
+
+
+def drawn(side: Side, rng: np.random.Generator) -> Side:
+    """Coloured residuals that are loud where the motion is, and nothing hidden in them."""
+    missed = []
+    for known in side.known:
+        windows, each = known.shape[:2]
+        noise = signal.lfilter([1.0], [1.0, -0.9], rng.standard_normal((windows, each // 5, 5)), axis=1)
+        loud = np.exp(rng.standard_normal((windows, 1, 1)))
+        missed.append((loud * noise).reshape(windows, each))
+    rows = tuple(_Drawn(one, y) for one, y in zip(side.rows, missed, strict=True))
+    return dataclasses.replace(side, rows=rows, products=side.of(missed))
+
+
 def test_chance_is_right_about_as_often_as_it_says() -> None:
-    """Coloured residuals that follow the candidates' own input, 40 correlated candidates, nothing hidden."""
-    rng, alarms = np.random.default_rng(8), 0
-    for _ in range(200):
-        drive = rng.standard_normal((40, 1, 60))
-        shapes = np.concatenate([drive + 0.5 * rng.standard_normal((40, 1, 60)) for _ in range(40)], axis=1)
-        loud = 1.0 + 4.0 * (rng.random((40, 1)) < 0.1)  # shocks are louder than the road
-        residual = loud * np.cumsum(rng.standard_normal((40, 60)), axis=1) * 0.1
-        windows = np.einsum("wkn,wn->wk", shapes, residual)
-        energy, square = (shapes**2).sum(axis=(0, 2)), float((residual**2).sum())
-        largest = largest_by_chance(windows, energy, square, 300, rng)
-        gain = (windows.sum(axis=0) ** 2 / (energy * square)).max()
-        alarms += gain > np.quantile(largest, 0.95)
-    assert 1 <= alarms <= 20  # 10 of 200 are expected
+    """Every gain and clock of five sensors, nothing hidden."""
+    rng, background, tried = np.random.default_rng(8), hiding.background(), of_names(("gain", "clock"))
+    p_values = []
+    for number in range(40):
+        sides = {name: drawn(getattr(background, name), rng) for name in ("train", "choose")}
+        alike: Background = dataclasses.replace(background, **sides).reweighted(0.001)
+        p_values.append(screen(alike, tried, 60, number).ladder[0].p_value)
+    assert np.count_nonzero(np.array(p_values) <= 0.05) <= 7  # 2 are expected
+    assert 0.35 < np.mean(p_values) < 0.65
+
+
+def test_the_mean_log_ratio_is_over_windows_first_and_events_then() -> None:
+    before, event = np.array([8.0, 8.0, 8.0, 8.0, 8.0]), np.array([0, 0, 0, 1, 1])
+    after = np.array([[8.0], [4.0], [2.0], [1.0], [8.0]])
+    samples = np.array([100.0, 100.0, 100.0, 100.0, 10.0])  # the last window is too short to count
+    ln2 = np.log(2.0)
+    np.testing.assert_allclose(mean_log_ratio(before, after, event, samples), [0.5 * (ln2 + 3.0 * ln2)])
 
 
 def test_what_cannot_be_tested_is_named_not_passed_over() -> None:
-    made = cases(lambda measured: measured)
+    made = hiding.events(6)
     tried, untestable = candidates(made)
     assert {name.split(" at ")[0] for name in untestable} == {"bending", "cross_axis", "pitch", "tilt"}
     assert not {one.applied.effect.name for one in tried} & {"bending", "cross_axis", "pitch", "tilt"}
@@ -131,3 +150,7 @@ def test_what_cannot_be_tested_is_named_not_passed_over() -> None:
     tried, untestable = candidates(full)
     assert {name.split(" at ")[0] for name in untestable} == {"tilt"}
     assert "tilt at head (lean_x)" in {one.name for one in tried}
+    # A channel that one event lacks is not there.
+    assert {name.split(" at ")[0] for name in candidates([*full, made[0]])[1]} == {
+        "bending", "cross_axis", "pitch", "tilt",
+    }  # fmt: skip

@@ -34,7 +34,7 @@ EFFECT = Effect(
     place="joint",
     parameters=(
         EffectParameter(
-            "friction_n", "N", 0.0, 80.0, 10.0, "strength", "the term: Muksian and Nash 1974; its size: no source"
+            "friction_n", "N", 0.0, 300.0, 10.0, "strength", "the term: Muksian and Nash 1974; its size: no source"
         ),
     ),
     constants=_constants,

@@ -28,7 +28,7 @@ EFFECT = Effect(
     signature="stiff at small amplitude",
     place="joint",
     parameters=(
-        EffectParameter("yield_n", "N", 0.0, 120.0, 20.0, "strength"),
+        EffectParameter("yield_n", "N", 0.0, 500.0, 20.0, "strength"),
         EffectParameter("yield_m", "m", 1e-4, 5e-3, 5e-4, grid=(2e-4, 5e-4, 2e-3)),
     ),
     constants=_constants,

@@ -152,13 +152,16 @@ def identify(
     )
 
 
-def fingerprint(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings) -> str:
-    """What tells one identification from another: its samples, masks and spectra, subject, seed and settings."""
+def fingerprint(cases: Sequence[Case], subject: Subject, seed: int, settings: object) -> str:
+    """What tells one problem from another: its samples, masks, spectra and channels, subject, seed and settings."""
     digest = hashlib.sha256(repr((subject.to_dict(), seed, settings)).encode())
     for case in cases:
         digest.update(repr((case.name, case.case, case.rate_hz)).encode())
         for values in (case.seat_mps2, case.measured_mps2, case.compared, case.transmissibility, case.coherence):
             digest.update(np.ascontiguousarray(values).tobytes())
+        for name in sorted(case.channels):
+            digest.update(name.encode())
+            digest.update(np.ascontiguousarray(case.channels[name]).tobytes())
     return digest.hexdigest()
 
 

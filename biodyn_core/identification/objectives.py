@@ -221,11 +221,9 @@ class TimeDomain:
         differences in one batch; at most `LANES` - 1 parameters are free. others (m, 5, k) are accelerations of other
         models over the whole case: what they differ by stands before the residual.
         """
-        case, points = self.cases[number], _neighbours(theta, free)
-        accel = self._side_by_side(number, points)
-        self.evaluations += len(points)
+        case = self.cases[number]
         weight = np.sqrt(self._weights[number][case.begin :])
-        rows = _differences(accel[case.begin :])
+        rows = self._slopes(number, theta, free)[case.begin :]
         answers = rows[:, :, -1].copy()
         if others is not None:
             rows = np.concatenate([rows[:, :, :-1], others[case.begin :] - rows[:, :, -1:], rows[:, :, -1:]], axis=2)
@@ -234,6 +232,16 @@ class TimeDomain:
         if self._clocks == "estimated":
             _take_off(rows, _delays(answers, case.rate_hz) * weight[:, :, None])
         return rows
+
+    def slopes(self, number: int, theta: Floats, free: Flags) -> Floats:
+        """Derivatives (n, 5, p) of the accelerations in one case by ln theta of the p that are free."""
+        return self._slopes(number, theta, free)[:, :, :-1]
+
+    def _slopes(self, number: int, theta: Floats, free: Flags) -> Floats:
+        """The same, and last the accelerations themselves, (n, 5, p + 1)."""
+        points = _neighbours(theta, free)
+        self.evaluations += len(points)
+        return _differences(self._side_by_side(number, points))
 
     def clock_delays_s(self, number: int, theta: Floats) -> Floats:
         """How late each segment's sensor is at the middle of one case, and how much later each second, (5, 2), s."""

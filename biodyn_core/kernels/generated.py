@@ -56,7 +56,13 @@ def integrator(pieces: Sequence[Piece]) -> Callable[..., None]:
 
     Where a piece sits is part of the text: as a number in p it keeps the loop from being unrolled, at twice the time.
     """
-    return _load(_source(pieces)) if pieces else chain.integrate_chain
+    return _integrator(tuple(pieces)) if pieces else chain.integrate_chain
+
+
+@functools.lru_cache(maxsize=1024)
+def _integrator(pieces: tuple[Piece, ...]) -> Callable[..., None]:
+    """Written and loaded once a process: a search asks for the same one thousands of times."""
+    return _load(_source(pieces))
 
 
 def _source(pieces: Sequence[Piece]) -> str:

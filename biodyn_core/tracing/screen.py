@@ -1,14 +1,14 @@
-"""Screening: what each candidate effect would take off the residual, once theta has taken what it can (tracing, B).
+"""Screening: what each candidate would take off the residual, once the background has taken what it can (tracing, B).
 
-One simulation a candidate, at a strength at which it acts: a derivative at zero is useless for a stop or for lift-off.
-What is measured against is the residual's own scatter over windows of a second, so coloured residuals fool nobody.
+One simulation a candidate and event, at a strength at which it acts: a derivative at zero is useless for a stop or for
+lift-off. Sizes come from the fitted side, gains from the events that choose.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,35 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
-from biodyn_core.identification.fit import Fit
-from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
-from biodyn_core.parameters import PARAMETERS
-from biodyn_core.settings import check_settings, setting
+from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.background import N_THETA, Background, Side
+from biodyn_core.tracing.rows import Products
 
 Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
 
-RUNAWAY_MPS2: Final = 1e5
-"""No body is accelerated so: a joint that a candidate makes softer than nothing has run away."""
+UNSEEN: Final = 1e-9
+"""A candidate of which the background leaves no more than this share of its square is not seen at all."""
 
-UNSEEN: Final = 1e-12
-"""A candidate of which theta leaves no more than this share of its square is not seen at all."""
-
-
-@dataclass(frozen=True)
-class ScreenSettings:
-    """How candidates are screened."""
-
-    window_s: float = setting(1.0, "windows over which the residual's scatter is taken", "s", 0.1, 10.0)
-    replicates: int = setting(2000, "draws of the largest gain where nothing is hidden", "", 100, 1_000_000)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
+LEAST_SAMPLES: Final = 50
+"""A window with fewer compared is not counted."""
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Tried:
     """One effect at one site with start values, and by which of its parameters its size is changed, `` for presence."""
 
     applied: AppliedEffect
@@ -59,22 +47,43 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Screened:
-    """What one candidate would do to first order, theta refitted.
+    """What one candidate would do to first order.
 
-    gain: share of the residual's energy that goes; score: its square in standard errors, by windows; p_value: how often
-    the best of all candidates gains as much by chance; size: of the strength, in shares of the start value; absorbed:
-    share of the effect's own energy that theta takes on itself.
+    gain: mean log ratio of what is left without and with it, in the events that choose; size: of the strength, in
+    shares of the start value; absorbed: share of its energy that theta takes on itself; p_value: how often the best of
+    all candidates gains as much by chance.
     """
 
-    candidate: Candidate
+    tried: Tried
     gain: float
-    score: float
-    p_value: float
     size: float
     absorbed: float
+    p_value: float
 
 
-def candidates(cases: Sequence[Case]) -> tuple[list[Candidate], list[str]]:
+@dataclass(frozen=True, eq=False)
+class Screening:
+    """All candidates, the largest gain first, and the largest gain (r,) of each draw of chance, ascending.
+
+    along (c, c) are the absolute cosines between what is left of the candidates, in the order they were tried in.
+    """
+
+    ladder: tuple[Screened, ...]
+    chance: Floats
+    tried: tuple[Tried, ...]
+    along: Floats
+
+    def p_value(self, gain: float) -> float:
+        """How often the best of all candidates gains as much by chance."""
+        as_large = self.chance.size - int(np.searchsorted(self.chance, gain))
+        return (1.0 + as_large) / (1.0 + self.chance.size)
+
+    def cosine(self, one: Tried, other: Tried) -> float:
+        """How alike two candidates are, once the background has taken what it can."""
+        return float(self.along[self.tried.index(one), self.tried.index(other)])
+
+
+def candidates(cases: Sequence[Case]) -> tuple[list[Tried], list[str]]:
     """Every effect at every site that these cases can show, and the names of those for which a channel is missing."""
     found, untestable = [], []
     for effect in CATALOGUE.values():
@@ -84,14 +93,14 @@ def candidates(cases: Sequence[Case]) -> tuple[list[Candidate], list[str]]:
                 untestable.append(f"{effect.name} at {site}")
                 continue
             found += [
-                Candidate(AppliedEffect(effect, site, shape | _without(effect, strength)), strength)
+                Tried(AppliedEffect(effect, site, shape | _others(effect, strength)), strength)
                 for strength in effect.strengths or ("",)
                 for shape in _shapes(effect)
             ]
     return found, untestable
 
 
-def _without(effect: Effect, strength: str) -> dict[str, float]:
+def _others(effect: Effect, strength: str) -> dict[str, float]:
     """The other strengths of an effect, at zero."""
     return {p.name: 0.0 for p in effect.parameters if p.kind == "strength" and p.name != strength}
 
@@ -103,90 +112,168 @@ def _shapes(effect: Effect) -> list[dict[str, float]]:
 
 
 def screen(
-    fit: Fit, cases: Sequence[Case], tried: Sequence[Candidate], seed: int = 0, settings: ScreenSettings | None = None
-) -> list[Screened]:
-    """Screen candidates on the cases of a fit, the largest gain first.
+    background: Background, tried: Sequence[Tried], replicates: int = 400, seed: int = 0,
+    tell: Callable[[float], None] = lambda share: None,
+) -> Screening:  # fmt: skip
+    """Screen candidates.
 
-    Chance: the signs of whole windows of the residual are drawn anew, so that what is drawn keeps its colour and
-    follows the seat as the residual does (wild bootstrap by blocks). It knows no misfit that is alike in every window.
+    Chance: the signs of whole windows of what the background leaves are drawn anew, on both sides, so that what is
+    drawn keeps its colour and follows the seat as the residual does (wild bootstrap by blocks); everything is refitted.
     """
-    s = settings or ScreenSettings()
-    problem = fit.unpulled(cases)
-    free = fit.settings.free & ~np.array([p.name in fit.at_bound for p in PARAMETERS])
-    count = int(free.sum())
-    stacked = [
-        problem.rows(number, fit.subject.parameters.vector(), free, _answers(fit, case, tried)).reshape(
-            -1, case.measured_mps2.shape[1], count + len(tried) + 1
-        )
-        for number, case in enumerate(cases)
-    ]
-    flat = [rows.reshape(-1, rows.shape[-1]) for rows in stacked]
-    products = sum((rows.T @ rows for rows in flat), np.zeros((count + len(tried) + 1,) * 2))
-    absorb = np.linalg.lstsq(products[:count, :count], products[:count, count:], rcond=1e-12)[0]
-    for rows in flat:
-        rows[:, count:] -= rows[:, :count] @ absorb  # what theta can take on itself
-    windows = np.concatenate(list(_windows(stacked, cases, count, s.window_s)))
-    left = sum((rows[:, count:].T @ rows[:, count:] for rows in flat), np.zeros((len(tried) + 1,) * 2))
-    own, energy = np.diag(products)[count:-1], np.diag(left)[:-1]
-    seen = np.where(energy > UNSEEN * np.maximum(own, 1e-6), energy, 0.0)  # below is rounding
-    largest = largest_by_chance(windows, seen, left[-1, -1], s.replicates, np.random.default_rng(seed))
+    sides = [_Beside.of(background, side, tried, tell) for side in (background.train, background.choose)]
+    linear = _Linear.of(background, *sides)
+    gains = linear.gains(background.train.products, background.choose.products, [side.with_miss for side in sides])
+    chance = linear.chance(replicates, np.random.default_rng(seed))
     found = [
-        _screened(candidate, float(own[i]), float(seen[i]), left[i, -1], left[-1, -1], windows[:, i], largest)
-        for i, candidate in enumerate(tried)
+        Screened(one, float(gains[i]), float(linear.sizes[i]), float(linear.absorbed[i]), 1.0)
+        for i, one in enumerate(tried)
     ]
-    return sorted(found, key=lambda one: -one.gain)
-
-
-def largest_by_chance(
-    windows: Floats, energy: Floats, residual: float, replicates: int, rng: np.random.Generator
-) -> Floats:
-    """The largest gain of all candidates in each replicate, (r,) ascending.
-
-    windows (w, k) are sums of candidate times residual, energy (k,) the candidates' own, 0 for one that is not seen,
-    residual the sum of squares.
-    """
-    seen = energy > 0.0
-    if not seen.any() or residual <= 0.0:
-        return np.zeros(replicates)
-    signs = rng.choice((-1.0, 1.0), size=(replicates, len(windows)))
-    gains = (signs @ windows[:, seen]) ** 2 / (energy[seen] * residual)
-    return np.sort(gains.max(axis=1))
-
-
-def _answers(fit: Fit, case: Case, tried: Sequence[Candidate]) -> Floats:
-    """Accelerations (n, 5, k) of the fitted subject with each candidate; without, where it runs away with one."""
-    theta, pull = fit.subject.parameters.vector(), Pull(fit.refined.reference, 0.0)
-    base = TimeDomain([case], fit.subject, pull).accelerations(0, theta)
-    found = []
-    for candidate in tried:
-        subject = dataclasses.replace(fit.subject, effects=(*fit.subject.effects, candidate.applied))
-        accel = TimeDomain([case], subject, pull).accelerations(0, theta)
-        found.append(accel if np.abs(accel).max() < RUNAWAY_MPS2 else base)
-    return np.stack(found, axis=2)
-
-
-def _windows(stacked: Sequence[Floats], cases: Sequence[Case], count: int, window_s: float) -> Iterator[Floats]:
-    """Sums over windows and segments of each candidate times the residual, (w, k), case by case."""
-    for rows, case in zip(stacked, cases, strict=True):
-        scores = np.einsum("nsk,ns->nk", rows[:, :, count:-1], rows[:, :, -1])
-        length = round(window_s * case.rate_hz)
-        whole = max(len(scores) // length, 1) * length
-        yield scores[:whole].reshape(-1, min(length, len(scores)), scores.shape[1]).sum(axis=1)
-
-
-def _screened(
-    candidate: Candidate, own: float, energy: float, match: float, residual: float, windows: Floats, largest: Floats
-) -> Screened:
-    if energy == 0.0:
-        return Screened(candidate, 0.0, 0.0, 1.0, 0.0, 1.0)
-    scatter = float(windows @ windows)
-    gain = float(match**2 / (energy * residual)) if residual > 0.0 else 0.0
-    as_large = largest.size - int(np.searchsorted(largest, gain))
-    return Screened(
-        candidate,
-        gain=gain,
-        p_value=(1.0 + as_large) / (1.0 + largest.size),
-        score=float(windows.sum() ** 2 / scatter) if scatter > 0.0 else 0.0,
-        size=float(-match / energy),
-        absorbed=float(1.0 - energy / own),
+    ordered = Screening((), chance, tuple(tried), linear.along(sides[0]))
+    ranked = sorted(
+        (Screened(s.tried, s.gain, s.size, s.absorbed, ordered.p_value(s.gain)) for s in found), key=lambda s: -s.gain
     )
+    return Screening(tuple(ranked), chance, tuple(tried), ordered.along)
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """Products of the candidates' rows by window: with the known columns (w, c, k), own and with the miss (w, c)."""
+
+    with_known: Floats
+    own: Floats
+    with_miss: Floats
+    rows: tuple[NDArray[np.float32], ...]
+
+    @classmethod
+    def of(cls, background: Background, side: Side, tried: Sequence[Tried], tell: Callable[[float], None]) -> _Beside:
+        parts, kept = [], []
+        for number, (case, rows, known) in enumerate(zip(side.cases, side.rows, side.known, strict=True)):
+            plain = answer(background.subject, case)
+            missed = rows.missed(plain)
+            own = np.empty((*missed.shape, len(tried)))
+            for i, one in enumerate(tried):
+                own[:, :, i] = rows((answer(background.subject, case, (one.applied,), plain) - plain)[:, :, None])[
+                    :, :, 0
+                ]
+            parts.append(
+                (
+                    np.matmul(own.transpose(0, 2, 1), known),
+                    np.einsum("wrc,wrc->wc", own, own),
+                    np.einsum("wrc,wr->wc", own, missed, optimize=True),
+                )
+            )
+            kept.append(own.reshape(-1, len(tried)).astype(np.float32))
+            tell((number + 1) / len(side.cases))
+        with_known, own_square, with_miss = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return cls(with_known, own_square, with_miss, tuple(kept))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The linear step of every candidate by itself.
+
+    share (k, c) of the known columns in each candidate, energy (c,) that is left of it, sizes (c,), absorbed (c,).
+    """
+
+    background: Background
+    beside: tuple[_Beside, _Beside]
+    inverse: Floats
+    share: Floats
+    energy: Floats
+    sizes: Floats
+    absorbed: Floats
+
+    @classmethod
+    def of(cls, background: Background, train: _Beside, choose: _Beside) -> _Linear:
+        weight, products = background.weight, background.train.products
+        inverse = np.linalg.inv(background.normal())
+        with_known = np.einsum("w,wck->ck", weight, train.with_known)
+        share = inverse @ with_known.T
+        own = weight @ train.own
+        energy = own - np.einsum("ck,kc->c", with_known, share)
+        seen = energy > UNSEEN * np.maximum(own, 1e-12)
+        matches = weight @ train.with_miss - (weight @ products.miss) @ share
+        sizes = np.where(seen, matches / np.where(seen, energy, 1.0), 0.0)
+        theta = with_known[:, :N_THETA]
+        inner = np.linalg.inv(background.normal()[:N_THETA, :N_THETA])
+        taken = np.einsum("ck,kl,cl->c", theta, inner, theta) / np.where(own > 0.0, own, 1.0)
+        absorbed = np.where(own > 0.0, taken, 1.0)
+        return cls(
+            background,
+            (train, choose),
+            np.asarray(inverse),
+            np.asarray(share),
+            np.where(seen, energy, np.inf),
+            sizes,
+            absorbed,
+        )
+
+    def gains(self, train: Products, choose: Products, with_miss: Sequence[Floats]) -> Floats:
+        """Mean log ratios (c,) in the events that choose, for a miss whose products are given."""
+        weight, beside = self.background.weight, self.beside[1]
+        b = self.inverse @ (weight @ train.miss)
+        sizes = (weight @ with_miss[0] - (weight @ train.miss) @ self.share) / self.energy
+        before = choose.left(b)
+        known_left = choose.miss - np.einsum("wij,j->wi", choose.columns, b)
+        match = with_miss[1] - beside.with_known @ b - known_left @ self.share
+        after = before[:, None] - 2.0 * sizes * match + sizes**2 * self._own_choose
+        return mean_log_ratio(before, after, choose.event, choose.samples)
+
+    @property
+    def _own_choose(self) -> Floats:
+        """What is left of each candidate in each window that chooses, squared, (w, c)."""
+        if "own" not in self.__dict__:
+            beside, columns = self.beside[1], self.background.choose.products.columns
+            inside = np.stack([np.einsum("jc,jc->c", self.share, one @ self.share) for one in columns])
+            own = beside.own - 2.0 * np.einsum("wck,kc->wc", beside.with_known, self.share, optimize=True) + inside
+            object.__setattr__(self, "own", own)
+        return np.asarray(self.__dict__["own"])
+
+    def chance(self, replicates: int, rng: np.random.Generator) -> Floats:
+        """The largest gain of all candidates in each draw, (r,) ascending."""
+        background, drawn = self.background, []
+        b = background.solved(background.train.products)
+        sides = [(background.train, self.beside[0]), (background.choose, self.beside[1])]
+        left = [_without(side.products, beside, b) for side, beside in sides]
+        for _ in range(replicates):
+            signs = [rng.choice((-1.0, 1.0), size=p.square.size) for p, _ in left]
+            flipped = [_flipped(p, m, s) for (p, m), s in zip(left, signs, strict=True)]
+            drawn.append(self.gains(flipped[0][0], flipped[1][0], [m for _, m in flipped]).max())
+        return np.sort(drawn)
+
+    def along(self, train: _Beside) -> Floats:
+        """Absolute cosines (c, c) between what is left of the candidates on the fitted side."""
+        weight, total = self.background.weight, np.zeros((self.sizes.size,) * 2)
+        begin = 0
+        for rows, known in zip(train.rows, self.background.train.known, strict=True):
+            windows, each = known.shape[0], known.shape[1]
+            w = np.repeat(weight[begin : begin + windows], each)[:, None]
+            own = (rows - known.reshape(-1, known.shape[2]) @ self.share) * np.sqrt(w)
+            total += own.T @ own
+            begin += windows
+        size = np.sqrt(np.maximum(np.diag(total), 1e-30))
+        return np.abs(total / np.outer(size, size))
+
+
+def _without(products: Products, beside: _Beside, b: Floats) -> tuple[Products, Floats]:
+    """Products for what the background b leaves of the miss."""
+    left = dataclasses.replace(
+        products, miss=products.miss - np.einsum("wij,j->wi", products.columns, b), square=products.left(b)
+    )
+    return left, beside.with_miss - beside.with_known @ b
+
+
+def _flipped(products: Products, with_miss: Floats, signs: Floats) -> tuple[Products, Floats]:
+    return dataclasses.replace(products, miss=products.miss * signs[:, None]), with_miss * signs[:, None]
+
+
+def mean_log_ratio(before: Floats, after: Floats, event: Integers, samples: Floats) -> Floats:
+    """Mean over events of the mean over their windows of log(before (w,) / after (w, c)), (c,)."""
+    return by_event(before, after, event, samples).mean(axis=0)
+
+
+def by_event(before: Floats, after: Floats, event: Integers, samples: Floats) -> Floats:
+    """The same for each event, (e, c)."""
+    counted = (samples >= LEAST_SAMPLES) & (before > 0.0)
+    ratio = np.log(before[:, None] / np.maximum(after, 1e-9 * before[:, None] + 1e-300))
+    return np.array([ratio[counted & (event == e)].mean(axis=0) for e in np.unique(event[counted])])

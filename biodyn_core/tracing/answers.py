@@ -1,0 +1,44 @@
+"""Answers of a subject, with more effects, to the seat of a case."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.effects import AppliedEffect, felt, shown
+from biodyn_core.identification.problem import Case
+from biodyn_core.model import Chain, Stepper
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, N_SEGMENTS
+from biodyn_core.subject import Subject
+
+Floats = NDArray[np.float64]
+
+RUNAWAY_MPS2: Final = 1e5
+"""No body is accelerated so: a joint that a candidate makes softer than nothing has run away."""
+
+
+def answer(subject: Subject, case: Case, effects: Sequence[AppliedEffect] = (), plain: Floats | None = None) -> Floats:
+    """Accelerations (n, 5) that sensors show of a subject with effects added; with plain, that where it runs away.
+
+    plain (n, 5), the answer without, also saves the integration where all that is added is on sensors.
+    """
+    if plain is not None and effects and all(one.effect.measured is not None for one in effects):
+        whole = np.zeros((len(plain), N_SEGMENTS))
+        whole[:, MEASURED_SEGMENT_INDEX] = plain
+        return shown(effects, whole, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
+    changed = dataclasses.replace(subject, effects=(*subject.effects, *effects))
+    with np.errstate(all="ignore"):  # what is not finite is told below
+        found = _simulated(changed, case)
+    runs_away = not np.abs(found).max() < RUNAWAY_MPS2  # NaN runs away too
+    return plain if runs_away and plain is not None else found
+
+
+def _simulated(subject: Subject, case: Case) -> Floats:
+    chain = Chain.of(subject)
+    seat = felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels)
+    accel = Stepper(chain, case.rate_hz, chain.substeps(case.rate_hz)).push(seat, channels=case.channels)
+    return shown(subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]

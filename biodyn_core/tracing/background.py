@@ -1,0 +1,140 @@
+"""Background: what theta and the usual departures can take on of a residual, and what they leave.
+
+Ridge regression with the usual spreads as its prior (a generalised least squares whose covariance follows the input).
+Theta is one more direction: it may move, but not by any amount.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.problem import Case
+from biodyn_core.parameters import PARAMETERS
+from biodyn_core.settings import check_settings, setting
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.departures import Direction, UsualSettings, columns, directions
+from biodyn_core.tracing.rows import Products, Rows, WeightSettings
+
+Floats = NDArray[np.float64]
+
+FREE: Final = np.array([p.group != "mass_scale" for p in PARAMETERS])
+"""m_scale cancels from accelerations."""
+
+N_THETA: Final = int(FREE.sum())
+
+
+@dataclass(frozen=True)
+class BackgroundSettings:
+    """How samples are weighed, how far bodies and sensors usually depart, and how far theta may move."""
+
+    theta_spread: float = setting(0.5, "how far theta may move from the fit, in its logarithm", "", 0.01, 10.0)
+    weights: WeightSettings = dataclasses.field(default_factory=WeightSettings)
+    usual: UsualSettings = dataclasses.field(default_factory=UsualSettings)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """Events that are fitted to, or that choose: their rows, the known columns (w, r, k) of each, and products."""
+
+    cases: tuple[Case, ...]
+    rows: tuple[Rows, ...]
+    known: tuple[Floats, ...]
+    products: Products
+
+    def missed(self, subject: Subject) -> list[Floats]:
+        """The miss (w, r) of a subject in each event."""
+        return [rows.missed(answer(subject, case)) for rows, case in zip(self.rows, self.cases, strict=True)]
+
+    def of(self, missed: Sequence[Floats]) -> Products:
+        """The products for another miss."""
+        pairs = list(zip(self.known, missed, strict=True))
+        return dataclasses.replace(
+            self.products,
+            miss=np.concatenate([np.einsum("wri,wr->wi", known, y, optimize=True) for known, y in pairs]),
+            square=np.concatenate([np.einsum("wr,wr->w", y, y) for y in missed]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """The known columns, theta's first, with the precision (k,) of their prior; both sides of the events.
+
+    weight (w,) of the fitted side's windows: one over their event's variance, times what counts as independent.
+    """
+
+    subject: Subject
+    found: tuple[Direction, ...]
+    precision: Floats
+    train: Side
+    choose: Side
+    weight: Floats
+
+    @classmethod
+    def of(
+        cls, subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: BackgroundSettings | None = None
+    ) -> Background:
+        """Linearise a fitted subject's answers to all events, around its theta."""
+        s = settings or BackgroundSettings()
+        found = tuple(directions(subject, train, s.usual))
+        spread = np.concatenate([np.full(N_THETA, s.theta_spread), np.ones(len(found) + 2)])
+        sides = [_side(subject, cases, found, s) for cases in (train, choose)]
+        plain = cls(subject, found, 1.0 / spread**2, sides[0], sides[1], np.full(sides[0].products.square.size, 1.0))
+        return plain.reweighted(s.weights.independent)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The usual departures, in the order of their columns."""
+        return (*(direction.name for direction in self.found), "gain of seat", "clock of seat")
+
+    def reweighted(self, independent: float) -> Background:
+        """Every event as loud as what is left of it, so that no shock rules and none that fails is believed."""
+        weight = np.full(self.weight.size, independent)
+        for _ in range(2):
+            left = self.train.products.left(self.solved(self.train.products, weight))
+            p = self.train.products
+            variance = np.array(
+                [left[p.event == e].sum() / max(p.samples[p.event == e].sum(), 1.0) for e in np.unique(p.event)]
+            )
+            weight = independent / np.maximum(variance, 1e-9)[p.event]
+        return dataclasses.replace(self, weight=weight)
+
+    def normal(self, weight: Floats | None = None) -> Floats:
+        """The normal matrix (k, k) of the fitted side, prior included."""
+        w = self.weight if weight is None else weight
+        return np.asarray(np.einsum("w,wij->ij", w, self.train.products.columns) + np.diag(self.precision))
+
+    def solved(self, products: Products, weight: Floats | None = None) -> Floats:
+        """How much of each column (k,) the fitted side's products ask for."""
+        w = self.weight if weight is None else weight
+        return np.asarray(np.linalg.solve(self.normal(w), w @ products.miss))
+
+
+def _side(subject: Subject, cases: Sequence[Case], found: Sequence[Direction], s: BackgroundSettings) -> Side:
+    rows, known, missed = [], [], []
+    for case in cases:
+        plain = answer(subject, case)
+        one = Rows(case, plain, s.weights, s.usual)
+        rows.append(one)
+        slope = np.gradient(plain, 1.0 / case.rate_hz, axis=0)
+        seat = np.stack([s.usual.usual_gain * plain, -s.usual.usual_clock_s * slope], axis=2)
+        theta = _by_theta(subject, case)
+        known.append(one(np.concatenate([theta, columns(subject, case, plain, found), seat], axis=2)))
+        missed.append(one.missed(plain))
+    return Side(tuple(cases), tuple(rows), tuple(known), Products.of(known, missed, [one.samples for one in rows]))
+
+
+def _by_theta(subject: Subject, case: Case) -> Floats:
+    """Derivatives (n, 5, 14) of the answer by ln theta."""
+    theta = subject.parameters.vector()
+    return TimeDomain([case], subject, Pull(theta, 0.0)).slopes(0, theta, FREE)

@@ -1,0 +1,130 @@
+"""Usual departures: what every body and every sensor has of its own, and no verdict is to be built on.
+
+Joints bend a little, masses differ from the table, sensors have gains, clocks and mountings. Each is a direction in
+which the answer may go, with a spread that is usual; together they are the misfit that follows the input. Candidates
+are weighed against what is left once these, too, have taken what they usually take.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.identification.problem import Case
+from biodyn_core.model import Chain, Stepper, predict
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
+from biodyn_core.settings import check_settings, setting
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.answers import answer
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class UsualSettings:
+    """How far bodies and sensors usually depart from the model, as one standard deviation.
+
+    Sensors: what data sheets, a belt mounting and clocks set once before an event allow. Bodies: the tracing study's.
+    """
+
+    usual_gain: float = setting(0.015, "gain of a sensor", "", 1e-4, 0.5)
+    usual_clock_s: float = setting(0.0005, "offset of a sensor's clock", "s", 1e-6, 0.1)
+    usual_lean: float = setting(0.025, "lean of a sensor in motion, as a share of g", "", 1e-4, 0.5)
+    usual_softness_s: float = setting(0.0005, "softness of what a sensor sits on, 1 / (2 pi f)", "s", 1e-6, 0.02)
+    usual_level_mps2: float = setting(0.2, "level of a sensor against its rest", "m/s^2", 1e-3, 10.0)
+    usual_bend: float = setting(
+        0.1, "bend of a joint's law at its reach, as a share of its linear force", "", 1e-3, 1.0
+    )
+    usual_mass: float = setting(0.06, "mass of a segment against its table", "", 1e-3, 0.5)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One usual departure: an effect of the catalogue, or a mass, at a size that shows; usual is the spread of it."""
+
+    name: str
+    usual: float
+    applied: AppliedEffect | None = None
+    segment: int = -1
+
+
+def directions(subject: Subject, cases: Sequence[Case], settings: UsualSettings | None = None) -> list[Direction]:
+    """All directions that these cases can show."""
+    s = settings or UsualSettings()
+    found = [d for sensor in MEASURED_SEGMENTS for d in _of_sensor(sensor, cases, s)]
+    reach_m, rate_mps, rms_mps = _travel(subject, cases)
+    damping = Chain.of(subject).damping_n_s_per_m
+    for joint, segment in enumerate(SEGMENTS):
+        sizes = {
+            "asymmetry": s.usual_bend / reach_m[joint],
+            "cubic": s.usual_bend / reach_m[joint] ** 2,
+            "quadratic_damping": s.usual_bend / rate_mps[joint],
+            "friction": s.usual_bend * damping[joint] * rms_mps[joint],
+        }
+        found += [_strength(name, segment, size, size) for name, size in sizes.items()]
+    found += [Direction(f"mass of {segment}", s.usual_mass, segment=i) for i, segment in enumerate(SEGMENTS)]
+    return found
+
+
+def columns(subject: Subject, case: Case, plain: Floats, found: Sequence[Direction]) -> Floats:
+    """What each direction adds to the answer, per usual spread, (n, 5, d); plain (n, 5) is the answer without."""
+    out = np.empty((*plain.shape, len(found)))
+    for i, direction in enumerate(found):
+        if direction.applied is None:
+            out[:, :, i] = _heavier(subject, case, direction.segment, direction.usual) - plain
+        else:
+            out[:, :, i] = direction.usual * (answer(subject, case, (direction.applied,), plain) - plain)
+    return out
+
+
+def _of_sensor(sensor: str, cases: Sequence[Case], s: UsualSettings) -> list[Direction]:
+    found = [
+        _strength("gain", sensor, s.usual_gain, 0.05),
+        _strength("clock", sensor, s.usual_clock_s, 0.001, "delay_s"),
+        _strength("skin", sensor, s.usual_softness_s, 0.0025, "softness_s"),
+    ]
+    if all(f"{sensor}.{axis}" in case.channels for case in cases for axis in "xy"):
+        found += [_strength("tilt", sensor, s.usual_lean, 0.1, lean) for lean in ("lean_x", "lean_y")]
+    return found
+
+
+def _strength(name: str, site: str, usual: float, shows: float, strength: str = "") -> Direction:
+    """A departure by the one strength of an effect, tried at a size that shows, within its range."""
+    effect = CATALOGUE[name]
+    strength = strength or effect.strengths[0]
+    values = {p.name: (0.0 if p.kind == "strength" else p.size) for p in effect.parameters}
+    upper = next(p.upper for p in effect.parameters if p.name == strength)
+    values[strength] = min(shows, upper)
+    label = f"{name} of {site}" + (f" ({strength})" if len(effect.strengths) > 1 else "")
+    return Direction(label, usual / values[strength], AppliedEffect(effect, site, values))
+
+
+def _travel(subject: Subject, cases: Sequence[Case]) -> tuple[Floats, Floats, Floats]:
+    """How far and how fast each joint goes, (6,) each: the median over events of the largest, and of the rms rate."""
+    reach, rate, rms = [], [], []
+    for case in cases:
+        response = predict(subject, case.seat_mps2, case.rate_hz, case.channels)
+        stretch, speed = response.displacement_m[case.begin :], response.velocity_mps[case.begin :]
+        reach.append(np.abs(stretch).max(axis=0))
+        rate.append(np.abs(speed).max(axis=0))
+        rms.append(np.sqrt((speed**2).mean(axis=0)))
+    return np.median(reach, axis=0), np.median(rate, axis=0), np.median(rms, axis=0)
+
+
+def _heavier(subject: Subject, case: Case, segment: int, share: float) -> Floats:
+    """The answer (n, 5) with one segment heavier by a share of its mass; stiffness and damping stay as they are."""
+    chain = Chain.of(subject)
+    on = np.arange(N_SEGMENTS) == segment
+    carried = on if chain.mass_matrix_form == "segment" else np.arange(N_SEGMENTS) <= segment
+    inertia = chain.inertia_kg + share * chain.mass_kg[segment] * carried
+    heavier = dataclasses.replace(chain, inertia_kg=inertia)
+    stepper = Stepper(heavier, case.rate_hz, heavier.substeps(case.rate_hz))
+    return stepper.push(case.seat_mps2, channels=case.channels)[:, MEASURED_SEGMENT_INDEX]

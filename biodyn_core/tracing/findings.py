@@ -1,0 +1,163 @@
+"""What a trace finds: plain data from the method to its document, text and page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.effects import AppliedEffect
+from biodyn_core.identification.problem import Errors
+from biodyn_core.subject import Subject
+
+Floats = NDArray[np.float64]
+Verdict = Literal["effect", "ambiguous", "none", "unexplained", "not_decidable"]
+Use = Literal["train", "choose", "held_out"]
+"""What an event was for: theta and sizes are fitted to `train`, the effect is chosen by `choose`, and the errors that
+are reported come from `held_out`, which has had no say in either."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One rung of the ladder.
+
+    gain is the mean log ratio of SSE without over with in the events that choose, theta and the usual departures
+    refitted on both sides, and by how much less these have to be stretched then; refitted says whether it comes from a
+    refit or from screening's linear step. p_value is how often the best of all candidates gains as much by chance;
+    absorbed, the share of its own energy that theta takes on itself; helps, in how many of the events it helps; against
+    says what speaks against it, empty where nothing does.
+    """
+
+    applied: AppliedEffect
+    gain: float
+    refitted: bool
+    p_value: float
+    absorbed: float
+    helps: int
+    against: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One greedy step: the ladder, best first, what a gain had to exceed, and which rung was taken, if any."""
+
+    ladder: tuple[Candidate, ...]
+    threshold: float
+    taken: Candidate | None
+    ambiguous_with: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """A value with its 95 % interval."""
+
+    name: str
+    unit: str
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """One event under the subject before and after, for errors and pictures.
+
+    measured_mps2, before_mps2 and after_mps2 are (n, 5) by measured segment, NaN where not compared; segments without
+    sensor or left out are NaN throughout. before and after are `Errors` of the same.
+    """
+
+    name: str
+    case: str
+    use: Use
+    rate_hz: float
+    measured_mps2: Floats
+    before_mps2: Floats
+    after_mps2: Floats
+    before: Errors
+    after: Errors
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """How far one usual departure (a gain, a clock, a mass, a joint's bend) is from nothing, in its own spread."""
+
+    name: str
+    times_usual: float
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """What force a joint lacks, N, over stretch (m) and its rate (m/s), where the data have been.
+
+    force_n is (r, s): rows by rate_mps (r,), columns by stretch_m (s,), NaN where the joint never was. gain is as a
+    candidate's; below the threshold, what is missing is memory, measurement or input and no law of this joint.
+    """
+
+    site: str
+    stretch_m: Floats
+    rate_mps: Floats
+    force_n: Floats
+    gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnostics:
+    """What the residual says after the refit, before any candidate is tried.
+
+    amplitude_transfer: per loading condition, what is left in multiples of what a good model misses, of a theta fitted
+    to the quietest condition alone, and of the one fitted to all. coherent: per channel, the segment whose residual
+    goes most with it, and the share of its power, with chance taken off. peeling: per sub-chain, from the head down,
+    named by the sensor that drives it, normalised rms percent of what is above. bracket: the joints that this points
+    to. level_slope: d log residual / d log peak of the events. jump: the event, in the order given, at which the
+    residual changes most, with how often chance does as much. pinned: parameters on a bound. drift: per parameter, ln
+    of largest over smallest among the conditions' own values. pulled_down: the most that any event's seat would have to
+    hold the body down, over the weight it carries.
+    """
+
+    amplitude_transfer: Mapping[str, tuple[float, float]]
+    coherent: Mapping[str, tuple[str, float]]
+    peeling: Mapping[str, float]
+    bracket: tuple[str, ...]
+    level_slope: float | None
+    jump: tuple[str, float] | None
+    pinned: tuple[str, ...]
+    drift: Mapping[str, float]
+    pulled_down: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A whole trace.
+
+    reasons: one line each, why this verdict and no other. before is the subject refitted without, after with the
+    effects that were added (the same object where none was). intervals, one list for each of the effects. floor_percent
+    is what noise of the sensors alone leaves, None where it cannot be told. untestable: effects for which a channel is
+    missing. left_out: events or sensors the gate took out, with why. experiment: what to record next. calibrated:
+    whether the threshold was computed anew or found.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    before: Subject
+    after: Subject
+    effects: tuple[AppliedEffect, ...]
+    intervals: tuple[tuple[Interval, ...], ...]
+    ambiguous_with: tuple[AppliedEffect, ...]
+    family: str
+    experiment: str
+    events: tuple[Event, ...]
+    rounds: tuple[Round, ...]
+    departures: tuple[Departure, ...]
+    diagnostics: Diagnostics | None
+    surface: Surface | None
+    floor_percent: float | None
+    p_value: float | None
+    threshold: float | None
+    untestable: tuple[str, ...]
+    left_out: tuple[str, ...]
+    lacking: tuple[str, ...]
+    seed: int
+    calibrated: Literal["anew", "found", "not"]

@@ -1,0 +1,99 @@
+"""Polish: theta and all effects of a subject fitted together to all events, as a fit without effects fits theta.
+
+Settling weighs usual departures in; what is carried on, and what errors are reported of, is a subject without them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
+from biodyn_core.identification.problem import Case
+from biodyn_core.parameters import Parameters
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.background import FREE
+
+Floats = NDArray[np.float64]
+
+STEP: Final = 1e-4
+"""Step of an effect's parameter for its derivative, as a share of its range."""
+
+INSIDE: Final = 0.02
+"""A start keeps this share of each range from both ends, as those of theta do."""
+
+
+def polished(subject: Subject, cases: Sequence[Case], evaluations: int = 400) -> Subject:
+    """The subject with theta and its effects' parameters where the sum of squares over all cases is least (Eq. 33)."""
+    problem = _Problem(subject, cases)
+    theta, phi = mapped(interior(subject.parameters.vector()), FREE)
+    start = np.concatenate([phi, problem.start()])
+
+    def linearised(point: Floats) -> tuple[Floats, Floats]:
+        at, share = theta(point[: phi.size]), _logistic(point[phi.size :])
+        residuals, slopes = problem.linearised(at, share)
+        slopes[:, : phi.size] *= slope_by_phi(at)[FREE]
+        slopes[:, phi.size :] *= share * (1.0 - share)
+        return residuals, slopes
+
+    end, _ = trust_region(linearised, start, evaluations)
+    return problem.subject(_logistic(end[phi.size :]), theta(end[: phi.size]))
+
+
+class _Problem:
+    """The objective of the cases, without any pull; all effects' parameters are shares of their ranges (m,)."""
+
+    def __init__(self, subject: Subject, cases: Sequence[Case]) -> None:
+        self._subject, self._cases = subject, cases
+        parameters = [(applied, p) for applied in subject.effects for p in applied.effect.parameters]
+        self._lower = np.array([p.lower for _, p in parameters])
+        self._width = np.array([p.upper - p.lower for _, p in parameters])
+        self._values = np.array([applied.values[p.name] for applied, p in parameters])
+        # Chosen once, so that no step of the solver meets an edge.
+        self._substeps: tuple[int, ...] | None = None
+        self._substeps = self._domain(self._shares()).substeps
+
+    def start(self) -> Floats:
+        """Where the effects' parameters begin, on the whole line (m,)."""
+        share = np.clip(self._shares(), INSIDE, 1.0 - INSIDE)
+        return np.asarray(np.log(share / (1.0 - share)))
+
+    def subject(self, share: Floats, theta: Floats) -> Subject:
+        """The subject with these shares and theta (15,)."""
+        # Rounding must not carry a value out of its range.
+        values = iter(np.clip(self._lower + share * self._width, self._lower, self._lower + self._width).tolist())
+        effects = tuple(
+            dataclasses.replace(applied, values={p.name: next(values) for p in applied.effect.parameters})
+            for applied in self._subject.effects
+        )
+        return dataclasses.replace(self._subject, parameters=Parameters.from_vector(theta), effects=effects)
+
+    def linearised(self, theta: Floats, share: Floats) -> tuple[Floats, Floats]:
+        """Residuals and their derivatives by ln theta and by the shares, as `TimeDomain.linearised`."""
+        if not share.size:
+            return self._domain(share).linearised(theta, FREE)
+        steps = np.where(share < 0.5, STEP, -STEP)  # inwards
+        stepped = [self._domain(share + step) for step in np.diag(steps)]
+        others = [
+            np.stack([domain.accelerations(number, theta) for domain in stepped], axis=2)
+            for number in range(len(self._cases))
+        ]
+        residuals, slopes = self._domain(share).linearised(theta, FREE, others)
+        slopes[:, -share.size :] /= steps
+        return residuals, slopes
+
+    def _shares(self) -> Floats:
+        return np.asarray((self._values - self._lower) / self._width)
+
+    def _domain(self, share: Floats) -> TimeDomain:
+        theta = self._subject.parameters.vector()
+        return TimeDomain(self._cases, self.subject(share, theta), Pull(theta, 0.0), "trusted", self._substeps)
+
+
+def _logistic(point: Floats) -> Floats:
+    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * point)))

@@ -1,0 +1,241 @@
+"""One greedy round: every effect at every site settled on few events, the best of them on all, one taken or none."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, MutableMapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.identification.fit import at_bound
+from biodyn_core.identification.identify import fingerprint
+from biodyn_core.identification.problem import Case
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.background import FREE, Background
+from biodyn_core.tracing.findings import Candidate, Round
+from biodyn_core.tracing.glance import SIZES, STEPS, Glance, glance, larger, plain, taken_up
+from biodyn_core.tracing.screen import Screened, Screening, Tried, by_event, candidates
+from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.settle import Settled, relief, settle
+
+Floats = NDArray[np.float64]
+Tell = Callable[[str, float], None]
+Kept = MutableMapping[str, Any]
+"""What is kept of the long parts of a trace, by a key that tells one problem from another."""
+
+LEAST_EVENTS: Final = 3
+LEAST_CASES: Final = 2
+"""An effect is believed where it helps in so many events, or in events of so many loading conditions."""
+
+FIRST: Final = ("clock", "gain", "tilt", "skin")
+"""What is wrong with a sensor is believed before a new law of tissue, where both explain as much."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A round with what it rests on: the background, settled without and, where an effect was taken, with it."""
+
+    round: Round
+    background: Background
+    without: Settled
+    taken: Settled | None
+
+    @property
+    def before(self) -> float:
+        """What was left when the round began, in multiples of what a good model misses, rms, median event."""
+        return self._left(self.without.left)
+
+    @property
+    def after(self) -> float:
+        """What is left now, likewise."""
+        return self._left((self.taken or self.without).left)
+
+    def _left(self, left: Floats) -> float:
+        p = self.background.choose.products
+        each = [(left[p.event == e].sum(), p.samples[p.event == e].sum()) for e in np.unique(p.event)]
+        return float(np.sqrt(np.median([square / max(samples, 1.0) for square, samples in each])))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rung:
+    """A candidate, settled, and its log ratio in each event that chooses (e,)."""
+
+    settled: Settled
+    gains: Floats
+    absorbed: float
+    screened: Screened
+
+    @property
+    def applied(self) -> AppliedEffect:
+        assert self.settled.applied is not None
+        return self.settled.applied
+
+    @property
+    def gain(self) -> float:
+        return float(self.gains.mean())
+
+
+def one_round(
+    subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: TraceSettings, seed: int, tell: Tell,
+    kept: Kept | None = None,
+) -> Outcome:  # fmt: skip
+    """Look for one effect that the subject lacks; where there is none, none is taken."""
+    few = Background.of(subject, first_of_each(train), first_of_each(choose), settings.background)
+    glanced = _glanced(few, candidates([*train, *choose])[0], settings, seed, tell, kept)
+    background = Background.of(subject, train, choose, settings.background)
+    without = settle(background, None)
+    rungs = []
+    running = glanced.running(settings.refined)
+    for number, one in enumerate(running):
+        start = _best_start(few, glanced.screening, one.applied)
+        rungs.append(_rung(background, without, start, one.screened))
+        tell("settling", (number + 1) / len(running))
+    rungs = sorted([*rungs, *_clocks(background, without, glanced.screening)], key=lambda rung: -rung.gain)
+    threshold = max(settings.least_gain, float(np.quantile(glanced.screening.chance, 0.95)))
+    told = [_candidate(rung, background, without, glanced.screening) for rung in rungs]
+    index = _taken(told, rungs, threshold, settings)
+    ladder = (*told, *_screened_only(glanced.screening, told))
+    if index is None:
+        return Outcome(Round(ladder, threshold, None, ()), background, without, None)
+    rivals = _rivals(index, told, rungs, glanced.screening, settings)
+    return Outcome(Round(ladder, threshold, told[index], rivals), background, without, rungs[index].settled)
+
+
+def _glanced(
+    few: Background, tried: Sequence[Tried], settings: TraceSettings, seed: int, tell: Tell, kept: Kept | None
+) -> Glance:  # fmt: skip
+    """The glance that was kept of these very events, theta, channels and settings, or a new one, kept."""
+    cases = [*few.train.cases, *few.choose.cases]
+    key = f"glance {fingerprint(cases, few.subject, seed, settings)}"
+    if kept is not None and key in kept:
+        return taken_up(kept[key], tried)
+    found = glance(few, tried, settings.replicates, seed, tell)
+    if kept is not None:
+        kept[key] = plain(found)
+    return found
+
+
+def first_of_each(cases: Sequence[Case]) -> list[Case]:
+    """The first event of each loading condition."""
+    first: dict[str, Case] = {}
+    for case in cases:
+        first.setdefault(case.case, case)
+    return list(first.values())
+
+
+def _best_start(few: Background, screening: Screening, start: AppliedEffect) -> AppliedEffect:
+    """From where the effect ends lowest on few events: as it was glanced at, or from other shapes and strengths."""
+    others = [
+        larger(one.applied, one.strength, size)
+        for one in screening.tried
+        for size in SIZES
+        if one.applied.effect is start.effect and one.applied.site == start.site
+    ]
+    settled = [settle(few, one, STEPS) for one in (start, *others)]
+    best = min(settled, key=lambda one: one.objective)
+    return start if best.applied is None or not np.isfinite(best.objective) else best.applied
+
+
+def _rung(background: Background, without: Settled, start: AppliedEffect, screened: Screened) -> _Rung:
+    settled, p = settle(background, start), background.choose.products
+    gains = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0] + relief(without, settled)
+    return _Rung(settled, gains, screened.absorbed, screened)
+
+
+def _clocks(background: Background, without: Settled, screening: Screening) -> list[_Rung]:
+    """Each sensor's clock set anew for every event, which no fixed delay can follow: a clock that jumps or wanders."""
+    p, found = background.choose.products, []
+    side = background.choose
+    missed = side.missed(without.subject)
+    for segment, name in enumerate(MEASURED_SEGMENTS):
+        left, late = [], []
+        for rows, known, y in zip(side.rows, side.known, missed, strict=True):
+            on_time, late_s = rows.on_time(y - known @ without.departures, segment)
+            left.append((on_time**2).sum(axis=1))
+            late.append(late_s)
+        screened = next(
+            (s for s in screening.ladder if (s.tried.applied.effect.name, s.tried.applied.site) == ("clock", name)),
+            None,
+        )
+        if screened is None:
+            continue
+        delay_s = float(np.clip(np.median(late), -0.02, 0.02))
+        applied = AppliedEffect(CATALOGUE["clock"], name, {"delay_s": delay_s, "drift": 0.0})
+        settled = dataclasses.replace(without, applied=applied, left=np.concatenate(left))
+        gains = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0]
+        found.append(_Rung(settled, gains, screened.absorbed, screened))
+    return found
+
+
+def _candidate(rung: _Rung, background: Background, without: Settled, screening: Screening) -> Candidate:
+    cases = [case.case for case in background.choose.cases]
+    helped = [case for case, gain in zip(cases, rung.gains, strict=True) if gain > 0.0]
+    against = [f"{name} ends on a bound" for name in rung.settled.at_bound]
+    if len(helped) < LEAST_EVENTS and len(set(helped)) < LEAST_CASES:
+        against.append(f"helps in {len(helped)} of {len(cases)} events")
+    before = {
+        name
+        for subject in (background.subject, without.subject)
+        for name in at_bound(subject.parameters.vector(), FREE)
+    }
+    after = at_bound(rung.settled.subject.parameters.vector(), FREE)
+    against += [f"{name} moves onto its bound" for name in after if name not in before]
+    return Candidate(
+        rung.applied, rung.gain, True, screening.p_value(rung.gain), rung.absorbed, len(helped), tuple(against)
+    )
+
+
+def _taken(told: Sequence[Candidate], rungs: Sequence[_Rung], threshold: float, settings: TraceSettings) -> int | None:
+    """Which rung is taken: the best with nothing against it, but a sensor's fault before a tissue's law as good."""
+    good = [i for i, one in enumerate(told) if one.gain > threshold and not one.against]
+    if not good:
+        return None
+    best = good[0]
+    for i in good:  # a seat that holds nobody down is a known omission, before any law of a joint
+        if told[i].applied.effect.name == "lift_off" and told[i].gain >= settings.near_alike * told[best].gain:
+            return i
+    close = [i for i in good if told[i].gain >= settings.near * told[best].gain and not _worse(rungs[i], rungs[best])]
+    first = [i for i in close if told[i].applied.effect.name in FIRST]
+    return first[0] if first else best
+
+
+def _worse(one: _Rung, than: _Rung) -> bool:
+    """Whether it predicts the events worse by more than their scatter."""
+    apart = than.gains - one.gains
+    error = apart.std(ddof=1) / np.sqrt(apart.size) if apart.size > 1 else 0.0
+    return bool(apart.mean() > 2.0 * error)
+
+
+def _rivals(
+    index: int, told: Sequence[Candidate], rungs: Sequence[_Rung], screening: Screening, settings: TraceSettings
+) -> tuple[Candidate, ...]:
+    """Others that explain about as much as what was taken, the best of each name and site."""
+    taken, found = told[index], []
+    seen = {(taken.applied.effect.name, taken.applied.site)}
+    for i, one in enumerate(told):
+        key = (one.applied.effect.name, one.applied.site)
+        if key in seen or one.gain <= 0.0:
+            continue
+        close = one.gain >= settings.near * taken.gain and not _worse(rungs[i], rungs[index])
+        alike = screening.cosine(rungs[i].screened.tried, rungs[index].screened.tried) > settings.alike
+        if close or (alike and one.gain >= settings.near_alike * taken.gain):
+            seen.add(key)
+            found.append(one)
+    return tuple(found)
+
+
+def _screened_only(screening: Screening, told: Sequence[Candidate]) -> list[Candidate]:
+    """The rest of the catalogue, one for each effect and site, with the gain of screening's linear step."""
+    seen = {(one.applied.effect.name, one.applied.site) for one in told}
+    found = []
+    for one in screening.ladder:
+        key = (one.tried.applied.effect.name, one.tried.applied.site)
+        if key not in seen:
+            seen.add(key)
+            found.append(Candidate(one.tried.applied, one.gain, False, one.p_value, one.absorbed, 0))
+    return found

@@ -1,0 +1,273 @@
+"""Trace: from a fitted subject's residual to the effect that its model lacks, and the error before and after."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from biodyn_core.effects import AppliedEffect, EffectParameter
+from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.identify import fingerprint
+from biodyn_core.identification.problem import Case, errors
+from biodyn_core.parameters import Parameters
+from biodyn_core.subject import Subject
+from biodyn_core.tracing import gate
+from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.background import N_THETA
+from biodyn_core.tracing.diagnose import diagnose
+from biodyn_core.tracing.experiments import separating
+from biodyn_core.tracing.findings import Departure, Event, Interval, Surface, Trace, Use
+from biodyn_core.tracing.polish import polished
+from biodyn_core.tracing.rounds import Kept, Outcome, one_round
+from biodyn_core.tracing.screen import candidates
+from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.surface import surface
+from biodyn_core.tracing.verdict import explained, judged
+
+Floats = NDArray[np.float64]
+Tell = Callable[[str, float], None]
+
+NOISE_BAND_HZ: Final = (60.0, 85.0)
+"""Here bodies hardly move: what a model misses of a channel, its sensor made."""
+
+
+def trace(
+    train: Sequence[Case],
+    held_out: Sequence[Case],
+    subject: Subject,
+    settings: TraceSettings | None = None,
+    seed: int = 0,
+    tell: Tell = lambda stage, share: None,
+    kept: Kept | None = None,
+) -> Trace:
+    """Find what a subject's model lacks.
+
+    Theta and sizes are fitted to `train`; half of `held_out` chooses the effect, the other half gives the errors.
+    Raises InputError where nothing can be fitted to; where a verdict cannot be carried, the verdict says so. kept: the
+    long parts of earlier traces, taken up where they are of the same problem, and added to.
+    """
+    s = settings or TraceSettings()
+    train, held_out, left_out = _usable(train, held_out)
+    choose, report = dealt(held_out)
+    lacking = _lacking(train, held_out, s)
+    if not train or not choose or not report:
+        return _undecided(train, choose, report, subject, subject, lacking, left_out, seed)
+    tell("fitting theta", 0.0)
+    before = _refitted(train, subject, s, seed, kept)
+    if lacking:
+        return _undecided(train, choose, report, before, before, lacking, left_out, seed)
+    known = set(kept or ())
+    outcomes = _rounds(before, train, choose, s, seed, tell, kept)
+    after = outcomes[-1][0] if explained([outcome for _, outcome in outcomes], s) else before
+    found = _found(before, after, [outcome for _, outcome in outcomes], (train, choose, report), s, left_out, seed)
+    anew = kept is None or set(kept) != known
+    return dataclasses.replace(found, calibrated="anew" if anew else "found")
+
+
+def _refitted(train: Sequence[Case], subject: Subject, s: TraceSettings, seed: int, kept: Kept | None) -> Subject:
+    """The subject with one theta fitted to all events."""
+    key = f"theta {fingerprint(train, subject, seed, s.base)}"
+    if kept is not None and key in kept:
+        return dataclasses.replace(subject, parameters=Parameters.from_vector(np.array(kept[key])), provenance={})
+    found = fit_joint(train, subject, seed, s.base).subject
+    if kept is not None:
+        kept[key] = found.parameters.vector().tolist()
+    return found
+
+
+def dealt(held_out: Sequence[Case]) -> tuple[list[Case], list[Case]]:
+    """Events that choose and events that report: of each loading condition in turn."""
+    choose: list[Case] = []
+    report: list[Case] = []
+    count: dict[str, int] = {}
+    for case in held_out:
+        count[case.case] = count.get(case.case, 0) + 1
+        (choose if count[case.case] % 2 else report).append(case)
+    return choose, report
+
+
+def _rounds(
+    subject: Subject, train: Sequence[Case], choose: Sequence[Case], s: TraceSettings, seed: int, tell: Tell,
+    kept: Kept | None,
+) -> list[tuple[Subject, Outcome]]:  # fmt: skip
+    """Greedy rounds until one takes nothing; after each, the subject as it is then."""
+    found: list[tuple[Subject, Outcome]] = []
+    for number in range(s.most_effects):
+        outcome = one_round(subject, train, choose, s, seed + number, tell, kept)
+        if outcome.taken is not None:
+            subject = polished(outcome.taken.subject, train)
+        found.append((subject, outcome))
+        if outcome.taken is None or outcome.after < s.enough:
+            break
+    return found
+
+
+def _found(
+    before: Subject, after: Subject, outcomes: Sequence[Outcome], sides: Sequence[Sequence[Case]], s: TraceSettings,
+    left_out: Sequence[str], seed: int,
+) -> Trace:  # fmt: skip
+    """Everything a trace that could decide says."""
+    train, choose, report = sides
+    added = after.effects[len(before.effects) :]
+    rivals = tuple(one.applied for one in outcomes[0].round.ambiguous_with) if added else ()
+    looked = diagnose(before, outcomes[0].background)
+    law = _surface(outcomes[0]) if not added else None
+    verdict, reasons = judged(outcomes, law, s)
+    taken = [outcome for outcome in outcomes if outcome.taken is not None][: len(added)]
+    first = outcomes[0].round
+    best = first.taken or (first.ladder[0] if first.ladder else None)
+    return Trace(
+        verdict=verdict,
+        reasons=reasons,
+        before=before,
+        after=after,
+        effects=added,
+        intervals=tuple(_intervals(outcome, applied) for outcome, applied in zip(taken, added, strict=True)),
+        ambiguous_with=rivals,
+        family=_family([*added[:1], *rivals]),
+        experiment=separating({one.effect.name for one in (*added[:1], *rivals)}),
+        events=_events(before, after, train, choose, report),
+        rounds=tuple(outcome.round for outcome in outcomes),
+        departures=_departures(outcomes[-1]),
+        diagnostics=looked,
+        surface=law,
+        floor_percent=_floor_percent(report, after),
+        p_value=best.p_value if best else None,
+        threshold=first.threshold,
+        untestable=tuple(candidates([*train, *choose])[1]),
+        left_out=tuple(left_out),
+        lacking=(),
+        seed=seed,
+        calibrated="anew",
+    )
+
+
+def _surface(outcome: Outcome) -> Surface | None:
+    """The surface of the joint that gains most of one, among those the residual points to."""
+    sites = [one.applied.site for one in outcome.round.ladder[:3] if one.applied.effect.place == "joint"]
+    found = [surface(outcome.background, outcome.without, site) for site in dict.fromkeys(sites)]
+    return max(found, key=lambda one: one.gain, default=None)
+
+
+def _usable(train: Sequence[Case], held_out: Sequence[Case]) -> tuple[list[Case], list[Case], list[str]]:
+    """The events without sensors that clipped or failed there, and what was left out: masked, not modelled."""
+    cleaned = [[gate.cleaned(case) for case in cases] for cases in (train, held_out)]
+    kept = [[case for case, _ in side if case.energy.any()] for side in cleaned]
+    return kept[0], kept[1], [line for side in cleaned for _, lines in side for line in lines]
+
+
+def _lacking(train: Sequence[Case], held_out: Sequence[Case], s: TraceSettings) -> list[str]:
+    """Why these events cannot carry a verdict, a line each."""
+    found = gate.missing(train, "to fit", s.floor) + gate.missing(held_out, "held out", s.floor)
+    if train and len({case.case for case in train}) < 2:
+        found.append(f"to fit: only {train[0].case}; two loading conditions are the least")
+    choose, report = dealt(held_out)
+    if not choose or not report:
+        found.append("held out: two events of one loading condition are the least, one to choose by and one to report")
+    for one in held_out:
+        if any(gate.same(one, other) for other in train):
+            found.append(f"held out: {one.name} is also fitted to")
+    return found
+
+
+def _undecided(
+    train: Sequence[Case], choose: Sequence[Case], report: Sequence[Case], before: Subject, after: Subject,
+    lacking: Sequence[str], left_out: Sequence[str], seed: int,
+) -> Trace:  # fmt: skip
+    everything = [*train, *choose, *report]
+    return Trace(
+        verdict="not_decidable",
+        reasons=("the events cannot carry a verdict", *lacking),
+        before=before,
+        after=after,
+        effects=(),
+        intervals=(),
+        ambiguous_with=(),
+        family="",
+        experiment="record what is lacking: " + "; ".join(lacking),
+        events=_events(before, after, train, choose, report),
+        rounds=(),
+        departures=(),
+        diagnostics=None,
+        surface=None,
+        floor_percent=_floor_percent(report, after),
+        p_value=None,
+        threshold=None,
+        untestable=tuple(candidates(everything)[1]) if everything else (),
+        left_out=tuple(left_out),
+        lacking=tuple(lacking),
+        seed=seed,
+        calibrated="not",
+    )
+
+
+def _events(before: Subject, after: Subject, *sides: Sequence[Case]) -> tuple[Event, ...]:
+    uses: tuple[Use, ...] = ("train", "choose", "held_out")
+    return tuple(_event(case, use, before, after) for use, cases in zip(uses, sides, strict=True) for case in cases)
+
+
+def _event(case: Case, use: Use, before: Subject, after: Subject) -> Event:
+    answers = [answer(subject, case) for subject in (before, after)]
+    shown = [np.where(case.compared, one, np.nan) for one in (case.measured_mps2, *answers)]
+    told = [errors(case, one) for one in answers]
+    return Event(case.name, case.case, use, case.rate_hz, shown[0], shown[1], shown[2], told[0], told[1])
+
+
+def _intervals(outcome: Outcome, applied: AppliedEffect) -> tuple[Interval, ...]:
+    """The effect's values as they are in the subject, with intervals as wide as settling has them."""
+    assert outcome.taken is not None
+    pairs = zip(applied.effect.parameters, outcome.taken.intervals, strict=False)
+    return tuple(_interval(p, applied.values[p.name], *limits) for p, limits in pairs)
+
+
+def _interval(parameter: EffectParameter, value: float, low: float, high: float) -> Interval:
+    """An interval around another value: as wide where the range is mapped to the whole line, so within it."""
+    lower, width = parameter.lower, parameter.upper - parameter.lower
+    share = np.clip((np.array([low, value, high]) - lower) / width, 1e-9, 1.0 - 1e-9)
+    psi = np.log(share / (1.0 - share))
+    half = 0.5 * (psi[2] - psi[0])
+    ends = lower + width * 0.5 * (1.0 + np.tanh(0.5 * (psi[1] + np.array([-half, half]))))
+    return Interval(parameter.name, parameter.unit, value, float(ends[0]), float(ends[1]))
+
+
+def _departures(outcome: Outcome) -> tuple[Departure, ...]:
+    """The usual departures, the farthest from the usual first."""
+    settled = outcome.taken or outcome.without
+    found = [
+        Departure(name, float(times))
+        for name, times in zip(outcome.background.names, settled.departures[N_THETA:], strict=True)
+    ]
+    return tuple(sorted(found, key=lambda one: -abs(one.times_usual)))
+
+
+def _family(effects: Sequence[AppliedEffect]) -> str:
+    """The family they share, `` where they do not or there is none."""
+    families = {one.effect.family for one in effects}
+    return families.pop() if len(families) == 1 else ""
+
+
+def _floor_percent(cases: Sequence[Case], subject: Subject) -> float | None:
+    """What noise of the sensors alone leaves, mean normalised rms in percent, from the band where bodies hardly move.
+
+    An upper limit: what the subject still misses there counts as noise.
+    """
+    found = []
+    for case in cases:
+        missed = np.where(case.compared, case.measured_mps2 - answer(subject, case), 0.0)
+        moved = missed[case.begin :]
+        if len(moved) < 1024:
+            continue
+        frequency_hz, density = signal.welch(moved, case.rate_hz, nperseg=1024, axis=0)
+        still = (frequency_hz >= NOISE_BAND_HZ[0]) & (frequency_hz <= NOISE_BAND_HZ[1])
+        noise = np.sqrt(np.median(density[still], axis=0) * 100.0)
+        rms = np.sqrt(case.energy / np.maximum(case.compared.sum(axis=0), 1))
+        found.append(100.0 * np.mean(noise[case.energy > 0.0] / rms[case.energy > 0.0]))
+    return float(np.mean(found)) if found else None
+
+
+__all__ = ["dealt", "trace"]

@@ -1,0 +1,186 @@
+"""Events with something hidden in them, integrated by DOP853 from full matrices, all events of a body at once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cache
+
+import fitting
+import naive
+import numpy as np
+from numpy.typing import NDArray
+from scipy import integrate, signal
+
+from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.problem import Case
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.background import Background
+from biodyn_core.tracing.settings import BASE
+
+Floats = NDArray[np.float64]
+Law = Callable[[Floats, Floats], Floats]
+Change = Callable[[Floats], Floats]
+
+TRUTH = fitting.true_subjects()["segment"]
+SECONDS = 5.0
+NOISE_MPS2 = 0.02
+LOWER_TORSO, NECK, HEAD = 1, 3, 4
+"""Columns of what is measured."""
+
+
+def answers(seats: Floats, law: Law) -> Floats:
+    """Absolute accelerations (e, n, 6) to seats (e, n); a law gives more tension (e, 6) for stretch and rate (e, 6)."""
+    theta, events = TRUTH.parameters.vector(), len(seats)
+    M, C, K, k, alpha = naive.chain_matrices(theta, TRUTH.body_mass_kg, TRUTH.mass_matrix)
+    inverse, step = np.linalg.inv(M), 1.0 / fitting.RATE_HZ
+
+    def acceleration(x: Floats, v: Floats, seat: Floats) -> Floats:
+        stretch, rate = np.diff(x, axis=1, prepend=0.0), np.diff(v, axis=1, prepend=0.0)
+        tension = k * alpha * stretch * np.abs(stretch) + law(stretch, rate)
+        on = tension - np.append(tension[:, 1:], np.zeros((events, 1)), axis=1)
+        return -(v @ C.T + x @ K.T + on) @ inverse.T - seat[:, None]
+
+    def slope(t: float, y: Floats, before: Floats, rise: Floats) -> Floats:
+        x, v = y.reshape(2, events, 6)
+        return np.concatenate([v, acceleration(x, v, before + rise * t)]).ravel()
+
+    out, y = np.zeros((*seats.shape, 6)), np.zeros(2 * events * 6)
+    for n in range(1, seats.shape[1]):
+        before, rise = seats[:, n - 1], (seats[:, n] - seats[:, n - 1]) / step
+        end = integrate.solve_ivp(
+            slope, (0.0, step), y, "DOP853", args=(before, rise), rtol=1e-5, atol=1e-8, first_step=step
+        )
+        y = end.y[:, -1]
+        x, v = y.reshape(2, events, 6)
+        out[:, n] = acceleration(x, v, seats[:, n]) + seats[:, n, None]
+    return out
+
+
+@cache
+def stiffness_and_damping() -> tuple[Floats, Floats]:
+    """N/m and N s/m of the joints, (6,) each, from the paper's matrices."""
+    theta = TRUTH.parameters.vector()
+    M, _, _, k, _ = naive.chain_matrices(theta, TRUTH.body_mass_kg, TRUTH.mass_matrix)
+    return k, 2.0 * theta[6:12] * np.sqrt(k * np.cumsum(np.diag(M)[::-1])[::-1])
+
+
+def nothing(measured: Floats) -> Floats:
+    return measured
+
+
+def louder(measured: Floats) -> Floats:
+    measured[:, NECK] *= 1.1
+    return measured
+
+
+def far_louder(measured: Floats) -> Floats:
+    """Twice the range of a gain."""
+    measured[:, NECK] *= 1.6
+    return measured
+
+
+def later(measured: Floats) -> Floats:
+    time = np.arange(len(measured)) / fitting.RATE_HZ
+    measured[:, HEAD] = np.interp(time - 0.004, time, measured[:, HEAD])
+    return measured
+
+
+def on_skin(measured: Floats) -> Floats:
+    """30 Hz, a damping ratio of 0.3, by another discretisation than the package's."""
+    w = 2.0 * np.pi * 30.0
+    b, a = signal.bilinear([0.6 * w, w * w], [1.0, 0.6 * w, w * w], fitting.RATE_HZ)
+    measured[:, HEAD] = signal.lfilter(b, a, measured[:, HEAD])
+    return measured
+
+
+def plain(stretch: Floats, rate: Floats) -> Floats:
+    """No law more than the body has."""
+    return np.zeros_like(stretch)
+
+
+def orifice(stretch: Floats, rate: Floats) -> Floats:
+    """Quadratic damping of the seat's joint, 4 s/m."""
+    out = np.zeros_like(stretch)
+    out[:, 0] = 4.0 * stiffness_and_damping()[1][0] * rate[:, 0] * np.abs(rate[:, 0])
+    return out
+
+
+def stiffening(stretch: Floats, rate: Floats) -> Floats:
+    """A cubic seat's joint, 1e6 1/m^2: at 1 mm it pulls twice as hard."""
+    out = np.zeros_like(stretch)
+    out[:, 0] = 1e6 * stiffness_and_damping()[0][0] * stretch[:, 0] ** 3
+    return out
+
+
+def one_sided(stretch: Floats, rate: Floats) -> Floats:
+    """Half as much stiffness again of the seat's joint in compression only."""
+    out = np.zeros_like(stretch)
+    out[:, 0] = 0.5 * stiffness_and_damping()[0][0] * np.minimum(stretch[:, 0], 0.0)
+    return out
+
+
+def thrown(stretch: Floats, rate: Floats) -> Floats:
+    """A seat that cannot hold down: its joint in all carries no more than the weight."""
+    M, _, _, k, alpha = naive.chain_matrices(TRUTH.parameters.vector(), TRUTH.body_mass_kg, TRUTH.mass_matrix)
+    d, r, b = stretch[:, 0], rate[:, 0], stiffness_and_damping()[1]
+    whole = k[0] * d * (1.0 + alpha[0] * np.abs(d)) + b[0] * r
+    out = np.zeros_like(stretch)
+    out[:, 0] = np.minimum(whole, 9.80665 * np.trace(M)) - whole
+    return out
+
+
+KINDS = ("road", "pothole", "rail")
+EVENTS = 9
+LAWS: tuple[Law, ...] = (plain, orifice, stiffening, one_sided, thrown)
+
+
+@cache
+def seats() -> Floats:
+    """Seats (EVENTS, n): road, pothole and rail in turn, each once only."""
+    return np.stack([fitting.seat_motion(KINDS[i % len(KINDS)], SECONDS, 20 + i) for i in range(EVENTS)])
+
+
+@cache
+def answered() -> Floats:
+    """Absolute accelerations (laws, EVENTS, n, 6) of the true body with every law in turn."""
+
+    def each(stretch: Floats, rate: Floats) -> Floats:
+        parts = [np.split(values, len(LAWS)) for values in (stretch, rate)]
+        return np.concatenate([law(d, r) for law, d, r in zip(LAWS, *parts, strict=True)])
+
+    return answers(np.tile(seats(), (len(LAWS), 1)), each).reshape(len(LAWS), EVENTS, -1, 6)
+
+
+def events(count: int, change: Change = nothing, law: Law = plain) -> tuple[Case, ...]:
+    """The first `count` events of the true body with a law in it, measured segments (n, 5) changed and noisy."""
+    return _events(change, law)[:count]
+
+
+@cache
+def _events(change: Change, law: Law) -> tuple[Case, ...]:
+    rng, made = np.random.default_rng(4), []
+    for number, (seat, accel) in enumerate(zip(seats(), answered()[LAWS.index(law)], strict=True)):
+        kind = KINDS[number % len(KINDS)]
+        recording = fitting.recording(seat, accel, kind)
+        measured = change(recording.measured_mps2.copy())
+        measured += fitting.low_passed(NOISE_MPS2 * rng.standard_normal(measured.shape))
+        recording = dataclasses.replace(recording, name=f"{kind} {number}", measured_mps2=measured)
+        made.append(Case.of(recording, fitting.SPECTRUM, fitting.LINES))
+    return tuple(made)
+
+
+def fitted(change: Change = nothing, law: Law = plain) -> Subject:
+    """The body fitted to the first three events as if nothing were hidden."""
+    return _background(change, law).subject
+
+
+def background(change: Change = nothing, law: Law = plain) -> Background:
+    """Three events that are fitted to and three that choose, about the body fitted to the first three."""
+    return _background(change, law)
+
+
+@cache
+def _background(change: Change, law: Law) -> Background:
+    cases = events(6, change, law)
+    return Background.of(fit_joint(cases[:3], TRUTH, 1, BASE).subject, cases[:3], cases[3:])

@@ -1,0 +1,90 @@
+"""Theta and effects polished together on all events come back as another hand put them in."""
+
+import dataclasses
+
+import hiding
+import numpy as np
+import pytest
+from test_effects import applied
+
+from biodyn_core.effects import AppliedEffect
+from biodyn_core.identification.problem import errors
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.polish import polished
+
+SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
+
+
+def cases(change=hiding.nothing, law=hiding.plain) -> list:
+    return list(hiding.events(6, change, law)[:3])
+
+
+def fitted(change, law, *effects: AppliedEffect) -> Subject:
+    """The body fitted as if nothing were hidden, with effects at their start values."""
+    return dataclasses.replace(hiding.fitted(change, law), effects=effects)
+
+
+def error_percent(subject: Subject, change, law) -> float:
+    return float(np.mean([errors(case, answer(subject, case)).mean_percent for case in cases(change, law)]))
+
+
+def assert_theta_is_true(found: Subject, rel: float) -> None:
+    np.testing.assert_allclose(
+        found.parameters.natural_frequency_hz, hiding.TRUTH.parameters.natural_frequency_hz, rtol=rel
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "law", "name", "site", "truth"),
+    [
+        (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}),
+        (hiding.later, hiding.plain, "clock", "head", {"delay_s": 0.004}),
+        (
+            hiding.on_skin,
+            hiding.plain,
+            "skin",
+            "head",
+            {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3},
+        ),
+        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}),
+        (hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}),
+    ],
+)
+def test_theta_and_what_was_hidden_come_back_together(change, law, name: str, site: str, truth: dict) -> None:
+    found = polished(fitted(change, law, applied(name, site)), cases(change, law))
+    (effect,) = found.effects
+    assert (effect.effect.name, effect.site) == (name, site)
+    for parameter, value in truth.items():
+        assert effect.values[parameter] == pytest.approx(value, rel=0.05)
+    assert_theta_is_true(found, 0.01)
+    assert error_percent(found, change, law) < 0.6 * error_percent(hiding.fitted(change, law), change, law)
+
+
+def louder_neck_and_later_head(measured: np.ndarray) -> np.ndarray:
+    return hiding.later(hiding.louder(measured))
+
+
+def test_two_effects_come_back_in_their_order() -> None:
+    start = fitted(louder_neck_and_later_head, hiding.plain, applied("clock", "head"), applied("gain", "neck"))
+    found = polished(start, cases(louder_neck_and_later_head))
+    clock, gain = found.effects
+    assert (clock.effect.name, gain.effect.name) == ("clock", "gain")
+    assert clock.values["delay_s"] == pytest.approx(0.004, rel=0.05)
+    assert gain.values["gain"] == pytest.approx(0.1, rel=0.05)
+    assert_theta_is_true(found, 0.01)
+
+
+def test_without_effects_it_is_a_fit_from_where_it_was() -> None:
+    """Started beside the truth it comes back to it, and the mass scale, of which nothing is seen, stays."""
+    theta = hiding.TRUTH.parameters.vector()
+    theta[:14] *= np.where(np.arange(14) % 2, 1.05, 0.95)
+    start = dataclasses.replace(hiding.TRUTH, parameters=type(hiding.TRUTH.parameters).from_vector(theta))
+    found = polished(start, cases())
+    assert_theta_is_true(found, 0.005)
+    assert found.effects == () and found.parameters.vector()[14] == theta[14]
+
+
+def test_values_stay_within_their_ranges_where_the_truth_is_outside() -> None:
+    found = polished(fitted(hiding.far_louder, hiding.plain, applied("gain", "neck")), cases(hiding.far_louder))
+    assert 0.29 < found.effects[0].values["gain"] <= 0.3

@@ -1,0 +1,108 @@
+"""Theta and an effect settled together come back as another hand put them in."""
+
+import dataclasses
+from functools import cache
+
+import hiding
+import numpy as np
+import pytest
+from test_effects import applied
+
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.tracing.background import N_THETA
+from biodyn_core.tracing.settle import Settled, predicted, settle
+
+SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
+
+
+@cache
+def without(change, law=hiding.plain) -> Settled:
+    return settle(hiding.background(change, law), None)
+
+
+def assert_theta_is_true(found: Settled, rel: float) -> None:
+    ours, true = (subject.parameters.natural_frequency_hz for subject in (found.subject, hiding.TRUTH))
+    np.testing.assert_allclose(ours, true, rtol=rel)
+
+
+@pytest.mark.parametrize(
+    ("change", "law", "name", "site", "truth"),
+    [
+        (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}),
+        (hiding.later, hiding.plain, "clock", "head", {"delay_s": 0.004}),
+        (hiding.on_skin, hiding.plain, "skin", "head", SKIN),
+        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}),
+        (hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}),
+    ],
+)
+def test_theta_and_what_was_hidden_come_back_together(change, law, name: str, site: str, truth: dict) -> None:
+    background = hiding.background(change, law)
+    found = settle(background, applied(name, site))
+    assert found.applied is not None and set(truth) <= set(found.applied.values)
+    for parameter, value in truth.items():
+        # A share of it may stay with a usual departure of the same law.
+        assert found.applied.values[parameter] == pytest.approx(value, rel=0.08)
+    assert found.subject.effects == (found.applied,)
+    assert_theta_is_true(found, 0.02)
+    assert found.at_bound == () and len(found.intervals) == len(found.applied.effect.parameters)
+    assert found.objective < 0.7 * without(change, law).objective
+    assert found.left.sum() < 0.8 * without(change, law).left.sum()
+
+
+def test_the_interval_is_around_the_size_and_narrower_where_more_is_fitted_to() -> None:
+    background = hiding.background(hiding.louder)
+    found = settle(background, applied("gain", "neck"))
+    ((low, high),) = found.intervals
+    assert low < 0.1 < high and high - low < 0.15
+    fewer = dataclasses.replace(background, weight=0.25 * background.weight)
+    ((wide_low, wide_high),) = settle(fewer, applied("gain", "neck")).intervals
+    assert wide_high - wide_low > 1.1 * (high - low)
+
+
+def test_without_an_effect_it_lowers_what_is_left_and_leaves_the_subject_without() -> None:
+    background, found = hiding.background(hiding.louder), without(hiding.louder)
+    p = background.train.products
+    before = float(background.weight @ p.square)
+    assert found.applied is None and found.subject.effects == () and found.intervals == ()
+    assert 0.0 < found.objective < 0.9 * before
+    usual = dict(zip(background.names, found.departures[N_THETA:], strict=True))
+    assert max(usual, key=lambda name: abs(usual[name])) == "gain of neck" and usual["gain of neck"] > 1.0
+
+
+def test_where_it_ends_is_what_it_leaves() -> None:
+    """The squares left are those of a simulation of the settled subject less its departures."""
+    background, found = hiding.background(hiding.louder), settle(hiding.background(hiding.louder), None)
+    slow = []
+    for rows, known, missed in zip(
+        background.choose.rows, background.choose.known, background.choose.missed(found.subject), strict=True
+    ):
+        slow += [((missed[w] - known[w] @ found.departures) ** 2).sum() for w in range(rows.windows)]
+    np.testing.assert_allclose(found.left, slow, rtol=1e-6)
+    np.testing.assert_allclose(predicted(background.choose, found.subject).left(found.departures), slow, rtol=1e-6)
+
+
+def test_more_steps_leave_no_more() -> None:
+    background = hiding.background(hiding.on_skin)
+    objectives = [settle(background, applied("skin", "head"), steps).objective for steps in (0, 1, 4, 12)]
+    assert objectives == sorted(objectives, reverse=True) and objectives[3] < 0.5 * objectives[0]
+
+
+def test_what_ends_on_a_bound_is_named() -> None:
+    """A sensor that shows 60 % more than the range of a gain, 30 %, lets it have."""
+    background = hiding.background(hiding.far_louder)
+    found = settle(background, applied("gain", "neck"))
+    assert found.applied is not None and found.applied.values["gain"] > 0.29
+    assert found.at_bound == ("gain",)
+
+
+def test_a_start_that_runs_away_is_infinite_and_no_crash() -> None:
+    (parameter,) = CATALOGUE["cubic"].parameters
+    softer = dataclasses.replace(
+        CATALOGUE["cubic"], parameters=(dataclasses.replace(parameter, lower=-1e12, upper=-1e9, start=-1e10),)
+    )
+    start = AppliedEffect(softer, "pelvis", {parameter.name: -1e10})
+    background = hiding.background(hiding.louder)
+    found = settle(background, start)
+    assert found.objective == np.inf and found.applied is start
+    assert np.isfinite(found.left).all() and np.isfinite(found.departures).all()
+    np.testing.assert_array_equal(found.left, background.choose.products.square)

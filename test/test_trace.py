@@ -1,0 +1,199 @@
+"""A whole trace: from events that another integrator made to a verdict, and the errors of events kept aside."""
+
+import dataclasses
+from functools import cache
+from unittest import mock
+
+import hiding
+import numpy as np
+import pytest
+
+from biodyn_core.identification.problem import Case, errors
+from biodyn_core.tracing import rounds
+from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.findings import Trace
+from biodyn_core.tracing.gate import FloorSettings
+from biodyn_core.tracing.screen import candidates
+from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.trace import dealt, trace
+
+SHORT = TraceSettings(
+    replicates=60, refined=2, most_effects=2, floor=FloorSettings(road_s=1.0, shocks=1, hard_shocks=1)
+)
+"""Floors for events of 5 s."""
+
+FEW = ("gain", "clock", "skin", "quadratic_damping", "friction", "lift_off")
+
+
+def few(cases):
+    """The catalogue cut short."""
+    tried, untestable = candidates(cases)
+    return [one for one in tried if one.applied.effect.name in FEW], untestable
+
+
+def traced(change=hiding.nothing, law=hiding.plain) -> Trace:
+    """Three events to fit to, three to choose by and three kept aside."""
+    return _traced(change, law)
+
+
+@cache
+def _traced(change, law) -> Trace:
+    cases = hiding.events(9, change, law)
+    with mock.patch.object(rounds, "candidates", few):
+        return trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
+
+
+def kept_aside(found: Trace) -> list:
+    return [event for event in found.events if event.use == "held_out"]
+
+
+@pytest.mark.parametrize(
+    ("change", "law", "name", "site", "truth"),
+    [
+        (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}),
+        (hiding.on_skin, hiding.plain, "skin", "head", {"softness_s": 1.0 / (2.0 * np.pi * 30.0)}),
+        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}),
+    ],
+)
+def test_what_was_hidden_is_named_with_its_site_and_size(change, law, name: str, site: str, truth: dict) -> None:
+    found = traced(change, law)
+    assert found.verdict == "effect" and found.lacking == ()
+    (effect,) = found.effects
+    assert (effect.effect.name, effect.site) == (name, site)
+    for parameter, value in truth.items():
+        assert effect.values[parameter] == pytest.approx(value, rel=0.05)
+        (interval,) = [one for one in found.intervals[0] if one.name == parameter]
+        assert interval.lower < value < interval.upper
+    assert found.p_value is not None and found.p_value < 0.05
+    assert any(name in line and site in line for line in found.reasons)
+
+
+@pytest.mark.parametrize(
+    ("change", "law"), [(hiding.louder, hiding.plain), (hiding.on_skin, hiding.plain), (hiding.nothing, hiding.orifice)]
+)
+def test_events_kept_aside_are_missed_by_less_with_it(change, law) -> None:
+    found = traced(change, law)
+    assert len(kept_aside(found)) == 3
+    for event in kept_aside(found):
+        assert event.after.mean_percent < 0.6 * event.before.mean_percent
+
+
+def test_errors_are_those_of_the_subjects_before_and_after() -> None:
+    found, cases = traced(hiding.louder), {case.name: case for case in hiding.events(9, hiding.louder)}
+    assert found.before.effects == () and len(found.after.effects) == 1
+    for event in found.events:
+        case = cases[event.name]
+        for subject, told, shown in (
+            (found.before, event.before, event.before_mps2),
+            (found.after, event.after, event.after_mps2),
+        ):
+            whole = answer(subject, case)
+            assert told.mean_percent == pytest.approx(errors(case, whole).mean_percent, rel=1e-9)
+            np.testing.assert_array_equal(shown, np.where(case.compared, whole, np.nan))
+
+
+def test_events_kept_aside_have_no_say_and_the_same_seed_says_the_same() -> None:
+    """Spoiled, they change their own errors and nothing else."""
+    cases, spoiled = hiding.events(9, hiding.louder), hiding.events(9, hiding.on_skin)
+    same = traced(hiding.louder)
+    aside = {event.name for event in kept_aside(same)}
+    held_out = [spoiled[i] if cases[i].name in aside else cases[i] for i in range(3, 9)]
+    with mock.patch.object(rounds, "candidates", few):
+        found = trace(cases[:3], held_out, hiding.TRUTH, SHORT, 1)
+    assert found.effects[0].values == same.effects[0].values and found.threshold == same.threshold
+    assert [one.gain for one in found.rounds[0].ladder] == [one.gain for one in same.rounds[0].ladder]
+    np.testing.assert_array_equal(found.after.parameters.vector(), same.after.parameters.vector())
+    assert (found.reasons, found.p_value) == (same.reasons, same.p_value)
+    for ours, theirs in zip(kept_aside(found), kept_aside(same), strict=True):
+        assert ours.after.mean_percent > 1.5 * theirs.after.mean_percent
+
+
+def test_nothing_hidden_is_no_effect() -> None:
+    found = traced()
+    assert found.verdict == "none" and found.effects == () and found.ambiguous_with == ()
+    assert found.after is found.before or found.after == found.before
+    assert found.p_value is not None and found.p_value > 0.05
+    assert [event.before.mean_percent for event in found.events] == [e.after.mean_percent for e in found.events]
+    assert found.diagnostics is not None and found.seed == 1
+
+
+def test_the_noise_that_was_put_in_is_the_floor() -> None:
+    """0.02 m/s^2 before a low-pass at 100 of 300 Hz: 0.0115 of it is left."""
+    found = traced()
+    aside = [case for case in hiding.events(9) if case.name in {event.name for event in kept_aside(found)}]
+    rms = [np.sqrt(case.energy / case.compared.sum(axis=0)) for case in aside]
+    noise = hiding.NOISE_MPS2 * np.sqrt(100.0 / 300.0)
+    assert found.floor_percent == pytest.approx(100.0 * np.mean([noise / one for one in rms]), rel=0.25)
+
+
+def test_events_are_used_as_they_were_dealt() -> None:
+    cases, found = hiding.events(9, hiding.louder), traced(hiding.louder)
+    choose, report = dealt(cases[3:])
+    for use, expected in (("train", cases[:3]), ("choose", choose), ("held_out", report)):
+        assert [event.name for event in found.events if event.use == use] == [case.name for case in expected]
+
+
+def test_every_condition_is_dealt_in_turn() -> None:
+    base = hiding.events(6)[0]
+    kinds = ("road", "road", "pothole", "road", "pothole", "rail", "road")
+    cases = [dataclasses.replace(base, name=str(i), case=kind) for i, kind in enumerate(kinds)]
+    choose, report = dealt(cases)
+    assert [case.name for case in choose] == ["0", "2", "3", "5"]
+    assert [case.name for case in report] == ["1", "4", "6"]
+    assert dealt([]) == ([], [])
+
+
+def test_what_cannot_be_tested_is_not_said_to_be_absent() -> None:
+    for found in (traced(), traced(hiding.louder)):
+        assert {name.split(" at ")[0] for name in found.untestable} == {"bending", "cross_axis", "pitch", "tilt"}
+        ladder = {one.applied.effect.name for one in found.rounds[0].ladder}
+        assert not ladder & {"bending", "cross_axis", "pitch", "tilt"}
+
+
+def undecided(train: list[Case], held_out: list[Case], settings: TraceSettings = SHORT) -> Trace:
+    found = trace(train, held_out, hiding.TRUTH, settings, 1)
+    assert found.verdict == "not_decidable" and found.calibrated == "not"
+    assert found.effects == () and found.rounds == () and found.p_value is None and found.threshold is None
+    assert set(found.lacking) <= set(found.reasons)
+    return found
+
+
+def test_short_events_are_not_decided_with_a_line_for_each_that_lacks() -> None:
+    cases = list(hiding.events(9, hiding.louder))
+    found = undecided(cases[:3], cases[3:], TraceSettings())
+    for role in ("to fit", "held out"):
+        assert any(line.startswith(role) and "s without shocks" in line for line in found.lacking)
+        assert any(line.startswith(role) and "shocks of 0.8 g" in line for line in found.lacking)
+    assert {event.use for event in found.events} == {"train", "choose", "held_out"}
+
+
+def test_one_loading_condition_is_not_decided() -> None:
+    cases = hiding.events(9, hiding.louder)
+    found = undecided([cases[2], cases[5]], list(cases[6:]))
+    assert any("rail" in line and "two loading conditions" in line for line in found.lacking)
+
+
+def test_an_event_on_both_sides_is_not_decided() -> None:
+    cases = list(hiding.events(9, hiding.louder))
+    found = undecided(cases[:4], cases[3:])
+    assert [line for line in found.lacking if "also fitted" in line] == ["held out: road 3 is also fitted to"]
+
+
+@pytest.mark.parametrize("held_out", [(), (2,)])
+def test_nothing_kept_aside_is_not_decided_and_says_so(held_out: tuple[int, ...]) -> None:
+    cases = hiding.events(9, hiding.louder)
+    found = undecided(list(cases[3:6]), [cases[i] for i in held_out])
+    assert found.lacking != () and any("held out" in line for line in found.lacking)
+
+
+def test_a_sensor_that_clips_is_left_out_and_named() -> None:
+    cases = list(hiding.events(9, hiding.louder))
+    compared, measured = cases[0].compared.copy(), cases[0].measured_mps2.copy()
+    compared[1500:1800, hiding.HEAD], measured[1500:1800, hiding.HEAD] = False, 0.0
+    energy = (measured**2).sum(axis=0)
+    cases[0] = dataclasses.replace(cases[0], compared=compared, measured_mps2=measured, energy=energy)
+    found = undecided(cases[:3], cases[3:], TraceSettings())
+    (line,) = found.left_out
+    assert line.startswith("road 0: head") and "17 %" in line
+    event = next(one for one in found.events if one.name == "road 0")
+    assert np.isnan(event.measured_mps2[:, hiding.HEAD]).all()
