@@ -1,0 +1,188 @@
+"""Measured streams: what pairs of recorded channels say of themselves, and faults that a second program hid in them.
+
+`python -m blind.measured [SEED ...]` prints both tables; verdicts are written before any truth is looked at.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from world import measured, seats
+
+from biodyn_core.tracing import pairs
+
+Floats = NDArray[np.float64]
+
+RECORDS: Final = 100
+SEED: Final = 77
+RATIOS: Final = (0.4, 0.8)
+"""Hidden change over background: below the first only `unexplained` is honest, above the second a name is asked for."""
+
+PIECE_S: Final = 12.0
+"""Of a recording on its own, so much teaches and so much is predicted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """One recorded pair with nothing hidden: percent with gain 1 and no delay, with a transfer, and what tracing says.
+
+    still_percent is NaN where the reference has no axis of the same kind.
+    """
+
+    name: str
+    still_percent: float
+    found: pairs.PairTrace
+
+
+@dataclass(frozen=True, eq=False)
+class Graded:
+    """One record: what was found, and beside it what had been hidden; ratio of its change to the background."""
+
+    name: str
+    found: pairs.PairTrace
+    fault: str
+    size: float
+    ratio: float
+
+    @property
+    def named(self) -> bool:
+        """Whether the one fault that was hidden is the one that is named."""
+        return self.found.verdict == "effect" and self.found.name == self.fault
+
+    @property
+    def within(self) -> bool:
+        """Whether it is among those that are."""
+        return self.fault in (self.found.name, *self.found.ambiguous_with)
+
+
+def _pair(pair: measured.Pair) -> pairs.Pair:
+    own = pair.under_test[:, :2] if pair.turns else None
+    return pairs.Pair(pair.rate_hz, pair.reference, pair.under_test[:, 2], own)
+
+
+def alone() -> list[Alone]:
+    """Every recorded pair as it is, first half against second, at most `PIECE_S` each."""
+    found = []
+    for pair in measured.pairs():
+        length = min(round(PIECE_S * pair.rate_hz), len(pair.reference) // 2)
+        middle = len(pair.reference) // 2
+        earlier, later = (measured.cut(pair, begin, begin + length) for begin in (middle - length, middle))
+        found.append(Alone(pair.name, _still(later), pairs.trace(_pair(later), _pair(earlier))))
+    return found
+
+
+def _still(pair: measured.Pair) -> float:
+    """Percent that is left, in band, with the reference's most alike axis taken as it is."""
+    if not pair.turns:
+        return float("nan")
+    s = pairs.PairSettings()
+    band = (pair.rate_hz, s.lowest_hz, s.highest_share * pair.rate_hz)
+    output = pairs.in_band(pair.under_test[:, 2], *band)
+    apart = output[:, None] - pairs.in_band(pair.reference, *band)
+    return float(100.0 * np.sqrt((apart**2).mean(axis=0).min() / (output**2).mean()))
+
+
+def run(count: int = RECORDS, seed: int = SEED, said: Callable[[str], None] = lambda text: None) -> list[Graded]:
+    """Draw records, trace every one, and only then look at what was hidden."""
+    records, truths = measured.records(count, seed)
+    answers = []
+    for number, record in enumerate(records):
+        answers.append(pairs.trace(_pair(record.later), _pair(record.earlier), seed=number))
+        said(f"record {number + 1} of {count}")
+    # Nothing has looked at the truth so far.
+    return [
+        Graded(record.name, answer, truth.fault, truth.size, _ratio(record, truth))
+        for record, answer, truth in zip(records, answers, truths, strict=True)
+    ]
+
+
+def _ratio(record: measured.Record, truth: measured.Truth) -> float:
+    """Rms of the hidden change over that of the background's residual, both in the band that is compared.
+
+    The transfer comes from the earlier stretch, so nothing is refitted that could take the change on itself.
+    """
+    s, later = pairs.PairSettings(), _pair(record.later)
+    clean = pairs.Pair(later.rate_hz, later.reference, truth.clean_mps2)
+    left = pairs.residual(clean, _pair(record.earlier), s)
+    band = (later.rate_hz, s.lowest_hz, s.highest_share * later.rate_hz)
+    change = pairs.in_band(later.under_test - truth.clean_mps2, *band)
+    return float(np.sqrt(np.sum(change[left != 0.0] ** 2) / np.sum(left**2)))
+
+
+@dataclass(frozen=True)
+class Count:
+    """Records of one hidden fault within two ratios, by what was said: wrong are those where only others are named."""
+
+    fault: str
+    ratios: tuple[float, float]
+    of: int
+    named: int
+    among: int
+    wrong: int
+    none: int
+    unexplained: int
+    not_decidable: int
+
+
+def counts(graded: Sequence[Graded]) -> list[Count]:
+    """By hidden fault and ratio, then of any fault, then of none, where every name is a false alarm: `wrong`."""
+    steps = ((0.0, RATIOS[0]), RATIOS, (RATIOS[1], np.inf))
+    found = [
+        _count(fault, (low, high), [g for g in graded if g.fault == fault and low <= g.ratio < high])
+        for fault in measured.FAULTS
+        for low, high in steps
+    ]
+    hidden = [g for g in graded if g.fault != "none"]
+    found += [_count("any", (low, high), [g for g in hidden if low <= g.ratio < high]) for low, high in steps]
+    return [*found, _count("none", (0.0, 0.0), [g for g in graded if g.fault == "none"])]
+
+
+def _count(fault: str, ratios: tuple[float, float], graded: Sequence[Graded]) -> Count:
+    among, said = sum(g.within for g in graded), [g.found.verdict for g in graded]
+    declared = said.count("effect") + said.count("ambiguous")
+    rest = (said.count("none"), said.count("unexplained"), said.count("not_decidable"))
+    return Count(fault, ratios, len(graded), sum(g.named for g in graded), among, declared - among, *rest)
+
+
+def table(graded: Sequence[Graded]) -> list[str]:
+    """The counts, a line each."""
+    heads = ("of", "named", "among", "wrong", "none", "unexpl.", "undec.")
+    return [f"{'hidden':12} {'ratio':>9} " + " ".join(f"{head:>7}" for head in heads)] + [
+        f"{c.fault:12} {f'{c.ratios[0]:g}-{c.ratios[1]:g}':>9} "
+        + " ".join(f"{n:7}" for n in (c.of, c.named, c.among, c.wrong, c.none, c.unexplained, c.not_decidable))
+        for c in counts(graded)
+    ]
+
+
+def _said(f: pairs.PairTrace) -> str:
+    """One verdict, for a line."""
+    best = max((f.gains or {"": 0.0}).values())
+    return (
+        f"{f.verdict:13} {f.name:10} {f.size:10.4g} {f.unit:5} gain {best:6.3f} of {f.threshold:6.3f}, background"
+        f" {f.background_percent:5.1f} before {f.before_percent:5.1f} after {f.after_percent:5.1f} %"
+        f" {' '.join(f.ambiguous_with)}"
+    )
+
+
+def main() -> int:
+    """Print both tables; 2 where the recordings are not there."""
+    if not seats.data().is_dir():
+        print(f"blind: the recordings are not in {seats.data()}: say where they are with BIODYN_DATA", file=sys.stderr)
+        return 2
+    for one in alone():
+        print(f"{one.name:32} as it is {one.still_percent:5.1f} %  {_said(one.found)}")
+    seeds = [int(text) for text in sys.argv[1:]] or [SEED]
+    graded = [one for seed in seeds for one in run(seed=seed)]
+    for g in graded:
+        print(f"{g.name:46} {g.fault:10} {g.size:10.4g} ratio {g.ratio:5.2f}  {_said(g.found)}")
+    print("\n".join(table(graded)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
