@@ -18,6 +18,8 @@ from biodyn_ros.progress import Progress
 
 if TYPE_CHECKING:
     from biodyn_ros.fit import FitOptions
+    from biodyn_ros.recordings import RecordingOptions
+    from biodyn_ros.trace import TraceOptions
 
 T = TypeVar("T")
 Handler = Callable[[argparse.Namespace], int]
@@ -150,12 +152,8 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _validate(options: argparse.Namespace) -> int:
-    from biodyn_core.conditioning import ConditioningSettings
-    from biodyn_core.recording import RecordingSettings
     from biodyn_core.response import SpectrumSettings
     from biodyn_core.subject import load_subject
-    from biodyn_ros.mapping import parse_map
-    from biodyn_ros.recordings import RecordingOptions
     from biodyn_ros.resources import subject_file
     from biodyn_ros.validate import ValidateOptions, validate, validate_to_directory
     from biodyn_ros.validation_findings import ValidationSettings
@@ -163,13 +161,7 @@ def _validate(options: argparse.Namespace) -> int:
 
     how = ValidateOptions(
         case=options.case,
-        reading=RecordingOptions(
-            mapping=parse_map(options.map),
-            time=options.time,
-            vertical=options.vertical,
-            conditioning=_settings(options, ConditioningSettings),
-            recording=_settings(options, RecordingSettings),
-        ),
+        reading=_reading(options),
         spectra=_settings(options, SpectrumSettings),
         limits=_settings(options, ValidationSettings),
         seat_force=options.seat_force,
@@ -233,17 +225,13 @@ def _fit_campaign(options: argparse.Namespace) -> int:
 
 
 def _fit_options(options: argparse.Namespace) -> FitOptions:
-    from biodyn_core.conditioning import ConditioningSettings
     from biodyn_core.identification.objectives import SurrogateSettings
     from biodyn_core.identification.phase1 import SwarmSettings
     from biodyn_core.identification.problem import CaseSettings
     from biodyn_core.identification.settings import PAPER, FitSettings
     from biodyn_core.identification.uncertainty import UncertaintySettings
-    from biodyn_core.recording import RecordingSettings
     from biodyn_core.response import SpectrumSettings
     from biodyn_ros.fit import FitOptions, parse_cases
-    from biodyn_ros.mapping import parse_map
-    from biodyn_ros.recordings import RecordingOptions
 
     base = PAPER if options.paper else FitSettings()
     settings = dataclasses.replace(
@@ -256,17 +244,88 @@ def _fit_options(options: argparse.Namespace) -> FitOptions:
         held_out=tuple(options.hold_out),
         cases=parse_cases(options.case),
         profiles=tuple(options.profile),
-        reading=RecordingOptions(
-            mapping=parse_map(options.map),
-            time=options.time,
-            vertical=options.vertical,
-            conditioning=_settings(options, ConditioningSettings),
-            recording=_settings(options, RecordingSettings),
-        ),
+        reading=_reading(options),
         spectra=_settings(options, SpectrumSettings),
         preparing=_settings(options, CaseSettings),
         settings=settings,
         uncertainty=_settings(options, UncertaintySettings),
+    )
+
+
+def _trace(options: argparse.Namespace) -> int:
+    from biodyn_core.parameters import UNFITTED
+    from biodyn_core.subject import load_subject
+    from biodyn_ros.kept import Kept
+    from biodyn_ros.resources import subject_file
+    from biodyn_ros.trace import check_directory, trace_bags, write_traced
+    from biodyn_ros.trace_text import text_of
+
+    directory, how = Path(options.output), _trace_options(options)
+    check_directory(directory)
+    if not options.no_report:
+        from biodyn_ros.report import check_reports  # an extra of its own
+
+        check_reports()
+    subject = load_subject(subject_file(options.subject), UNFITTED)
+    file = directory.with_name(f"{directory.name}.kept.json")
+    kept = Kept(file, options.fresh)
+    try:
+        traced = trace_bags(options.bag, subject, how, kept=kept)
+    except InputError:
+        if not kept:
+            file.unlink(missing_ok=True)
+        raise
+    except KeyboardInterrupt:
+        print(f"biodyn trace: {file} keeps what is done; the same command goes on from there", file=sys.stderr)
+        raise
+    write_traced(traced, directory, report=not options.no_report)
+    _print(options, traced.document, text_of(traced.document))
+    return 0
+
+
+def _trace_options(options: argparse.Namespace) -> TraceOptions:
+    from biodyn_core.identification.problem import CaseSettings
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_core.tracing.background import BackgroundSettings
+    from biodyn_core.tracing.departures import UsualSettings
+    from biodyn_core.tracing.gate import FloorSettings
+    from biodyn_core.tracing.rows import WeightSettings
+    from biodyn_core.tracing.settings import TraceSettings
+    from biodyn_ros.fit import parse_cases
+    from biodyn_ros.trace import TraceOptions
+
+    settings = dataclasses.replace(
+        _settings(options, TraceSettings),
+        floor=_settings(options, FloorSettings),
+        background=dataclasses.replace(
+            _settings(options, BackgroundSettings),
+            weights=_settings(options, WeightSettings),
+            usual=_settings(options, UsualSettings),
+        ),
+    )
+    return TraceOptions(
+        seed=options.seed,
+        held_out=tuple(options.hold_out),
+        cases=parse_cases(options.case),
+        reading=_reading(options),
+        spectra=_settings(options, SpectrumSettings),
+        preparing=_settings(options, CaseSettings),
+        settings=settings,
+    )
+
+
+def _reading(options: argparse.Namespace) -> RecordingOptions:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.recording import RecordingSettings
+    from biodyn_ros.mapping import parse_map
+    from biodyn_ros.recordings import RecordingOptions
+
+    return RecordingOptions(
+        mapping=parse_map(options.map),
+        time=options.time,
+        vertical=options.vertical,
+        conditioning=_settings(options, ConditioningSettings),
+        recording=_settings(options, RecordingSettings),
     )
 
 
@@ -293,6 +352,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_fit(commands)
     _add_compare(commands)
     _add_validate(commands)
+    _add_trace(commands)
     return parser
 
 
@@ -371,12 +431,7 @@ def _add_fit(commands: Any) -> None:
         "--subject", metavar="S", help="who it is: a subject file, whose parameters may be missing, or a bundled name"
     )
     command.add_argument("--campaign", metavar="FILE", help="many subjects, from a file; -o is then a directory")
-    command.add_argument(
-        "--hold-out", nargs="+", action="extend", default=[], metavar="BAG", help="bags that are only predicted"
-    )
-    command.add_argument(
-        "--case", action="append", default=[], metavar="BAG=CASE", help="a bag's loading condition (default: its name)"
-    )
+    _add_held_out(command, "bags that are only predicted")
     command.add_argument(
         "--profile", action="append", default=[], metavar="NAME",
         help="profile the likelihood of a parameter, such as natural_frequency_hz[head], or of all",
@@ -391,7 +446,7 @@ def _add_fit(commands: Any) -> None:
     )  # fmt: skip
     _add_map(command)
     _add_time(command)
-    command.add_argument("--vertical", default="", metavar="TEXT", help="where sensors' axes see up if not by gravity")
+    _add_vertical(command)
     for title, kind in (
         ("fitting", FitSettings),
         ("phase 1", SwarmSettings),
@@ -430,7 +485,7 @@ def _add_validate(commands: Any) -> None:
     _add_map(command)
     _add_time(command)
     command.add_argument("--case", metavar="CASE", help="loading condition (default: by the bag's name)")
-    command.add_argument("--vertical", default="", metavar="TEXT", help="where sensors' axes see up if not by gravity")
+    _add_vertical(command)
     command.add_argument(
         "--seat-force", choices=("inertia", "joint", "paper"), default="inertia", help="form of the force at the seat"
     )
@@ -443,6 +498,46 @@ def _add_validate(commands: Any) -> None:
     ):
         _add_settings(command, title, kind)
     command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json")
+
+
+def _add_trace(commands: Any) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.identification.problem import CaseSettings
+    from biodyn_core.recording import RecordingSettings
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_core.tracing.background import BackgroundSettings
+    from biodyn_core.tracing.departures import UsualSettings
+    from biodyn_core.tracing.gate import FloorSettings
+    from biodyn_core.tracing.rows import WeightSettings
+    from biodyn_core.tracing.settings import TraceSettings
+
+    command = _command(commands, "trace", _trace, "recorded events to the effect that a subject's model lacks")
+    command.add_argument("bag", nargs="*", metavar="BAG", help="several of each loading condition")
+    command.add_argument(
+        "--subject", required=True, metavar="S", help="who it is: a subject file, fitted or not, or a bundled name"
+    )
+    _add_held_out(command, "bags that have no say in the effect (default: every second one of each condition)")
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="of everything drawn (default 0)")
+    command.add_argument(
+        "--fresh", action="store_true", help="compute anew what DIR.kept.json holds of an interrupted or earlier trace"
+    )
+    command.add_argument("--no-report", action="store_true", help="leave out trace.html")
+    _add_map(command)
+    _add_time(command)
+    _add_vertical(command)
+    for title, kind in (
+        ("tracing", TraceSettings),
+        ("least data", FloorSettings),
+        ("background", BackgroundSettings),
+        ("weights", WeightSettings),
+        ("usual departures", UsualSettings),
+        ("spectra", SpectrumSettings),
+        ("cases", CaseSettings),
+        ("conditioning", ConditioningSettings),
+        ("recording", RecordingSettings),
+    ):
+        _add_settings(command, title, kind)
+    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
 
 
 def _command(commands: Any, name: str, handler: Handler, text: str) -> argparse.ArgumentParser:
@@ -467,6 +562,17 @@ def _add_time(command: argparse.ArgumentParser) -> None:
     command.add_argument("--time", choices=("header", "log"), default="header", help=text)
 
 
+def _add_held_out(command: argparse.ArgumentParser, text: str) -> None:
+    command.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="BAG", help=text)
+    command.add_argument(
+        "--case", action="append", default=[], metavar="BAG=CASE", help="a bag's loading condition (default: its name)"
+    )
+
+
+def _add_vertical(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--vertical", default="", metavar="TEXT", help="where sensors' axes see up if not by gravity")
+
+
 def _add_settings(command: argparse.ArgumentParser, title: str, kind: type[Any]) -> None:
     """One option per field of a settings dataclass, described as the field describes itself; absent unless given."""
     group = command.add_argument_group(title)
@@ -481,7 +587,9 @@ def _add_settings(command: argparse.ArgumentParser, title: str, kind: type[Any])
             how = {"choices": allowed.choices, "help": f"{allowed.meaning} (default {default})"}
         elif not isinstance(item.default, str):
             unit = f" {allowed.unit}" if allowed.unit else ""
-            text = f"{allowed.meaning} ({allowed.lower:g} to {allowed.upper:g}{unit}, default {default})"
+            text = f"{allowed.meaning} ({allowed.lower:g} to {allowed.upper:g}{unit}, default {default})".replace(
+                "%", "%%"
+            )
             how = {"type": float if item.default is None else type(item.default), "metavar": "N", "help": text}
         group.add_argument("--" + item.name.replace("_", "-"), default=argparse.SUPPRESS, **how)
 

@@ -20,6 +20,7 @@ Integers = NDArray[np.int64]
 MEASURED_COLOUR: Final = "#1f2933"
 PREDICTED_COLOUR: Final = "#d9480f"
 BAND_COLOUR: Final = "#a9b5c0"
+SOFT_COLOUR: Final = "#52606d"
 
 _STYLE: Final[Any] = {
     "axes.axisbelow": True,
@@ -36,8 +37,8 @@ _STYLE: Final[Any] = {
     "grid.linewidth": 0.6,
     "svg.fonttype": "none",
     "svg.hashsalt": "biodyn",
-    "xtick.color": "#52606d",
-    "ytick.color": "#52606d",
+    "xtick.color": SOFT_COLOUR,
+    "ytick.color": SOFT_COLOUR,
 }
 
 _PANELS: Final = (*reversed(SEGMENTS), SEAT)
@@ -57,7 +58,7 @@ def overlay(event: Event, origin_ns: int, document: dict[str, Any]) -> Any:
             clipped = np.clip(predicted, -10.0 * extent, 10.0 * extent)
             axes.plot(*_line(event.predicted_ns, clipped, origin_ns), color=PREDICTED_COLOUR, lw=0.9)
         axes.set_ylim(-extent, extent)
-        axes.set_title(_note(name, measured, document), loc="right", color="#52606d", fontsize=8.0)
+        axes.set_title(_note(name, measured, document), loc="right", color=SOFT_COLOUR, fontsize=8.0)
 
     return _draw(draw, 7.4, _seconds(event.measured_ns, origin_ns))
 
@@ -76,21 +77,38 @@ def envelopes(predicted: Envelope, measured: Envelope, event: Event | None, orig
                 axes.plot(model[0], np.clip(edge, -10.0 * extent, 10.0 * extent), color=PREDICTED_COLOUR, lw=0.7)
         axes.set_ylim(-extent, extent)
         if event is not None:
-            axes.axvline(1e-9 * (event.peak_ns - origin_ns), color="#52606d", lw=0.6, ls=(0, (2, 2)))
+            axes.axvline(1e-9 * (event.peak_ns - origin_ns), color=SOFT_COLOUR, lw=0.6, ls=(0, (2, 2)))
 
     ends_ns = np.append(measured.begins_ns, measured.begins_ns[-1] + measured.width_ns)
     return _draw(draw, 6.2, _seconds(ends_ns, origin_ns))
 
 
-def _draw(draw: Callable[[Any, str], None], height_in: float, times_s: Floats) -> Any:
-    """Lay out the panels over the span of times_s, let `draw(axes, name)` fill each, and return the markup."""
+def drawn(width_in: float, height_in: float, fill: Callable[[Any], None]) -> Any:
+    """A figure in the style of the reports, which `fill(figure)` fills, as markup."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     with mpl.rc_context():
         mpl.rcdefaults()  # the user's own style is for the user's own figures
         mpl.rcParams.update(_STYLE)
-        figure = Figure(figsize=(10.4, height_in), layout="constrained")
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        fill(figure)
+        _settle(figure)
+        return _markup(figure)
+
+
+def _settle(figure: Any) -> None:
+    """Lay out for good, to a millionth: the solver's last digits differ between runs, and clips are named by them."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        axes.set_position(np.round(axes.get_position().bounds, 6))
+
+
+def _draw(draw: Callable[[Any, str], None], height_in: float, times_s: Floats) -> Any:
+    """Lay out the panels over the span of times_s, let `draw(axes, name)` fill each, and return the markup."""
+
+    def fill(figure: Any) -> None:
         grid = figure.add_gridspec(4, 2)
         for place, name in enumerate(_PANELS):
             axes = figure.add_subplot(grid[3, :] if name == SEAT else grid[place // 2, place % 2])
@@ -98,9 +116,10 @@ def _draw(draw: Callable[[Any, str], None], height_in: float, times_s: Floats) -
             axes.set_title(words(name), loc="left", fontweight="bold")
             axes.set_xlim(times_s.min(), times_s.max() + 1e-3)  # one instant alone has no span
             axes.tick_params(length=2.5, width=0.6)
-        figure.supylabel("vertical acceleration, m/s²", fontsize=8.0, color="#52606d")
-        axes.set_xlabel("seconds since the first predicted instant", color="#52606d")
-        return _markup(figure)
+        figure.supylabel("vertical acceleration, m/s²", fontsize=8.0, color=SOFT_COLOUR)
+        axes.set_xlabel("seconds since the first predicted instant", color=SOFT_COLOUR)
+
+    return drawn(10.4, height_in, fill)
 
 
 def _steps(envelope: Envelope, column: int, origin_ns: int) -> tuple[Floats, Floats, Floats]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -30,3 +31,8 @@ def make_directory(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be made a directory ({error.strerror})") from None
+
+
+def finite(value: float) -> float | None:
+    """The value, or None: JSON knows neither NaN nor infinity."""
+    return value if math.isfinite(value) else None

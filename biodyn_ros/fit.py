@@ -24,11 +24,11 @@ from biodyn_core.recording import representative
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
+from biodyn_ros.events import Event, check_bags, read_events
 from biodyn_ros.files import write_json, write_text
-from biodyn_ros.fit_json import Event, Findings, fit_document, provenance
-from biodyn_ros.provenance import bag_sha256
-from biodyn_ros.recordings import RecordingOptions, case_of, read_recordings
-from biodyn_ros.work import Tell, Work
+from biodyn_ros.fit_json import Findings, fit_document, provenance
+from biodyn_ros.recordings import RecordingOptions
+from biodyn_ros.work import Work
 
 Document = dict[str, Any]
 
@@ -70,8 +70,9 @@ def fit_bags(
     """Fit a subject to bags; raises InputError, one line, for bags that nothing can be fitted to."""
     o, work, begin = options or FitOptions(), work or Work(), time.monotonic()
     _check(bags, o)
+    reading = dataclasses.replace(o.reading, channels=needs_channels(subject.effects))
     with work.watch("reading") as tell:
-        events = _read(bags, subject, o, tell)
+        events = read_events(bags, o.held_out, o.cases, reading, tell)
     fitted, spare = choose(events)
     # A bag that holds nothing to compare with must be heard of before the work, not after it.
     cases, held_out = [_prepared(event, o) for event in fitted], [_prepared(event, o) for event in spare]
@@ -143,42 +144,11 @@ def _representative(case: str, repetitions: Sequence[Event]) -> Event:
 
 
 def _check(bags: Sequence[str | Path], options: FitOptions) -> None:
-    if not bags:
-        raise InputError("there is no bag to fit to, give at least one")
-    paths = [Path(bag).resolve() for bag in (*bags, *options.held_out)]
-    for path in paths:
-        if paths.count(path) > 1:
-            raise InputError(f"{path}: given twice; what is fitted to cannot be held out, nor count double")
-    given = {str(bag) for bag in (*bags, *options.held_out)}
-    for bag in options.cases:
-        if bag not in given:
-            raise InputError(f"case of {bag}: no such bag is given")
+    check_bags(bags, options.held_out, options.cases)
     known = options.settings.fitted
     for name in options.profiles:
         if name != "all" and name not in known:
             raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}")
-
-
-def _read(bags: Sequence[str | Path], subject: Subject, options: FitOptions, tell: Tell) -> list[Event]:
-    """The recordings of all bags, those held out last."""
-    reading = dataclasses.replace(options.reading, channels=needs_channels(subject.effects))
-    events: list[Event] = []
-    given = [(bag, False) for bag in bags] + [(bag, True) for bag in options.held_out]
-    for number, (bag, held_out) in enumerate(given):
-        tell(number, len(given))
-        sha256 = bag_sha256(bag)
-        _refuse_twin(bag, sha256, events)
-        case = options.cases.get(str(bag), case_of(bag))
-        found = read_recordings(bag, case, reading)
-        events += [Event(str(bag), sha256, recording, held_out) for recording in found]
-    tell(len(given), len(given))
-    return events
-
-
-def _refuse_twin(bag: str | Path, sha256: str, events: Sequence[Event]) -> None:
-    for event in events:
-        if event.sha256 == sha256:
-            raise InputError(f"{bag}: the same recording as {event.bag}; give it once")
 
 
 def _prepared(event: Event, options: FitOptions) -> Case:

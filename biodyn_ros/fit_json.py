@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,24 +16,15 @@ from biodyn_core.identification.identify import Identification
 from biodyn_core.identification.problem import Case, Errors
 from biodyn_core.identification.residuals import Leftover, leftovers
 from biodyn_core.identification.uncertainty import Estimate, Profile, Uncertainty
-from biodyn_core.recording import Recording
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
+from biodyn_ros.events import Event
+from biodyn_ros.files import finite
 
 Document = dict[str, Any]
 Floats = NDArray[np.float64]
-Prepared = tuple["Event", Case]
-
-
-@dataclass(frozen=True, eq=False)
-class Event:
-    """One recording, the bag it is of, and whether it was held out by name."""
-
-    bag: str
-    sha256: str
-    recording: Recording
-    held_out: bool
+Prepared = tuple[Event, Case]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +60,11 @@ def fit_document(
         "joint": _joint(found),
         "idealized": _idealized(found),
         "weights": dict(found.idealized.weights),
-        "cv": {name: _number(percent) for name, percent in found.idealized.cv_percent.items()},
+        "cv": {name: finite(percent) for name, percent in found.idealized.cv_percent.items()},
         "flagged": list(found.idealized.flagged),
         "intervals": {estimate.name: _interval(estimate) for estimate in sure.estimates},
         "identifiable": {estimate.name: estimate.call for estimate in sure.estimates},
-        "least_known": {"combination": sure.least_known, "half_width": _number(sure.least_known_half_width)},
+        "least_known": {"combination": sure.least_known, "half_width": finite(sure.least_known_half_width)},
         "profiles": {profile.name: _profile(profile) for profile in findings.profiles},
         "not_profiled": list(findings.not_profiled),
         "residuals": [_residual(leftover) for leftover in leftovers(found.joint, found.cases, findings.spectrum)],
@@ -85,7 +75,7 @@ def fit_document(
         "penalties": dict(_penalties(found)),
         "seed": seed,
         "settings": _settings(found),
-        "warnings": _warnings([*fitted, *held_out]),
+        "warnings": warnings_of([*fitted, *held_out]),
     }
 
 
@@ -117,7 +107,7 @@ def _case(event: Event, case: Case, fit: Fit) -> Document:
         "sha256": event.sha256,
         "case": case.case,
         "seconds": seconds,
-        "compared_s": _by_segment(case.compared.sum(axis=0) / case.rate_hz),
+        "compared_s": by_segment(case.compared.sum(axis=0) / case.rate_hz),
         "not_fitted": [name for name in MEASURED_SEGMENTS if name not in case.fitted],
         "seat_rms_mps2": float(np.sqrt(np.mean(case.seat_mps2**2))),
         "seat_peak_mps2": float(np.abs(case.seat_mps2).max()),
@@ -214,8 +204,8 @@ def _swarms(found: Identification) -> list[Document]:
 
 def _error(error: Errors) -> Document:
     return {
-        "nrmse_rms": _by_segment(error.nrmse_rms_percent),
-        "nrmse_range": _by_segment(error.nrmse_range_percent),
+        "nrmse_rms": by_segment(error.nrmse_rms_percent),
+        "nrmse_range": by_segment(error.nrmse_range_percent),
         "mean": error.mean_percent,
     }
 
@@ -226,7 +216,7 @@ def _interval(estimate: Estimate) -> Document:
         "unit": estimate.unit,
         "lower": float(estimate.lower),
         "upper": float(estimate.upper),
-        "half_width_percent": _number(100.0 * estimate.half_width),
+        "half_width_percent": finite(100.0 * estimate.half_width),
         "at_bound": estimate.at_bound,
     }
 
@@ -245,9 +235,9 @@ def _residual(leftover: Leftover) -> Document:
     return {
         "bag": leftover.name,
         "case": leftover.case,
-        "input_coherence": _by_segment(leftover.coherent),
-        "chance_coherence": _by_segment(leftover.chance),
-        "coloured": _by_segment(leftover.coloured),
+        "input_coherence": by_segment(leftover.coherent),
+        "chance_coherence": by_segment(leftover.chance),
+        "coloured": by_segment(leftover.coloured),
     }
 
 
@@ -255,10 +245,11 @@ def _delays(fit: Fit, number: int) -> Document:
     """Delay of each sensor behind the seat's at the middle of a case; None where clocks are trusted."""
     if not fit.clock_delays_s.size:
         return dict.fromkeys(MEASURED_SEGMENTS)
-    return _by_segment(1e3 * fit.clock_delays_s[number, :, 0])
+    return by_segment(1e3 * fit.clock_delays_s[number, :, 0])
 
 
-def _warnings(events: Iterable[Prepared]) -> list[str]:
+def warnings_of(events: Iterable[Prepared]) -> list[str]:
+    """What is to be said of the events, with their bags, each once."""
     return list(dict.fromkeys(f"{event.bag}: {line}" for event, case in events for line in case.warnings))
 
 
@@ -271,10 +262,6 @@ def _parameters(subject: Subject) -> Document:
     return parameters
 
 
-def _by_segment(values: Floats) -> Document:
-    return {name: _number(float(value)) for name, value in zip(MEASURED_SEGMENTS, values, strict=True)}
-
-
-def _number(value: float) -> float | None:
-    """JSON knows neither NaN nor infinity."""
-    return value if math.isfinite(value) else None
+def by_segment(values: Floats) -> Document:
+    """Values (5,) by measured segment, None where one is not finite."""
+    return {name: finite(float(value)) for name, value in zip(MEASURED_SEGMENTS, values, strict=True)}

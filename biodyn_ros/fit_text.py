@@ -6,17 +6,10 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_ros.wording import number, words
+from biodyn_ros.wording import number, parameter_name, words
 
 Document = dict[str, Any]
 
-_GROUPS: Final = {
-    "natural_frequency_hz": "natural frequency",
-    "damping_ratio": "damping ratio",
-    "rayleigh_rad_per_s": "Rayleigh damping",
-    "stiffening_scale": "stiffening scale",
-    "mass_scale": "mass scale",
-}
 _DRAWN_APART: Final = 1.02
 """Objectives of two refiners that differ by no more than this factor are the same."""
 
@@ -69,22 +62,16 @@ def _parameter_rows(document: Document) -> Iterator[str]:
         interval = "on its bound" if of["at_bound"] else f"{number(of['lower'])} to {number(of['upper'])}"
         call = document["identifiable"][name]
         unit = "" if of["unit"] == "-" else f" {of['unit']}"
-        yield f"{_parameter(name):<34}{number(of['value']):>8}  {interval + unit:<20}{scatter:>12}  {call}".rstrip()
+        yield f"{parameter_name(name):<34}{number(of['value']):>8}  {interval + unit:<20}{scatter:>12}  {call}".rstrip()
 
 
 def _profile_rows(document: Document) -> Iterator[str]:
     """Where the profiles that were asked for pass the 95 % mark; no value of Table 1 closes an open side."""
     for name, profile in document["profiles"].items():
         lower, upper = ("open" if end is None else number(end) for end in (profile["lower"], profile["upper"]))
-        yield f"{'profile: ' + _parameter(name):<34}{'':>8}  {lower} to {upper}"
+        yield f"{'profile: ' + parameter_name(name):<34}{'':>8}  {lower} to {upper}"
     for name in document["not_profiled"]:
-        yield f"{'profile: ' + _parameter(name):<34}{'':>8}  none, it lies on its bound"
-
-
-def _parameter(name: str) -> str:
-    """`natural_frequency_hz[head]` is "natural frequency, head"."""
-    group, _, segment = name.partition("[")
-    return f"{_GROUPS[group]}, {words(segment.rstrip(']'))}" if segment else _GROUPS[group]
+        yield f"{'profile: ' + parameter_name(name):<34}{'':>8}  none, it lies on its bound"
 
 
 def _said(document: Document) -> Iterator[str]:
@@ -95,9 +82,9 @@ def _said(document: Document) -> Iterator[str]:
     yield f"swarms that reached the lowest valley: {', '.join(swarms)}"
     yield f"refined starts that reached the lowest objective: {joint['starts']['reached']} of {joint['starts']['of']}"
     if joint["at_bound"]:
-        yield f"on a bound of Table 1: {', '.join(_parameter(name) for name in joint['at_bound'])}"
+        yield f"on a bound of Table 1: {', '.join(parameter_name(name) for name in joint['at_bound'])}"
     if document["flagged"]:
-        yield f"CV above 30 % (!): {', '.join(_parameter(name) for name in document['flagged'])}"
+        yield f"CV above 30 % (!): {', '.join(parameter_name(name) for name in document['flagged'])}"
     yield _matrix_line(matrix)
     yield _refiner_line(document["refiners"])
     if document["penalties"]:

@@ -26,7 +26,7 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
     check_reports()
     event, predicted, measured = traces.event(), traces.predicted(), traces.measured()
     origin_ns = min((int(e.begins_ns[0]) for e in (predicted, measured) if e.begins_ns.size), default=0)
-    html = _render(
+    html = render(
         "replay.html.j2",
         document=document,
         verdict=judge(document),
@@ -42,7 +42,7 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
         overlay_svg=overlay(event, origin_ns, document) if event else None,
         envelope_svg=envelopes(predicted, measured, event, origin_ns) if measured.begins_ns.size else None,
     )
-    _write_beside(path, html)
+    write_page(path, html)
 
 
 def check_reports() -> None:
@@ -108,7 +108,8 @@ def _worst_residual(document: dict[str, Any]) -> tuple[str, float] | None:
 # --- page ------------------------------------------------------------------------------------------------------------
 
 
-def _render(template: str, **values: Any) -> str:
+def render(template: str, **values: Any) -> str:
+    """The page that a template makes of values; what comes from outside is text and nothing else."""
     import jinja2
 
     # Autoescape by name would miss templates that end in .j2.
@@ -124,8 +125,8 @@ def _render(template: str, **values: Any) -> str:
     return page.get_template(template).render(**values)
 
 
-def _write_beside(path: Path, text: str) -> None:
-    """Write a file under another name and rename it, so that it is never half there."""
+def write_page(path: Path, text: str) -> None:
+    """Write a page under another name and rename it, so that it is never half there."""
     part = path.with_name(f".{path.name}.part")
     try:
         # A file name that is not UTF-8 comes as lone surrogates; the page shows them as escapes.

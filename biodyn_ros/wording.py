@@ -16,6 +16,13 @@ HORIZONTAL: Final = {
     "worst_direction": "No yaw given: the largest value over all horizontal directions stands for both axes.",
     "missing": "Vertical only: horizontal data are missing.",
 }
+_GROUPS: Final = {
+    "natural_frequency_hz": "natural frequency",
+    "damping_ratio": "damping ratio",
+    "rayleigh_rad_per_s": "Rayleigh damping",
+    "stiffening_scale": "stiffening scale",
+    "mass_scale": "mass scale",
+}
 _RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv_over_aw_t": "VDV/(aw T^1/4)"}
 
 
@@ -49,6 +56,12 @@ def duration(seconds: float) -> str:
 def words(name: str) -> str:
     """A name of ours as words: `lower_torso` is "lower torso"."""
     return name.replace("_", " ")
+
+
+def parameter_name(name: str) -> str:
+    """`natural_frequency_hz[head]` is "natural frequency, head"."""
+    group, _, segment = name.partition("[")
+    return f"{_GROUPS[group]}, {words(segment.rstrip(']'))}" if segment else _GROUPS[group]
 
 
 def sentence(text: str) -> str:

@@ -1,0 +1,230 @@
+"""Drawings of a trace's page: residual over time and frequency, the ladder of candidates, the surface of a joint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_core.response import SAME_RATE, SpectrumSettings, cross_spectra
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.tracing.findings import Candidate, Event, Round, Surface
+from biodyn_ros.drawings import MEASURED_COLOUR, SOFT_COLOUR, drawn
+from biodyn_ros.trace_wording import effect_name
+from biodyn_ros.wording import number, words
+
+Floats = NDArray[np.float64]
+
+BEFORE_COLOUR: Final = "#d9480f"
+AFTER_COLOUR: Final = "#1971c2"
+AMBIGUOUS_COLOUR: Final = "#e8930c"
+REST_COLOUR: Final = "#a9b5c0"
+
+SHOWN_S: Final = 1.2
+"""So much of an event is drawn over time, around its strongest instant."""
+
+RUNGS: Final = 12
+_WINDOW_S: Final = 0.25
+_MOST_HZ: Final = 50.0
+_WIDTH_IN: Final = 10.4
+_LEVELS: Final = 12
+
+
+def over_time(event: Event) -> Any:
+    """One event around its strongest instant: a pair of panels per segment, signals above and residuals beneath."""
+    begin, end = _shown(event)
+    seconds = np.arange(begin, end) / event.rate_hz
+
+    def fill(figure: Any) -> None:
+        outer = figure.add_gridspec(3, 2)
+        for place, name in enumerate(reversed(MEASURED_SEGMENTS)):
+            column = MEASURED_SEGMENTS.index(name)
+            inner = outer[place // 2, place % 2].subgridspec(2, 1, height_ratios=(2, 1), hspace=0.0)
+            upper, lower = figure.add_subplot(inner[0]), figure.add_subplot(inner[1])
+            _signals(upper, lower, seconds, *(values[begin:end, column] for values in _of(event)))
+            upper.set_title(words(name), loc="left", fontweight="bold")
+            lower.set_xlabel("s since the event began", color=SOFT_COLOUR)
+        _whole(figure.add_subplot(outer[2, 1]), event, begin, end)
+        figure.supylabel("vertical acceleration; beneath, model minus measured; m/s²", fontsize=8.0, color=SOFT_COLOUR)
+
+    return drawn(_WIDTH_IN, 9.2, fill)
+
+
+def over_frequency(events: Sequence[Event]) -> Any | None:
+    """Power of the measurement and of both residuals per segment, over all events of one rate; None if too short."""
+    spectra = residual_spectra(events)
+    if spectra is None:
+        return None
+    frequency_hz, power = spectra
+
+    def fill(figure: Any) -> None:
+        grid = figure.add_gridspec(1, len(MEASURED_SEGMENTS))
+        for column, name in enumerate(MEASURED_SEGMENTS):
+            axes = figure.add_subplot(grid[column])
+            for values, colour, width in zip(power, (MEASURED_COLOUR, BEFORE_COLOUR, AFTER_COLOUR), (1.2, 1.1, 1.1),
+                                             strict=True):  # fmt: skip
+                axes.loglog(frequency_hz, values[:, column], color=colour, lw=width)
+            axes.set_title(words(name), loc="left", fontweight="bold")
+            axes.set_xlabel("Hz", color=SOFT_COLOUR)
+            axes.set_xticks([2, 5, 10, 20, 50], ["2", "5", "10", "20", "50"])
+            axes.set_xlim(min(frequency_hz[0], 2.0), frequency_hz[-1])
+            axes.tick_params(which="minor", bottom=False, labelbottom=False)
+            axes.tick_params(length=2.5, width=0.6)
+            if not np.isfinite(power[:, :, column]).any():
+                _say(axes, "not compared")
+        figure.supylabel("power spectral density, (m/s²)²/Hz", fontsize=8.0, color=SOFT_COLOUR)
+
+    return drawn(_WIDTH_IN, 2.6, fill)
+
+
+def residual_spectra(events: Sequence[Event]) -> tuple[Floats, Floats] | None:
+    """Frequencies (f,) and densities (3, f, 5) of measured, residual before and after, (m/s^2)^2/Hz; None if short."""
+    if not events:
+        return None
+    rate_hz = events[0].rate_hz
+    alike = [event for event in events if abs(event.rate_hz / rate_hz - 1.0) < SAME_RATE]
+    settings = SpectrumSettings(segment_s=1.0, lowest_hz=2.0, highest_hz=min(_MOST_HZ, 0.45 * rate_hz))
+    parts = []
+    for event in alike:
+        measured, before, after = _of(event)
+        # What goes in is of no matter: only the spectra of what comes out are asked for.
+        parts.append((np.zeros(len(measured)), np.hstack([measured, before - measured, after - measured])))
+    try:
+        spectra = cross_spectra(parts, rate_hz, settings)
+    except InputError:
+        return None
+    density = spectra.output_psd.reshape(-1, 3, len(MEASURED_SEGMENTS)).transpose(1, 0, 2)
+    return spectra.frequency_hz, np.where(density > 0.0, density, np.nan)
+
+
+def ladder(found: Round) -> Any:
+    """The best candidates of a round as bars, and the line that a gain had to exceed."""
+    rungs = found.ladder[:RUNGS]
+    took, rivals = _keys([found.taken] if found.taken else []), _keys(found.ambiguous_with)
+    gains = [rung.gain for rung in rungs if math.isfinite(rung.gain)]
+    span = max([*gains, found.threshold if math.isfinite(found.threshold) else 0.0, 1e-6])
+
+    def fill(figure: Any) -> None:
+        axes = figure.add_subplot()
+        for place, rung in enumerate(rungs):
+            taken, rival = (_keys([rung]) <= keys for keys in (took, rivals))
+            colour = AFTER_COLOUR if taken else AMBIGUOUS_COLOUR if rival else REST_COLOUR
+            gain = rung.gain if math.isfinite(rung.gain) else 0.0
+            axes.barh(place, gain, color=colour, height=0.62, hatch="//" if rival and not taken else None,
+                      edgecolor="white", lw=0.0)  # fmt: skip
+            note = ["taken"] if taken else ["could be as well"] if rival else []
+            note += ["screened only"] if not rung.refitted else []
+            note += ["objections below"] if rung.against else []
+            axes.text(max(gain, 0.0) + 0.01 * span, place, ", ".join([number(rung.gain), *note]), va="center",
+                      fontsize=7.5, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8})  # fmt: skip
+        if math.isfinite(found.threshold):
+            axes.axvline(found.threshold, color=MEASURED_COLOUR, lw=1.2, ls=(0, (4, 2)))
+        names = [effect_name(rung.applied.effect.name, rung.applied.site) for rung in rungs]
+        axes.set_yticks(range(len(rungs)), names)
+        axes.set_ylim(len(rungs) - 0.4, -0.6)
+        axes.set_xlim(min([0.0, *gains]), 1.5 * span)
+        axes.set_xlabel("gain: mean log ratio of squared error without over with, in events that choose (no unit)",
+                        color=SOFT_COLOUR)  # fmt: skip
+        axes.grid(visible=False, axis="y")
+
+    return drawn(_WIDTH_IN, 1.0 + 0.27 * len(rungs), fill)
+
+
+def surface_map(surface: Surface) -> Any:
+    """What force a joint lacks over stretch and its rate, empty where the data never were."""
+    known = surface.force_n[np.isfinite(surface.force_n)]
+    most = float(np.abs(known).max()) if known.size and np.abs(known).max() > 0.0 else 1.0
+
+    def fill(figure: Any) -> None:
+        from matplotlib.colors import BoundaryNorm
+
+        axes = figure.add_subplot()
+        # Few levels keep the colour bar a drawing; the norm is even about nothing.
+        levels = BoundaryNorm(np.linspace(-most, most, _LEVELS + 1), 256)
+        drawing = axes.pcolormesh(
+            1e3 * surface.stretch_m, surface.rate_mps, np.ma.masked_invalid(surface.force_n), cmap="PuOr", norm=levels,
+            shading="nearest",
+        )  # fmt: skip
+        axes.set_xlabel("stretch, mm (negative is compression)", color=SOFT_COLOUR)
+        axes.set_ylabel("rate of stretch, m/s", color=SOFT_COLOUR)
+        axes.patch.set(hatch="////", edgecolor=REST_COLOUR)  # shows where nothing is drawn over it
+        axes.grid(visible=False)
+        figure.colorbar(drawing, ax=axes, label="missing force, N", format="%.3g")
+
+    return drawn(6.4, 3.4, fill)
+
+
+def _keys(candidates: Sequence[Candidate]) -> set[tuple[str, str]]:
+    return {(candidate.applied.effect.name, candidate.applied.site) for candidate in candidates}
+
+
+# --- panels ----------------------------------------------------------------------------------------------------------
+
+
+def _of(event: Event) -> tuple[Floats, Floats, Floats]:
+    return event.measured_mps2, event.before_mps2, event.after_mps2
+
+
+def _shown(event: Event) -> tuple[int, int]:
+    """First and last sample around the largest reading, or all of a shorter event."""
+    size = np.nan_to_num(np.abs(event.measured_mps2)).max(axis=1)
+    length = min(round(SHOWN_S * event.rate_hz), size.size)
+    begin = min(max(int(size.argmax()) - length // 2, 0), size.size - length)
+    return begin, begin + length
+
+
+def _signals(upper: Any, lower: Any, seconds: Floats, measured: Floats, before: Floats, after: Floats) -> None:
+    upper.plot(seconds, measured, color=MEASURED_COLOUR, lw=2.6)
+    upper.plot(seconds, before, color=BEFORE_COLOUR, lw=0.9)
+    upper.plot(seconds, after, color=AFTER_COLOUR, lw=0.9)
+    lower.plot(seconds, before - measured, color=BEFORE_COLOUR, lw=0.9)
+    lower.plot(seconds, after - measured, color=AFTER_COLOUR, lw=0.9)
+    for axes in (upper, lower):
+        axes.set_xlim(seconds[0], seconds[-1] + 1e-3)
+        axes.tick_params(length=2.5, width=0.6)
+    upper.tick_params(labelbottom=False)
+    if not np.isfinite(measured).any():
+        lower.set_yticks([])
+        _say(upper, "not compared")
+
+
+def _whole(axes: Any, event: Event, begin: int, end: int) -> None:
+    """Residual over the whole event, rms in short windows over segments, in percent of each segment's own rms."""
+    seconds, before, after = windowed(event)
+    axes.plot(seconds, before, color=BEFORE_COLOUR, lw=1.1)
+    axes.plot(seconds, after, color=AFTER_COLOUR, lw=1.1)
+    axes.axvspan(begin / event.rate_hz, end / event.rate_hz, color="#eef1f4", zorder=0)
+    axes.set_title("whole event, all segments", loc="left", fontweight="bold")
+    axes.set_ylabel("residual, % of rms", color=SOFT_COLOUR)
+    axes.set_xlabel("s since the event began", color=SOFT_COLOUR)
+    axes.set_xlim(0.0, len(event.measured_mps2) / event.rate_hz)
+    axes.set_ylim(bottom=0.0)
+
+
+def windowed(event: Event) -> tuple[Floats, Floats, Floats]:
+    """Middles of windows (w,) in s, and rms of the residual before and after in each, percent of measured rms, (w,)."""
+    measured, before, after = _of(event)
+    length = max(1, min(round(_WINDOW_S * event.rate_hz), len(measured)))
+    count = len(measured) // length
+    scale = np.array([_rms(column) for column in measured.T])
+    rows = []
+    for model in (before, after):
+        share = (model - measured) / np.where(scale > 0.0, scale, np.nan)
+        rows.append(np.array([100.0 * _rms(share[i * length : (i + 1) * length]) for i in range(count)]))
+    return (np.arange(count) + 0.5) * length / event.rate_hz, rows[0], rows[1]
+
+
+def _rms(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return math.sqrt(float(np.mean(known**2))) if known.size else math.nan
+
+
+def _say(axes: Any, text: str) -> None:
+    """Say why an axes is empty."""
+    axes.set_yticks([])
+    axes.minorticks_off()
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=SOFT_COLOUR)

@@ -1,0 +1,232 @@
+"""What a trace says in plain sentences, from the mapping of trace.json; the page and the terminal say the same."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, Final
+
+from biodyn_core.effects import CATALOGUE, EffectParameter
+from biodyn_core.segments import SEAT, SEGMENTS
+from biodyn_ros.wording import number, parameter_name, sentence, words
+
+Document = dict[str, Any]
+
+_UNIT: Final = re.compile(r"(_n|_m|_s)?_(per_m2|per_m|per_n|s_per_m|mps2|mps|hz|kg|m|s|n)$")
+"""What a parameter's name ends in to say its unit."""
+
+CALIBRATED: Final = {
+    "anew": "computed anew for these recordings",
+    "found": "taken from an earlier trace of the same recordings",
+    "not": "not calibrated",
+}
+
+
+def headline(document: Document) -> str:
+    """The verdict in one sentence."""
+    before, after = (_held_out(document, when) for when in ("before", "after"))
+    verdict = document["verdict"]
+    if verdict == "effect":
+        what = ", and ".join(grouped(document["effects"], " and ")) or "an effect"
+        return f"Missing in the model: {what}. Added, it takes the held-out error from {before} to {after}."
+    if verdict == "ambiguous":
+        return f"Something is missing, and it cannot be told which: {_either(document)}."
+    if verdict == "none":
+        return f"No missing effect found: nothing that was tried helps more than chance. Held-out error {before}."
+    if verdict == "unexplained":
+        return f"Something is missing, and no effect that was tried explains it. Held-out error {after}."
+    return f"These recordings cannot decide what is missing: {_first(document)}."
+
+
+def belief(document: Document) -> str:
+    """Whether to believe the verdict, and as far as what."""
+    verdict, chance = document["verdict"], _chance(document)
+    if verdict == "effect":
+        return (
+            f"Believe it as far as this: {chance}. Another effect with the same mark on these data, one that was not"
+            " tried, would look no different."
+        )
+    if verdict == "ambiguous":
+        return (
+            f"Believe that something is missing, not what: {chance}. Do not use the new subject as if the effect were"
+            " known."
+        )
+    if verdict == "none":
+        return f"Believe that nothing of the sizes tried shows here, not that nothing is there: {chance}."
+    if verdict == "unexplained":
+        return (
+            "Believe that the model falls short, and look at the residual: what is missing is of a kind or at a place"
+            " that was not tried, or it is the measurement."
+        )
+    return "No verdict, neither for nor against any effect. What is lacking says what to record."
+
+
+def because(document: Document) -> list[str]:
+    """The reasons of the verdict; what is lacking is listed by itself."""
+    return [reason for reason in document["reasons"] if reason not in document["lacking"]]
+
+
+TONE: Final = {"effect": "good", "ambiguous": "warn", "none": "good", "unexplained": "bad", "not_decidable": "none"}
+
+
+def effect_name(name: str, site: str) -> str:
+    """`stop`, `pelvis` is "stop in the joint between seat and pelvis"."""
+    return f"{words(name)} {_place(name, site)}"
+
+
+def grouped(effects: Sequence[Document], joined: str = " or ") -> list[str]:
+    """Effects by name, those of one place together: "stop or cubic in the joint between seat and pelvis"."""
+    by_place: dict[str, list[str]] = {}
+    for each in effects:
+        by_place.setdefault(_place(each["name"], each["site"]), []).append(words(each["name"]))
+    return [f"{joined.join(names)} {place}" for place, names in by_place.items()]
+
+
+def short_name(each: Document) -> str:
+    """The same where room is short: "stop, pelvis"."""
+    return f"{words(each['name'])}, {words(each['site'])}"
+
+
+def with_unit(value: float | None, unit: str) -> str:
+    """A number with its unit, where it has one."""
+    return f"{number(value)} {unit}" if unit not in ("", "-") else number(value)
+
+
+def interval(of: Document) -> str:
+    """A value with its 95 % interval and unit."""
+    value, unit = number(of["value"]), "" if of["unit"] in ("", "-") else f" {of['unit']}"
+    return f"{value} ({number(of['lower'])} to {number(of['upper'])}){unit}"
+
+
+def parameters_of(effect: Document) -> list[tuple[str, str]]:
+    """Each parameter of an effect as it is shown: its name without unit, its value with interval and unit."""
+    shown = []
+    for parameter in CATALOGUE[effect["name"]].parameters:
+        of = effect["intervals"].get(parameter.name)
+        value = effect["parameters"][parameter.name]
+        shown.append((_without_unit(parameter), interval(of) if of else with_unit(value, parameter.unit)))
+    return shown
+
+
+def diagnosed(found: Document) -> list[str]:
+    """The diagnostics, a sentence each; none where there are none."""
+    if not found:
+        return []
+    lines = [*_transfer(found), *_coherent(found), *_peeled(found), *_level(found), *_jump(found), *_seat(found)]
+    return [sentence(line) for line in (*lines, *_theta(found))]
+
+
+def _without_unit(parameter: EffectParameter) -> str:
+    """`gap_m` is "gap": the unit stands behind the value."""
+    name = _UNIT.sub("", parameter.name) if parameter.unit else parameter.name
+    return words(name)
+
+
+def _held_out(document: Document, when: str) -> str:
+    """The error over all held-out events, or of those that were fitted to, said so."""
+    errors = document["error"][when]
+    if errors["held_out"]["all"] is not None:
+        return f"{number(errors['held_out']['all'])} %"
+    known = errors["train"]["all"]
+    return "not known" if known is None else f"not known ({number(known)} % where it was fitted)"
+
+
+def _either(document: Document) -> str:
+    rivals = grouped([*document["effects"], *document["ambiguous_with"]])
+    return ", or ".join(rivals) or document["family"] or "no name"
+
+
+def _place(name: str, site: str) -> str:
+    place = CATALOGUE[name].place
+    if place == "joint":
+        below = (SEAT, *SEGMENTS)[SEGMENTS.index(site)]
+        return f"in the joint between {words(below)} and {words(site)}"
+    if place == "sensor":
+        return f"of the sensor on the {words(site)}"
+    return "of the seat" if place == "seat" else f"on the {words(site)}"
+
+
+def _first(document: Document) -> str:
+    """What is lacking first, without the full stop that the sentence brings."""
+    lines = [*document["lacking"], *document["reasons"]]
+    return lines[0].rstrip(".") if lines else "they hold too little"
+
+
+def _chance(document: Document) -> str:
+    p_value, threshold = document["p_value"], document["threshold"]
+    if p_value is None or threshold is None:
+        return "how often chance does as much is not known"
+    gains = [each["gain"] for each in document["candidates"] if each["gain"] is not None]
+    best = f", the best reached {number(max(gains))}" if gains else ""
+    often = f"where nothing is missing, chance does as well {100.0 * p_value:.2g} % of the time"
+    return f"{often}; a gain had to exceed {number(threshold)} ({CALIBRATED[document['calibrated']]}){best}"
+
+
+# --- diagnostics -----------------------------------------------------------------------------------------------------
+
+
+def _transfer(found: Document) -> list[str]:
+    cases = found["amplitude_transfer"]
+    if not cases:
+        return []
+    shown = ", ".join(f"{case} {number(of['quietest_alone'])} ({number(of['all'])})" for case, of in cases.items())
+    line = (
+        "fitted to the quietest condition alone, the residual is, in multiples of what a good model misses,"
+        f" {shown}; in brackets, fitted to all"
+    )
+    return [f"{line}. Much more in louder ones means that what is missing depends on amplitude"]
+
+
+def _coherent(found: Document) -> list[str]:
+    known = {channel: of for channel, of in found["coherent"].items() if of["share"] is not None}
+    if not known:
+        return []
+    ranked = sorted(known.items(), key=lambda item: -item[1]["share"])[:3]
+    shown = ", ".join(f"{channel} {100 * of['share']:.0f} % ({words(of['segment'])})" for channel, of in ranked)
+    return [f"share of the residual's power that goes linearly with a channel, chance taken off: {shown}"]
+
+
+def _peeled(found: Document) -> list[str]:
+    chains = found["peeling"]
+    if not chains:
+        return []
+    shown = ", ".join(f"{words(node)} {number(percent)} %" for node, percent in chains.items())
+    where = ", ".join(words(name) for name in found["bracket"])
+    line = f"the body above each sensor, driven by what that sensor measured, leaves: {shown}"
+    return [f"{line}; the fault then lies in the joint below {where}" if where else f"{line}; none stands out"]
+
+
+def _level(found: Document) -> list[str]:
+    slope = found["level_slope"]
+    if slope is None:
+        return []
+    how = "in proportion to" if abs(slope - 1.0) < 0.15 else "faster than" if slope > 1.0 else "slower than"
+    return [f"from event to event the residual grows {how} the peak (slope {slope:.2f}; 1 is a linear effect)"]
+
+
+def _jump(found: Document) -> list[str]:
+    jump = found["jump"]
+    if jump is None or jump["p_value"] is None:
+        return []
+    chance = f"chance does as much {100 * jump['p_value']:.2g} % of the time"
+    return [f"in the order of time the residual changes most at {jump['event']}; {chance}"]
+
+
+def _seat(found: Document) -> list[str]:
+    share = found["pulled_down"]
+    if share is None or share <= 0.0:
+        return []
+    beyond = "more than its weight, which no seat can: it must lift off" if share > 1.0 else "less than its weight"
+    return [f"the seat would have to hold the body down by up to {number(share)} times what it carries, {beyond}"]
+
+
+def _theta(found: Document) -> list[str]:
+    lines = []
+    if found["pinned"]:
+        lines.append(f"on a bound of Table 1: {', '.join(parameter_name(name) for name in found['pinned'])}")
+    apart = {name: spread for name, spread in found["drift"].items() if spread is not None}
+    if apart:
+        ranked = sorted(apart.items(), key=lambda item: -item[1])[:3]
+        shown = ", ".join(f"{parameter_name(name)} {number(spread)}" for name, spread in ranked)
+        lines.append(f"largest drift between fits of single conditions (ln of largest over smallest): {shown}")
+    return lines

@@ -1,0 +1,46 @@
+"""What a trace keeps of its long parts."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from biodyn_core.errors import InputError
+from biodyn_ros.kept import MOST, Kept
+
+
+def test_parts_come_back_to_the_bit(tmp_path: Path) -> None:
+    path = tmp_path / "out.kept.json"
+    Kept(path)["theta a"] = [0.1, 1.0 / 3.0]
+    assert dict(Kept(path)) == {"theta a": [0.1, 1.0 / 3.0]}
+
+
+def test_fresh_forgets_them(tmp_path: Path) -> None:
+    path = tmp_path / "out.kept.json"
+    Kept(path)["theta a"] = [1.0]
+    assert dict(Kept(path, fresh=True)) == {} and dict(Kept(path)) == {}
+
+
+def test_the_latest_are_kept(tmp_path: Path) -> None:
+    kept = Kept(tmp_path / "out.kept.json")
+    for number in range(MOST + 3):
+        kept[f"glance {number}"] = number
+    assert len(kept) == MOST and "glance 2" not in kept and f"glance {MOST + 2}" in kept
+
+
+def test_parts_of_another_version_are_not_taken_up(tmp_path: Path) -> None:
+    path = tmp_path / "out.kept.json"
+    Kept(path)["theta a"] = [1.0]
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"version": "0.0.0"}))
+    assert dict(Kept(path)) == {}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[1]", '{"schema": 1}', '{"schema": 1, "version": "x", "parts": 3, "more": 1}']
+)
+def test_a_damaged_file_is_refused_in_one_line_and_left_alone(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "out.kept.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"out\.kept\.json") as error:
+        Kept(path)
+    assert "\n" not in str(error.value) and path.read_text() == text
