@@ -1,4 +1,4 @@
-"""The recovery proof: people whom only the world knows are identified from what their sensors send, then looked up."""
+"""The blind studies: what only the world knows of people and of what is hidden in their records, told and looked up."""
 
 import sys
 from pathlib import Path

@@ -1,50 +1,26 @@
-"""`python -m blind`: 20 people drawn, identified and looked up; writes docs/recovery.md, 1 where a mark is missed."""
+"""`python -m blind [recovery | tracing ...]`: one of the blind studies, or both; 1 where a mark is missed."""
 
 from __future__ import annotations
 
 import sys
-import time
-from pathlib import Path
-from typing import Final
+from collections.abc import Sequence
 
-from world import seats
-
-from blind.draw import draw
-from blind.identify import identify
-from blind.judge import judge
-from blind.marks import marks
-from blind.page import rendered
-
-PAGE: Final = Path(__file__).resolve().parents[1] / "docs" / "recovery.md"
-PEOPLE: Final = 20
-SEED: Final = 2026
+from blind import recovery
+from blind.tracing import __main__ as tracing
 
 
-def main() -> int:
-    """Run the whole study, about ten minutes on one core."""
-    if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: say where they are with BIODYN_DATA", file=sys.stderr)
-        return 2
-    begin = time.perf_counter()
-
-    def said(text: str) -> None:
-        print(f"blind: {time.perf_counter() - begin:5.0f} s: {text}", file=sys.stderr, flush=True)
-
-    people, truths = draw(PEOPLE, SEED, said=said)
-    answers = []
-    for number, person in enumerate(people, 1):
-        said(f"person {number} of {len(people)}")
-        answers.append(identify(person))
-    # Nothing has looked at the truth so far.
-    judged = [judge(*one) for one in zip(people, answers, truths, strict=True)]
-    PAGE.parent.mkdir(exist_ok=True)
-    PAGE.write_text(rendered(judged), encoding="utf-8")
-    found = marks(judged)
-    for mark in found:
-        print(f"{'met   ' if mark.met else 'MISSED'} {mark.what}: {mark.reached} ({mark.asked})")
-    said(f"done, {PAGE}")
-    return 0 if all(mark.met for mark in found) else 1
+def main(arguments: Sequence[str]) -> int:
+    """Run the study that is named first, with what comes behind, or one after the other; the worse status of both."""
+    if not arguments:
+        return max(recovery.main(), tracing.main([]))
+    name, *rest = arguments
+    if name == "recovery" and not rest:
+        return recovery.main()
+    if name == "tracing":
+        return tracing.main(rest)
+    print(f"blind: {' '.join(arguments)!r} is no study: recovery, or tracing with its options", file=sys.stderr)
+    return 2
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -128,16 +128,19 @@ def drawn(
     plan: Plan = PLAN,
     ratio: tuple[float, float] | None = None,
     chosen: Callable[[int], Effect] | None = None,
+    first: int = 0,
 ) -> list[Sitting]:
     """Sittings that hide so many effects each (0: none), of different kinds, on a background of a level.
 
     ratio: each sitting's effects are made stronger or weaker together until their own residual over the background's,
     as `absorbing.ratios` sees it, is about one drawn from this range; where that cannot be, it is what it is, and
-    `truth` says it. chosen: the effect of a sitting by its number, instead of drawing. Sittings do not depend on count.
+    `truth` says it. chosen: the effect of a sitting by its number, instead of drawing. Sittings do not depend on count;
+    first is the number of the first.
     """
     found: list[Sitting] = []
-    for begin in range(0, count, TOGETHER):
-        rngs = [np.random.default_rng([seed, i]) for i in range(begin, min(begin + TOGETHER, count))]
+    end = first + count
+    for begin in range(first, end, TOGETHER):
+        rngs = [np.random.default_rng([seed, i]) for i in range(begin, min(begin + TOGETHER, end))]
         drafts = _travelled([_draft(begin + i, seed, plan, rng) for i, rng in enumerate(rngs)])
         settled = []
         for i, (draft, rng) in enumerate(zip(drafts, rngs, strict=True)):

@@ -1,0 +1,72 @@
+"""Asks the tracer: the only place that knows how it is called."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import time
+from collections.abc import Callable, Iterable
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.effects import AppliedEffect
+from biodyn_core.errors import InputError
+from biodyn_core.tracing.findings import Trace
+from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.trace import trace
+from blind.tracing.outcome import FAILED, Answer, Cause
+from blind.tracing.records import Record
+
+Tracer = Callable[[Record], Trace]
+
+TRACE_SEED: Final = 0
+
+
+def traced(known: Record) -> Trace:
+    """What the package's tracer says of a record, with its defaults."""
+    return trace(known.train, known.held_out, known.subject, TraceSettings(), TRACE_SEED)
+
+
+def thresholds() -> str:
+    """A hash of all that decides: the tracer's settings, whose defaults hold every threshold."""
+    return hashlib.sha256(repr(dataclasses.asdict(TraceSettings())).encode()).hexdigest()
+
+
+def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> Answer:
+    """The tracer's answer as plain data."""
+    begin = time.perf_counter()
+    try:
+        found = tracer(known)
+    except InputError as error:
+        return _without(row, number, begin, "not_decidable", str(error))
+    except Exception as error:  # noqa: BLE001 - one bad record counts as wrong; it must not cost a night of others
+        return _without(row, number, begin, FAILED, f"{type(error).__name__}: {error}")
+    held_out = [event for event in found.events if event.use == "held_out"]
+    before, after = (
+        float(np.mean([getattr(event, side).mean_percent for event in held_out])) if held_out else None
+        for side in ("before", "after")
+    )
+    return Answer(
+        row, number, found.verdict,
+        effects=_causes(found.effects),
+        ambiguous_with=_causes(found.ambiguous_with),
+        before=tuple(found.before.parameters.vector().tolist()),
+        after=tuple(found.after.parameters.vector().tolist()),
+        applied=tuple(one.to_dict() for one in found.after.effects),
+        unseen=tuple(event.name for event in held_out),
+        before_percent=before,
+        after_percent=after,
+        threshold=found.threshold,
+        p_value=found.p_value,
+        seconds=time.perf_counter() - begin,
+        why="; ".join([*found.reasons, *known.left_out]),
+    )  # fmt: skip
+
+
+def _without(row: str, number: int, begin: float, verdict: str, why: str) -> Answer:
+    return Answer(row, number, verdict, seconds=time.perf_counter() - begin, why=" ".join(why.split()))
+
+
+def _causes(effects: Iterable[AppliedEffect]) -> tuple[Cause, ...]:
+    return tuple(Cause(one.effect.name, one.site, one.effect.family) for one in effects)

@@ -1,0 +1,123 @@
+"""Marks of the rows with their intervals, results by class beside the simplest baseline, and who is taken for whom."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from blind.tracing.outcome import Outcome
+from blind.tracing.rows import CONDITIONS, Condition, Rule
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One mark of one row: what is asked and what was reached, judged on the point estimate.
+
+    reached is a share, mean or median, None where nothing counts; lower and upper are Wilson's 95 % interval of a
+    share. records counts those of the row; a row with fewer than it is to have does not meet its marks.
+    """
+
+    row: str
+    what: str
+    asked: str
+    reached: float | None
+    records: int
+    met: bool
+    kind: str = "share"
+    lower: float | None = None
+    upper: float | None = None
+    baseline: float | None = None
+
+    @property
+    def said(self) -> str:
+        """What was reached, in words."""
+        if self.reached is None:
+            return "-"
+        if self.kind != "share":
+            return f"{self.reached:.2f} of {self.records}"
+        return f"{100.0 * self.reached:.1f} % ({_percent(self.lower)} to {_percent(self.upper)}) of {self.records}"
+
+
+@dataclass(frozen=True)
+class ByClass:
+    """What became of the records of one true class."""
+
+    name: str
+    records: int
+    class_right: int
+    family_right: int
+    site_right: int
+    in_set: int
+    named: tuple[tuple[str, int], ...]
+
+
+def wilson(hits: int, of: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share."""
+    interval = stats.binomtest(hits, of).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def marks(outcomes: Sequence[Outcome], conditions: Sequence[Condition] = CONDITIONS) -> list[Mark]:
+    """All marks of all rows."""
+    return [_mark(row, rule, row.chosen(outcomes)) for row in conditions for rule in row.rules]
+
+
+def _mark(row: Condition, rule: Rule, chosen: Sequence[Outcome]) -> Mark:
+    values = [float(value) for one in chosen if (value := rule.of(one)) is not None]
+    if not values:
+        return Mark(row.name, rule.what, rule.asked, None, len(chosen), met=False, kind=rule.kind)
+    reached = float(np.median(values) if rule.kind == "median" else np.mean(values))
+    enough = len(chosen) >= row.least
+    good = reached >= rule.limit if rule.sense == ">=" else reached <= rule.limit
+    low, high = wilson(round(sum(values)), len(values)) if rule.kind == "share" else (None, None)
+    baseline = most_frequent(chosen)[1] if rule.what == "class" else None
+    return Mark(
+        row.name, rule.what, rule.asked, reached, len(chosen), bool(enough and good), rule.kind, low, high, baseline
+    )
+
+
+def most_frequent(outcomes: Sequence[Outcome]) -> tuple[str, float]:
+    """The class that is true most often, the first by name of several, and how often naming it always were right."""
+    counts = Counter(name for one in outcomes for name in one.true_names)
+    if not counts:
+        return "", 0.0
+    name = min(counts, key=lambda key: (-counts[key], key))
+    return name, counts[name] / len(outcomes)
+
+
+def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
+    """Records with one true class, by that class; named are all answers to it, the most frequent first.
+
+    These are the rows of the confusion matrix, verdicts that name no class among its columns.
+    """
+    found = []
+    for name in sorted({next(iter(one.true_names)) for one in outcomes if len(one.true_names) == 1}):
+        mine = [one for one in outcomes if one.true_names == {name}]
+        named = Counter(one.named for one in mine)
+        found.append(
+            ByClass(
+                name, len(mine),
+                class_right=sum(one.class_right for one in mine),
+                family_right=sum(one.family_right for one in mine),
+                site_right=sum(one.away == 0 for one in mine),
+                in_set=sum(one.in_set for one in mine),
+                named=tuple(sorted(named.items(), key=lambda pair: (-pair[1], pair[0]))),
+            )
+        )  # fmt: skip
+    return found
+
+
+def verdicts(outcomes: Sequence[Outcome]) -> dict[str, Counter[str]]:
+    """How often each verdict was given, by drawing."""
+    found: dict[str, Counter[str]] = {}
+    for one in outcomes:
+        found.setdefault(one.answer.row, Counter())[one.answer.verdict] += 1
+    return found
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.1f}"

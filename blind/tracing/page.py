@@ -1,0 +1,116 @@
+"""The page of the latest full run: marks, verdicts, classes and the confusion matrix, and errors before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from blind.tracing.marks import Mark, by_class, most_frequent, verdicts
+from blind.tracing.outcome import Outcome
+from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
+from conformance.table import cells
+
+HEAD: Final = """\
+# Tracing
+
+Made by `make blind`, which ends with an error where a mark is missed. Do not edit; every full run so far, good or bad,
+is in [tracing_runs.md](tracing_runs.md).
+
+People, seats, sensors and what they hide come from `test/world`, whose effects have other functional forms than the
+catalogue's. A seed is fresh for each run. All verdicts and their hash are written before any truth is drawn again from
+the seed. The forms that are scored are other ones than those that thresholds may come from.
+
+Ratio is the rms of what the effect changes in the base refit's residual, over the rms without the effect, each record
+refitted with and without. Marks are judged on the point estimate; intervals are Wilson's, 95 %. A class counts as right
+where it is the first that is named alone: `ambiguous` is not. Joints 3 and 4, on either side of the central torso that
+is not measured, count as one.
+"""
+
+
+def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> str:
+    """The whole page; about says of which run."""
+    parts = (
+        _marks(found),
+        _verdicts(outcomes),
+        _errors(outcomes),
+        *(_classes(outcomes, row) for row in (*CONDITIONS, *MEASURED)),
+    )
+    lines = [line for part in parts for line in part]
+    return "\n".join([HEAD, about, "", *lines]).rstrip() + "\n"
+
+
+def marks_table(found: Sequence[Mark]) -> list[str]:
+    """The lines of the table of marks."""
+    rows = [
+        (m.row, m.what, m.asked, m.said, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
+        for m in found
+    ]
+    return _table(("condition", "mark", "asked", "reached", "always the most frequent class", ""), rows)
+
+
+def _met(mark: Mark) -> str:
+    return "met" if mark.met else "**missed**"
+
+
+def _marks(found: Sequence[Mark]) -> list[str]:
+    met = sum(mark.met for mark in found)
+    return ["## Marks", "", f"{met} of {len(found)} are met.", "", *marks_table(found), ""]
+
+
+def _verdicts(outcomes: Sequence[Outcome]) -> list[str]:
+    counted = verdicts(outcomes)
+    names = sorted({name for one in counted.values() for name in one})
+    rows = [(row, *(str(one[name]) for name in names)) for row, one in counted.items()]
+    return ["## Verdicts", "", *_table(("drawn as", *names), rows), ""]
+
+
+def _errors(outcomes: Sequence[Outcome]) -> list[str]:
+    """Medians of the held-out errors, in percent."""
+    columns = ("floor", "before", "after", "placebo", "generic", "oracle")
+    rows = []
+    for drawing in DRAWINGS:
+        scores = [one.score for one in outcomes if one.answer.row == drawing.name and one.score.ratio is not None]
+        if scores:
+            values = [[getattr(score, f"{name}_percent") for score in scores] for name in columns]
+            ratio = float(np.median([score.ratio for score in scores if score.ratio is not None]))
+            rows.append((drawing.name, f"{ratio:.2f}", *(_median(one) for one in values)))
+    words = (
+        "Held-out errors in percent, medians. Floor: the base refit of the same record without the effect. Before: the"
+        " base refit. Placebo: the median wrong class with as many parameters. Generic: a ridge FIR of the residual on"
+        " the seat. Oracle: the true class and site, refitted from the catalogue. Placebo and oracle are refitted where"
+        " the ratio is above 0.8 or there is no background."
+    )
+    # A record that could not be refitted has no ratio, and so no row: that must not go unsaid.
+    without = [f"{one.score.row} {one.score.number}: {one.score.why}" for one in outcomes if one.score.why]
+    said = f"Not scored, so in no row that goes by the ratio: {'; '.join(without) or 'none'}."
+    return ["## Errors", "", words, "", *_table(("drawn as", "ratio", *columns), rows), "", said, ""]
+
+
+def _median(values: Sequence[float | None]) -> str:
+    there = [value for value in values if value is not None]
+    return f"{np.median(there):.2f}" if there else "-"
+
+
+def _classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
+    """Results by class with the row of the confusion matrix; nothing for rows that hide nothing, or two."""
+    chosen = row.chosen(outcomes)
+    classes = by_class(chosen)
+    if not classes:
+        return []
+    rows = [
+        (
+            one.name, str(one.records), str(one.class_right), str(one.family_right), str(one.site_right),
+            str(one.in_set), ", ".join(f"{name} {count}" for name, count in one.named),
+        )
+        for one in classes
+    ]  # fmt: skip
+    name, share = most_frequent(chosen)
+    words = f"To name {name} always would be right in {100.0 * share:.1f} %."
+    head = ("true class", "records", "class", "family", "class and site", "in the set", "named")
+    return [f"## By class: {row.name}", "", words, "", *_table(head, rows), ""]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [cells(*head), cells("---", *["---:"] * (len(head) - 1)), *(cells(*row) for row in rows)]

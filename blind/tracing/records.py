@@ -1,0 +1,137 @@
+"""One record of a row: a person's sitting drawn from the world, as cases that a tracer may see, and as its truth."""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from world import sensors
+from world.effects.draw import Split, forms
+from world.effects.effect import Effect
+from world.effects.event import Event
+from world.effects.sitting import PLAN, Plan, Sitting
+from world.effects.sitting import drawn as sittings_drawn
+from world.effects.wearing import Stream
+
+from biodyn_core.effects import CATALOGUE
+from biodyn_core.errors import InputError
+from biodyn_core.identification.problem import Case
+from biodyn_core.parameters import LOWER, UPPER, Parameters
+from biodyn_core.recording import Recorder
+from biodyn_core.segments import SEAT, SEGMENTS
+from biodyn_core.subject import Subject
+from blind.tracing.outcome import Cause
+from blind.tracing.rows import Drawing
+
+Floats = NDArray[np.float64]
+
+COLOURED_MPS2: Final = 0.3
+COLOURED_HZ: Final = 20.0
+"""Rms and corner of the noise that does not follow the input, on every axis of every sensor on the body."""
+
+STATURE_M: Final = 1.75
+"""Nobody's: nothing depends on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What may be known: the person without parameters, events to fit and choose by, and others to predict."""
+
+    subject: Subject
+    train: tuple[Case, ...]
+    held_out: tuple[Case, ...]
+    left_out: tuple[str, ...] = ()
+    """Why events could not be read."""
+
+    @property
+    def cases(self) -> tuple[Case, ...]:
+        """All events."""
+        return (*self.train, *self.held_out)
+
+
+def sitting(drawing: Drawing, number: int, seed: int, split: Split, plan: Plan = PLAN) -> Sitting:
+    """One record of a drawing, the same whatever else is drawn."""
+    own_seed = int(np.random.SeedSequence([seed, zlib.crc32(drawing.name.encode())]).generate_state(1)[0])
+    (found,) = sittings_drawn(
+        1, own_seed, split, drawing.kinds, drawing.effects, drawing.level, plan, drawing.ratio, first=number
+    )
+    return found
+
+
+def record(one: Sitting, coloured: bool = False, with_effects: bool = True) -> Record:
+    """What may be known of a sitting; an event that cannot be read is left out.
+
+    `fit` is to fit and choose by, `held` and `report` are held out.
+    """
+    train: list[Case] = []
+    held_out: list[Case] = []
+    left_out: list[str] = []
+    for index, planned in enumerate(one.events):
+        streams = one.streams(index, with_effects)
+        if coloured:
+            streams = {
+                name: _coloured(stream, name, planned.event, [one.seed, index]) for name, stream in streams.items()
+            }
+        name = f"{planned.use}/{planned.name}"
+        try:
+            (train if planned.use == "fit" else held_out).extend(_cases(planned.event.case, name, streams))
+        except InputError as error:
+            left_out.append(str(error))
+    middle = Parameters.from_vector(0.5 * (LOWER + UPPER))
+    subject = Subject("blind", one.body_mass_kg, STATURE_M, one.mass_matrix, middle)
+    return Record(subject, tuple(train), tuple(held_out), tuple(left_out))
+
+
+def causes(effects: Sequence[Effect]) -> tuple[Cause, ...]:
+    """What is true, in the catalogue's words."""
+    return tuple(Cause(one.kind, _site(one), _family(one)) for one in effects)
+
+
+def _site(effect: Effect) -> str:
+    """The world counts segments from 0 and, where a class sits on sensors, those from the seat on."""
+    if effect.site < 0 or effect.kind not in CATALOGUE:
+        return ""
+    return SEGMENTS[effect.site - 1 if CATALOGUE[effect.kind].place == "sensor" else effect.site]
+
+
+def _family(effect: Effect) -> str:
+    """The world has names of its own for families; its forms of known classes say which is which."""
+    if effect.kind in CATALOGUE:
+        return CATALOGUE[effect.kind].family
+    return _families().get(effect.family, effect.family)
+
+
+@cache
+def _families() -> dict[str, str]:
+    return {form.family: CATALOGUE[form.kind].family for form in forms("development") if form.kind in CATALOGUE}
+
+
+def _cases(case: str, name: str, streams: dict[str, Stream]) -> list[Case]:
+    recorder = Recorder(case, name, channels=True)
+    for sensor, stream in streams.items():
+        recorder.push(sensor, *stream)
+    found = [Case.of(recording) for recording in recorder.finish()]
+    # Runs of one event, parted by a gap of the seat, would have one name.
+    return [dataclasses.replace(one, name=f"{name}.{i}" if i else name) for i, one in enumerate(found)]
+
+
+def _coloured(stream: Stream, sensor: str, event: Event, seed: Sequence[int]) -> Stream:
+    """A stream with coloured noise on its forces while the event moves, since rest is how a sensor finds up.
+
+    It comes from the sitting's seed; the seat's stream stays as it is.
+    """
+    if sensor == SEAT:
+        return stream
+    stamps_ns, force_mps2, rates_radps = stream
+    rng = np.random.default_rng([*seed, zlib.crc32(sensor.encode())])
+    sos = signal.butter(2, COLOURED_HZ, fs=sensors.RATE_HZ, output="sos")
+    noise = signal.sosfilt(sos, rng.standard_normal(force_mps2.shape), axis=0)
+    moving = np.interp(1e-9 * stamps_ns, event.time_s, event.moving)
+    return stamps_ns, force_mps2 + COLOURED_MPS2 * moving[:, None] * noise / noise.std(axis=0), rates_radps

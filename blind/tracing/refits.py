@@ -1,0 +1,190 @@
+"""The scorer's own refits: one effect of the catalogue and theta together, from several starts, without the tracer."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
+from biodyn_core.errors import InputError
+from biodyn_core.identification.fit import Fit
+from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
+from biodyn_core.identification.problem import Case
+from biodyn_core.parameters import Parameters
+from biodyn_core.subject import Subject
+from blind.tracing.outcome import Cause, places_away
+
+Floats = NDArray[np.float64]
+
+STEP: Final = 1e-4
+"""Of an effect's parameter for its derivative, as a share of its range."""
+
+INSIDE: Final = 0.02
+SIDE_BY_SIDE: Final = 8
+"""Starts that are looked at together: their answers to nine events are about 30 MB each."""
+
+STARTS: Final = 2
+EVALUATIONS: Final = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a refit may begin, and the share of the residual's energy that it takes off to first order."""
+
+    applied: AppliedEffect
+    gain: float
+
+
+def starts(fit: Fit, cases: Sequence[Case], tried: Iterable[AppliedEffect]) -> list[Start]:
+    """Starts with strengths as the residual says, theta refitted to first order; the largest gain first."""
+    every, found = list(tried), []
+    for begin in range(0, len(every), SIDE_BY_SIDE):
+        found += _sized(fit, cases, every[begin : begin + SIDE_BY_SIDE])
+    return sorted(found, key=lambda one: -one.gain)
+
+
+def oracle(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject:
+    """The true class at its true site, or at the best where the catalogue has no such one, from the best starts."""
+    effect = CATALOGUE[cause.name]
+    sites = [site for site in effect.where if cause.site and not places_away(effect.name, site, cause.site)]
+    ranked = starts(fit, cases, _tries(effect, sites or effect.where, cases))
+    return min((refitted(fit, cases, one.applied) for one in ranked[:STARTS]), key=lambda end: end[1])[0]
+
+
+def placebo(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject | None:
+    """The median, by its first-order gain, of wrong classes with as many parameters as the true one.
+
+    Where no other class has as many, those that are nearest in that.
+    """
+    count = len(CATALOGUE[cause.name].parameters)
+    wrong = [effect for effect in CATALOGUE.values() if effect.name != cause.name and effect.family != cause.family]
+    nearest = min(abs(len(effect.parameters) - count) for effect in wrong)
+    alike = [effect for effect in wrong if abs(len(effect.parameters) - count) == nearest]
+    best: dict[tuple[str, str], Start] = {}
+    for one in starts(fit, cases, (start for effect in alike for start in _tries(effect, effect.where, cases))):
+        best.setdefault((one.applied.effect.name, one.applied.site), one)
+    ranked = list(best.values())
+    return refitted(fit, cases, ranked[len(ranked) // 2].applied)[0] if ranked else None
+
+
+def refitted(fit: Fit, cases: Sequence[Case], applied: AppliedEffect) -> tuple[Subject, float]:
+    """Theta and the effect fitted together, begun at the fit's theta and these values, and the sum of squares left."""
+    joint = _Joint(fit, cases, applied)
+    theta, phi = mapped(interior(fit.subject.parameters.vector()), fit.settings.free)
+
+    def linearised(point: Floats) -> tuple[Floats, Floats]:
+        at, share = theta(point[: phi.size]), _logistic(point[phi.size :])
+        residuals, slopes = joint.linearised(at, share)
+        slopes[:, : phi.size] *= slope_by_phi(at)[fit.settings.free]
+        slopes[:, phi.size :] *= share * (1.0 - share)
+        return residuals, slopes
+
+    share = np.clip(joint.shares(applied), INSIDE, 1.0 - INSIDE)
+    end, objective = trust_region(linearised, np.concatenate([phi, np.log(share / (1.0 - share))]), EVALUATIONS)
+    return joint.subject(_logistic(end[phi.size :]), theta(end[: phi.size])), objective
+
+
+class _Joint:
+    """The objective of cases under a subject with one effect more, its parameters as shares of their ranges (m,)."""
+
+    def __init__(self, fit: Fit, cases: Sequence[Case], applied: AppliedEffect) -> None:
+        self._fit, self._cases, self._applied = fit, cases, applied
+        self._lower = np.array([parameter.lower for parameter in applied.effect.parameters])
+        self._width = np.array([parameter.upper - parameter.lower for parameter in applied.effect.parameters])
+        self._substeps: tuple[int, ...] | None = None
+        # Chosen once, so that no step of the solver meets an edge.
+        self._substeps = self._domain(self.shares(applied)).substeps
+
+    def shares(self, applied: AppliedEffect) -> Floats:
+        """Values as shares of their ranges."""
+        values = np.array([applied.values[parameter.name] for parameter in applied.effect.parameters])
+        return np.asarray((values - self._lower) / self._width)
+
+    def subject(self, share: Floats, theta: Floats) -> Subject:
+        """The fit's subject with this effect and this theta."""
+        values = np.clip(self._lower + share * self._width, self._lower, self._lower + self._width).tolist()
+        names = [parameter.name for parameter in self._applied.effect.parameters]
+        applied = AppliedEffect(self._applied.effect, self._applied.site, dict(zip(names, values, strict=True)))
+        return dataclasses.replace(self._fit.subject, parameters=Parameters.from_vector(theta), effects=(applied,))
+
+    def linearised(self, theta: Floats, share: Floats) -> tuple[Floats, Floats]:
+        """As `TimeDomain.linearised`, with the derivatives by the shares behind those by ln theta."""
+        if not share.size:
+            return self._domain(share).linearised(theta, self._fit.settings.free)
+        steps = np.where(share < 0.5, STEP, -STEP)  # inwards
+        stepped = [self._domain(share + step) for step in np.diag(steps)]
+        others = [np.stack([one.accelerations(i, theta) for one in stepped], axis=2) for i in range(len(self._cases))]
+        residuals, slopes = self._domain(share).linearised(theta, self._fit.settings.free, others)
+        slopes[:, -share.size :] /= steps
+        return residuals, slopes
+
+    def _domain(self, share: Floats) -> TimeDomain:
+        subject = self.subject(share, self._fit.subject.parameters.vector())
+        return TimeDomain(self._cases, subject, _no_pull(subject), self._fit.settings.clocks, self._substeps)
+
+
+def _tries(effect: Effect, sites: Iterable[str], cases: Sequence[Case]) -> list[AppliedEffect]:
+    """Every combination of an effect's grids with one strength after the other, where its channels are measured."""
+    found = []
+    for site in sites:
+        needed = [name.replace("own.", f"{site}.") for name in effect.channels]
+        if not all(name in case.channels for case in cases for name in needed):
+            continue
+        grids = [p.grid or (p.size,) for p in effect.parameters]
+        for values in itertools.product(*grids):
+            shape = dict(zip((p.name for p in effect.parameters), values, strict=True))
+            for strength in effect.strengths or ("",):
+                others = {name: 0.0 for name in effect.strengths if name != strength}
+                found.append(AppliedEffect(effect, site, shape | others))
+    return found
+
+
+def _sized(fit: Fit, cases: Sequence[Case], tried: Sequence[AppliedEffect]) -> list[Start]:
+    """The same effects with strengths from one linear step, in which theta takes what it can."""
+    theta, free = fit.subject.parameters.vector(), fit.settings.free
+    bent = [dataclasses.replace(fit.subject, effects=(one,)) for one in tried]
+    domains = [TimeDomain(cases, subject, _no_pull(subject), fit.settings.clocks) for subject in bent]
+    with np.errstate(all="ignore"):  # what runs away is told by the numbers below
+        others = [np.stack([one.accelerations(i, theta) for one in domains], axis=2) for i in range(len(cases))]
+    runs_away = np.any([~(np.abs(answers).max(axis=(0, 1)) < 1e5) for answers in others], axis=0)
+    for answers in others:
+        answers[:, :, runs_away] = 0.0
+    plain = TimeDomain(cases, fit.subject, _no_pull(fit.subject), fit.settings.clocks)
+    residual, slopes = plain.linearised(theta, free, others)
+    base, own = slopes[:, : int(free.sum())], slopes[:, int(free.sum()) :]
+    both = np.column_stack([own, residual])
+    left = both - base @ np.linalg.lstsq(base, both, rcond=1e-12)[0]
+    found = []
+    for i, one in enumerate(tried):
+        energy, match = float(left[:, i] @ left[:, i]), -float(left[:, i] @ left[:, -1])
+        seen = not runs_away[i] and energy > 1e-12
+        size, gain = (match / energy, match * match / energy) if seen else (1.0, 0.0)
+        found.append(Start(_scaled(one, size), gain / max(float(left[:, -1] @ left[:, -1]), 1e-30)))
+    return found
+
+
+def _scaled(applied: AppliedEffect, factor: float) -> AppliedEffect:
+    """The same with its strengths so much larger, within their ranges."""
+    values = dict(applied.values)
+    for parameter in applied.effect.parameters:
+        if parameter.kind == "strength":
+            values[parameter.name] = min(max(values[parameter.name] * factor, parameter.lower), parameter.upper)
+    try:
+        return AppliedEffect(applied.effect, applied.site, values)
+    except InputError:
+        return applied
+
+
+def _no_pull(subject: Subject) -> Pull:
+    return Pull(subject.parameters.vector(), 0.0)
+
+
+def _logistic(point: Floats) -> Floats:
+    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * point)))

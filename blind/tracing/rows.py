@@ -1,0 +1,258 @@
+"""The rows of the study as data: what is drawn, which records a condition looks at, and which marks it is to reach."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from biodyn_core.effects import CATALOGUE
+from blind.tracing.outcome import Outcome
+
+Kind = Literal["share", "mean", "median"]
+Needs = Literal["causes", "ratio", "all"]
+"""What a score takes: nothing but the truth, two refits for the ratio, or all errors beside the answer's as well."""
+
+KINDS: Final = tuple(sorted(CATALOGUE))
+"""Every class that a tracer can name. The world's saturation is not among them: it is masked, never fitted."""
+
+STRONG: Final = 0.8
+WEAK: Final = 0.4
+"""Ratios between which a truth is to be in the reported set, and no more is asked."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Records that are drawn alike: how many, how many effects of which kinds, on which level of background.
+
+    ratio is what the world aims at. Its own linear view sees 1.3 to 1.7 times what a refit leaves, so ranges are that
+    much higher than those that are judged, and the scorer's own ratio says where a record belongs. coloured adds noise
+    of 0.3 m/s^2 that does not follow the input.
+    """
+
+    name: str
+    count: int
+    effects: int = 1
+    level: float = 1.0
+    ratio: tuple[float, float] | None = None
+    kinds: tuple[str, ...] = KINDS
+    coloured: bool = False
+    needs: Needs = "causes"
+
+
+DRAWINGS: Final = (
+    Drawing("nothing", 50, effects=0, level=0.0),
+    Drawing("nothing_coloured", 50, effects=0, level=0.0, coloured=True),
+    Drawing("background", 60, effects=0),
+    Drawing("sensor_noise", 48, level=0.0, needs="all"),
+    Drawing("strong", 76, ratio=(1.5, 4.0), needs="all"),
+    Drawing("medium", 44, ratio=(0.7, 1.1), needs="all"),
+    Drawing("weak", 36, ratio=(0.15, 0.5), needs="all"),
+    Drawing("outside", 64, ratio=(1.5, 4.0), kinds=("outside",), needs="ratio"),
+    Drawing("two", 44, effects=2, level=0.0),
+)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One mark: a share, mean or median of what a record gives, at least or at most so much.
+
+    of gives None for a record that does not count.
+    """
+
+    what: str
+    of: Callable[[Outcome], float | None]
+    limit: float
+    sense: Literal[">=", "<="]
+    kind: Kind = "share"
+
+    @property
+    def asked(self) -> str:
+        """The mark in words."""
+        return f"{self.sense} {100.0 * self.limit:g} %" if self.kind == "share" else f"{self.sense} {self.limit:g}"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A row of the issue's table: records of some drawings, of these those of a ratio, at least so many, and marks.
+
+    ratio leaves out its lower end and has its upper one; records without a ratio are left out.
+    """
+
+    name: str
+    drawings: tuple[str, ...]
+    least: int
+    rules: tuple[Rule, ...]
+    ratio: tuple[float, float] | None = None
+
+    def chosen(self, outcomes: Sequence[Outcome]) -> list[Outcome]:
+        """Those of the outcomes that this row is about."""
+        mine = [one for one in outcomes if one.answer.row in self.drawings]
+        if self.ratio is None:
+            return mine
+        low, high = self.ratio
+        return [one for one in mine if one.score.ratio is not None and low < one.score.ratio <= high]
+
+
+def _alarmed(one: Outcome) -> float:
+    return one.alarmed or one.added
+
+
+def _single(one: Outcome) -> float:
+    return one.single
+
+
+def _added(one: Outcome) -> float:
+    return one.added
+
+
+def _class_right(one: Outcome) -> float:
+    return one.class_right
+
+
+def _family_right(one: Outcome) -> float:
+    return one.family_right
+
+
+def _exact_site(one: Outcome) -> float:
+    return one.away == 0
+
+
+def _near_site(one: Outcome) -> float:
+    return one.away is not None and one.away <= 1
+
+
+def _over_floor(one: Outcome) -> float | None:
+    """A record whose tracer gave no answer has no error, and counts as the worst there can be."""
+    if one.score.floor_percent is None:
+        return None
+    after = one.score.after_percent
+    return float("inf") if after is None else after / one.score.floor_percent
+
+
+def _recovered(one: Outcome) -> float | None:
+    return one.score.recovered
+
+
+def _in_set(one: Outcome) -> float:
+    return one.in_set
+
+
+def _set_size(one: Outcome) -> float | None:
+    return float(one.set_size) or None
+
+
+def _wrong_single(one: Outcome) -> float:
+    return one.wrong_single
+
+
+def _unexplained(one: Outcome) -> float:
+    return one.answer.verdict == "unexplained" or one.family_right
+
+
+def _both_found(one: Outcome) -> float:
+    return one.found == len(one.true_names)
+
+
+def _one_found(one: Outcome) -> float:
+    return one.found > 0
+
+
+WITH_BACKGROUND: Final = ("strong", "medium", "weak")
+
+CONDITIONS: Final = (
+    Condition(
+        "nothing hidden, with and without coloured noise", ("nothing", "nothing_coloured"), 100,
+        (Rule("false alarms", _alarmed, 0.05, "<="),),
+    ),
+    Condition(
+        "background only, nothing hidden", ("background",), 60,
+        (
+            Rule("a single cause named", _single, 0.10, "<="),
+            Rule("an effect added to the subject", _added, 0.05, "<="),
+        ),
+    ),
+    Condition(
+        "catalogue effect, sensor noise", ("sensor_noise",), 40,
+        (
+            Rule("class", _class_right, 0.95, ">="),
+            Rule("exact site", _exact_site, 0.85, ">="),
+            Rule("within one joint", _near_site, 0.95, ">="),
+            Rule("held-out error after over the floor, median", _over_floor, 1.15, "<=", "median"),
+        ),
+    ),
+    Condition(
+        "with background, ratio > 0.8", WITH_BACKGROUND, 40,
+        (
+            Rule("class", _class_right, 0.85, ">="),
+            Rule("family", _family_right, 0.92, ">="),
+            Rule("energy recovered, median", _recovered, 0.70, ">=", "median"),
+        ),
+        (STRONG, float("inf")),
+    ),
+    Condition(
+        "with background, ratio 0.4 to 0.8", WITH_BACKGROUND, 40,
+        (
+            Rule("truth in the reported set", _in_set, 0.92, ">="),
+            Rule("size of the set where there is one, mean", _set_size, 3.0, "<=", "mean"),
+        ),
+        (WEAK, STRONG),
+    ),
+    Condition(
+        "with background, ratio < 0.4", WITH_BACKGROUND, 40,
+        (Rule("a wrong single cause named", _wrong_single, 0.10, "<="),),
+        (-1.0, WEAK),
+    ),
+    Condition(
+        "effect outside the catalogue, ratio > 0.8", ("outside",), 40,
+        (
+            Rule("unexplained, or the right family", _unexplained, 0.80, ">="),
+            Rule("a wrong single cause named", _wrong_single, 0.10, "<="),
+        ),
+        (STRONG, float("inf")),
+    ),
+    Condition(
+        "two effects", ("two",), 40,
+        (
+            Rule("both found", _both_found, 0.60, ">="),
+            Rule("at least one right", _one_found, 0.90, ">="),
+        ),
+    ),
+)  # fmt: skip
+
+MEASURED: Final = (
+    Condition(
+        "in measured streams, nothing hidden", ("measured_nothing",), 40,
+        (Rule("a single cause named", _single, 0.10, "<="),),
+    ),
+    Condition(
+        "in measured streams, ratio > 0.8", ("measured",), 40,
+        (Rule("class", _class_right, 0.85, ">="), Rule("family", _family_right, 0.92, ">=")),
+        (STRONG, float("inf")),
+    ),
+    Condition(
+        "in measured streams, ratio 0.4 to 0.8", ("measured",), 40,
+        (
+            Rule("truth in the reported set", _in_set, 0.92, ">="),
+            Rule("size of the set where there is one, mean", _set_size, 3.0, "<=", "mean"),
+        ),
+        (WEAK, STRONG),
+    ),
+    Condition(
+        "in measured streams, ratio < 0.4", ("measured",), 40,
+        (Rule("a wrong single cause named", _wrong_single, 0.10, "<="),),
+        (-1.0, WEAK),
+    ),
+)  # fmt: skip
+"""Effects hidden in measured streams: the marks of the background rows, so far as they have a subject to add to."""
+
+
+def drawings(names: Sequence[str] = (), count: int | None = None) -> list[Drawing]:
+    """The drawings of these names, all without any, each with so many records; ValueError for a name unknown."""
+    known = {one.name: one for one in DRAWINGS}
+    for name in names:
+        if name not in known:
+            raise ValueError(f"row {name!r} is unknown, known are {', '.join(known)}")
+    chosen = [known[name] for name in names] if names else list(DRAWINGS)
+    return [one if count is None else dataclasses.replace(one, count=count) for one in chosen]

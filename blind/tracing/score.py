@@ -1,0 +1,168 @@
+"""Looks the truth of one record up, and refits what is needed to say how much of it could be seen and was found."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from world.effects.sitting import Sitting
+
+from biodyn_core.effects import CATALOGUE
+from biodyn_core.errors import InputError
+from biodyn_core.identification.fit import Fit, fit_joint, mean_percent, prediction_errors
+from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.problem import Case
+from biodyn_core.parameters import Parameters
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.settings import TraceSettings
+from blind.tracing.answer import TRACE_SEED
+from blind.tracing.outcome import Answer, Outcome, Score
+from blind.tracing.records import Record, causes, record
+from blind.tracing.refits import oracle, placebo
+from blind.tracing.rows import STRONG, Drawing
+
+Floats = NDArray[np.float64]
+
+LEAST_TAKEN: Final = 0.01
+"""An oracle that takes off less than this share of the energy says nothing of who takes off as much."""
+
+FIR_S: Final = 0.25
+FIR_EVERY_S: Final = 1.0 / 280.0
+RIDGE: Final = 1e-3
+"""The generic model: taps so far back, so close together (all is low-passed at 100 Hz), and their ridge."""
+
+
+def scored(drawing: Drawing, answer: Answer, one: Sitting) -> Score:
+    """The score of one record's answer; without errors, and saying why, where nothing can be fitted to it."""
+    found = Score(drawing.name, answer.number, causes(one.effects))
+    if drawing.needs == "causes":
+        return found
+    try:
+        return _refitted(found, drawing, answer, one)
+    except InputError as error:
+        return dataclasses.replace(found, why=str(error))
+
+
+def _refitted(found: Score, drawing: Drawing, answer: Answer, one: Sitting) -> Score:
+    hidden, plain = (record(one, drawing.coloured, with_effects) for with_effects in (True, False))
+    fits = [fit_joint(known.train, known.subject, TRACE_SEED, TraceSettings().base) for known in (hidden, plain)]
+    said = _subjects(answer, hidden.subject)
+    found = dataclasses.replace(
+        found,
+        ratio=ratio(fits[0], hidden.cases, fits[1], plain.cases),
+        floor_percent=_percent(fits[1].subject, unseen(answer, plain).held_out),
+        generic_percent=generic_percent(fits[0], unseen(answer, hidden)),
+        after_percent=_percent(said[1], unseen(answer, hidden).held_out) if said else None,
+        before_percent=_percent(fits[0].subject, unseen(answer, hidden).held_out),
+    )
+    visible = one.level == 0.0 or (found.ratio or 0.0) > STRONG
+    if drawing.needs != "all" or not visible or found.causes[0].name not in CATALOGUE:
+        return found
+    return _beside(found, answer, unseen(answer, hidden), fits[0])
+
+
+def unseen(answer: Answer, known: Record) -> Record:
+    """A record whose held-out events are those that had no say in the answer; all of them where it names none."""
+    mine = tuple(case for case in known.held_out if case.name in answer.unseen)
+    return dataclasses.replace(known, held_out=mine or known.held_out)
+
+
+def _beside(found: Score, answer: Answer, hidden: Record, fit: Fit) -> Score:
+    """With the errors of the placebo and the oracle, and the energy recovered."""
+    cause = found.causes[0]
+    best, wrong = oracle(fit, hidden.train, cause), placebo(fit, hidden.train, cause)
+    before, after = _subjects(answer, hidden.subject) or (fit.subject, fit.subject)
+    left, left_after, left_best = (sum_of_squares(subject, hidden.held_out) for subject in (before, after, best))
+    return dataclasses.replace(
+        found,
+        oracle_percent=_percent(best, hidden.held_out),
+        placebo_percent=None if wrong is None else _percent(wrong, hidden.held_out),
+        recovered=recovered(left, left_after, left_best, Outcome(answer, found).class_right),
+    )
+
+
+def recovered(before: float, after: float, best: float, right: bool) -> float | None:
+    """Share of the energy that the oracle takes off which the answer takes off too; 0 for a wrong or rejected one.
+
+    None where the right class was named and the oracle itself takes off next to nothing.
+    """
+    if not right:
+        return 0.0
+    return (before - after) / (before - best) if before - best > LEAST_TAKEN * before else None
+
+
+def ratio(hidden: Fit, with_effect: Sequence[Case], plain: Fit, without: Sequence[Case]) -> float:
+    """Rms of the residual with the effect less that without, over the rms of that without; each behind its own refit.
+
+    Samples are relative to the energy of the events without, and to what is compared in both.
+    """
+    own, rest = 0.0, 0.0
+    beside = {case.name: case for case in without}
+    for case in with_effect:
+        if case.name not in beside:
+            continue
+        other = beside[case.name]
+        rows = min(len(case.measured_mps2), len(other.measured_mps2))
+        one, two = (residuals(f.subject, c)[:rows] for f, c in ((hidden, case), (plain, other)))
+        there = np.isfinite(one) & np.isfinite(two)
+        scale = np.where(other.energy > 0.0, other.energy, np.inf)
+        own += float((np.where(there, one - two, 0.0) ** 2 / scale).sum())
+        rest += float((np.where(there, two, 0.0) ** 2 / scale).sum())
+    return float(np.sqrt(own / rest))
+
+
+def generic_percent(fit: Fit, known: Record) -> float:
+    """Held-out error, percent, of the base refit and a ridge FIR from the seat to each segment's residual."""
+    count = _taps(known.train[0]).shape[1]
+    normal, match = np.zeros((count, count)), np.zeros((count, known.train[0].measured_mps2.shape[1]))
+    for case in known.train:
+        taps, left = _taps(case), np.nan_to_num(residuals(fit.subject, case))
+        energy = float(case.seat_mps2 @ case.seat_mps2)  # so that no shock rules
+        normal += taps.T @ taps / energy
+        match += taps.T @ left / energy
+    weights = np.linalg.solve(normal + RIDGE * np.trace(normal) / count * np.eye(count), match)
+    shares = []
+    for case in known.held_out:
+        left = residuals(fit.subject, case)
+        squares = np.nansum((left - _taps(case) @ weights) ** 2, axis=0)
+        shares.append(np.sqrt(squares[case.energy > 0.0] / case.energy[case.energy > 0.0]).mean())
+    return float(100.0 * np.mean(shares))
+
+
+def sum_of_squares(subject: Subject, cases: Sequence[Case]) -> float:
+    """What a subject leaves of cases, every segment of every event over its own energy."""
+    total = 0.0
+    for case in cases:
+        scale = np.where(case.energy > 0.0, case.energy, np.inf)
+        total += float(np.nansum(residuals(subject, case) ** 2 / scale))
+    return total
+
+
+def residuals(subject: Subject, case: Case) -> Floats:
+    """Model less measurement (n, 5), clocks estimated, NaN where not compared."""
+    theta = subject.parameters.vector()
+    return TimeDomain([case], subject, Pull(theta, 0.0), "estimated").residuals(0, theta)
+
+
+def _subjects(answer: Answer, subject: Subject) -> tuple[Subject, Subject] | None:
+    """The answer's subjects before and after; None where it has none."""
+    if not answer.before or not answer.after:
+        return None
+    plain = dataclasses.replace(subject, parameters=Parameters.from_vector(np.array(answer.before)))
+    after = dataclasses.replace(subject, parameters=Parameters.from_vector(np.array(answer.after)))
+    return plain, Subject.from_dict(after.to_dict() | {"effects": list(answer.applied)})
+
+
+def _taps(case: Case) -> Floats:
+    """The seat now and further and further back, (n, taps)."""
+    every = max(1, round(FIR_EVERY_S * case.rate_hz))
+    lags = np.arange(0, round(FIR_S * case.rate_hz), every)
+    seat, n = case.seat_mps2, case.seat_mps2.size
+    return np.column_stack([np.concatenate([np.zeros(lag), seat[: n - lag]]) for lag in lags])
+
+
+def _percent(subject: Subject, cases: Sequence[Case]) -> float:
+    return mean_percent(prediction_errors(subject, cases))

@@ -1,0 +1,40 @@
+"""The row of effects hidden in measured streams, which `blind.measured` runs: its records as outcomes of this study."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from typing import Any, Final
+
+from biodyn_core.effects import CATALOGUE
+from blind.tracing.outcome import NAMING, Answer, Cause, Outcome, Score
+
+MODULE: Final = "blind.measured"
+RECORDS: Final = 240
+NOTHING: Final = "none"
+
+
+def outcomes(seed: int, count: int = RECORDS) -> list[Outcome]:
+    """Run that row; none where its module is not there."""
+    if importlib.util.find_spec(MODULE) is None:
+        return []
+    graded = importlib.import_module(MODULE).run(count, seed)
+    return [outcome(number, one) for number, one in enumerate(graded)]
+
+
+def outcome(number: int, graded: Any) -> Outcome:
+    """One record: `found` with verdict, name and ambiguous_with, the `fault` that was hidden, and its `ratio`."""
+    found, hidden = graded.found, graded.fault != NOTHING
+    row = "measured" if hidden else "measured_nothing"
+    named = (cause(found.name),) if found.verdict in NAMING and found.name else ()
+    beside = tuple(cause(name) for name in found.ambiguous_with)
+    true = (cause(graded.fault),) if hidden else ()
+    return Outcome(
+        Answer(row, number, found.verdict, named, beside),
+        Score(row, number, true, ratio=float(graded.ratio) if hidden else None),
+    )
+
+
+def cause(name: str) -> Cause:
+    """A fault by its class; where it sits is known beforehand."""
+    return Cause(name, "", CATALOGUE[name].family if name in CATALOGUE else name)

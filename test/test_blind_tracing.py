@@ -1,0 +1,597 @@
+import dataclasses
+import json
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from world.effects.sitting import Plan, Sitting
+from world.effects.sitting import drawn as sittings_drawn
+
+import blind
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.errors import InputError
+from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.problem import Case, Errors
+from biodyn_core.model import predict
+from biodyn_core.parameters import LOWER, UPPER, Parameters
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.findings import Event, Trace
+from blind.tracing import __main__ as command
+from blind.tracing import refits, streams, study
+from blind.tracing.answer import answered
+from blind.tracing.marks import Mark, by_class, marks, most_frequent, wilson
+from blind.tracing.outcome import Answer, Cause, Outcome, Score, line_of, places_away
+from blind.tracing.page import rendered
+from blind.tracing.records import Record, causes, record, sitting
+from blind.tracing.refits import oracle, placebo
+from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Drawing, drawings
+from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
+from blind.tracing.study import BrokenSeal, Call, Run, here
+from blind.tracing.table import BEGIN, END, RUNS, About, publish, with_latest
+
+ROWS = {row.name: row for row in (*CONDITIONS, *MEASURED)}
+SKIN = Cause("skin", "head", "sensor")
+CLOCK = Cause("clock", "head", "sensor")
+STOP = Cause("stop", "pelvis", "stiffening")
+SUBJECT = Subject("blind", 70.0, 1.75, "segment", Parameters.from_vector(0.5 * (LOWER + UPPER)))
+
+
+def outcome(
+    row: str, verdict: str, said: Sequence[Cause] = (), true: Sequence[Cause] = (), beside: Sequence[Cause] = (),
+    number: int = 0, applied: bool = True, **score: Any,
+) -> Outcome:  # fmt: skip
+    added = ({"name": said[0].name},) if said and applied else ()
+    answer = Answer(row, number, verdict, tuple(said), tuple(beside), applied=added)
+    return Outcome(answer, Score(row, number, tuple(true), **score))
+
+
+def judged(row: str, outcomes: Sequence[Outcome], least: int = 1) -> dict[str, Mark]:
+    return {mark.what: mark for mark in marks(outcomes, [dataclasses.replace(ROWS[row], least=least)])}
+
+
+# --- intervals -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("hits", "of", "low", "high"),
+    [  # Newcombe (1998), Statistics in Medicine 17, 857-872, table I, method 3
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ],
+)
+def test_wilson_is_as_published(hits: int, of: int, low: float, high: float) -> None:
+    assert wilson(hits, of) == pytest.approx((low, high), abs=5e-5)
+
+
+# --- what is right ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "site", "other", "away"),
+    [
+        ("cubic", "central_torso", "upper_torso", 0),  # joints 3 and 4
+        ("cubic", "lower_torso", "upper_torso", 1),
+        ("cubic", "lower_torso", "neck", 2),
+        ("cubic", "pelvis", "head", 4),
+        ("backrest", "central_torso", "upper_torso", 1),  # segments, whose forces can be told apart
+        ("skin", "lower_torso", "upper_torso", 1),  # neighbours among sensors
+        ("cross_axis", "pelvis", "", 0),  # the whole body is meant
+        ("pitch", "seat", "seat", 0),
+    ],
+)
+def test_sites_are_so_far_apart(name: str, site: str, other: str, away: int) -> None:
+    assert places_away(name, site, other) == away == places_away(name, other, site)
+
+
+def test_a_class_is_right_where_it_is_named_alone_and_first() -> None:
+    right = outcome("strong", "effect", [SKIN], [SKIN])
+    unsure = outcome("strong", "ambiguous", [SKIN], [SKIN], [CLOCK])
+    wrong = outcome("strong", "effect", [CLOCK], [SKIN])
+    too_many = outcome("strong", "effect", [SKIN, STOP], [SKIN])
+    quiet = outcome("strong", "unexplained", [], [SKIN])
+    every = (right, unsure, wrong, too_many, quiet)
+    assert [one.class_right for one in every] == [True, False, False, True, False]
+    assert [one.family_right for one in every] == [True, True, True, False, False]
+    assert [one.wrong_single for one in every] == [False, False, True, True, False]
+    assert [one.in_set for one in every] == [True, True, False, True, False]
+    assert [one.set_size for one in every] == [1, 2, 1, 2, 0]
+    assert [one.away for one in every] == [0, None, None, 0, None]
+    assert [one.named for one in every] == ["skin", "ambiguous", "clock", "skin", "unexplained"]
+
+
+# --- rows ------------------------------------------------------------------------------------------------------------
+
+
+def test_false_alarms_are_counted_in_both_kinds_of_noise() -> None:
+    quiet = [outcome("nothing", "none") for _ in range(57)] + [outcome("nothing_coloured", "unexplained")] * 38
+    loud = [outcome("nothing", "effect", [SKIN]), outcome("nothing_coloured", "ambiguous", [SKIN], [], [CLOCK])]
+    beside = [outcome("background", "effect", [SKIN])] * 10
+    row = "nothing hidden, with and without coloured noise"
+    mark = judged(row, quiet + loud * 2 + beside)["false alarms"]  # 4 of 99
+    assert (mark.records, mark.met, mark.reached) == (99, True, pytest.approx(4 / 99))
+    mark = judged(row, quiet + loud * 3)["false alarms"]  # 6 of 101
+    assert (mark.met, mark.said) == (False, "5.9 % (2.8 to 12.4) of 101")
+
+
+def test_background_alone_counts_what_is_named_and_what_is_added() -> None:
+    kept = [outcome("background", "none")] * 17 + [outcome("background", "ambiguous", [SKIN], [], [CLOCK])]
+    both = judged("background only, nothing hidden", [*kept, *[outcome("background", "effect", [SKIN])] * 2])
+    assert both["a single cause named"].reached == pytest.approx(0.1) and both["a single cause named"].met
+    assert both["an effect added to the subject"].reached == pytest.approx(0.15)  # the ambiguous one as well
+    assert not both["an effect added to the subject"].met
+
+
+def test_sensor_noise_counts_class_site_and_error() -> None:
+    near = dataclasses.replace(STOP, site="lower_torso")
+    far = dataclasses.replace(STOP, site="head")
+    records = [
+        *[outcome("sensor_noise", "effect", [STOP], [STOP], floor_percent=1.0, after_percent=1.1)] * 17,
+        *[outcome("sensor_noise", "effect", [near], [STOP], floor_percent=1.0, after_percent=1.2)] * 2,
+        outcome("sensor_noise", "effect", [far], [STOP], floor_percent=1.0, after_percent=None),
+    ]
+    found = judged("catalogue effect, sensor noise", records)
+    assert [mark.reached for mark in found.values()] == pytest.approx([1.0, 0.85, 0.95, 1.1])
+    assert all(mark.met for mark in found.values())
+    found = judged("catalogue effect, sensor noise", [*records, outcome("sensor_noise", "failed", [], [STOP])])
+    assert [mark.met for mark in found.values()] == [True, False, False, True]  # 20, 17 and 19 of 21
+
+
+def test_ratios_of_the_scorer_part_the_background_rows_wherever_a_record_was_drawn() -> None:
+    records = [
+        outcome("strong", "effect", [SKIN], [SKIN], ratio=0.81, recovered=0.9),
+        outcome("weak", "ambiguous", [CLOCK], [SKIN], [STOP], ratio=0.8),
+        outcome("strong", "effect", [SKIN], [SKIN], ratio=0.41),
+        outcome("medium", "effect", [CLOCK], [SKIN], ratio=0.4),
+        outcome("medium", "effect", [CLOCK], [SKIN], ratio=None),
+        outcome("outside", "effect", [CLOCK], [SKIN], ratio=3.0),
+    ]
+    strong = judged("with background, ratio > 0.8", records)
+    assert [mark.records for mark in strong.values()] == [1, 1, 1]
+    between = judged("with background, ratio 0.4 to 0.8", records)
+    assert between["truth in the reported set"].reached == 0.5
+    assert between["size of the set where there is one, mean"].reached == 1.5
+    weak = judged("with background, ratio < 0.4", records)["a wrong single cause named"]
+    assert (weak.records, weak.reached, weak.met) == (1, 1.0, False)
+
+
+def test_energy_recovered_is_a_median_with_zeros_for_the_wrong() -> None:
+    values = [0.0, 0.0, 0.7, 0.9, 1.0]
+    records = [outcome("strong", "effect", [SKIN], [SKIN], ratio=2.0, recovered=value) for value in values]
+    mark = judged("with background, ratio > 0.8", records)["energy recovered, median"]
+    assert (mark.reached, mark.met, mark.lower) == (0.7, True, None)
+
+
+def test_what_is_outside_may_be_unexplained_or_of_its_family() -> None:
+    breath = Cause("outside", "", "memory")
+    records = [
+        *[outcome("outside", "unexplained", [], [breath], ratio=1.0)] * 7,
+        outcome("outside", "effect", [Cause("reflex", "pelvis", "memory")], [breath], ratio=1.0),
+        outcome("outside", "none", [], [breath], ratio=1.0),
+        outcome("outside", "ambiguous", [SKIN], [breath], [STOP], ratio=1.0),
+    ]
+    found = judged("effect outside the catalogue, ratio > 0.8", records)
+    assert [(mark.reached, mark.met) for mark in found.values()] == [(0.8, True), (0.1, True)]
+
+
+def test_two_effects_are_found_both_or_one() -> None:
+    two = [SKIN, STOP]
+    records = [
+        *[outcome("two", "effect", [STOP, SKIN], two)] * 6,
+        *[outcome("two", "effect", [SKIN, CLOCK], two)] * 3,
+        outcome("two", "ambiguous", [SKIN], two, [STOP]),
+    ]
+    found = judged("two effects", records)
+    assert [(mark.reached, mark.met) for mark in found.values()] == [(0.6, True), (0.9, True)]
+
+
+def test_a_row_with_too_few_records_meets_nothing() -> None:
+    records = [outcome("two", "effect", [SKIN, STOP], [SKIN, STOP])] * 39
+    assert not any(mark.met for mark in judged("two effects", records, least=40).values())
+    assert not any(mark.met for mark in judged("two effects", [], least=0).values())
+
+
+def test_every_condition_finds_its_drawings_and_enough_of_them() -> None:
+    counts = {one.name: one.count for one in DRAWINGS}
+    for row in CONDITIONS:
+        assert sum(counts[name] for name in row.drawings) >= row.least
+        assert row.least >= 40
+    assert {name for row in CONDITIONS for name in row.drawings} == set(counts)
+    with pytest.raises(ValueError, match="'elsewhere' is unknown, known are nothing,"):
+        drawings(["elsewhere"])
+    assert [(one.name, one.count) for one in drawings(["two", "weak"], 3)] == [("two", 3), ("weak", 3)]
+
+
+def test_classes_are_counted_beside_the_most_frequent_one() -> None:
+    records = [
+        outcome("strong", "effect", [SKIN], [SKIN]),
+        outcome("strong", "effect", [CLOCK], [SKIN]),
+        outcome("strong", "unexplained", [], [SKIN]),
+        outcome("strong", "effect", [SKIN], [STOP]),
+        outcome("background", "none"),
+    ]
+    skin, stop = by_class(records)
+    assert (skin.name, skin.records, skin.class_right, skin.family_right, skin.site_right) == ("skin", 3, 1, 2, 1)
+    assert skin.named == (("clock", 1), ("skin", 1), ("unexplained", 1))
+    assert (stop.records, stop.class_right, stop.named) == (1, 0, (("skin", 1),))
+    assert most_frequent(records[:4]) == ("skin", 0.75)
+    assert most_frequent([]) == ("", 0.0)
+
+
+# --- scores ----------------------------------------------------------------------------------------------------------
+
+
+def test_energy_recovered_is_a_share_of_the_oracles() -> None:
+    assert recovered(10.0, 4.0, 2.0, right=True) == pytest.approx(0.75)
+    assert recovered(10.0, 4.0, 2.0, right=False) == 0.0
+    assert recovered(2.0, 1.0, 1.99, right=True) is None
+
+
+def event(subject: Subject, number: int, seconds: float = 3.5) -> Case:
+    """What a subject shows of a made seat, with little noise."""
+    rate_hz, rng = 250.0, np.random.default_rng(number)
+    time_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    tones = rng.uniform(2.0, 20.0, 8)
+    seat = (2.0 * np.sin(2.0 * np.pi * tones * time_s[:, None] + rng.uniform(0.0, 6.0, 8))).sum(axis=1)
+    measured = predict(subject, seat, rate_hz).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    measured = measured + 0.02 * rng.standard_normal(measured.shape)
+    compared = np.zeros(measured.shape, dtype=bool)
+    compared[round(2.0 * rate_hz) :] = True
+    measured = np.where(compared, measured, 0.0)
+    frequency = np.arange(1.0, 30.0)
+    nothing = np.zeros((frequency.size, 5))
+    return Case(f"road_{number}", "road", rate_hz, seat, measured, compared, (measured**2).sum(axis=0), frequency,
+                nothing, nothing, ())  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def backrest() -> tuple[Record, Record]:
+    """A person without and with a backrest, in the same three events."""
+    leans = AppliedEffect(CATALOGUE["backrest"], "upper_torso", {"stiffness_n_per_m": 6000.0, "damping_s": 0.01})
+    found = []
+    for effects in ((), (leans,)):
+        cases = [event(dataclasses.replace(SUBJECT, effects=effects), number) for number in range(3)]
+        found.append(Record(SUBJECT, tuple(cases[:2]), tuple(cases[2:])))
+    return found[0], found[1]
+
+
+def test_refits_tell_ratio_oracle_placebo_and_generic(
+    backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain, hidden = backrest
+    # Sensors' effects alone, so that no integrators have to be compiled.
+    monkeypatch.setattr(refits, "CATALOGUE", {name: CATALOGUE[name] for name in ("backrest", "clock", "skin")})
+    fits = [fit_joint(known.train, SUBJECT, 0) for known in (hidden, plain)]
+    assert ratio(fits[1], plain.cases, fits[1], plain.cases) == 0.0
+    visible = ratio(fits[0], hidden.cases, fits[1], plain.cases)
+    assert visible > 1.0
+    truth = Cause("backrest", "upper_torso", "backrest")
+    before, best, wrong = (
+        sum_of_squares(subject, hidden.held_out)
+        for subject in (fits[0].subject, oracle(fits[0], hidden.train, truth), placebo(fits[0], hidden.train, truth))
+    )
+    floor = sum_of_squares(fits[1].subject, plain.held_out)
+    assert before > 2.0 * best
+    assert best < 1.3 * floor
+    assert wrong > best
+    named = Answer("strong", 0, "effect", unseen=("road_2", "gone"))
+    both = dataclasses.replace(plain, held_out=plain.cases)
+    assert [case.name for case in unseen(named, both).held_out] == ["road_2"]
+    assert unseen(dataclasses.replace(named, unseen=()), both).held_out == plain.cases
+    assert math.isfinite(generic_percent(fits[0], hidden))
+
+
+# --- truths ----------------------------------------------------------------------------------------------------------
+
+
+def test_truths_are_told_in_the_catalogues_words() -> None:
+    def said(kind: str, family: str, site: int) -> Cause:
+        (found,) = causes([SimpleNamespace(kind=kind, family=family, site=site)])
+        return found
+
+    assert said("cubic", "elastic", 4) == Cause("cubic", "neck", "stiffening")
+    assert said("skin", "sensor", 4) == Cause("skin", "upper_torso", "sensor")  # sensors count from the seat on
+    assert said("pitch", "sideways", -1) == Cause("pitch", "", "horizontal")
+    assert said("outside", "rubbing", 2) == Cause("outside", "", "dry_friction")
+    assert said("outside", "outside", 2) == Cause("outside", "", "outside")
+
+
+# --- runs ------------------------------------------------------------------------------------------------------------
+
+FEW = (Drawing("nothing", 2, effects=0), Drawing("strong", 3))
+
+
+def an_answer(drawing: Drawing, number: int, seed: int, split: str) -> Answer:
+    return Answer(drawing.name, number, "effect", (SKIN,), (), (1.0,) * 15, (2.0,) * 15, ({"name": "skin"},), 2.0, 1.0)
+
+
+def a_score(drawing: Drawing, answer: Answer, seed: int, split: str) -> Score:
+    return Score(drawing.name, answer.number, (SKIN,), ratio=1.5, recovered=0.5)
+
+
+def test_lines_come_back_as_they_were() -> None:
+    answer = an_answer(FEW[1], 2, 0, "development")
+    assert Answer.of(line_of(answer)) == answer
+    score = a_score(FEW[1], answer, 0, "development")
+    assert Score.of(line_of(score)) == score
+
+
+def test_verdicts_are_sealed_before_any_truth_is_drawn(tmp_path: Path) -> None:
+    happened: list[str] = []
+    what = Run(5, FEW, tmp_path / "5", "development")
+
+    def answer(drawing: Drawing, number: int, seed: int, split: str) -> Answer:
+        happened.append("answer")
+        return an_answer(drawing, number, seed, split)
+
+    def score(drawing: Drawing, answer: Answer, seed: int, split: str) -> Score:
+        assert len((what.folder / study.ANSWERS).read_text().splitlines()) == 5
+        assert len((what.folder / study.SEAL).read_text().strip()) == 64
+        assert (seed, split) == (5, "development")
+        happened.append("truth")
+        return a_score(drawing, answer, seed, split)
+
+    outcomes = study.run(
+        what, here, answer, score, lambda text: happened.append("sealed") if "sealed" in text else None
+    )
+    assert happened == ["answer"] * 5 + ["sealed"] + ["truth"] * 5
+    assert [(one.answer.row, one.answer.number) for one in outcomes] == [(d.name, n) for d, n in what.tasks]
+    assert all(one.answer.row == one.score.row and one.answer.number == one.score.number for one in outcomes)
+
+
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    what, done = Run(5, FEW, tmp_path), []
+
+    def interrupted(calls: Sequence[Call]) -> Iterator[Any]:
+        for count, (function, arguments) in enumerate(calls):
+            if count == 2:
+                raise KeyboardInterrupt
+            done.append((arguments[0].name, getattr(arguments[1], "number", arguments[1])))
+            yield function(*arguments)
+
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            study.run(what, interrupted, an_answer, a_score)
+        with (tmp_path / study.ANSWERS).open("a") as file:
+            file.write('{"row": "stro')  # a line that was cut
+    assert not (tmp_path / study.SEAL).exists()
+    assert done == [("nothing", 0), ("nothing", 1), ("strong", 0), ("strong", 1)]
+    done.clear()
+    assert len(study.run(what, here, an_answer, a_score)) == 5
+    assert len((tmp_path / study.ANSWERS).read_text().splitlines()) == 5
+
+    def nothing_left(calls: Sequence[Call]) -> Iterator[Any]:
+        assert not calls
+        return iter(())
+
+    assert len(study.run(what, nothing_left, an_answer, a_score)) == 5
+
+
+def test_answers_that_change_behind_the_seal_are_seen(tmp_path: Path) -> None:
+    what = Run(5, FEW, tmp_path)
+    study.run(what, here, an_answer, a_score)
+    path = tmp_path / study.ANSWERS
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(reversed(lines)) + "\n")
+    study.run(what, here, an_answer, a_score)  # the order is that in which they were done
+    path.write_text("\n".join(lines).replace('"verdict": "effect"', '"verdict": "none"', 1) + "\n")
+    with pytest.raises(BrokenSeal, match="have been changed"):
+        study.run(what, here, an_answer, a_score)
+    path.write_text("\n".join(lines[1:]) + "\n")
+    with pytest.raises(BrokenSeal, match="the truth has been looked at"):
+        study.run(what, here, an_answer, a_score)
+    for other in (dataclasses.replace(what, commit="later"), dataclasses.replace(what, drawings=FEW[:1])):
+        with pytest.raises(BrokenSeal, match="of another run"):
+            study.run(other, here, an_answer, a_score)
+
+
+def test_records_go_through_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "PROCESSES", 1)
+    calls = [(a_score, (FEW[1], an_answer(FEW[1], number, 0, ""), 0, "")) for number in range(2)]
+    assert {one.number for one in study.in_processes(calls)} == {0, 1}
+
+
+# --- the tracer ------------------------------------------------------------------------------------------------------
+
+
+def a_trace(known: Record) -> Trace:
+    """What a tracer might say that finds skin at the head."""
+    skin = CATALOGUE["skin"]
+    applied = AppliedEffect(skin, "head", {p.name: p.size for p in skin.parameters})
+    after = dataclasses.replace(known.subject, effects=(applied,))
+    blank = np.zeros((1, 5))
+    events = tuple(
+        Event(use, "road", use, 1.0, blank, blank, blank, _error(before), _error(before / 2.0))
+        for use, before in (("train", 90.0), ("choose", 80.0), ("held_out", 4.0), ("held_out", 6.0))
+    )
+    return Trace(
+        "effect", ("it helps", "nothing else does"), known.subject, after, (applied,), ((),), (), "sensor", "", events,
+        (), (), None, None, None, 0.01, 0.2, (), (), (), 0, "found",
+    )  # fmt: skip
+
+
+def _error(percent: float) -> Errors:
+    return Errors("", "road", np.full(5, percent), np.full(5, percent))
+
+
+def test_a_trace_becomes_plain_data() -> None:
+    known = Record(SUBJECT, (), ())
+    answer = Answer.of(line_of(answered("strong", 3, known, a_trace)))
+    assert (answer.row, answer.number, answer.verdict) == ("strong", 3, "effect")
+    assert answer.effects == (SKIN,)
+    assert (answer.before_percent, answer.after_percent) == (5.0, 2.5)  # of what is held out
+    assert answer.unseen == ("held_out", "held_out")
+    assert Subject.from_dict(SUBJECT.to_dict() | {"effects": list(answer.applied)}).effects[0].site == "head"
+    assert answer.why == "it helps; nothing else does"
+
+
+def test_a_tracer_that_fails_is_wrong_and_costs_one_record() -> None:
+    def refusing(known: Record) -> Trace:
+        raise InputError("too short")
+
+    def broken(known: Record) -> Trace:
+        raise ZeroDivisionError("oh\nno")
+
+    known = Record(SUBJECT, (), ())
+    refused = answered("strong", 0, known, refusing)
+    assert (refused.verdict, refused.why) == ("not_decidable", "too short")
+    failed = answered("strong", 0, known, broken)
+    assert (failed.verdict, failed.why) == ("failed", "ZeroDivisionError: oh no")
+    assert not Outcome(failed, Score("strong", 0, (SKIN,))).class_right
+
+
+# --- publishing ------------------------------------------------------------------------------------------------------
+
+ABOUT = About("2026-01-02", "abc", 7, "f" * 64, "e" * 64, 5)
+
+
+def test_every_full_run_is_one_more_row_of_the_table(tmp_path: Path) -> None:
+    records = [outcome("two", "effect", [SKIN, STOP], [SKIN, STOP])] * 40
+    found = marks(records)
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{BEGIN}\nstale\n{END}\nafter\n")
+    publish(tmp_path, ABOUT, records, found)
+    first = (tmp_path / RUNS).read_text()
+    publish(tmp_path, dataclasses.replace(ABOUT, seed=8), records, found)
+    both = (tmp_path / RUNS).read_text()
+    assert both.startswith(first)
+    (row,) = both[len(first) :].splitlines()
+    assert row.startswith("| 2026-01-02 | abc | 8 | ffffffffffff | eeeeeeeeeeee | 5 | 2 of ")
+    assert row.count("✗") == len(found) - 2
+    assert "seed 8" in (tmp_path / "docs/tracing.md").read_text()
+    text = readme.read_text()
+    assert text.startswith(f"before\n{BEGIN}\nRun of 2026-01-02") and text.endswith(f"{END}\nafter\n")
+    assert "stale" not in text
+
+
+def test_a_readme_without_marks_stays_as_it_is() -> None:
+    assert with_latest("nothing here\n", ["new"]) == "nothing here\n"
+
+
+def test_a_partial_run_is_not_published(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
+    monkeypatch.setattr(command, "publish", lambda *given: pytest.fail("published"))
+    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, an_answer, a_score))
+    given = ["--rows", "strong", "--count", "2", "--split", "development", "--out", str(tmp_path)]
+    assert command.main([*given, "--seed", "11"]) == 1
+    assert "seed 11, a partial run" in capsys.readouterr().out
+    assert json.loads((tmp_path / "11-partial" / study.PLAN).read_text())["rows"] == {"strong": 2}
+    # Its truths have been looked at.
+    assert command.main(["--seed", "11", "--out", str(tmp_path)]) == 2
+    assert "take another" in capsys.readouterr().err
+    assert command.main(given) == 1
+    seeds = {path.name for path in tmp_path.iterdir()}
+    assert len(seeds) == 2  # the second is fresh
+
+
+def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    published: list[About] = []
+    monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
+    monkeypatch.setattr(command, "publish", lambda root, about, outcomes, found: published.append(about))
+    monkeypatch.setattr(command, "thresholds", lambda: "0" * 64)
+    monkeypatch.setattr(command.streams, "outcomes", lambda seed: [])
+    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, an_answer, a_score))
+    assert command.main(["--out", str(tmp_path), "--seed", "3"]) == 1
+    (about,) = published
+    assert (about.seed, about.records) == (3, sum(one.count for one in DRAWINGS))
+    commits = iter(["one", "two"])
+    monkeypatch.setattr(command, "commit", lambda: next(commits))
+    assert command.main(["--out", str(tmp_path), "--seed", "4"]) == 2
+    assert len(published) == 1
+
+
+def test_the_page_has_every_mark_and_class() -> None:
+    records = [
+        outcome("strong", "effect", [CLOCK], [SKIN], ratio=1.0, before_percent=4.0, floor_percent=2.0),
+        outcome("background", "none"),
+    ]
+    text = rendered(records, marks(records), "Run of today.")
+    assert "| skin | 1 | 0 | 1 | 0 | 0 | clock 1 |" in text
+    assert "| strong | 1.00 | 2.00 | 4.00 | - | - | - | - |" in text
+    assert all(rule.what in text for row in CONDITIONS for rule in row.rules)
+
+
+def test_measured_streams_are_judged_as_the_background_rows() -> None:
+    def graded(fault: str, size: float, verdict: str, name: str, *beside: str) -> Outcome:
+        found = SimpleNamespace(verdict=verdict, name=name, ambiguous_with=beside)
+        return streams.outcome(0, SimpleNamespace(found=found, fault=fault, ratio=size))
+
+    records = [
+        graded("none", 0.0, "none", ""),
+        graded("none", 0.0, "effect", "gain"),
+        graded("gain", 1.2, "effect", "gain"),
+        graded("gain", 1.2, "effect", "skin"),
+        graded("tilt", 0.5, "ambiguous", "gain", "tilt"),
+        graded("tilt", 0.1, "unexplained", ""),
+    ]
+    found = [mark.reached for mark in marks(records, MEASURED)]
+    assert found == [0.5, 0.5, 1.0, 1.0, 2.0, 0.0]
+
+
+def test_a_record_does_not_depend_on_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[Any, ...]] = []
+
+    def drawn(count: int, seed: int, *given: Any, first: int) -> list[tuple[int, int]]:
+        asked.append((count, *given))
+        return [(seed, first)]
+
+    monkeypatch.setattr("blind.tracing.records.sittings_drawn", drawn)
+    seeds = {sitting(FEW[1], 4, seed, "development") for seed in (1, 2)} | {sitting(FEW[0], 4, 1, "development")}
+    assert len({seed for seed, _ in seeds}) == 3 and {number for _, number in seeds} == {4}
+    assert {count for count, *_ in asked} == {1}
+    assert sitting(FEW[1], 4, 1, "development") in seeds
+
+
+@pytest.fixture(scope="module")
+def short_sitting() -> Sitting:
+    """A real one of the world: a stretch of made road to fit to, and one held out."""
+    plan = Plan(counts=(1, 0, 0), seconds=(3.0, 0.0, 0.0), uses=("fit", "held"), recorded=False)
+    return sitting(Drawing("nothing_coloured", 1, effects=0, level=0.0, coloured=True), 1, 3, "development", plan)
+
+
+def test_a_sitting_becomes_a_record_with_noise_that_does_not_follow_the_seat(short_sitting: Sitting) -> None:
+    plain, noisy = record(short_sitting), record(short_sitting, coloured=True)
+    assert [case.name for case in plain.cases] == ["fit/road_1", "held/road_1"]
+    assert (plain.subject.mass_matrix, plain.left_out, noisy.left_out) == ("cascade", (), ())
+    assert {"seat.x", "seat.rate_y", "head.x"} <= set(plain.train[0].channels)
+    for one, other in zip(plain.cases, noisy.cases, strict=True):
+        assert np.array_equal(one.seat_mps2, other.seat_mps2)
+        moving = slice(round(3.0 * one.rate_hz), round(4.5 * one.rate_hz))
+        added = (other.measured_mps2 - one.measured_mps2)[moving]
+        assert np.sqrt((added**2).mean(axis=0)) == pytest.approx(0.3, rel=0.35)
+
+
+def test_a_sitting_is_the_same_by_itself_and_among_others() -> None:
+    plan = Plan(counts=(1, 0, 0), seconds=(1.0, 0.0, 0.0), uses=("fit",), recorded=False)
+    drawn = partial(sittings_drawn, seed=3, effects=0, plan=plan)
+    _, second = drawn(2)
+    (alone,) = drawn(1, first=1)
+    assert np.array_equal(alone.theta, second.theta) and alone.seed == second.seed
+    assert np.array_equal(alone.streams(0)["head"][1], second.streams(0)["head"][1])
+
+
+def test_events_that_cannot_be_read_are_told(short_sitting: Sitting) -> None:
+    streams_of = {name: tuple(part[:40] for part in stream) for name, stream in short_sitting.streams(0).items()}
+    cut = SimpleNamespace(
+        events=short_sitting.events, streams=lambda index, with_effects: streams_of, seed=0,
+        body_mass_kg=70.0, mass_matrix="segment",
+    )  # fmt: skip
+    found = record(cut)
+    assert (found.cases, len(found.left_out)) == ((), 2)
+    assert found.left_out[0].startswith("fit/road_1: ")
+    answer = answered("strong", 0, found, lambda known: a_trace(dataclasses.replace(known, subject=SUBJECT)))
+    assert "held/road_1: " in answer.why
+
+
+def test_the_forms_that_are_scored_are_named_nowhere() -> None:
+    root = Path(blind.__file__).parent
+    assert not [path for path in root.rglob("*.py") if "blind_forms" in path.read_text(encoding="utf-8")]
