@@ -37,7 +37,7 @@ def assert_theta_is_true(found: Settled, rel: float) -> None:
 )
 def test_theta_and_what_was_hidden_come_back_together(change, law, name: str, site: str, truth: dict) -> None:
     background = hiding.background(change, law)
-    found = settle(background, applied(name, site))
+    found = settle(background, applied(name, site), with_intervals=True)
     assert found.applied is not None and set(truth) <= set(found.applied.values)
     for parameter, value in truth.items():
         # A share of it may stay with a usual departure of the same law.
@@ -51,11 +51,11 @@ def test_theta_and_what_was_hidden_come_back_together(change, law, name: str, si
 
 def test_the_interval_is_around_the_size_and_narrower_where_more_is_fitted_to() -> None:
     background = hiding.background(hiding.louder)
-    found = settle(background, applied("gain", "neck"))
+    found = settle(background, applied("gain", "neck"), with_intervals=True)
     ((low, high),) = found.intervals
     assert low < 0.1 < high and high - low < 0.15
     fewer = dataclasses.replace(background, weight=0.25 * background.weight)
-    ((wide_low, wide_high),) = settle(fewer, applied("gain", "neck")).intervals
+    ((wide_low, wide_high),) = settle(fewer, applied("gain", "neck"), with_intervals=True).intervals
     assert wide_high - wide_low > 1.1 * (high - low)
 
 

@@ -273,7 +273,8 @@ def test_no_document_holds_what_json_does_not_know(verdict: Verdict) -> None:
         document = trace_document(trace)
         json.dumps(document, allow_nan=False)
         text_of(document)
-    assert "nan" not in page_of(trace)[1].text.lower().split()
+    if verdict == "unexplained":  # the one page with every drawing
+        assert "nan" not in page_of(trace)[1].text.lower().split()
 
 
 # --- wording ---------------------------------------------------------------------------------------------------------

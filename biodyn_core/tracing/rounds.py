@@ -28,6 +28,9 @@ Tell = Callable[[str, float], None]
 Kept = MutableMapping[str, Any]
 """What is kept of the long parts of a trace, by a key that tells one problem from another."""
 
+FROM_ALL: Final = 6
+"""So many of those in the running are started from all their shapes and strengths."""
+
 LEAST_EVENTS: Final = 3
 LEAST_CASES: Final = 2
 """An effect is believed where it helps in so many events, or in events of so many loading conditions."""
@@ -92,7 +95,7 @@ def one_round(
     rungs = []
     running = glanced.running(settings.refined)
     for number, one in enumerate(running):
-        start = _best_start(few, glanced.screening, one.applied)
+        start = _best_start(few, glanced.screening, one.applied) if number < FROM_ALL else one.applied
         rungs.append(_rung(background, without, start, one.screened))
         tell("settling", (number + 1) / len(running))
     rungs = sorted([*rungs, *_clocks(background, without, glanced.screening)], key=lambda rung: -rung.gain)
@@ -103,7 +106,10 @@ def one_round(
     if index is None:
         return Outcome(Round(ladder, threshold, None, ()), background, without, None)
     rivals = _rivals(index, told, rungs, glanced.screening, settings)
-    return Outcome(Round(ladder, threshold, told[index], rivals), background, without, rungs[index].settled)
+    # Settled once more: a clock that was set in every event has no place in a subject, one that is late has.
+    settled = settle(background, rungs[index].applied, with_intervals=True)
+    settled = dataclasses.replace(settled, left=rungs[index].settled.left)
+    return Outcome(Round(ladder, threshold, told[index], rivals), background, without, settled)
 
 
 def _glanced(

@@ -62,8 +62,13 @@ class Settled:
     at_bound: tuple[str, ...] = ()
 
 
-def settle(background: Background, start: AppliedEffect | None, steps: int = STEPS) -> Settled:
-    """Fit theta, the departures and an effect from its start values; without an effect, theta and departures alone."""
+def settle(
+    background: Background, start: AppliedEffect | None, steps: int = STEPS, with_intervals: bool = False
+) -> Settled:  # fmt: skip
+    """Fit theta, the departures and an effect from its start values; without an effect, theta and departures alone.
+
+    Intervals, which take as long as a step, where they are asked for.
+    """
     problem = _Problem(background, start)
     at = problem.at(np.zeros(N_THETA), problem.unbounded(start))
     for _ in range(steps):
@@ -78,8 +83,11 @@ def settle(background: Background, start: AppliedEffect | None, steps: int = STE
         return Settled(at.subject, start, at.b, np.inf, 0.0, background.choose.products.square)
     left = predicted(background.choose, at.subject).left(at.b)
     applied = problem.applied(at.psi) if start else None
-    ends = problem.intervals(at), problem.at_bound(at.psi)
-    return Settled(at.subject, applied, at.b, at.objective, problem.stretched(at), left, *ends)
+    intervals = problem.intervals(at) if with_intervals else ()
+    stretched = problem.stretched(at)
+    return Settled(
+        at.subject, applied, at.b, at.objective, stretched, left, intervals, problem.at_bound(at.psi)
+    )  # fmt: skip
 
 
 def relief(without: Settled, settled: Settled) -> float:
@@ -115,6 +123,7 @@ class _Point:
     delta: Floats
     psi: Floats
     subject: Subject
+    answers: list[Floats]
     missed: list[Floats]
     products: Products
     b: Floats
@@ -137,15 +146,17 @@ class _Problem:
         """Simulate a point, with the departures that are best there; its objective is infinite where it runs away."""
         train, weight = self._background.train, self._background.weight
         subject = self._subject(delta, psi)
-        missed = train.missed(subject)
+        answers = [answer(subject, case) for case in train.cases]
+        missed = [rows.missed(one) for rows, one in zip(train.rows, answers, strict=True)]
         products = train.of(missed)
         if not products.square.max() < RUNAWAY_MPS2**2:  # NaN runs away too
-            return _Point(delta, psi, subject, missed, products, np.zeros(len(self._normal)), np.inf)
+            return _Point(delta, psi, subject, answers, missed, products, np.zeros(len(self._normal)), np.inf)
         asked = weight @ products.miss[:, N_THETA:]
         own = self._own @ asked
         moved = float(self._background.precision[:N_THETA] @ delta**2)
         objective = float(weight @ products.square) - float(asked @ own) + moved
-        return _Point(delta, psi, subject, missed, products, np.concatenate([np.zeros(N_THETA), own]), objective)
+        b = np.concatenate([np.zeros(N_THETA), own])
+        return _Point(delta, psi, subject, answers, missed, products, b, objective)
 
     def step(self, at: _Point) -> tuple[Floats, Floats]:
         """Where Gauss and Newton would go from here: delta (14,) and psi (p,)."""
@@ -216,9 +227,8 @@ class _Problem:
 
     def _by_psi(self, at: _Point) -> list[Floats]:
         """Derivatives (w, r, p) of each fitted event's rows by psi."""
-        found = []
-        for rows, case in zip(self._background.train.rows, self._background.train.cases, strict=True):
-            plain = answer(at.subject, case)
+        found, train = [], self._background.train
+        for rows, case, plain in zip(train.rows, train.cases, at.answers, strict=True):
             stepped = [answer(self._subject(at.delta, at.psi + nudge), case) for nudge in NUDGE * np.eye(at.psi.size)]
             found.append(rows(np.stack([(one - plain) / NUDGE for one in stepped], axis=2)))
         return found
