@@ -22,7 +22,7 @@ EFFECT = Effect(
     equation="F += b g rate |rate|",
     signature="peaks of shocks over-predicted, the road well",
     place="joint",
-    parameters=(EffectParameter("growth_s_per_m", "s/m", 0.0, 60.0, 2.0, "strength"),),
+    parameters=(EffectParameter("growth_s_per_m", "s/m", 0.0, 200.0, 2.0, "strength"),),
     constants=_constants,
     force=force,
 )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import at_bound
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
@@ -92,11 +93,18 @@ def one_round(
     glanced = _glanced(few, candidates([*train, *choose])[0], settings, seed, tell, kept)
     background = Background.of(subject, train, choose, settings.background)
     without = settle(background, None)
+    if not np.isfinite(without.objective):
+        names = ", ".join(case.name for case in choose)
+        raise InputError(
+            f"{subject.name}: the fitted chain runs away in one of {names}; look for outliers, leave it out"
+        )
     rungs = []
     running = glanced.running(settings.refined)
     for number, one in enumerate(running):
         start = _best_start(few, glanced.screening, one.applied) if number < FROM_ALL else one.applied
-        rungs.append(_rung(background, without, start, one.screened))
+        settled = settle(background, start)
+        if np.isfinite(settled.objective):
+            rungs.append(_rung(background, without, settled, one.screened))
         tell("settling", (number + 1) / len(running))
     rungs = sorted([*rungs, *_clocks(background, without, glanced.screening)], key=lambda rung: -rung.gain)
     threshold = max(settings.least_gain, float(np.quantile(glanced.screening.chance, 0.95)))
@@ -147,8 +155,8 @@ def _best_start(few: Background, screening: Screening, start: AppliedEffect) -> 
     return start if best.applied is None or not np.isfinite(best.objective) else best.applied
 
 
-def _rung(background: Background, without: Settled, start: AppliedEffect, screened: Screened) -> _Rung:
-    settled, p = settle(background, start), background.choose.products
+def _rung(background: Background, without: Settled, settled: Settled, screened: Screened) -> _Rung:
+    p = background.choose.products
     gains = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0] + relief(without, settled)
     return _Rung(settled, gains, screened.absorbed, screened)
 

@@ -82,6 +82,8 @@ def settle(
     if not np.isfinite(at.objective):
         return Settled(at.subject, start, at.b, np.inf, 0.0, background.choose.products.square)
     left = predicted(background.choose, at.subject).left(at.b)
+    if not left.max() < RUNAWAY_MPS2**2:  # it holds where it was fitted, and runs away elsewhere
+        return Settled(at.subject, start, at.b, np.inf, 0.0, background.choose.products.square)
     applied = problem.applied(at.psi) if start else None
     intervals = problem.intervals(at) if with_intervals else ()
     stretched = problem.stretched(at)

@@ -26,8 +26,9 @@ from biodyn_core.tracing.polish import polished
 from biodyn_core.tracing.rounds import Kept, Outcome, one_round
 from biodyn_core.tracing.screen import candidates
 from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.settle import AT_BOUND
 from biodyn_core.tracing.surface import surface
-from biodyn_core.tracing.verdict import explained, judged
+from biodyn_core.tracing.verdict import explained, judged, named
 
 Floats = NDArray[np.float64]
 Tell = Callable[[str, float], None]
@@ -118,6 +119,7 @@ def _found(
     looked = diagnose(before, outcomes[0].background)
     law = _surface(outcomes[0]) if not added else None
     verdict, reasons = judged(outcomes, law, s)
+    reasons += tuple(line for applied in added for line in _on_bounds(applied))
     taken = [outcome for outcome in outcomes if outcome.taken is not None][: len(added)]
     first = outcomes[0].round
     best = first.taken or (first.ladder[0] if first.ladder else None)
@@ -230,6 +232,8 @@ def _interval(parameter: EffectParameter, value: float, low: float, high: float)
     lower, width = parameter.lower, parameter.upper - parameter.lower
     share = np.clip((np.array([low, value, high]) - lower) / width, 1e-9, 1.0 - 1e-9)
     psi = np.log(share / (1.0 - share))
+    if share[1] < AT_BOUND or share[1] > 1.0 - AT_BOUND:  # nothing is symmetric about an end
+        return Interval(parameter.name, parameter.unit, value, min(low, value), max(high, value))
     half = 0.5 * (psi[2] - psi[0])
     ends = lower + width * 0.5 * (1.0 + np.tanh(0.5 * (psi[1] + np.array([-half, half]))))
     return Interval(parameter.name, parameter.unit, value, float(ends[0]), float(ends[1]))
@@ -243,6 +247,18 @@ def _departures(outcome: Outcome) -> tuple[Departure, ...]:
         for name, times in zip(outcome.background.names, settled.departures[N_THETA:], strict=True)
     ]
     return tuple(sorted(found, key=lambda one: -abs(one.times_usual)))
+
+
+def _on_bounds(applied: AppliedEffect) -> list[str]:
+    """A line for each value that ends on a bound once departures are left out: the form of the law fits only roughly."""
+    found = []
+    for p in applied.effect.parameters:
+        share = (applied.values[p.name] - p.lower) / (p.upper - p.lower)
+        if p.kind == "strength" and (share < AT_BOUND or share > 1.0 - AT_BOUND):
+            found.append(
+                f"{p.name} of {named(applied)} ends on its bound in the new subject: its form fits only roughly"
+            )
+    return found
 
 
 def _family(effects: Sequence[AppliedEffect]) -> str:
