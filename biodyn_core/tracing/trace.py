@@ -250,7 +250,7 @@ def _departures(outcome: Outcome) -> tuple[Departure, ...]:
 
 
 def _on_bounds(applied: AppliedEffect) -> list[str]:
-    """A line for each value that ends on a bound once departures are left out: the form of the law fits only roughly."""
+    """A line for each strength that ends on a bound once departures are left out: the law's form fits only roughly."""
     found = []
     for p in applied.effect.parameters:
         share = (applied.values[p.name] - p.lower) / (p.upper - p.lower)
