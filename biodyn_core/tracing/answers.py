@@ -41,4 +41,6 @@ def _simulated(subject: Subject, case: Case) -> Floats:
     chain = Chain.of(subject)
     seat = felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels)
     accel = Stepper(chain, case.rate_hz, chain.substeps(case.rate_hz)).push(seat, channels=case.channels)
+    if not np.isfinite(accel).all():  # no sensor shows what has run away
+        return np.full((len(accel), len(MEASURED_SEGMENT_INDEX)), np.nan)
     return shown(subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]

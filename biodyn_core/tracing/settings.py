@@ -26,7 +26,7 @@ class TraceSettings:
 
     most_effects: int = setting(3, "effects that are added at most", "", 1, 10)
     least_gain: float = setting(
-        0.12,
+        0.15,
         "what a gain must exceed at least, in mean log ratio: bodies without anything hidden reach it",
         "",
         0.0,

@@ -111,6 +111,8 @@ def predicted(side: Side, subject: Subject) -> Products:
 def _descended(problem: _Problem, at: _Point) -> _Point | None:
     """A point from which less is left, the first along the step; None where there is none."""
     delta, psi = problem.step(at)
+    if not (np.isfinite(delta).all() and np.isfinite(psi).all()):  # beside the point the chain runs away
+        return None
     for share in SHARES:
         tried = problem.at(at.delta + share * (delta - at.delta), at.psi + share * (psi - at.psi))
         if tried.objective < at.objective:

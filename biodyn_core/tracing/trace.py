@@ -28,6 +28,7 @@ from biodyn_core.tracing.screen import candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import AT_BOUND
 from biodyn_core.tracing.surface import surface
+from biodyn_core.tracing.upright import upright
 from biodyn_core.tracing.verdict import explained, judged, named
 
 Floats = NDArray[np.float64]
@@ -157,10 +158,17 @@ def _surface(outcome: Outcome) -> Surface | None:
 
 
 def _usable(train: Sequence[Case], held_out: Sequence[Case]) -> tuple[list[Case], list[Case], list[str]]:
-    """The events without sensors that clipped or failed there, and what was left out: masked, not modelled."""
-    cleaned = [[gate.cleaned(case) for case in cases] for cases in (train, held_out)]
-    kept = [[case for case, _ in side if case.energy.any()] for side in cleaned]
-    return kept[0], kept[1], [line for side in cleaned for _, lines in side for line in lines]
+    """The events upright and without sensors that clipped or failed there, and what was left out or as it was."""
+    said: list[str] = []
+    kept: tuple[list[Case], list[Case]] = ([], [])
+    for side, cases in zip(kept, (train, held_out), strict=True):
+        for case in cases:
+            cleaned, lost = gate.cleaned(case)
+            found, leaning = upright(cleaned)
+            said += lost + leaning
+            if found.energy.any():
+                side.append(found)
+    return kept[0], kept[1], said
 
 
 def _lacking(train: Sequence[Case], held_out: Sequence[Case], s: TraceSettings) -> list[str]:

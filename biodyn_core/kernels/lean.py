@@ -1,0 +1,38 @@
+"""Which way is up for a sensor that turns: the vertical followed by its own rates."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.kernels.compiling import compiled
+
+Floats = NDArray[np.float64]
+
+
+@compiled
+def follow_up(rates_radps: Floats, step_s: float, up: Floats) -> None:
+    """The direction that was up (0, 0, 1) at the first sample, in the sensor's axes at every sample, into up (n, 3).
+
+    rates_radps (n, 3) in the sensor's axes. What is fixed in the world turns the other way in the sensor: Rodrigues'
+    rotation by the mean rate of each step, exact for a steady one.
+    """
+    x, y, z = 0.0, 0.0, 1.0
+    up[0, 0], up[0, 1], up[0, 2] = x, y, z
+    for n in range(1, rates_radps.shape[0]):
+        a = -0.5 * step_s * (rates_radps[n - 1, 0] + rates_radps[n, 0])
+        b = -0.5 * step_s * (rates_radps[n - 1, 1] + rates_radps[n, 1])
+        c = -0.5 * step_s * (rates_radps[n - 1, 2] + rates_radps[n, 2])
+        angle = math.sqrt(a * a + b * b + c * c)
+        if angle > 0.0:
+            a, b, c = a / angle, b / angle, c / angle
+            sine, cosine = math.sin(angle), math.cos(angle)
+            along = (1.0 - cosine) * (a * x + b * y + c * z)
+            x, y, z = (
+                x * cosine + (b * z - c * y) * sine + a * along,
+                y * cosine + (c * x - a * z) * sine + b * along,
+                z * cosine + (a * y - b * x) * sine + c * along,
+            )
+        up[n, 0], up[n, 1], up[n, 2] = x, y, z
