@@ -158,8 +158,9 @@ def _chance(document: Document) -> str:
         return "how often chance does as much is not known"
     gains = [each["gain"] for each in document["candidates"] if each["gain"] is not None]
     best = f", the best reached {number(max(gains))}" if gains else ""
-    often = f"where nothing is missing, chance does as well {100.0 * p_value:.2g} % of the time"
-    return f"{often}; a gain had to exceed {number(threshold)} ({CALIBRATED[document['calibrated']]}){best}"
+    often = f"a residual of these colours without a cause does as well {100.0 * p_value:.2g} % of the time"
+    blind = "that knows no misfit that is alike in every event, for which"
+    return f"{often}; {blind} a gain had to exceed {number(threshold)} ({CALIBRATED[document['calibrated']]}){best}"
 
 
 # --- diagnostics -----------------------------------------------------------------------------------------------------
@@ -200,8 +201,9 @@ def _level(found: Document) -> list[str]:
     slope = found["level_slope"]
     if slope is None:
         return []
-    how = "in proportion to" if abs(slope - 1.0) < 0.15 else "faster than" if slope > 1.0 else "slower than"
-    return [f"from event to event the residual grows {how} the peak (slope {slope:.2f}; 1 is a linear effect)"]
+    how = "in proportion to" if abs(slope) < 0.15 else "faster than" if slope > 0.0 else "slower than"
+    line = f"from event to event the residual grows {how} the peak"
+    return [f"{line} (slope of the relative residual {slope:.2f}; 0 is a linear effect)"]
 
 
 def _jump(found: Document) -> list[str]:
@@ -209,7 +211,7 @@ def _jump(found: Document) -> list[str]:
     if jump is None or jump["p_value"] is None:
         return []
     chance = f"chance does as much {100 * jump['p_value']:.2g} % of the time"
-    return [f"in the order of time the residual changes most at {jump['event']}; {chance}"]
+    return [f"in the order given the residual changes most at {jump['event']}; {chance}"]
 
 
 def _seat(found: Document) -> list[str]:

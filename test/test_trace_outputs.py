@@ -313,7 +313,7 @@ def test_diagnostics_are_sentences_with_numbers() -> None:
     for expected in (
         "rail 19.0 (9.00)", "seat 21 % (pelvis)", "upper torso 1.40 %, seat 14.0 %",
         "lies in the joint below pelvis",
-        "faster than the peak (slope 1.80", "changes most at rail_1; chance does as much 40 %",
+        "faster than the peak (slope of the relative residual 1.80", "changes most at rail_1; chance does as much 40 %",
         "1.30 times what it carries, more than its weight", "Table 1: natural frequency, head",
         "damping ratio, neck 0.900",
     ):  # fmt: skip

@@ -111,7 +111,7 @@ class Diagnostics:
     to the quietest condition alone, and of the one fitted to all. coherent: per channel, the segment whose residual
     goes most with it, and the share of its power, with chance taken off. peeling: per sub-chain, from the head down,
     named by the sensor that drives it, normalised rms percent of what is above. bracket: the joints that this points
-    to. level_slope: d log residual / d log peak of the events. jump: the event, in the order given, at which the
+    to. level_slope: d log of the relative residual / d log peak. jump: the event, in the order given, at which the
     residual changes most, with how often chance does as much. pinned: parameters on a bound. drift: per parameter, ln
     of largest over smallest among the conditions' own values. pulled_down: the most that any event's seat would have to
     hold the body down, over the weight it carries.

@@ -57,7 +57,7 @@ def trace(
     train, held_out, left_out = _usable(train, held_out)
     choose, report = dealt(held_out)
     lacking = _lacking(train, held_out, s)
-    if not train or not choose or not report:
+    if not train:
         return _undecided(train, choose, report, subject, subject, lacking, left_out, seed)
     tell("fitting theta", 0.0)
     before = _refitted(train, subject, s, seed, kept)
@@ -292,6 +292,3 @@ def _floor_percent(cases: Sequence[Case], subject: Subject) -> float | None:
         rms = np.sqrt(case.energy / np.maximum(case.compared.sum(axis=0), 1))
         found.append(100.0 * np.mean(noise[case.energy > 0.0] / rms[case.energy > 0.0]))
     return float(np.mean(found)) if found else None
-
-
-__all__ = ["dealt", "trace"]
