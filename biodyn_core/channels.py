@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from biodyn_core.conditioning import Block, Conditioner, Vector
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
+from biodyn_core.upright import STILL_RADPS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -56,6 +57,8 @@ class Gyro:
         self._stamps: list[Integers] = []
         self._rates: list[Floats] = []
         self._usable: list[Flags] = []
+        self.still = False
+        """Whether rates scattered little at rest, so that their bias is one; known once it has been taken off."""
 
     def push(self, stamps_ns: Integers, usable: Flags, rates_radps: Floats | None) -> None:
         """Take stamps (n,) in order of arrival, whether the accelerations are usable (n,), and rates (n, 3), if any."""
@@ -80,6 +83,7 @@ class Gyro:
         at_rest = at_rest[~np.isnan(at_rest[:, 0])]
         if at_rest.size == 0:
             raise InputError(f"{conditioner.sensor}: no angular rates at rest, so their bias is unknown: left out")
+        self.still = bool((at_rest.std(axis=0) < STILL_RADPS).all())
         usable[: conditioner.waited] = False
         read = _paired(np.concatenate([block.stamps_ns for block in blocks]), stamps[usable])
         found = np.where((read >= 0)[:, None], rates[usable][read], np.nan) - at_rest.mean(axis=0)

@@ -30,6 +30,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
+from biodyn_core.upright import BLIND_S, true_vertical_mps2
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -94,6 +95,9 @@ class RecordingSettings:
         0.004, "a straight line across a gap up to this long is kept, a longer one is masked", "s", 0.0, 0.05
     )
     keep_level: bool = setting(False, "keep what a channel's level has moved by since rest, instead of taking it off")
+    keep_lean: bool = setting(
+        False, "keep verticals along the axis that was up at rest, though a gyro says that its sensor leans"
+    )
     moved_level_mps2: float = setting(
         0.3, "a level moved by more than this is said: 14 deg of lean, or a bias", "m/s^2", 0.0, 100.0
     )
@@ -123,14 +127,16 @@ class Recorder:
         given = verticals or {}
         self._with_channels = channels
         self._sensors = {
-            sensor: _Sensor(Conditioner(sensor, conditioning, "zero_phase", given.get(sensor)), channels)
+            sensor: _Sensor(
+                Conditioner(sensor, conditioning, "zero_phase", given.get(sensor)), channels, self.settings.keep_lean
+            )
             for sensor in SENSORS
         }
 
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats, rates_radps: Floats | None = None) -> None:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival.
 
-        rates_radps (n, 3) in the same axes, NaN where there are none; looked at with `channels` alone.
+        rates_radps (n, 3) in the same axes, NaN where there are none: with them verticals stay upright.
         """
         if sensor not in self._sensors:
             raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
@@ -254,14 +260,23 @@ class _Run(NamedTuple):
     block: Block
     rates_radps: Floats | None = None
 
+    def turning(self, rotation: Floats) -> Floats:
+        """Rates (n, 3) in the axes that were level at rest; raises ValueError where the gyro has a gap."""
+        assert self.rates_radps is not None
+        longest = max((end - begin for begin, end in stretches(np.isnan(self.rates_radps[:, 0]))), default=0)
+        if longest > BLIND_S * self.block.rate_hz:
+            raise ValueError(f"its gyro has a gap of {longest / self.block.rate_hz:.2g} s")
+        return np.asarray(bridged(self.block.time_s, self.rates_radps) @ rotation.T)
+
 
 class _Sensor:
     """One sensor on its way into a recording: its conditioned runs, and which of their samples were not truly read."""
 
-    def __init__(self, conditioner: Conditioner, with_channels: bool) -> None:
+    def __init__(self, conditioner: Conditioner, with_channels: bool, keep_lean: bool) -> None:
         self._conditioner = conditioner
-        self._gyro = Gyro() if with_channels else None
-        self._why_no_rates: str | None = None
+        self._with_channels, self._keep_lean = with_channels, keep_lean
+        self._gyro = Gyro()
+        self._said: list[str] = []
         self._usable: list[Integers] = []
         self._clipped: list[Integers] = []
         self._read = self._clipped_ns = _NONE
@@ -274,23 +289,48 @@ class _Sensor:
         usable = largest < IMPLAUSIBLE * limit
         self._usable.append(stamps_ns[usable].astype(np.int64))
         self._clipped.append(stamps_ns[largest >= limit].astype(np.int64))
-        if self._gyro is not None:
-            self._gyro.push(stamps_ns, usable, rates_radps)
+        self._gyro.push(stamps_ns, usable, rates_radps)
         self._blocks += self._conditioner.push(stamps_ns, samples_mps2)
 
     def finish(self) -> None:
         blocks = self._blocks + self._conditioner.finish()
         self.runs = [_Run(block) for block in blocks]
-        if self._gyro is not None and blocks:
+        if blocks:
             try:
                 rates = self._gyro.on(blocks, self._conditioner)
-                self.runs = [_Run(*pair) for pair in zip(blocks, rates, strict=True)]
             except InputError as error:
-                self._why_no_rates = str(error)
+                self._said += [str(error)] if self._with_channels else []
+            else:
+                self.runs = [_Run(*pair) for pair in zip(blocks, rates, strict=True)]
+                self._set_upright()
         # Sorted once: a record full of gaps has thousands of runs to look up.
         self._read, self._clipped_ns = (
             np.unique(np.concatenate([*part, _NONE])) for part in (self._usable, self._clipped)
         )
+
+    def _set_upright(self) -> None:
+        """The verticals of all runs by where their gyro says that up is, or a line saying why not."""
+        status = self._conditioner.status()
+        if self._keep_lean:
+            return
+        assert status.vertical is not None and status.gravity_mps2 is not None  # it has been levelled by it
+        rotation = rotation_to_vertical(np.array(status.vertical))
+        try:
+            if not self._gyro.still:
+                raise ValueError("its gyro does not rest at the begin")
+            verticals = [
+                true_vertical_mps2(
+                    run.block.levelled_mps2, run.turning(rotation), run.block.rate_hz, status.gravity_mps2
+                )
+                for run in self.runs
+            ]
+        except ValueError as error:
+            self._said.append(f"{self._conditioner.sensor}: {error}, so its vertical is the axis that was up at rest")
+            return
+        self.runs = [
+            run._replace(block=run.block._replace(low_passed_mps2=self._conditioner.zero_phase(vertical)))
+            for run, vertical in zip(self.runs, verticals, strict=True)
+        ]
 
     def reach(self, rate_hz: float) -> int:
         """How many samples the low-pass reaches to either side: until its slowest pole has died away."""
@@ -319,7 +359,7 @@ class _Sensor:
         block, reach = run.block, self.reach(run.block.rate_hz)
         masked = around(misread, reach, reach)
         tracks = [np.where(masked, np.nan, block.low_passed_mps2)]
-        if self._gyro is None:
+        if not self._with_channels:
             return tracks
         up = self._conditioner.status().vertical
         assert up is not None  # it has been levelled by it
@@ -361,8 +401,7 @@ class _Sensor:
         if not self.runs:
             yield self.why_nothing()
             return
-        if self._why_no_rates:
-            yield self._why_no_rates
+        yield from self._said
         yield from (f"{sensor}: {line}" for line in status.warnings)
         if status.clipped:
             yield f"{sensor}: {status.clipped} samples clipped, masked"

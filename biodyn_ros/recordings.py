@@ -48,6 +48,7 @@ def read_recordings(
     """
     options = options or RecordingOptions()
     verticals = PipelineSettings(vertical=options.vertical).verticals()
+    with_rates = options.channels or not (options.recording or RecordingSettings()).keep_lean
     recorder = Recorder(
         case or case_of(bag), str(bag), options.conditioning, options.recording, verticals, options.channels
     )
@@ -58,7 +59,7 @@ def read_recordings(
         total = sum(topic.messages for topic in reader.topics if topic.name in sensors)
         done = 0
         by_topic = {name: choice.time for name, choice in times.items()}
-        for topic, block in imu_blocks(reader, sensors, by_topic, options.channels):
+        for topic, block in imu_blocks(reader, sensors, by_topic, with_rates):
             recorder.push(sensors[topic], block.stamps_ns, block.accel_mps2, block.gyro_radps)
             clocks[topic].push(block.header_ns, block.log_ns)
             done += len(block.stamps_ns)

@@ -32,6 +32,7 @@ LAYERS = (
         "response",
         "rest",
         "synthesis",
+        "upright",
         "weighting",
     ),
     ("pipeline",),

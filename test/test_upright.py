@@ -1,86 +1,112 @@
 """Where up is for a sensor that leans while it moves."""
 
-import dataclasses
-
-import hiding
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from biodyn_core.identification.problem import Case
 from biodyn_core.kernels.lean import follow_up
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.tracing.upright import upright
+from biodyn_core.recording import Recorder, Recording, RecordingSettings
+from biodyn_core.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
+from biodyn_core.upright import true_vertical_mps2
 
-HEAD = 4
+RATE_HZ = 1129.3
+HEAD = MEASURED_SEGMENTS.index("head")
+MOUNTED = Rotation.from_euler("xyz", [0.15, -0.1, 2.0])
+"""How the head's sensor sits on it: askew, and turned about the vertical."""
 
 
-def swaying(case: Case, degrees: float) -> tuple[Case, np.ndarray]:
-    """The head's sensor pitches and rolls behind its first second; readings are those of the turned sensor."""
-    n, rate_hz = case.seat_mps2.size, case.rate_hz
-    time_s = np.arange(n) / rate_hz
-    moving = np.clip(time_s - 1.0, 0.0, 1.0)
+def swaying(degrees: float, seconds: float = 10.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Times (n,), true motion (n, 3), and force and rates (n, 3) of a sensor that pitches and rolls after 3 s."""
+    time_s = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    moving = np.clip(time_s - 3.0, 0.0, 1.0)
     pitch = np.deg2rad(degrees) * moving * np.sin(2.0 * np.pi * 1.3 * time_s)
     roll = 0.6 * np.deg2rad(degrees) * moving * np.sin(2.0 * np.pi * 0.9 * time_s + 0.4)
-    turned = Rotation.from_euler("xy", np.column_stack([roll, pitch]))
-    true = np.column_stack(
-        [
-            4.0 * moving * np.sin(9.0 * time_s),
-            3.0 * moving * np.cos(7.0 * time_s),
-            case.measured_mps2[:, HEAD] + STANDARD_GRAVITY_MPS2,
-        ]
+    turned = Rotation.from_euler("xy", np.column_stack([roll, pitch])) * MOUNTED
+    true = moving[:, None] * np.column_stack(
+        [4.0 * np.sin(9.0 * time_s), 3.0 * np.cos(7.0 * time_s), 5.0 * np.sin(25.0 * time_s)]
     )
-    read = turned.inv().apply(true)
-    steps = (turned[:-1].inv() * turned[1:]).as_rotvec() * rate_hz
+    force = turned.inv().apply(true + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2]))
+    steps = (turned[:-1].inv() * turned[1:]).as_rotvec() * RATE_HZ
     rates = np.vstack([steps[:1], 0.5 * (steps[:-1] + steps[1:]), steps[-1:]])
-    channels = {"head.x": read[:, 0], "head.y": read[:, 1]}
-    channels |= {f"head.rate_{axis}": rates[:, i] + 0.003 for i, axis in enumerate("xyz")}
-    measured = case.measured_mps2.copy()
-    measured[:, HEAD] = read[:, 2] - STANDARD_GRAVITY_MPS2
-    return dataclasses.replace(case, measured_mps2=measured, channels=channels), case.measured_mps2[:, HEAD]
+    return time_s, true, force, rates
 
 
-def as_compared(case: Case) -> np.ndarray:
-    return np.where(case.compared, case.measured_mps2, 0.0)
+def recorded(rates_of=lambda rates: rates, degrees: float = 15.0, channels: bool = False, **settings) -> Recording:
+    """The head sways, the seat does not; rates_of changes what the head's gyro says."""
+    time_s, true, force, rates = swaying(degrees)
+    stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
+    recorder = Recorder("road", "drive", settings=RecordingSettings(**settings), channels=channels)
+    still = true * np.array([0.0, 0.0, 1.0]) + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2])
+    recorder.push("seat", stamps_ns, still)
+    recorder.push("head", stamps_ns, force, rates_of(rates))
+    (recording,) = recorder.finish()
+    return recording
 
 
-def test_a_leaning_sensor_is_set_upright() -> None:
-    given = hiding.events(6)[0]
-    leaning, true = swaying(given, 15.0)
-    found, said = upright(leaning)
-    used = given.compared[:, HEAD]
-    before, after = ((case.measured_mps2[:, HEAD] - true)[used].std() for case in (leaning, found))
-    assert before > 0.3 and after < 0.02 * before and said == []
-    np.testing.assert_array_equal(
-        found.measured_mps2[:, :HEAD], np.where(given.compared, given.measured_mps2, 0.0)[:, :HEAD]
-    )
-    assert found.energy[HEAD] == pytest.approx((found.measured_mps2[:, HEAD] ** 2).sum())
+def missed(recording: Recording) -> float:
+    """Rms of what the head is read wrong by: the seat has the same vertical."""
+    return float(np.nanstd(recording.measured_mps2[:, HEAD] - recording.seat_mps2))
 
 
-def test_without_rates_nothing_changes() -> None:
-    case = hiding.events(6)[0]
-    found, said = upright(dataclasses.replace(case, channels={}))
-    np.testing.assert_array_equal(found.seat_mps2, case.seat_mps2)
-    np.testing.assert_array_equal(found.measured_mps2[case.compared], case.measured_mps2[case.compared])
-    assert said == []
+def test_a_leaning_sensor_reads_the_true_vertical() -> None:
+    assert missed(recorded(keep_lean=True)) > 0.3
+    assert missed(recorded()) < 0.003
+    assert missed(recorded(lambda rates: rates + 0.02)) < 0.003  # a bias is told at rest
 
 
-def test_a_sensor_that_never_rests_is_left_as_it_is_and_named() -> None:
-    leaning, _ = swaying(hiding.events(6)[0], 15.0)
-    turning = {
-        name: values + (np.sin(np.arange(values.size)) if "rate" in name else 0.0)
-        for name, values in leaning.channels.items()
-    }
-    found, said = upright(dataclasses.replace(leaning, channels=turning))
-    np.testing.assert_array_equal(
-        found.measured_mps2[:, HEAD], np.where(leaning.compared, leaning.measured_mps2, 0.0)[:, HEAD]
-    )
-    assert len(said) == 1 and "head turns" in said[0]
+def test_with_and_without_channels_the_vertical_is_the_same() -> None:
+    np.testing.assert_array_equal(recorded().measured_mps2, recorded(channels=True).measured_mps2)
+
+
+def test_a_small_gap_of_the_gyro_is_bridged() -> None:
+    def with_gap(rates: np.ndarray, seconds: float) -> np.ndarray:
+        changed = rates.copy()
+        changed[6000 : 6000 + round(seconds * RATE_HZ)] = np.nan
+        return changed
+
+    assert missed(recorded(lambda rates: with_gap(rates, 0.02))) < 0.02
+    late = recorded(lambda rates: with_gap(rates, 0.3))
+    assert missed(late) == pytest.approx(missed(recorded(keep_lean=True)))
+    assert any("head: its gyro has a gap of 0.3 s" in line for line in late.warnings)
+
+
+@pytest.mark.parametrize(
+    ("rates_of", "why"),
+    [
+        (np.rad2deg, "nobody seated does"),
+        (lambda rates: rates + 0.2 * np.sin(np.arange(len(rates)))[:, None], "does not rest"),
+    ],
+    ids=["deg/s", "restless"],
+)
+def test_a_gyro_that_cannot_be_believed_changes_nothing_and_is_named(rates_of, why: str) -> None:
+    found = recorded(rates_of)
+    np.testing.assert_array_equal(found.measured_mps2, recorded(keep_lean=True).measured_mps2)
+    assert sum("head: " in line and why in line and "at rest" in line for line in found.warnings) == 1
+
+
+def test_without_a_gyro_nothing_is_said() -> None:
+    found = recorded(np.zeros_like)
+    np.testing.assert_array_equal(found.measured_mps2, recorded(keep_lean=True).measured_mps2)
+    assert not any("gyro" in line or "rates" in line for line in found.warnings)
 
 
 def test_a_steady_turn_is_followed_exactly() -> None:
     rates = np.tile([0.3, -0.2, 0.1], (500, 1))
     up = np.empty_like(rates)
-    follow_up(rates, 0.01, up)
+    follow_up(rates, np.zeros_like(rates), 0.01, 0.0, up)
     expected = Rotation.from_rotvec(-rates * 0.01 * np.arange(500)[:, None]).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(up, expected, atol=1e-12)
+
+
+def test_a_bias_does_not_add_up_for_ever() -> None:
+    """At rest for ten minutes with a wrong bias of 0.0003 rad/s: 10 deg without the pull, 60 s of it with."""
+    rest, rates = np.zeros((60_000, 3)), np.tile([0.0003, 0.0, 0.0], (60_000, 1))
+    vertical = true_vertical_mps2(rest, rates, 100.0, STANDARD_GRAVITY_MPS2)
+    leaned_rad = np.arccos(1.0 + vertical[-1] / STANDARD_GRAVITY_MPS2)
+    assert leaned_rad == pytest.approx(0.0003 * 60.0, rel=0.01)
+
+
+def test_a_lean_beyond_anybodys_is_refused() -> None:
+    rates = np.tile([0.0, 0.5, 0.0], (500, 1))
+    with pytest.raises(ValueError, match="nobody seated"):
+        true_vertical_mps2(np.zeros((500, 3)), rates, 100.0, STANDARD_GRAVITY_MPS2)

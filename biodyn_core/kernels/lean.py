@@ -1,4 +1,4 @@
-"""Which way is up for a sensor that turns: the vertical followed by its own rates."""
+"""Which way is up for a sensor that turns: the vertical followed by its own rates, and pulled towards what it feels."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ Floats = NDArray[np.float64]
 
 
 @compiled
-def follow_up(rates_radps: Floats, step_s: float, up: Floats) -> None:
+def follow_up(rates_radps: Floats, force_mps2: Floats, step_s: float, pull: float, up: Floats) -> None:
     """The direction that was up (0, 0, 1) at the first sample, in the sensor's axes at every sample, into up (n, 3).
 
-    rates_radps (n, 3) in the sensor's axes. What is fixed in the world turns the other way in the sensor: Rodrigues'
-    rotation by the mean rate of each step, exact for a steady one.
+    rates_radps and force_mps2 (n, 3) in the sensor's axes. What is fixed in the world turns the other way in the
+    sensor: Rodrigues' rotation by the mean rate of each step, exact for a steady one. pull: share of the way to the
+    direction of the specific force that is gone at each step, so that a bias does not add up for ever.
     """
     x, y, z = 0.0, 0.0, 1.0
     up[0, 0], up[0, 1], up[0, 2] = x, y, z
@@ -35,4 +36,10 @@ def follow_up(rates_radps: Floats, step_s: float, up: Floats) -> None:
                 y * cosine + (c * x - a * z) * sine + b * along,
                 z * cosine + (a * y - b * x) * sine + c * along,
             )
+        u, v, w = force_mps2[n, 0], force_mps2[n, 1], force_mps2[n, 2]
+        felt = math.sqrt(u * u + v * v + w * w)
+        if pull > 0.0 and felt > 0.0:
+            x, y, z = x + pull * (u / felt - x), y + pull * (v / felt - y), z + pull * (w / felt - z)
+            size = math.sqrt(x * x + y * y + z * z)
+            x, y, z = x / size, y / size, z / size
         up[n, 0], up[n, 1], up[n, 2] = x, y, z

@@ -28,7 +28,6 @@ from biodyn_core.tracing.screen import candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import AT_BOUND
 from biodyn_core.tracing.surface import surface
-from biodyn_core.tracing.upright import upright
 from biodyn_core.tracing.verdict import explained, judged, named
 
 Floats = NDArray[np.float64]
@@ -158,14 +157,13 @@ def _surface(outcome: Outcome) -> Surface | None:
 
 
 def _usable(train: Sequence[Case], held_out: Sequence[Case]) -> tuple[list[Case], list[Case], list[str]]:
-    """The events upright and without sensors that clipped or failed there, and what was left out or as it was."""
+    """The events without sensors that clipped or failed there, and what was left out."""
     said: list[str] = []
     kept: tuple[list[Case], list[Case]] = ([], [])
     for side, cases in zip(kept, (train, held_out), strict=True):
         for case in cases:
-            cleaned, lost = gate.cleaned(case)
-            found, leaning = upright(cleaned)
-            said += lost + leaning
+            found, lost = gate.cleaned(case)
+            said += lost
             if found.energy.any():
                 side.append(found)
     return kept[0], kept[1], said
