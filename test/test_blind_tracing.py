@@ -28,7 +28,7 @@ from blind.tracing.answer import answered
 from blind.tracing.marks import Mark, by_class, marks, most_frequent, wilson
 from blind.tracing.outcome import Answer, Cause, Outcome, Score, line_of, places_away
 from blind.tracing.page import rendered
-from blind.tracing.records import Record, causes, record, sitting
+from blind.tracing.records import Record, causes, record, sittings
 from blind.tracing.refits import oracle, placebo
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Drawing, drawings
 from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
@@ -308,18 +308,26 @@ def test_truths_are_told_in_the_catalogues_words() -> None:
 FEW = (Drawing("nothing", 2, effects=0), Drawing("strong", 3))
 
 
-def an_answer(drawing: Drawing, number: int, seed: int, split: str) -> Answer:
+def an_answer(drawing: Drawing, number: int) -> Answer:
     return Answer(drawing.name, number, "effect", (SKIN,), (), (1.0,) * 15, (2.0,) * 15, ({"name": "skin"},), 2.0, 1.0)
 
 
-def a_score(drawing: Drawing, answer: Answer, seed: int, split: str) -> Score:
+def a_score(drawing: Drawing, answer: Answer) -> Score:
     return Score(drawing.name, answer.number, (SKIN,), ratio=1.5, recovered=0.5)
 
 
+def answers(drawing: Drawing, numbers: Sequence[int], seed: int, split: str) -> list[Answer]:
+    return [an_answer(drawing, number) for number in numbers]
+
+
+def scores(drawing: Drawing, given: Sequence[Answer], seed: int, split: str) -> list[Score]:
+    return [a_score(drawing, answer) for answer in given]
+
+
 def test_lines_come_back_as_they_were() -> None:
-    answer = an_answer(FEW[1], 2, 0, "development")
+    answer = an_answer(FEW[1], 2)
     assert Answer.of(line_of(answer)) == answer
-    score = a_score(FEW[1], answer, 0, "development")
+    score = a_score(FEW[1], answer)
     assert Score.of(line_of(score)) == score
 
 
@@ -327,21 +335,21 @@ def test_verdicts_are_sealed_before_any_truth_is_drawn(tmp_path: Path) -> None:
     happened: list[str] = []
     what = Run(5, FEW, tmp_path / "5", "development")
 
-    def answer(drawing: Drawing, number: int, seed: int, split: str) -> Answer:
-        happened.append("answer")
-        return an_answer(drawing, number, seed, split)
+    def answer(drawing: Drawing, numbers: Sequence[int], seed: int, split: str) -> list[Answer]:
+        happened.append("answers")
+        return answers(drawing, numbers, seed, split)
 
-    def score(drawing: Drawing, answer: Answer, seed: int, split: str) -> Score:
+    def score(drawing: Drawing, given: Sequence[Answer], seed: int, split: str) -> list[Score]:
         assert len((what.folder / study.ANSWERS).read_text().splitlines()) == 5
         assert len((what.folder / study.SEAL).read_text().strip()) == 64
         assert (seed, split) == (5, "development")
-        happened.append("truth")
-        return a_score(drawing, answer, seed, split)
+        happened.append("truths")
+        return scores(drawing, given, seed, split)
 
     outcomes = study.run(
         what, here, answer, score, lambda text: happened.append("sealed") if "sealed" in text else None
     )
-    assert happened == ["answer"] * 5 + ["sealed"] + ["truth"] * 5
+    assert happened == ["answers"] * 2 + ["sealed"] + ["truths"] * 2  # a row at a time
     assert [(one.answer.row, one.answer.number) for one in outcomes] == [(d.name, n) for d, n in what.tasks]
     assert all(one.answer.row == one.score.row and one.answer.number == one.score.number for one in outcomes)
 
@@ -350,51 +358,50 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
     what, done = Run(5, FEW, tmp_path), []
 
     def interrupted(calls: Sequence[Call]) -> Iterator[Any]:
-        for count, (function, arguments) in enumerate(calls):
-            if count == 2:
-                raise KeyboardInterrupt
-            done.append((arguments[0].name, getattr(arguments[1], "number", arguments[1])))
-            yield function(*arguments)
+        function, (drawing, numbers, *rest) = calls[0]
+        done.extend((drawing.name, number) for number in numbers)
+        yield from function(drawing, numbers, *rest)
+        raise KeyboardInterrupt
 
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            study.run(what, interrupted, an_answer, a_score)
+            study.run(what, interrupted, answers, scores)
         with (tmp_path / study.ANSWERS).open("a") as file:
             file.write('{"row": "stro')  # a line that was cut
     assert not (tmp_path / study.SEAL).exists()
-    assert done == [("nothing", 0), ("nothing", 1), ("strong", 0), ("strong", 1)]
+    assert done == [("nothing", 0), ("nothing", 1), ("strong", 0), ("strong", 1), ("strong", 2)]
     done.clear()
-    assert len(study.run(what, here, an_answer, a_score)) == 5
+    assert len(study.run(what, here, answers, scores)) == 5
     assert len((tmp_path / study.ANSWERS).read_text().splitlines()) == 5
 
     def nothing_left(calls: Sequence[Call]) -> Iterator[Any]:
         assert not calls
         return iter(())
 
-    assert len(study.run(what, nothing_left, an_answer, a_score)) == 5
+    assert len(study.run(what, nothing_left, answers, scores)) == 5
 
 
 def test_answers_that_change_behind_the_seal_are_seen(tmp_path: Path) -> None:
     what = Run(5, FEW, tmp_path)
-    study.run(what, here, an_answer, a_score)
+    study.run(what, here, answers, scores)
     path = tmp_path / study.ANSWERS
     lines = path.read_text().splitlines()
     path.write_text("\n".join(reversed(lines)) + "\n")
-    study.run(what, here, an_answer, a_score)  # the order is that in which they were done
+    study.run(what, here, answers, scores)  # the order is that in which they were done
     path.write_text("\n".join(lines).replace('"verdict": "effect"', '"verdict": "none"', 1) + "\n")
     with pytest.raises(BrokenSeal, match="have been changed"):
-        study.run(what, here, an_answer, a_score)
+        study.run(what, here, answers, scores)
     path.write_text("\n".join(lines[1:]) + "\n")
     with pytest.raises(BrokenSeal, match="the truth has been looked at"):
-        study.run(what, here, an_answer, a_score)
+        study.run(what, here, answers, scores)
     for other in (dataclasses.replace(what, commit="later"), dataclasses.replace(what, drawings=FEW[:1])):
         with pytest.raises(BrokenSeal, match="of another run"):
-            study.run(other, here, an_answer, a_score)
+            study.run(other, here, answers, scores)
 
 
 def test_records_go_through_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "PROCESSES", 1)
-    calls = [(a_score, (FEW[1], an_answer(FEW[1], number, 0, ""), 0, "")) for number in range(2)]
+    calls = [(scores, (FEW[1], [an_answer(FEW[1], number)], 0, "")) for number in range(2)]
     assert {one.number for one in study.in_processes(calls)} == {0, 1}
 
 
@@ -480,7 +487,7 @@ def test_a_partial_run_is_not_published(
 ) -> None:
     monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
     monkeypatch.setattr(command, "publish", lambda *given: pytest.fail("published"))
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, an_answer, a_score))
+    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, answers, scores))
     given = ["--rows", "strong", "--count", "2", "--split", "development", "--out", str(tmp_path)]
     assert command.main([*given, "--seed", "11"]) == 1
     assert "seed 11, a partial run" in capsys.readouterr().out
@@ -499,7 +506,7 @@ def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(command, "publish", lambda root, about, outcomes, found: published.append(about))
     monkeypatch.setattr(command, "thresholds", lambda: "0" * 64)
     monkeypatch.setattr(command.streams, "outcomes", lambda seed: [])
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, an_answer, a_score))
+    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, answers, scores))
     assert command.main(["--out", str(tmp_path), "--seed", "3"]) == 1
     (about,) = published
     assert (about.seed, about.records) == (3, sum(one.count for one in DRAWINGS))
@@ -542,20 +549,23 @@ def test_a_record_does_not_depend_on_the_others(monkeypatch: pytest.MonkeyPatch)
 
     def drawn(count: int, seed: int, *given: Any, first: int) -> list[tuple[int, int]]:
         asked.append((count, *given))
-        return [(seed, first)]
+        return [(seed, number) for number in range(first, first + count)]
 
     monkeypatch.setattr("blind.tracing.records.sittings_drawn", drawn)
-    seeds = {sitting(FEW[1], 4, seed, "development") for seed in (1, 2)} | {sitting(FEW[0], 4, 1, "development")}
+    seeds = {sittings(FEW[1], [4], seed, "development")[0] for seed in (1, 2)}
+    seeds |= set(sittings(FEW[0], [4], 1, "development"))
     assert len({seed for seed, _ in seeds}) == 3 and {number for _, number in seeds} == {4}
     assert {count for count, *_ in asked} == {1}
-    assert sitting(FEW[1], 4, 1, "development") in seeds
+    some = sittings(FEW[1], [3, 4, 6], 1, "development")
+    assert [number for _, number in some] == [3, 4, 6] and some[1] in seeds
 
 
 @pytest.fixture(scope="module")
 def short_sitting() -> Sitting:
     """A real one of the world: a stretch of made road to fit to, and one held out."""
     plan = Plan(counts=(1, 0, 0), seconds=(3.0, 0.0, 0.0), uses=("fit", "held"), recorded=False)
-    return sitting(Drawing("nothing_coloured", 1, effects=0, level=0.0, coloured=True), 1, 3, "development", plan)
+    drawing = Drawing("nothing_coloured", 1, effects=0, level=0.0, coloured=True)
+    return sittings(drawing, [1], 3, "development", plan)[0]
 
 
 def test_a_sitting_becomes_a_record_with_noise_that_does_not_follow_the_seat(short_sitting: Sitting) -> None:

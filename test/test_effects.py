@@ -84,7 +84,7 @@ def law(name: str, p: dict[str, float], k: float, k_alpha: float, b: float, own_
         "cubic": lambda d, r: k * p["cubic_per_m2"] * d**3,
         "stop": lambda d, r: -p["stiffness_ratio"] * k * max(0.0, -d - p["gap_m"]),
         "quadratic_damping": lambda d, r: b * p["growth_s_per_m"] * r * abs(r),
-        "friction": lambda d, r: p["friction_n"] * math.tanh(r / 0.005),
+        "friction": lambda d, r: p["friction_n"] * math.tanh(r / p["smooth_mps"]),
         "backrest": lambda d, r: -p["stiffness_n_per_m"] * (d + p["damping_s"] * r),
         "harness": lambda d, r: -p["stiffness_n_per_m"] * max(0.0, d - p["slack_m"]),
     }
@@ -187,7 +187,7 @@ STRONG = {
     "stop": {"gap_m": 0.002},
     "harness": {"slack_m": 0.001},
     "posture": {"jump": 0.5, "at_s": 200.5 / RATE_HZ},
-    "friction": {"friction_n": 30.0},
+    "friction": {"friction_n": 30.0, "smooth_mps": 0.004},
     "hysteresis": {"yield_n": 60.0, "yield_m": 1e-3},
     "bending": {"length_m": 0.8},
     "thixotropy": {"tau_s": 0.5, "softening": 0.8},
@@ -340,7 +340,7 @@ def test_a_channel_that_is_not_there_is_one_line() -> None:
 
 
 def test_a_stiff_effect_makes_the_steps_smaller() -> None:
-    hard = applied("friction", "neck", friction_n=80.0)
+    hard = applied("friction", "neck", friction_n=80.0, smooth_mps=0.005)
     chain = Chain.of(with_effects(hard))
     assert Stepper(chain, RATE_HZ).substeps > Stepper(Chain.of(SUBJECT), RATE_HZ).substeps
     assert np.isfinite(chain.simulate(shock(peak=150.0), RATE_HZ).accel_mps2).all()

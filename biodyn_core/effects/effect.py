@@ -24,6 +24,10 @@ Kind = Literal["strength", "shape", "nuisance"]
 UNSOURCED: Final = "typical of the tracing study; no source for people"
 
 
+AT_BOUND: Final = 0.01
+"""A value closer to an end than this share of its range is on it: a fit gets there ever more slowly."""
+
+
 @dataclass(frozen=True)
 class EffectParameter:
     """One parameter: unit, range, where a fit starts, whether 0 of it is the base chain, and the range's source.
@@ -46,6 +50,14 @@ class EffectParameter:
     def size(self) -> float:
         """A value at which it shows: the start, unless that is zero."""
         return self.start or self.acts_at
+
+    def on_bound(self, value: float) -> bool:
+        """Whether a value lies next to an end of its range: a strength next to zero is only small, nuisances may."""
+        if self.kind == "nuisance":
+            return False
+        share = (value - self.lower) / (self.upper - self.lower)
+        may_vanish = self.kind == "strength" and self.lower == 0.0
+        return share > 1.0 - AT_BOUND or (share < AT_BOUND and not may_vanish)
 
     def check(self, value: float, where: str) -> None:
         """Raise InputError unless the value is finite and within the range."""

@@ -29,7 +29,7 @@ EFFECT = Effect(
     place="joint",
     parameters=(
         EffectParameter("yield_n", "N", 0.0, 500.0, 20.0, "strength"),
-        EffectParameter("yield_m", "m", 1e-4, 5e-3, 5e-4, grid=(2e-4, 5e-4, 2e-3)),
+        EffectParameter("yield_m", "m", 1.5e-4, 5e-3, 5e-4, grid=(3e-4, 8e-4, 2e-3)),
     ),
     constants=_constants,
     force=force,

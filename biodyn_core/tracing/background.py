@@ -70,15 +70,18 @@ class Side:
 class Background:
     """The known columns, theta's first, with the precision (k,) of their prior; both sides of the events.
 
-    weight (w,) of the fitted side's windows: one over their event's variance, times what counts as independent.
+    weight (w,) of the fitted side's windows: one over their event's variance, times what counts as independent. level:
+    how far this body and these sensors depart, in multiples of the usual spread; the prior of departures goes by it.
     """
 
     subject: Subject
     found: tuple[Direction, ...]
-    precision: Floats
+    usual: Floats
     train: Side
     choose: Side
     weight: Floats
+    independent: float
+    level: float = 1.0
 
     @classmethod
     def of(
@@ -89,24 +92,43 @@ class Background:
         found = tuple(directions(subject, train, s.usual))
         spread = np.concatenate([np.full(N_THETA, s.theta_spread), np.ones(len(found) + 2)])
         sides = [_side(subject, cases, found, s) for cases in (train, choose)]
-        plain = cls(subject, found, 1.0 / spread**2, sides[0], sides[1], np.full(sides[0].products.square.size, 1.0))
-        return plain.reweighted(s.weights.independent)
+        independent = s.weights.independent
+        weight = np.full(sides[0].products.square.size, independent)
+        return cls(subject, found, 1.0 / spread**2, sides[0], sides[1], weight, independent).reweighted()
+
+    @property
+    def precision(self) -> Floats:
+        """The precision (k,) of the prior: theta's, then that of departures at this level."""
+        return self.precision_at(self.level)
+
+    def precision_at(self, level: float) -> Floats:
+        """The precision (k,) of the prior at a level."""
+        return np.concatenate([self.usual[:N_THETA], self.usual[N_THETA:] / level**2])
+
+    @property
+    def counted(self) -> float:
+        """How many independent samples the fitted side counts as."""
+        return self.independent * float(self.train.products.samples.sum())
+
+    def at_level(self, level: float) -> Background:
+        """The same for bodies and sensors that depart by so many times the usual."""
+        return dataclasses.replace(self, level=level)
 
     @property
     def names(self) -> tuple[str, ...]:
         """The usual departures, in the order of their columns."""
         return (*(direction.name for direction in self.found), "gain of seat", "clock of seat")
 
-    def reweighted(self, independent: float) -> Background:
+    def reweighted(self) -> Background:
         """Every event as loud as what is left of it, so that no shock rules and none that fails is believed."""
-        weight = np.full(self.weight.size, independent)
+        weight = self.weight
         for _ in range(2):
             left = self.train.products.left(self.solved(self.train.products, weight))
             p = self.train.products
             variance = np.array(
                 [left[p.event == e].sum() / max(p.samples[p.event == e].sum(), 1.0) for e in np.unique(p.event)]
             )
-            weight = independent / np.maximum(variance, 1e-9)[p.event]
+            weight = self.independent / np.maximum(variance, 1e-9)[p.event]
         return dataclasses.replace(self, weight=weight)
 
     def normal(self, weight: Floats | None = None) -> Floats:

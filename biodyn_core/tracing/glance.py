@@ -29,12 +29,16 @@ SIZES: Final = (1.0, 3.0)
 
 @dataclass(frozen=True)
 class Glanced:
-    """One effect at one site: what it gains in the few events that choose, and takes off those that are fitted."""
+    """One effect at one site: what it gains in the few events that choose, and takes off those that are fitted.
+
+    level: how far the body then still departs, in multiples of the usual.
+    """
 
     gain: float
     share: float
     applied: AppliedEffect
     screened: Screened
+    level: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +61,7 @@ def glance(few: Background, tried: Sequence[Tried], replicates: int, seed: int, 
     screening = screen(few, tried, replicates, seed, lambda share: tell("screening", share))
     without, p = settle(few, None, STEPS), few.choose.products
     best: dict[tuple[str, str], Screened] = {}
-    for screened in screening.ladder:
+    for screened in sorted(screening.ladder, key=lambda one: -one.fits):  # a stop that nothing reaches loses nothing
         best.setdefault((screened.tried.applied.effect.name, screened.tried.applied.site), screened)
     found = []
     for number, screened in enumerate(best.values()):
@@ -65,7 +69,7 @@ def glance(few: Background, tried: Sequence[Tried], replicates: int, seed: int, 
         if settled.applied is not None and np.isfinite(settled.objective):
             gain = float(mean_log_ratio(without.left, settled.left[:, None], p.event, p.samples)[0])
             share = 1.0 - settled.objective / without.objective
-            found.append(Glanced(gain + relief(without, settled), share, settled.applied, screened))
+            found.append(Glanced(gain + relief(few, without, settled), share, settled.applied, screened, settled.level))
         tell("trying", (number + 1) / len(best))
     return Glance(screening, tuple(found))
 
@@ -76,13 +80,15 @@ def plain(found: Glance) -> dict[str, Any]:
     places = {id(one): i for i, one in enumerate(tried)}
 
     def row(one: Screened) -> list[float]:
-        return [places[id(one.tried)], one.gain, one.size, one.absorbed, one.p_value]
+        return [places[id(one.tried)], one.gain, one.fits, one.size, one.absorbed, one.p_value]
 
     return {
         "chance": found.screening.chance.tolist(),
         "along": np.round(found.screening.along, 4).tolist(),
         "ladder": [row(one) for one in found.screening.ladder],
-        "found": [[places[id(g.screened.tried)], g.gain, g.share, dict(g.applied.values)] for g in found.found],
+        "found": [
+            [places[id(g.screened.tried)], g.gain, g.share, dict(g.applied.values), g.level] for g in found.found
+        ],
     }
 
 
@@ -97,9 +103,9 @@ def taken_up(kept: Mapping[str, Any], tried: Sequence[Tried]) -> Glance:
             Glanced(
                 float(gain), float(share),
                 dataclasses.replace(tried[int(place)].applied, values={k: float(v) for k, v in values.items()}),
-                by_tried[id(tried[int(place)])],
+                by_tried[id(tried[int(place)])], float(level),
             )
-            for place, gain, share, values in kept["found"]
+            for place, gain, share, values, level in kept["found"]
         )  # fmt: skip
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(f"what was kept of a trace is damaged ({error}); remove it to start anew") from None

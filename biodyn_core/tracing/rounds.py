@@ -89,9 +89,9 @@ def one_round(
     kept: Kept | None = None,
 ) -> Outcome:  # fmt: skip
     """Look for one effect that the subject lacks; where there is none, none is taken."""
-    few = Background.of(subject, first_of_each(train), first_of_each(choose), settings.background)
+    few = _likeliest(Background.of(subject, first_of_each(train), first_of_each(choose), settings.background))
     glanced = _glanced(few, candidates([*train, *choose])[0], settings, seed, tell, kept)
-    background = Background.of(subject, train, choose, settings.background)
+    background = _likeliest(Background.of(subject, train, choose, settings.background))
     without = settle(background, None)
     if not np.isfinite(without.objective):
         names = ", ".join(case.name for case in choose)
@@ -102,7 +102,7 @@ def one_round(
     running = glanced.running(settings.refined)
     for number, one in enumerate(running):
         start = _best_start(few, glanced.screening, one.applied) if number < FROM_ALL else one.applied
-        settled = settle(background, start)
+        settled = settle(background.at_level(one.level), start)
         if np.isfinite(settled.objective):
             rungs.append(_rung(background, without, settled, one.screened))
         tell("settling", (number + 1) / len(running))
@@ -115,9 +115,15 @@ def one_round(
         return Outcome(Round(ladder, threshold, None, ()), background, without, None)
     rivals = _rivals(index, told, rungs, glanced.screening, settings)
     # Settled once more: a clock that was set in every event has no place in a subject, one that is late has.
-    settled = settle(background, rungs[index].applied, with_intervals=True)
-    settled = dataclasses.replace(settled, left=rungs[index].settled.left)
+    chosen = rungs[index].settled
+    settled = settle(background.at_level(chosen.level), chosen.applied, with_intervals=True)
+    settled = dataclasses.replace(settled, left=chosen.left)
     return Outcome(Round(ladder, threshold, told[index], rivals), background, without, settled)
+
+
+def _likeliest(background: Background) -> Background:
+    """For a body that departs from the model as far as is likeliest where nothing is missing."""
+    return background.at_level(settle(background, None).level)
 
 
 def _glanced(
@@ -157,7 +163,9 @@ def _best_start(few: Background, screening: Screening, start: AppliedEffect) -> 
 
 def _rung(background: Background, without: Settled, settled: Settled, screened: Screened) -> _Rung:
     p = background.choose.products
-    gains = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0] + relief(without, settled)
+    gains = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0] + relief(
+        background, without, settled
+    )
     return _Rung(settled, gains, screened.absorbed, screened)
 
 

@@ -49,13 +49,14 @@ class Tried:
 class Screened:
     """What one candidate would do to first order.
 
-    gain: mean log ratio of what is left without and with it, in the events that choose; size: of the strength, in
-    shares of the start value; absorbed: share of its energy that theta takes on itself; p_value: how often the best of
-    all candidates gains as much by chance.
+    gain: mean log ratio of what is left without and with it, in the events that choose; fits: what it takes off the
+    squares that are fitted, weighted; size: of the strength, in shares of the start value; absorbed: share of its
+    energy that theta takes on itself; p_value: how often the best of all candidates gains as much by chance.
     """
 
     tried: Tried
     gain: float
+    fits: float
     size: float
     absorbed: float
     p_value: float
@@ -125,12 +126,12 @@ def screen(
     gains = linear.gains(background.train.products, background.choose.products, [side.with_miss for side in sides])
     chance = linear.chance(replicates, np.random.default_rng(seed))
     found = [
-        Screened(one, float(gains[i]), float(linear.sizes[i]), float(linear.absorbed[i]), 1.0)
+        Screened(one, float(gains[i]), float(linear.fits[i]), float(linear.sizes[i]), float(linear.absorbed[i]), 1.0)
         for i, one in enumerate(tried)
     ]
     ordered = Screening((), chance, tuple(tried), linear.along(sides[0]))
     ranked = sorted(
-        (Screened(s.tried, s.gain, s.size, s.absorbed, ordered.p_value(s.gain)) for s in found), key=lambda s: -s.gain
+        (dataclasses.replace(one, p_value=ordered.p_value(one.gain)) for one in found), key=lambda one: -one.gain
     )
     return Screening(tuple(ranked), chance, tuple(tried), ordered.along)
 
@@ -207,6 +208,11 @@ class _Linear:
             sizes,
             absorbed,
         )
+
+    @property
+    def fits(self) -> Floats:
+        """What each takes off the squares of the fitted side, weighted (c,)."""
+        return self.sizes**2 * np.where(np.isfinite(self.energy), self.energy, 0.0)
 
     def gains(self, train: Products, choose: Products, with_miss: Sequence[Floats]) -> Floats:
         """Mean log ratios (c,) in the events that choose, for a miss whose products are given."""

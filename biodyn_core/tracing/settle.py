@@ -7,6 +7,7 @@ effect moves, they still point the right way, and a step costs one simulation fo
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -35,11 +36,12 @@ NUDGE: Final = 0.02
 FAR: Final = 6.0
 """How far one step may take it there, as a spread."""
 
-AT_BOUND: Final = 0.01
-"""A parameter closer to an end than this share of its range is on it: the map gets there ever more slowly."""
-
 INSIDE: Final = 0.02
 """A start keeps this share of each range from both ends."""
+
+
+LEVELS: Final = (1.0, 0.56, 0.32, 0.18, 0.1)
+"""How far a body may depart from the model, in multiples of the usual: the likeliest of these."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +49,10 @@ class Settled:
     """Where it ended: the subject, with the effect where there is one, and what is left.
 
     departures (k,): how much of each known column, theta's first; objective: on the fitted side, infinite where the
-    chain runs away; stretched: the part of it by which usual departures and theta are away from the usual; left (w,):
-    squares in each window of the events that choose; intervals: 95 % of each of the effect's parameters; at_bound names
-    those that ended on one.
+    chain runs away; stretched: squares of the usual departures in theirs; level: the likeliest of `LEVELS`, and away:
+    what it costs there, in twice the log evidence, that theta and departures are not at rest; left (w,): squares in
+    each window of the events that choose; intervals: 95 % of each of the effect's parameters; at_bound names those that
+    ended on one.
     """
 
     subject: Subject
@@ -57,6 +60,8 @@ class Settled:
     departures: Floats
     objective: float
     stretched: float
+    level: float
+    away: float
     left: Floats
     intervals: tuple[tuple[float, float], ...] = ()
     at_bound: tuple[str, ...] = ()
@@ -80,27 +85,27 @@ def settle(
         if enough:
             break
     if not np.isfinite(at.objective):
-        return Settled(at.subject, start, at.b, np.inf, 0.0, background.choose.products.square)
+        return Settled(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, background.choose.products.square)
     left = predicted(background.choose, at.subject).left(at.b)
     if not left.max() < RUNAWAY_MPS2**2:  # it holds where it was fitted, and runs away elsewhere
-        return Settled(at.subject, start, at.b, np.inf, 0.0, background.choose.products.square)
+        return Settled(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, background.choose.products.square)
     applied = problem.applied(at.psi) if start else None
     intervals = problem.intervals(at) if with_intervals else ()
-    stretched = problem.stretched(at)
+    level, away = problem.likeliest(at)
     return Settled(
-        at.subject, applied, at.b, at.objective, stretched, left, intervals, problem.at_bound(at.psi)
+        at.subject, applied, at.b, at.objective, problem.stretched(at), level, away, left, intervals,
+        problem.at_bound(at.psi),
     )  # fmt: skip
 
 
-def relief(without: Settled, settled: Settled) -> float:
-    """By how much less the usual has to be stretched, in log of the objective.
+def relief(background: Background, without: Settled, settled: Settled) -> float:
+    """By how much likelier the departures become that are left, in twice the log evidence for each counted sample.
 
     What a departure far beyond the usual would explain as well predicts no better once it is called by its name: a
-    clock that is 3 ms late is told from the usual by its size alone.
+    clock that is 3 ms late is told from the usual by its size, and a neck that stiffens a little by a body that else
+    is as the model has it.
     """
-    whole = np.log(without.objective / settled.objective)
-    alone = np.log((without.objective - without.stretched) / (settled.objective - settled.stretched))
-    return float(whole - alone)
+    return (without.away - settled.away) / background.counted
 
 
 def predicted(side: Side, subject: Subject) -> Products:
@@ -110,11 +115,12 @@ def predicted(side: Side, subject: Subject) -> Products:
 
 def _descended(problem: _Problem, at: _Point) -> _Point | None:
     """A point from which less is left, the first along the step; None where there is none."""
-    delta, psi = problem.step(at)
+    beside = problem.by_psi(at)
+    delta, psi = problem.step(at, beside)
     if not (np.isfinite(delta).all() and np.isfinite(psi).all()):  # beside the point the chain runs away
         return None
     for share in SHARES:
-        tried = problem.at(at.delta + share * (delta - at.delta), at.psi + share * (psi - at.psi))
+        tried = problem.at(at.delta + share * (delta - at.delta), at.psi + share * (psi - at.psi), beside)
         if tried.objective < at.objective:
             return tried
     return None
@@ -122,7 +128,10 @@ def _descended(problem: _Problem, at: _Point) -> _Point | None:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Theta's logarithm less the fit's (14,), the effect's parameters on the whole line (p,), and what follows."""
+    """Theta's logarithm less the fit's (14,), the effect's parameters on the whole line (p,), and what follows.
+
+    beside: the derivatives by the latter that led here, by event, empty at the start.
+    """
 
     delta: Floats
     psi: Floats
@@ -132,6 +141,7 @@ class _Point:
     products: Products
     b: Floats
     objective: float
+    beside: Sequence[Floats]
 
 
 class _Problem:
@@ -146,7 +156,7 @@ class _Problem:
         self._normal = background.normal()
         self._own = np.linalg.inv(self._normal[N_THETA:, N_THETA:])
 
-    def at(self, delta: Floats, psi: Floats) -> _Point:
+    def at(self, delta: Floats, psi: Floats, beside: Sequence[Floats] = ()) -> _Point:
         """Simulate a point, with the departures that are best there; its objective is infinite where it runs away."""
         train, weight = self._background.train, self._background.weight
         subject = self._subject(delta, psi)
@@ -154,39 +164,56 @@ class _Problem:
         missed = [rows.missed(one) for rows, one in zip(train.rows, answers, strict=True)]
         products = train.of(missed)
         if not products.square.max() < RUNAWAY_MPS2**2:  # NaN runs away too
-            return _Point(delta, psi, subject, answers, missed, products, np.zeros(len(self._normal)), np.inf)
+            return _Point(delta, psi, subject, answers, missed, products, np.zeros(len(self._normal)), np.inf, beside)
         asked = weight @ products.miss[:, N_THETA:]
         own = self._own @ asked
         moved = float(self._background.precision[:N_THETA] @ delta**2)
         objective = float(weight @ products.square) - float(asked @ own) + moved
         b = np.concatenate([np.zeros(N_THETA), own])
-        return _Point(delta, psi, subject, answers, missed, products, b, objective)
+        return _Point(delta, psi, subject, answers, missed, products, b, objective, beside)
 
-    def step(self, at: _Point) -> tuple[Floats, Floats]:
+    def step(self, at: _Point, beside: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Where Gauss and Newton would go from here: delta (14,) and psi (p,)."""
-        matrix, asked = self._system(at)
-        found = np.asarray(np.linalg.solve(matrix, asked))
+        data, asked = self._system(at, beside)
+        found = np.asarray(np.linalg.solve(data + np.diag(self._prior(self._background.level, at.psi)), asked))
         return found[:N_THETA], np.asarray(at.psi + found[len(self._normal) :])
 
     def stretched(self, at: _Point) -> float:
-        """The prior's part of the objective."""
-        precision = self._background.precision
-        return float(precision @ at.b**2 + precision[:N_THETA] @ at.delta**2)
+        """Squares of the departures in their usual spread."""
+        return float(self._background.usual[N_THETA:] @ at.b[N_THETA:] ** 2)
+
+    def likeliest(self, at: _Point) -> tuple[float, float]:
+        """The level of departures with the most evidence at a point, all else refitted to first order, and its cost."""
+        data, asked = self._system(at, at.beside or self.by_psi(at))
+        square = float(self._background.weight @ at.products.square)
+        square += float(at.delta @ (2.0 * asked[:N_THETA] - data[:N_THETA, :N_THETA] @ at.delta))
+        found = []
+        for level in LEVELS:
+            prior = self._prior(level, at.psi)
+            x = np.linalg.solve(data + np.diag(prior), asked)
+            own = slice(N_THETA, len(prior) - at.psi.size)
+            volume = np.linalg.slogdet((data + np.diag(prior))[own, own])[1] - np.log(prior[own]).sum()
+            away = float(prior[: own.stop] @ x[: own.stop] ** 2 + volume)
+            found.append((square - 2.0 * float(asked @ x) + float(x @ data @ x) + away, level, away))
+        return min(found)[1:]
 
     def intervals(self, at: _Point) -> tuple[tuple[float, float], ...]:
         """95 % of each of the effect's parameters, all else fitted beside."""
         if at.psi.size == 0:
             return ()
-        variance = np.diag(np.linalg.inv(self._system(at)[0]))[len(self._normal) :]
+        data, _ = self._system(at, self.by_psi(at))
+        prior = np.diag(self._prior(self._background.level, at.psi))
+        variance = np.diag(np.linalg.inv(data + prior))[len(self._normal) :]
         away = 1.96 * np.sqrt(np.maximum(variance, 0.0))
         low, high = (self._lower + _logistic(at.psi + sign * away) * self._width for sign in (-1.0, 1.0))
         return tuple(zip(low.tolist(), high.tolist(), strict=True))
 
     def at_bound(self, psi: Floats) -> tuple[str, ...]:
         """The effect's parameters that lie on a bound of their range."""
-        share = _logistic(psi)
-        pinned = (share < AT_BOUND) | (share > 1.0 - AT_BOUND)
-        return tuple(name for name, flag in zip(self._names, pinned, strict=True) if flag)
+        if self._template is None:
+            return ()
+        values = self.applied(psi).values
+        return tuple(p.name for p in self._template.effect.parameters if p.on_bound(values[p.name]))
 
     def applied(self, psi: Floats) -> AppliedEffect:
         """The effect with its parameters."""
@@ -211,27 +238,31 @@ class _Problem:
             return found
         return dataclasses.replace(found, effects=(*found.effects, self.applied(psi)))
 
-    def _system(self, at: _Point) -> tuple[Floats, Floats]:
-        """The normal equations of all unknowns: theta and departures (k,), then the effect's (p,)."""
+    def _prior(self, level: float, psi: Floats) -> Floats:
+        """The precision of all unknowns: theta and departures (k,), then the effect's (p,)."""
+        return np.concatenate([self._background.precision_at(level), np.full(psi.size, 1.0 / FAR**2)])
+
+    def _system(self, at: _Point, beside: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """The normal equations of all unknowns, without the prior: theta and departures (k,), the effect's (p,)."""
         weight, train = self._background.weight, self._background.train
-        asked = weight @ at.products.miss
-        # Theta's prior is about the fit, not about here.
-        asked += (self._normal - np.diag(self._background.precision))[:, :N_THETA] @ at.delta
+        columns = self._normal - np.diag(self._background.precision)
+        asked = weight @ at.products.miss + columns[:, :N_THETA] @ at.delta  # theta's prior is about the fit, not here
         if at.psi.size == 0:
-            return self._normal, asked
-        beside = self._by_psi(at)
+            return columns, asked
         known = zip(train.known, beside, strict=True)
         cross = np.einsum("w,wip->ip", weight, np.concatenate([np.matmul(k.transpose(0, 2, 1), o) for k, o in known]))
         own = np.einsum("w,wpq->pq", weight, np.concatenate([np.matmul(o.transpose(0, 2, 1), o) for o in beside]))
         missed = zip(beside, at.missed, strict=True)
         match = weight @ np.concatenate([np.einsum("wrp,wr->wp", o, y) for o, y in missed])
-        match = match + cross[:N_THETA].T @ at.delta
-        matrix = np.block([[self._normal, cross], [cross.T, own + np.eye(at.psi.size) / FAR**2]])
-        return matrix, np.concatenate([asked, match])
+        return np.block([[columns, cross], [cross.T, own]]), np.concatenate(
+            [asked, match + cross[:N_THETA].T @ at.delta]
+        )
 
-    def _by_psi(self, at: _Point) -> list[Floats]:
+    def by_psi(self, at: _Point) -> list[Floats]:
         """Derivatives (w, r, p) of each fitted event's rows by psi."""
         found, train = [], self._background.train
+        if at.psi.size == 0:
+            return []
         for rows, case, plain in zip(train.rows, train.cases, at.answers, strict=True):
             stepped = [answer(self._subject(at.delta, at.psi + nudge), case) for nudge in NUDGE * np.eye(at.psi.size)]
             found.append(rows(np.stack([(one - plain) / NUDGE for one in stepped], axis=2)))

@@ -26,7 +26,7 @@ from biodyn_core.tracing.polish import polished
 from biodyn_core.tracing.rounds import Kept, Outcome, one_round
 from biodyn_core.tracing.screen import candidates
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.settle import AT_BOUND
+from biodyn_core.tracing.settle import LEVELS
 from biodyn_core.tracing.surface import surface
 from biodyn_core.tracing.verdict import explained, judged, named
 
@@ -103,7 +103,7 @@ def _rounds(
         if outcome.taken is not None:
             subject = polished(outcome.taken.subject, train)
         found.append((subject, outcome))
-        if outcome.taken is None or outcome.after < s.enough:
+        if outcome.taken is None or (outcome.after < s.enough and outcome.taken.level == LEVELS[-1]):
             break
     return found
 
@@ -238,7 +238,7 @@ def _interval(parameter: EffectParameter, value: float, low: float, high: float)
     lower, width = parameter.lower, parameter.upper - parameter.lower
     share = np.clip((np.array([low, value, high]) - lower) / width, 1e-9, 1.0 - 1e-9)
     psi = np.log(share / (1.0 - share))
-    if share[1] < AT_BOUND or share[1] > 1.0 - AT_BOUND:  # nothing is symmetric about an end
+    if parameter.on_bound(value) or share[1] < 1e-6:  # nothing is symmetric about an end
         return Interval(parameter.name, parameter.unit, value, min(low, value), max(high, value))
     half = 0.5 * (psi[2] - psi[0])
     ends = lower + width * 0.5 * (1.0 + np.tanh(0.5 * (psi[1] + np.array([-half, half]))))
@@ -257,14 +257,11 @@ def _departures(outcome: Outcome) -> tuple[Departure, ...]:
 
 def _on_bounds(applied: AppliedEffect) -> list[str]:
     """A line for each strength that ends on a bound once departures are left out: the law's form fits only roughly."""
-    found = []
-    for p in applied.effect.parameters:
-        share = (applied.values[p.name] - p.lower) / (p.upper - p.lower)
-        if p.kind == "strength" and (share < AT_BOUND or share > 1.0 - AT_BOUND):
-            found.append(
-                f"{p.name} of {named(applied)} ends on its bound in the new subject: its form fits only roughly"
-            )
-    return found
+    return [
+        f"{p.name} of {named(applied)} ends on its bound in the new subject: its form fits only roughly"
+        for p in applied.effect.parameters
+        if p.kind == "strength" and p.on_bound(applied.values[p.name])
+    ]
 
 
 def _family(effects: Sequence[AppliedEffect]) -> str:

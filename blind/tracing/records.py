@@ -16,7 +16,7 @@ from world import sensors
 from world.effects.draw import Split, forms
 from world.effects.effect import Effect
 from world.effects.event import Event
-from world.effects.sitting import PLAN, Plan, Sitting
+from world.effects.sitting import Plan, Sitting
 from world.effects.sitting import drawn as sittings_drawn
 from world.effects.wearing import Stream
 
@@ -56,19 +56,32 @@ class Record:
         return (*self.train, *self.held_out)
 
 
-def sitting(drawing: Drawing, number: int, seed: int, split: Split, plan: Plan = PLAN) -> Sitting:
-    """One record of a drawing, the same whatever else is drawn."""
+PLAN: Final = Plan(uses=("fit", "held"))
+"""The least that a verdict may rest on: 30 s of road, three potholes and three rails to fit, and once more held out."""
+
+
+def sittings(drawing: Drawing, numbers: Sequence[int], seed: int, split: Split, plan: Plan = PLAN) -> list[Sitting]:
+    """Records of a drawing by their numbers, each the same whatever else is drawn."""
     own_seed = int(np.random.SeedSequence([seed, zlib.crc32(drawing.name.encode())]).generate_state(1)[0])
-    (found,) = sittings_drawn(
-        1, own_seed, split, drawing.kinds, drawing.effects, drawing.level, plan, drawing.ratio, first=number
+    first, last = min(numbers), max(numbers)
+    found = sittings_drawn(
+        last - first + 1,
+        own_seed,
+        split,
+        drawing.kinds,
+        drawing.effects,
+        drawing.level,
+        plan,
+        drawing.ratio,
+        first=first,
     )
-    return found
+    return [found[number - first] for number in numbers]
 
 
 def record(one: Sitting, coloured: bool = False, with_effects: bool = True) -> Record:
     """What may be known of a sitting; an event that cannot be read is left out.
 
-    `fit` is to fit and choose by, `held` and `report` are held out.
+    `fit` is to fit and choose by, the others are held out.
     """
     train: list[Case] = []
     held_out: list[Case] = []

@@ -10,15 +10,16 @@ from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
 from world.effects.draw import Split
+from world.effects.sitting import TOGETHER
 
 from biodyn_ros.executors import as_done, executor_of, result_of
 from blind.tracing.answer import Tracer, answered, traced
 from blind.tracing.outcome import FAILED, Answer, Outcome, Score, line_of
-from blind.tracing.records import record, sitting
+from blind.tracing.records import record, sittings
 from blind.tracing.rows import Drawing
 from blind.tracing.score import scored
 
-T = TypeVar("T", Answer, Score)
+T = TypeVar("T", Answer, Score, int)
 Say = Callable[[str], None]
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 Doing = Callable[[Sequence[Call]], Iterator[Any]]
@@ -36,17 +37,17 @@ class BrokenSeal(RuntimeError):
 
 
 class Answering(Protocol):
-    """Draws one record and asks for an answer to it."""
+    """Draws some records of one row, all at once, and asks for answers to them."""
 
-    def __call__(self, drawing: Drawing, number: int, seed: int, split: Split) -> Answer:
-        """Answer one record; nothing of its truth is in the answer."""
+    def __call__(self, drawing: Drawing, numbers: Sequence[int], seed: int, split: Split) -> list[Answer]:
+        """Answer each; nothing of its truth is in an answer."""
 
 
 class Scoring(Protocol):
-    """Draws one record again, truth and all, and scores the answer to it."""
+    """Draws some records of one row again, truths and all, and scores the answers to them."""
 
-    def __call__(self, drawing: Drawing, answer: Answer, seed: int, split: Split) -> Score:
-        """Score one answer."""
+    def __call__(self, drawing: Drawing, answers: Sequence[Answer], seed: int, split: Split) -> list[Score]:
+        """Score each answer."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,10 @@ def run(
 ) -> list[Outcome]:
     """Go through a whole run, from where it was interrupted; raises BrokenSeal where that is not possible."""
     begin(what)
-    answers = all_answers(what, doing, answer or answer_record, say)
+    answers = all_answers(what, doing, answer or answer_records, say)
     say(f"{len(answers)} answers are sealed: sha256 {seal(what)}")
     # Truths are drawn from here on, and not before.
-    scores = all_scores(what, answers, doing, score or score_record, say)
+    scores = all_scores(what, answers, doing, score or score_records, say)
     keys = {(one.row, one.number): one for one in scores}
     return [Outcome(one, keys[one.row, one.number]) for one in answers]
 
@@ -105,7 +106,7 @@ def all_answers(what: Run, doing: Doing, answer: Answering, say: Say = lambda te
     left = [task for task in what.tasks if (task[0].name, task[1]) not in done]
     if left and (what.folder / SEAL).exists():
         raise BrokenSeal(f"{what.folder / SEAL} is there, but answers are missing: the truth has been looked at")
-    calls = [(answer, (drawing, number, what.seed, what.split)) for drawing, number in left]
+    calls = [(answer, (drawing, numbers, what.seed, what.split)) for drawing, numbers in _together(left)]
     for count, one in enumerate(_kept(path, doing(calls)), 1):
         say(f"traced {count} of {len(left)}: {one.row} {one.number}, {one.verdict}, {one.seconds:.0f} s{_why(one)}")
     done = _read(path, Answer.of)
@@ -131,37 +132,53 @@ def all_scores(
     path = what.folder / SCORES
     drawings = {drawing.name: drawing for drawing in what.drawings}
     done = _read(path, Score.of)
-    left = [one for one in answers if (one.row, one.number) not in done]
-    calls = [(score, (drawings[one.row], one, what.seed, what.split)) for one in left]
+    left = [(drawings[one.row], one) for one in answers if (one.row, one.number) not in done]
+    calls = [(score, (drawing, some, what.seed, what.split)) for drawing, some in _together(left)]
     for count, one in enumerate(_kept(path, doing(calls)), 1):
         say(f"scored {count} of {len(left)}: {one.row} {one.number}")
     done = _read(path, Score.of)
     return [done[one.row, one.number] for one in answers]
 
 
-def answer_record(drawing: Drawing, number: int, seed: int, split: Split, tracer: Tracer = traced) -> Answer:
-    """Draw one record, keep what may be known of it, and ask the tracer."""
-    known = record(sitting(drawing, number, seed, split), drawing.coloured)
-    return answered(drawing.name, number, known, tracer)
+def answer_records(
+    drawing: Drawing, numbers: Sequence[int], seed: int, split: Split, tracer: Tracer = traced
+) -> list[Answer]:
+    """Draw some records, keep what may be known of each, and ask the tracer."""
+    drawn = sittings(drawing, numbers, seed, split)
+    return [
+        answered(drawing.name, number, record(one, drawing.coloured), tracer)
+        for number, one in zip(numbers, drawn, strict=True)
+    ]
 
 
-def score_record(drawing: Drawing, answer: Answer, seed: int, split: Split) -> Score:
-    """Draw one record again, and score the answer to it."""
-    return scored(drawing, answer, sitting(drawing, answer.number, seed, split))
+def score_records(drawing: Drawing, answers: Sequence[Answer], seed: int, split: Split) -> list[Score]:
+    """Draw some records again, and score the answers to them."""
+    drawn = sittings(drawing, [answer.number for answer in answers], seed, split)
+    return [scored(drawing, answer, one) for answer, one in zip(answers, drawn, strict=True)]
+
+
+def _together(left: Sequence[tuple[Drawing, T]]) -> list[tuple[Drawing, list[T]]]:
+    """What is left, so many of one row at a time as are moved at once, which takes little longer than one."""
+    rows = {drawing.name: drawing for drawing, _ in left}
+    found = []
+    for name, drawing in rows.items():
+        mine = [one for row, one in left if row.name == name]
+        found += [(drawing, mine[begin : begin + TOGETHER]) for begin in range(0, len(mine), TOGETHER)]
+    return found
 
 
 def here(calls: Sequence[Call]) -> Iterator[Any]:
     """Do calls one after the other."""
     for function, arguments in calls:
-        yield function(*arguments)
+        yield from function(*arguments)
 
 
 def in_processes(calls: Sequence[Call]) -> Iterator[Any]:
-    """Do calls in two processes with linear algebra on one thread each; none holds more than one record."""
+    """Do calls in two processes with linear algebra on one thread each, and give their results as they come."""
     with executor_of(f"processes:{PROCESSES}") as executor:
         for number, future in as_done(executor, calls):
             drawing, *_ = calls[number][1]
-            yield result_of(future, f"{drawing.name}, call {number}")
+            yield from result_of(future, f"{drawing.name}, call {number}")
 
 
 def _why(answer: Answer) -> str:
