@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from biodyn_core.effects import Effect
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.generated import Piece, Role, integrator
+from biodyn_core.segments import N_SEGMENTS
 
 Floats = NDArray[np.float64]
 
@@ -77,7 +78,9 @@ def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
     assert function is not None, effect.name
     drives = tuple(channels.index(name) for name in effect.channels)
     past = _past(effect, step_s)
-    return Piece(role, function, element.index, effect.states, len(element.constants) + bool(past), drives, past)
+    return Piece(
+        role, function, element.index, effect.states, N_SEGMENTS + bool(past) + len(element.constants), drives, past
+    )
 
 
 def _past(effect: Effect, step_s: float) -> int:
@@ -88,7 +91,8 @@ def _past(effect: Effect, step_s: float) -> int:
 
 def _constants(element: Element, piece: Piece, step_s: float) -> Floats:
     steps = (max(element.delay_s / step_s, 1.0),) if piece.past else ()
-    return np.array([*steps, *element.constants, *[0.0] * piece.memory])
+    here = np.arange(N_SEGMENTS) == element.index
+    return np.array([*here, *steps, *element.constants, *[0.0] * piece.memory])
 
 
 def _drive_states(pieces: Sequence[Piece]) -> list[tuple[int, int]]:

@@ -84,7 +84,6 @@ def law(name: str, p: dict[str, float], k: float, k_alpha: float, b: float, own_
         "cubic": lambda d, r: k * p["cubic_per_m2"] * d**3,
         "stop": lambda d, r: -p["stiffness_ratio"] * k * max(0.0, -d - p["gap_m"]),
         "quadratic_damping": lambda d, r: b * p["growth_s_per_m"] * r * abs(r),
-        "friction": lambda d, r: p["friction_n"] * math.tanh(r / p["smooth_mps"]),
         "backrest": lambda d, r: -p["stiffness_n_per_m"] * (d + p["damping_s"] * r),
         "harness": lambda d, r: -p["stiffness_n_per_m"] * max(0.0, d - p["slack_m"]),
     }
@@ -92,6 +91,10 @@ def law(name: str, p: dict[str, float], k: float, k_alpha: float, b: float, own_
         return 0, lambda t, d, r, s, q: (plain[name](d, r), [])
     sign = np.sign
     stateful = {
+        "friction": lambda t, d, r, s, q: (
+            p["friction_n"] * q[0],
+            [min((abs(r) + p["smooth_mps"]) / p["presliding_m"], 1000.0) * (math.tanh(r / p["smooth_mps"]) - q[0])],
+        ),
         "hysteresis": lambda t, d, r, s, q: (
             p["yield_n"] * q[0], [r / p["yield_m"] * (1 - q[0] ** 2 * (0.5 + 0.5 * sign(r * q[0])))]
         ),
@@ -115,7 +118,15 @@ def law(name: str, p: dict[str, float], k: float, k_alpha: float, b: float, own_
             own_mass * sum(p[f"beta_{axis}"] * np.interp(t, times, driven[f"seat.{axis}"]) for axis in "xy"), []
         ),
     }  # fmt: skip
-    states = {"hysteresis": 1, "relaxation": 1, "thixotropy": 1, "viscera": 2, "cushion": 2, "bending": 1}
+    states = {
+        "friction": 1,
+        "hysteresis": 1,
+        "relaxation": 1,
+        "thixotropy": 1,
+        "viscera": 2,
+        "cushion": 2,
+        "bending": 1,
+    }
     return states.get(name, 0), stateful[name]
 
 
@@ -340,7 +351,7 @@ def test_a_channel_that_is_not_there_is_one_line() -> None:
 
 
 def test_a_stiff_effect_makes_the_steps_smaller() -> None:
-    hard = applied("friction", "neck", friction_n=80.0, smooth_mps=0.005)
+    hard = applied("friction", "neck", friction_n=80.0, presliding_m=2e-5)
     chain = Chain.of(with_effects(hard))
     assert Stepper(chain, RATE_HZ).substeps > Stepper(Chain.of(SUBJECT), RATE_HZ).substeps
     assert np.isfinite(chain.simulate(shock(peak=150.0), RATE_HZ).accel_mps2).all()
@@ -492,3 +503,16 @@ def test_a_tampered_file_is_not_run(tmp_path, monkeypatch) -> None:
     path.parent.mkdir()
     path.write_text("raise SystemExit('theirs')\n")
     assert generated._kept(path, text).read_text() == text
+
+
+@pytest.mark.parametrize("name", ["cubic", "friction", "reflex", "lift_off", "viscera", "bending"])  # one of each kind
+def test_beside_another_an_effect_is_where_it_was(name: str) -> None:
+    """Among several, sites are numbers instead of text; one that is idle changes nothing, whichever comes first."""
+    effect, seat = applied(name, **STRONG.get(name, {})), shock()
+    idle = applied("harness", "upper_torso", stiffness_n_per_m=1e-12)
+    alone = answer(Chain.of(with_effects(effect)), seat)
+    for both in ((effect, idle), (idle, effect)):
+        chain = Chain.of(with_effects(*both))
+        steps = Stepper(Chain.of(with_effects(effect)), RATE_HZ).substeps
+        found = Stepper(chain, RATE_HZ, steps).push(seat, channels=channels(seat.size))
+        np.testing.assert_allclose(found, alone, rtol=0.0, atol=1e-12 * np.abs(alone).max())

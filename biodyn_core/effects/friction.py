@@ -21,7 +21,7 @@ def force(
     per_m: float,
     fastest: float,
 ) -> tuple[float, float]:
-    """F = F_c z with z' = (|rate| + v_0) / d (tanh(rate / v_0) - z): Coulomb's for small d, Dahl's for small v_0.
+    """F = F_c z with z' = (|rate| + v_0) / d (tanh(rate / v_0) - z), 1000 / s at most: Coulomb's, or Dahl's.
 
     tanh by an exponential: three times as fast as the library's.
     """
@@ -46,7 +46,7 @@ def _own_rate_per_s(joint: Joint, values: Mapping[str, float]) -> float:
 EFFECT = Effect(
     name="friction",
     family="dry_friction",
-    equation="F += F_c z, z' = (|rate| + v_0) / d (tanh(rate / v_0) - z)",
+    equation="F += F_c z, z' = min((|rate| + v_0) / d, 1000 / s) (tanh(rate / v_0) - z)",
     signature="damping that falls with amplitude",
     place="joint",
     parameters=(

@@ -34,7 +34,7 @@ def _accelerations(
 ) -> None:
     """Relative accelerations x'' of Eq. 4, joint by joint from the head down (Eq. 17, 18); rates dq of the states q."""
     above = 0.0
-    # effects: drives
+    # effects: before
     for j in range(5, -1, -1):
         delta = x[j] - x[j - 1] if j > 0 else x[0]
         rate = v[j] - v[j - 1] if j > 0 else v[0]

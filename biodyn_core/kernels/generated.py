@@ -21,6 +21,10 @@ from typing import Any, Final, Literal, NamedTuple
 
 from biodyn_core.kernels import chain
 from biodyn_core.kernels.compiling import CACHE
+from biodyn_core.segments import N_SEGMENTS
+
+ANYWHERE: Final = -1
+"""Of a piece whose place is told by its constants alone."""
 
 Role = Literal["force of a joint", "limit of a joint", "force on a segment"]
 
@@ -29,7 +33,8 @@ class Piece(NamedTuple):
     """One function of an effect at one joint or segment (0 to 5), and what it takes besides its motion.
 
     drives are columns of the integrator's drive; states and constants are counts; past is how many steps of the joint's
-    stretch it keeps, 0 where it does not look back. One that does has as its first constant how many steps, 1 at least.
+    stretch it keeps, 0 where it does not look back. Its first six constants are one where it sits and zero elsewhere;
+    if it looks back, the next is how many steps, 1 at least.
     """
 
     role: Role
@@ -54,8 +59,11 @@ class Piece(NamedTuple):
 def integrator(pieces: Sequence[Piece]) -> Callable[..., None]:
     """`integrate_chain` with these pieces; their states, and constants with memory, follow each other in q and p.
 
-    Where a piece sits is part of the text: as a number in p it keeps the loop from being unrolled, at twice the time.
+    Where a single piece sits is part of the text: as numbers in p the other joints wait for it, at twice the time.
+    Where there are several it is numbers: a search for a second effect would compile a text for every pair of sites.
     """
+    if len(pieces) > 1:
+        pieces = [piece._replace(at=ANYWHERE) for piece in pieces]
     return _integrator(tuple(pieces)) if pieces else chain.integrate_chain
 
 
@@ -72,7 +80,8 @@ def _source(pieces: Sequence[Piece]) -> str:
     limits: list[str] = []
     for number, piece in enumerate(pieces):
         for mark, lines in _lines(number, piece, state, place).items():
-            (limits if piece.role == "limit of a joint" else marks.setdefault(mark, [])).append(lines)
+            last = mark == "joints" and piece.role == "limit of a joint"
+            (limits if last else marks.setdefault(mark, [])).append(lines)
         state, place = state + piece.all_states, place + piece.constants + piece.memory
     marks.setdefault("joints", []).extend(limits)
     text = re.sub(
@@ -88,33 +97,57 @@ def _lines(number: int, piece: Piece, state: int, place: int) -> dict[str, str]:
     """What a piece writes at which mark, its states beginning at q[state] and its constants at p[place]."""
     drives = [f"q[{state + i}]" for i in range(len(piece.drives))]
     states = [f"q[{state + len(drives) + i}]" for i in range(piece.states)]
-    constants = [f"p[{place + i}]" for i in range(piece.constants)]
+    constants = [f"p[{place + i}]" for i in range(N_SEGMENTS, piece.constants)]
     slopes = [f"p[{place + piece.constants + i}]" for i in range(len(drives))]
     seen = place + piece.constants + len(drives)
     if piece.role == "limit of a joint":
-        return {"joints": f"if j == {piece.at}:\n    force = _piece_{number}({', '.join(['force', *constants])})\n"}
-    mark, moves, total = _WHERE[piece.role]
+        limited = f"_piece_{number}({', '.join(['force', *constants])})"
+        here = f"j == {piece.at}" if piece.at != ANYWHERE else f"p[{place} + j] > 0.0"
+        return {"joints": f"if {here}:\n    force = {limited}\n"}
+    mark, total, *moves = _MOVES[piece.role]
+    x, v = (_chosen(move, piece.at, place) for move in moves)
     looked = [f"p[{seen}]"] if piece.past else []
-    arguments = ", ".join([*moves, "seat", *looked, *drives, *states, *constants[bool(piece.past) :]])
-    results = ", ".join(["added", *(f"d{name}" for name in states)])
-    lines = {mark: f"if j == {piece.at}:\n    {results} = _piece_{number}({arguments})\n    {total} += added\n"}
+    arguments = ", ".join(
+        [f"x_{number}", f"v_{number}", "seat", *looked, *drives, *states, *constants[bool(piece.past) :]]
+    )
+    results = ", ".join([f"added_{number}", *(f"d{name}" for name in states)])
+    lines = {
+        "before": f"x_{number} = {x}\nv_{number} = {v}\n{results} = _piece_{number}({arguments})\n",
+        mark: _where(piece.at, place, f"added_{number}", total),
+        "samples": "",
+    }
     if drives:
-        lines["samples"] = lines["drives"] = ""
+        drive_lines = ""
         for slope, q, column in zip(slopes, drives, piece.drives, strict=True):
             lines["samples"] += f"{slope} = (drive[n, {column}] - {q}) / (step_s * substeps)\nd1{q[1:]} = {slope}\n"
-            lines["drives"] += f"d{q} = {slope}\n"
+            drive_lines += f"d{q} = {slope}\n"
+        lines["before"] = drive_lines + lines["before"]
     if piece.past:
-        stretch = f"x[{piece.at}]" + (f" - x[{piece.at - 1}]" if piece.at else "")
+        stretch = x
         for name, ahead in (("middle", 0.5), ("end", 1.0)):
             lines[name] = f"p[{seen}] = _look_back(p, {seen + 1}, {piece.past}, {constants[0]} - {ahead})\n"
         lines["past"] = f"p[{seen + 1}] += 1.0\np[{seen + 2} + int(p[{seen + 1}]) % {piece.past}] = {stretch}\n"
     return lines
 
 
-_WHERE: Final = {
-    "force of a joint": ("joints", ("delta", "rate"), "force"),
-    "force on a segment": ("segments", ("x[j]", "v[j]"), "load"),
+_MOVES: Final = {
+    "force of a joint": ("joints", "force", "x[{j}] - x[{i}]", "v[{j}] - v[{i}]"),
+    "force on a segment": ("segments", "load", "x[{j}]", "v[{j}]"),
 }
+
+
+def _chosen(motion: str, at: int, place: int) -> str:
+    """The motion where a piece sits, a place known or by the ones and zeros from p[place] on."""
+    each = [motion[:1] + "[0]", *(motion.format(j=j, i=j - 1) for j in range(1, N_SEGMENTS))]
+    return each[at] if at != ANYWHERE else " + ".join(f"p[{place + j}] * ({one})" for j, one in enumerate(each))
+
+
+def _where(at: int, place: int, added: str, total: str) -> str:
+    """The line that adds to a total where a piece sits."""
+    if at != ANYWHERE:
+        return f"if j == {at}:\n    {total} += {added}\n"
+    return f"{total} += p[{place} + j] * {added}\n"
+
 
 _LOOK_BACK: Final = '''@compiled
 def _look_back(p: Floats, at: int, length: int, steps: float) -> float:
