@@ -23,6 +23,15 @@ Tell = Callable[[str, float], None]
 STEPS: Final = 5
 """Steps of settling on few events: enough to tell who is in the running."""
 
+ROUGHLY: Final = 0.01
+"""... each worth more than this share."""
+
+LEAST_FIT: Final = 0.01
+"""What takes off less than this share of what the best takes off to first order is not tried further."""
+
+ALWAYS: Final = ("lift_off",)
+"""... but for what acts only where it has not been looked."""
+
 SIZES: Final = (1.0, 3.0)
 """Screening's linear step may start a strength so far from its own; from nothing a descent finds no way."""
 
@@ -52,8 +61,8 @@ class Glance:
         """Those that predict best, half as many of those that fit best, and lift-off always."""
         by_gain = sorted(self.found, key=lambda one: -one.gain)[:count]
         by_fit = sorted(self.found, key=lambda one: -one.share)[: count // 2]
-        lift_off = [one for one in self.found if one.applied.effect.name == "lift_off"]
-        return _distinct([*by_gain, *by_fit, *lift_off])
+        always = [one for one in self.found if one.applied.effect.name in ALWAYS]
+        return _distinct([*by_gain, *by_fit, *always])
 
 
 def glance(few: Background, tried: Sequence[Tried], replicates: int, seed: int, tell: Tell) -> Glance:
@@ -64,13 +73,15 @@ def glance(few: Background, tried: Sequence[Tried], replicates: int, seed: int, 
     for screened in sorted(screening.ladder, key=lambda one: -one.fits):  # a stop that nothing reaches loses nothing
         best.setdefault((screened.tried.applied.effect.name, screened.tried.applied.site), screened)
     found = []
-    for number, screened in enumerate(best.values()):
-        settled = settle(few, _sized(screened), STEPS)
+    most = max((one.fits for one in best.values()), default=0.0)
+    worth = [one for one in best.values() if one.fits >= LEAST_FIT * most or one.tried.applied.effect.name in ALWAYS]
+    for number, screened in enumerate(worth):
+        settled = settle(few, _sized(screened), STEPS, enough=ROUGHLY)
         if settled.applied is not None and np.isfinite(settled.objective):
             gain = float(mean_log_ratio(without.left, settled.left[:, None], p.event, p.samples)[0])
             share = 1.0 - settled.objective / without.objective
             found.append(Glanced(gain + relief(few, without, settled), share, settled.applied, screened, settled.level))
-        tell("trying", (number + 1) / len(best))
+        tell("trying", (number + 1) / len(worth))
     return Glance(screening, tuple(found))
 
 

@@ -36,6 +36,9 @@ LEAST_EVENTS: Final = 3
 LEAST_CASES: Final = 2
 """An effect is believed where it helps in so many events, or in events of so many loading conditions."""
 
+TELLING: Final = 0.9
+"""With less left than so many times what a good model misses, it is told how far a body departs."""
+
 FIRST: Final = ("clock", "gain", "tilt", "skin")
 """What is wrong with a sensor is believed before a new law of tissue, where both explain as much."""
 
@@ -51,28 +54,37 @@ class Outcome:
 
     @property
     def before(self) -> float:
-        """What was left when the round began, in multiples of what a good model misses, rms, median event."""
-        return self._left(self.without.left)
+        """What was left when the round began, as by `left_over`."""
+        return left_over(self.background, self.without)
 
     @property
     def after(self) -> float:
         """What is left now, likewise."""
-        return self._left((self.taken or self.without).left)
+        return left_over(self.background, self.taken or self.without)
 
-    def _left(self, left: Floats) -> float:
-        p = self.background.choose.products
-        each = [(left[p.event == e].sum(), p.samples[p.event == e].sum()) for e in np.unique(p.event)]
-        return float(np.sqrt(np.median([square / max(samples, 1.0) for square, samples in each])))
+
+def left_over(background: Background, settled: Settled) -> float:
+    """What is left in the events that choose, in multiples of what a good model misses, rms, of the median event."""
+    p, left = background.choose.products, settled.left
+    each = [(left[p.event == e].sum(), p.samples[p.event == e].sum()) for e in np.unique(p.event)]
+    return float(np.sqrt(np.median([square / max(samples, 1.0) for square, samples in each])))
 
 
 @dataclass(frozen=True, eq=False)
 class _Rung:
-    """A candidate, settled, and its log ratio in each event that chooses (e,)."""
+    """A candidate, settled, and its log ratio in each event that chooses (e,), whose loading conditions are cases."""
 
     settled: Settled
     gains: Floats
+    cases: tuple[str, ...]
     absorbed: float
     screened: Screened
+
+    @property
+    def helps(self) -> bool:
+        """Whether it helps in more than an event or two of one kind."""
+        helped = [case for case, gain in zip(self.cases, self.gains, strict=True) if gain > 0.0]
+        return len(helped) >= LEAST_EVENTS or len(set(helped)) >= LEAST_CASES
 
     @property
     def applied(self) -> AppliedEffect:
@@ -102,12 +114,12 @@ def one_round(
     running = glanced.running(settings.refined)
     for number, one in enumerate(running):
         start = _best_start(few, glanced.screening, one.applied) if number < FROM_ALL else one.applied
-        settled = settle(background.at_level(one.level), start)
+        settled = _at_own_level(background, start, one.level)
         if np.isfinite(settled.objective):
             rungs.append(_rung(background, without, settled, one.screened))
         tell("settling", (number + 1) / len(running))
     rungs = sorted([*rungs, *_clocks(background, without, glanced.screening)], key=lambda rung: -rung.gain)
-    threshold = max(settings.least_gain, float(np.quantile(glanced.screening.chance, 0.95)))
+    threshold = max(_asked(background, without, settings), float(np.quantile(glanced.screening.chance, 0.95)))
     told = [_candidate(rung, background, without, glanced.screening) for rung in rungs]
     index = _taken(told, rungs, threshold, settings)
     ladder = (*told, *_screened_only(glanced.screening, told))
@@ -122,8 +134,24 @@ def one_round(
 
 
 def _likeliest(background: Background) -> Background:
-    """For a body that departs from the model as far as is likeliest where nothing is missing."""
-    return background.at_level(settle(background, None).level)
+    """For a body that departs from the model as far as is likeliest where nothing is missing.
+
+    Where more is left than of a good model, something is, and departures that are small beside it tell nothing.
+    """
+    found = settle(background, None)
+    plain = left_over(background, found) < TELLING and np.isfinite(found.objective)
+    return background.at_level(found.level) if plain else background
+
+
+def _asked(background: Background, without: Settled, settings: TraceSettings) -> float:
+    """What a gain must exceed: more of a body that departs as far as usual than of one that is as the model has it.
+
+    Where more is left than of a good model, something is missing, and the least will do.
+    """
+    if left_over(background, without) >= TELLING:
+        return settings.least_gain
+    decades = 1.0 + float(np.log10(background.level))
+    return settings.least_gain * (1.0 + settings.departing * decades)
 
 
 def _glanced(
@@ -161,12 +189,25 @@ def _best_start(few: Background, screening: Screening, start: AppliedEffect) -> 
     return start if best.applied is None or not np.isfinite(best.objective) else best.applied
 
 
+def _at_own_level(background: Background, start: AppliedEffect, level: float) -> Settled:
+    """Settled at the level that is likeliest with the effect, so that all that is weighed is of one level."""
+    found = settle(background.at_level(level), start)
+    if found.applied is None or not np.isfinite(found.objective) or found.level == level:
+        return found
+    again = settle(background.at_level(found.level), found.applied)
+    return again if np.isfinite(again.objective) else found
+
+
 def _rung(background: Background, without: Settled, settled: Settled, screened: Screened) -> _Rung:
     p = background.choose.products
     gains = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0] + relief(
         background, without, settled
     )
-    return _Rung(settled, gains, screened.absorbed, screened)
+    return _Rung(settled, gains, _cases(background), screened.absorbed, screened)
+
+
+def _cases(background: Background) -> tuple[str, ...]:
+    return tuple(case.case for case in background.choose.cases)
 
 
 def _clocks(background: Background, without: Settled, screening: Screening) -> list[_Rung]:
@@ -190,16 +231,14 @@ def _clocks(background: Background, without: Settled, screening: Screening) -> l
         applied = AppliedEffect(CATALOGUE["clock"], name, {"delay_s": delay_s, "drift": 0.0})
         settled = dataclasses.replace(without, applied=applied, left=np.concatenate(left))
         gains = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0]
-        found.append(_Rung(settled, gains, screened.absorbed, screened))
+        found.append(_Rung(settled, gains, _cases(background), screened.absorbed, screened))
     return found
 
 
 def _candidate(rung: _Rung, background: Background, without: Settled, screening: Screening) -> Candidate:
-    cases = [case.case for case in background.choose.cases]
-    helped = [case for case, gain in zip(cases, rung.gains, strict=True) if gain > 0.0]
     against = [f"{name} ends on a bound" for name in rung.settled.at_bound]
-    if len(helped) < LEAST_EVENTS and len(set(helped)) < LEAST_CASES:
-        against.append(f"helps in {len(helped)} of {len(cases)} events")
+    if not rung.helps:
+        against.append(f"helps in {np.count_nonzero(rung.gains > 0.0)} of {rung.gains.size} events")
     before = {
         name
         for subject in (background.subject, without.subject)
@@ -208,13 +247,21 @@ def _candidate(rung: _Rung, background: Background, without: Settled, screening:
     after = at_bound(rung.settled.subject.parameters.vector(), FREE)
     against += [f"{name} moves onto its bound" for name in after if name not in before]
     return Candidate(
-        rung.applied, rung.gain, True, screening.p_value(rung.gain), rung.absorbed, len(helped), tuple(against)
-    )
+        rung.applied, rung.gain, True, screening.p_value(rung.gain), rung.absorbed,
+        int(np.count_nonzero(rung.gains > 0.0)), tuple(against),
+    )  # fmt: skip
 
 
 def _taken(told: Sequence[Candidate], rungs: Sequence[_Rung], threshold: float, settings: TraceSettings) -> int | None:
-    """Which rung is taken: the best with nothing against it, but a sensor's fault before a tissue's law as good."""
+    """Which rung is taken: the best with nothing against it, but a sensor's fault before a tissue's law as good.
+
+    One that ends on a bound is taken only where it gains overwhelmingly and nothing that does not comes near: the form
+    of its law is then not quite the body's.
+    """
     good = [i for i, one in enumerate(told) if one.gain > threshold and not one.against]
+    rough = [i for i, one in enumerate(told) if rungs[i].helps and one.gain > settings.overwhelming * threshold]
+    if rough and (not good or told[good[0]].gain < settings.near_alike * told[rough[0]].gain):
+        return rough[0]
     if not good:
         return None
     best = good[0]

@@ -32,6 +32,12 @@ class TraceSettings:
         0.0,
         5.0,
     )
+    departing: float = setting(
+        1.2, "... and so much more, in its shares, of bodies that depart as far as usual", "", 0.0, 100.0
+    )
+    overwhelming: float = setting(
+        2.5, "times what is asked, from which an effect is believed though it ends on a bound", "", 1.0, 100.0
+    )
     replicates: int = setting(200, "draws of the largest gain by chance", "", 20, 100_000)
     refined: int = setting(12, "candidates that are settled on all events", "", 1, 1000)
     near: float = setting(0.8, "share of the best gain from which another effect explains as much", "", 0.1, 1.0)
@@ -46,7 +52,7 @@ class TraceSettings:
     most_stretched: float = setting(
         30.0, "squares of usual departures, in theirs, from which they explain nothing any more", "", 0.0, 1e6
     )
-    usual_left: float = setting(0.85, "... and what is left of bodies with nothing hidden, their median", "", 0.0, 10.0)
+    usual_left: float = setting(0.65, "... and what is left of bodies with nothing hidden, their median", "", 0.0, 10.0)
     least_closed: float = setting(0.45, "share of the gap between both that effects must close", "", 0.0, 1.0)
     floor: FloorSettings = dataclasses.field(default_factory=FloorSettings)
     background: BackgroundSettings = dataclasses.field(default_factory=BackgroundSettings)

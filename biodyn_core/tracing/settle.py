@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 STEPS: Final = 12
 ENOUGH: Final = 2e-3
-"""A step that takes off less than this share ends it."""
+"""A step that takes off less than this share of the objective ends settling."""
 
 SHARES: Final = (1.0, 0.5, 0.2, 0.05)
 """Of a step, tried in turn until one takes something off."""
@@ -68,11 +68,13 @@ class Settled:
 
 
 def settle(
-    background: Background, start: AppliedEffect | None, steps: int = STEPS, with_intervals: bool = False
+    background: Background, start: AppliedEffect | None, steps: int = STEPS, with_intervals: bool = False,
+    enough: float = ENOUGH,
 ) -> Settled:  # fmt: skip
     """Fit theta, the departures and an effect from its start values; without an effect, theta and departures alone.
 
-    Intervals, which take as long as a step, where they are asked for.
+    A step that takes off less than the share enough ends it. Intervals, which take as long as a step, where they are
+    asked for.
     """
     problem = _Problem(background, start)
     at = problem.at(np.zeros(N_THETA), problem.unbounded(start))
@@ -80,9 +82,9 @@ def settle(
         better = _descended(problem, at) if np.isfinite(at.objective) else None
         if better is None:
             break
-        enough = at.objective - better.objective < ENOUGH * at.objective
+        little = at.objective - better.objective < enough * at.objective
         at = better
-        if enough:
+        if little:
             break
     if not np.isfinite(at.objective):
         return Settled(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, background.choose.products.square)

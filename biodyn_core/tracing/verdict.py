@@ -27,7 +27,7 @@ def judged(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -
     if explained(outcomes, s):
         return _of_effect(outcomes[0])
     first, last = outcomes[0].round, outcomes[-1]
-    best = first.ladder[0]
+    best = first.taken or first.ladder[0]
     said = f"the best of all, {named(best.applied)}, gains {best.gain:.2f}; {first.threshold:.2f} was asked"
     strong = [one for one in first.ladder if one.refitted and one.against and one.gain > first.threshold]
     refused = [f"{named(one.applied)} gains {one.gain:.2f}, but {'; '.join(one.against)}" for one in strong]

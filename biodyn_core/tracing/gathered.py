@@ -1,0 +1,184 @@
+"""What a trace found, gathered from its rounds: verdict, intervals, events before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from biodyn_core.effects import AppliedEffect, EffectParameter
+from biodyn_core.identification.problem import Case, errors
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.background import N_THETA
+from biodyn_core.tracing.diagnose import diagnose
+from biodyn_core.tracing.experiments import separating
+from biodyn_core.tracing.findings import Departure, Event, Interval, Surface, Trace, Use
+from biodyn_core.tracing.rounds import Outcome
+from biodyn_core.tracing.screen import candidates
+from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.surface import surface
+from biodyn_core.tracing.verdict import judged, named
+
+Floats = NDArray[np.float64]
+
+NOISE_BAND_HZ: Final = (60.0, 85.0)
+"""Here bodies hardly move: what a model misses of a channel, its sensor made."""
+
+
+def decided(
+    before: Subject, after: Subject, outcomes: Sequence[Outcome], sides: Sequence[Sequence[Case]], s: TraceSettings,
+    left_out: Sequence[str], seed: int,
+) -> Trace:  # fmt: skip
+    """Everything a trace that could decide says."""
+    train, choose, report = sides
+    added = after.effects[len(before.effects) :]
+    rivals = tuple(one.applied for one in outcomes[0].round.ambiguous_with) if added else ()
+    looked = diagnose(before, outcomes[0].background)
+    law = _surface(outcomes[0]) if not added else None
+    verdict, reasons = judged(outcomes, law, s)
+    reasons += tuple(line for applied in added for line in _on_bounds(applied))
+    taken = [outcome for outcome in outcomes if outcome.taken is not None][: len(added)]
+    first = outcomes[0].round
+    best = first.taken or (first.ladder[0] if first.ladder else None)
+    return Trace(
+        verdict=verdict,
+        reasons=reasons,
+        before=before,
+        after=after,
+        effects=added,
+        intervals=tuple(_intervals(outcome, applied) for outcome, applied in zip(taken, added, strict=True)),
+        ambiguous_with=rivals,
+        family=_family([*added[:1], *rivals]),
+        experiment=separating({one.effect.name for one in (*added[:1], *rivals)}),
+        events=_events(before, after, train, choose, report),
+        rounds=tuple(outcome.round for outcome in outcomes),
+        departures=_departures(outcomes[-1]),
+        diagnostics=looked,
+        surface=law,
+        floor_percent=_floor_percent(report, after),
+        p_value=best.p_value if best else None,
+        threshold=first.threshold,
+        untestable=tuple(candidates([*train, *choose])[1]),
+        left_out=tuple(left_out),
+        lacking=(),
+        seed=seed,
+        calibrated="anew",
+    )
+
+
+def _surface(outcome: Outcome) -> Surface | None:
+    """The surface of the joint that gains most of one, among those the residual points to."""
+    sites = [one.applied.site for one in outcome.round.ladder[:3] if one.applied.effect.place == "joint"]
+    found = [surface(outcome.background, outcome.without, site) for site in dict.fromkeys(sites)]
+    return max(found, key=lambda one: one.gain, default=None)
+
+
+def undecided(
+    train: Sequence[Case], choose: Sequence[Case], report: Sequence[Case], before: Subject, after: Subject,
+    lacking: Sequence[str], left_out: Sequence[str], seed: int,
+) -> Trace:  # fmt: skip
+    """What can be said of events that carry no verdict, and what they lack."""
+    everything = [*train, *choose, *report]
+    return Trace(
+        verdict="not_decidable",
+        reasons=("the events cannot carry a verdict", *lacking),
+        before=before,
+        after=after,
+        effects=(),
+        intervals=(),
+        ambiguous_with=(),
+        family="",
+        experiment="record what is lacking: " + "; ".join(lacking),
+        events=_events(before, after, train, choose, report),
+        rounds=(),
+        departures=(),
+        diagnostics=None,
+        surface=None,
+        floor_percent=_floor_percent(report, after),
+        p_value=None,
+        threshold=None,
+        untestable=tuple(candidates(everything)[1]) if everything else (),
+        left_out=tuple(left_out),
+        lacking=tuple(lacking),
+        seed=seed,
+        calibrated="not",
+    )
+
+
+def _events(before: Subject, after: Subject, *sides: Sequence[Case]) -> tuple[Event, ...]:
+    uses: tuple[Use, ...] = ("train", "choose", "held_out")
+    return tuple(_event(case, use, before, after) for use, cases in zip(uses, sides, strict=True) for case in cases)
+
+
+def _event(case: Case, use: Use, before: Subject, after: Subject) -> Event:
+    answers = [answer(subject, case) for subject in (before, after)]
+    shown = [np.where(case.compared, one, np.nan) for one in (case.measured_mps2, *answers)]
+    told = [errors(case, one) for one in answers]
+    return Event(case.name, case.case, use, case.rate_hz, shown[0], shown[1], shown[2], told[0], told[1])
+
+
+def _intervals(outcome: Outcome, applied: AppliedEffect) -> tuple[Interval, ...]:
+    """The effect's values as they are in the subject, with intervals as wide as settling has them."""
+    assert outcome.taken is not None
+    pairs = zip(applied.effect.parameters, outcome.taken.intervals, strict=False)
+    return tuple(_interval(p, applied.values[p.name], *limits) for p, limits in pairs)
+
+
+def _interval(parameter: EffectParameter, value: float, low: float, high: float) -> Interval:
+    """An interval around another value: as wide where the range is mapped to the whole line, so within it."""
+    lower, width = parameter.lower, parameter.upper - parameter.lower
+    share = np.clip((np.array([low, value, high]) - lower) / width, 1e-9, 1.0 - 1e-9)
+    psi = np.log(share / (1.0 - share))
+    if parameter.on_bound(value) or share[1] < 1e-6:  # nothing is symmetric about an end
+        return Interval(parameter.name, parameter.unit, value, min(low, value), max(high, value))
+    half = 0.5 * (psi[2] - psi[0])
+    ends = lower + width * 0.5 * (1.0 + np.tanh(0.5 * (psi[1] + np.array([-half, half]))))
+    return Interval(parameter.name, parameter.unit, value, float(ends[0]), float(ends[1]))
+
+
+def _departures(outcome: Outcome) -> tuple[Departure, ...]:
+    """The usual departures, the farthest from the usual first."""
+    settled = outcome.taken or outcome.without
+    found = [
+        Departure(name, float(times))
+        for name, times in zip(outcome.background.names, settled.departures[N_THETA:], strict=True)
+    ]
+    return tuple(sorted(found, key=lambda one: -abs(one.times_usual)))
+
+
+def _on_bounds(applied: AppliedEffect) -> list[str]:
+    """A line for each strength that ends on a bound once departures are left out: the law's form fits only roughly."""
+    return [
+        f"{p.name} of {named(applied)} ends on its bound in the new subject: its form fits only roughly"
+        for p in applied.effect.parameters
+        if p.kind == "strength" and p.on_bound(applied.values[p.name])
+    ]
+
+
+def _family(effects: Sequence[AppliedEffect]) -> str:
+    """The family they share, `` where they do not or there is none."""
+    families = {one.effect.family for one in effects}
+    return families.pop() if len(families) == 1 else ""
+
+
+def _floor_percent(cases: Sequence[Case], subject: Subject) -> float | None:
+    """What noise of the sensors alone leaves, mean normalised rms in percent, from the band where bodies hardly move.
+
+    An upper limit: what the subject still misses there counts as noise.
+    """
+    found = []
+    for case in cases:
+        missed = np.where(case.compared, case.measured_mps2 - answer(subject, case), 0.0)
+        moved = missed[case.begin :]
+        if len(moved) < 1024:
+            continue
+        frequency_hz, density = signal.welch(moved, case.rate_hz, nperseg=1024, axis=0)
+        still = (frequency_hz >= NOISE_BAND_HZ[0]) & (frequency_hz <= NOISE_BAND_HZ[1])
+        noise = np.sqrt(np.median(density[still], axis=0) * 100.0)
+        rms = np.sqrt(case.energy / np.maximum(case.compared.sum(axis=0), 1))
+        found.append(100.0 * np.mean(noise[case.energy > 0.0] / rms[case.energy > 0.0]))
+    return float(np.mean(found)) if found else None
