@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from biodyn_core.effects import AppliedEffect, Joint, felt
 from biodyn_core.errors import InputError
-from biodyn_core.segments import MASS_FRACTION, N_SEGMENTS, SEGMENTS, STIFFENING_SHAPE_PER_M
+from biodyn_core.segments import MASS_FRACTION, N_SEGMENTS, SEAT, SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.subject import MassMatrix, Subject
 from biodyn_core.wiring import Element, Wiring
 
@@ -108,6 +108,8 @@ class Chain:
         return dataclasses.replace(self, elements=(*self.elements, self._element(applied)))
 
     def _element(self, applied: AppliedEffect) -> Element:
+        if applied.site == SEAT:
+            return self._everywhere(applied)
         effect, index = applied.effect, SEGMENTS.index(applied.site)
         joint = Joint(
             stiffness_n_per_m=float(self.stiffness_n_per_m[index]),
@@ -120,6 +122,12 @@ class Chain:
         delay_s = applied.values[effect.delay] if effect.delay else 0.0
         own_rate_per_s = effect.own_rate_per_s(joint, applied.values)
         return Element(effect, index, constants, delay_s, own_rate_per_s, *most)
+
+    def _everywhere(self, applied: AppliedEffect) -> Element:
+        """A force that each segment gets as much of as it is inert; it knows of no joint."""
+        whole_kg = float(self.inertia_kg.sum())
+        constants = applied.effect.constants(Joint(0.0, 0.0, 0.0, whole_kg, whole_kg), applied.values)
+        return Element(applied.effect, 0, constants, 0.0, 0.0, 0.0, 0.0, tuple((self.inertia_kg / whole_kg).tolist()))
 
     def _heavier(self, index: int, mass_kg: float) -> Chain:
         """With a mass on one segment; under `cascade` it counts for every segment below, as all masses do there."""

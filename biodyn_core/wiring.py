@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.effects import Effect
 from biodyn_core.errors import InputError
-from biodyn_core.kernels.generated import Piece, Role, integrator
+from biodyn_core.kernels.generated import ANYWHERE, Piece, Role, integrator
 from biodyn_core.segments import N_SEGMENTS
 
 Floats = NDArray[np.float64]
@@ -22,7 +22,7 @@ _NO_DRIVE: Final = np.empty((0, 0))
 
 @dataclass(frozen=True)
 class Element:
-    """An effect in a chain: its segment or joint, 0 to 5, and its constants.
+    """An effect in a chain: its segment or joint, 0 to 5, or how its force spreads over all six, and its constants.
 
     delay_s is how far it looks back; the stiffness and damping are the most that it may add there, own_rate_per_s the
     largest eigenvalue of its own states.
@@ -35,6 +35,7 @@ class Element:
     own_rate_per_s: float
     stiffness_n_per_m: float
     damping_n_s_per_m: float
+    spread: tuple[float, ...] = ()
 
 
 class Wiring:
@@ -78,9 +79,8 @@ def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
     assert function is not None, effect.name
     drives = tuple(channels.index(name) for name in effect.channels)
     past = _past(effect, step_s)
-    return Piece(
-        role, function, element.index, effect.states, N_SEGMENTS + bool(past) + len(element.constants), drives, past
-    )
+    at = ANYWHERE if element.spread else element.index
+    return Piece(role, function, at, effect.states, N_SEGMENTS + bool(past) + len(element.constants), drives, past)
 
 
 def _past(effect: Effect, step_s: float) -> int:
@@ -91,7 +91,7 @@ def _past(effect: Effect, step_s: float) -> int:
 
 def _constants(element: Element, piece: Piece, step_s: float) -> Floats:
     steps = (max(element.delay_s / step_s, 1.0),) if piece.past else ()
-    here = np.arange(N_SEGMENTS) == element.index
+    here = element.spread or np.arange(N_SEGMENTS) == element.index
     return np.array([*here, *steps, *element.constants, *[0.0] * piece.memory])
 
 

@@ -115,7 +115,14 @@ def law(name: str, p: dict[str, float], k: float, k_alpha: float, b: float, own_
         ),
         "reflex": lambda t, d, r, s, q: (k * p["gain"] * np.interp(t - p["delay_s"], *past, left=0.0), []),
         "cross_axis": lambda t, d, r, s, q: (
-            own_mass * sum(p[f"beta_{axis}"] * np.interp(t, times, driven[f"seat.{axis}"]) for axis in "xy"), []
+            q[1],
+            [
+                2.0 * math.pi * p["corner_hz"] * (before - after)
+                for before, after in (
+                    (own_mass * sum(p[f"beta_{a}"] * np.interp(t, times, driven[f"seat.{a}"]) for a in "xy"), q[0]),
+                    (q[0], q[1]),
+                )
+            ],
         ),
     }  # fmt: skip
     states = {
@@ -126,6 +133,7 @@ def law(name: str, p: dict[str, float], k: float, k_alpha: float, b: float, own_
         "viscera": 2,
         "cushion": 2,
         "bending": 1,
+        "cross_axis": 2,
     }
     return states.get(name, 0), stateful[name]
 
@@ -207,7 +215,7 @@ STRONG = {
 
 @pytest.mark.parametrize("name", IN_TIME)
 def test_the_chain_answers_as_the_equation_does(name: str) -> None:
-    effect = applied(name, **STRONG.get(name, {}))
+    effect = applied(name, "pelvis" if name == "cross_axis" else None, **STRONG.get(name, {}))
     seat = shock()
     truth = twin(effect, seat)
     ours = answer(Chain.of(with_effects(effect)), seat)
@@ -516,3 +524,11 @@ def test_beside_another_an_effect_is_where_it_was(name: str) -> None:
         steps = Stepper(Chain.of(with_effects(effect)), RATE_HZ).substeps
         found = Stepper(chain, RATE_HZ, steps).push(seat, channels=channels(seat.size))
         np.testing.assert_allclose(found, alone, rtol=0.0, atol=1e-12 * np.abs(alone).max())
+
+
+def test_what_acts_on_the_whole_body_is_a_force_on_every_segment() -> None:
+    seat = shock()
+    whole = answer(Chain.of(with_effects(applied("cross_axis", "seat"))), seat)
+    every = answer(Chain.of(with_effects(*(applied("cross_axis", site) for site in SEGMENTS))), seat)
+    assert rms(whole - Chain.of(SUBJECT).simulate(seat, RATE_HZ).accel_mps2) > 0.01
+    np.testing.assert_allclose(whole, every, rtol=0.0, atol=1e-10 * np.abs(every).max())

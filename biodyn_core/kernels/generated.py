@@ -33,8 +33,8 @@ class Piece(NamedTuple):
     """One function of an effect at one joint or segment (0 to 5), and what it takes besides its motion.
 
     drives are columns of the integrator's drive; states and constants are counts; past is how many steps of the joint's
-    stretch it keeps, 0 where it does not look back. Its first six constants are one where it sits and zero elsewhere;
-    if it looks back, the next is how many steps, 1 at least.
+    stretch it keeps, 0 where it does not look back. Its first six constants are what each joint or segment gets of its
+    force, one where it sits and zero elsewhere; if it looks back, the next is how many steps, 1 at least.
     """
 
     role: Role

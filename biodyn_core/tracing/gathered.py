@@ -17,9 +17,11 @@ from biodyn_core.tracing.background import N_THETA
 from biodyn_core.tracing.diagnose import diagnose
 from biodyn_core.tracing.experiments import separating
 from biodyn_core.tracing.findings import Departure, Event, Interval, Surface, Trace, Use
+from biodyn_core.tracing.leans import lean_deg, leaning
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.screen import candidates
 from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.settle import LEVELS
 from biodyn_core.tracing.surface import surface
 from biodyn_core.tracing.verdict import judged, named
 
@@ -40,6 +42,15 @@ def decided(
     looked = diagnose(before, outcomes[0].background)
     law = _surface(outcomes[0]) if not added else None
     verdict, reasons = judged(outcomes, law, s)
+    leans = _leaning(outcomes[0], sides, s)
+    reasons += tuple(
+        f"the sensor of {one.site} leans by {lean_deg(one):.1f} deg on the mean while it moves, as its gyro has it;"
+        " recordings set it upright, so no subject carries it"
+        for one in leans
+    )
+    if leans and verdict == "none":
+        verdict = "effect"
+    named_too = leans if verdict in ("effect", "ambiguous") else ()
     reasons += tuple(line for applied in added for line in _on_bounds(applied))
     taken = [outcome for outcome in outcomes if outcome.taken is not None][: len(added)]
     first = outcomes[0].round
@@ -49,10 +60,13 @@ def decided(
         reasons=reasons,
         before=before,
         after=after,
-        effects=added,
-        intervals=tuple(_intervals(outcome, applied) for outcome, applied in zip(taken, added, strict=True)),
+        effects=(*named_too, *added),
+        intervals=(
+            *(() for _ in named_too),
+            *(_intervals(outcome, applied) for outcome, applied in zip(taken, added, strict=True)),
+        ),
         ambiguous_with=rivals,
-        family=_family([*added[:1], *rivals]),
+        family=_family([*(added or named_too)[:1], *rivals]),
         experiment=separating({one.effect.name for one in (*added[:1], *rivals)}),
         events=_events(before, after, train, choose, report),
         rounds=tuple(outcome.round for outcome in outcomes),
@@ -68,6 +82,14 @@ def decided(
         seed=seed,
         calibrated="anew",
     )
+
+
+def _leaning(
+    outcome: Outcome, sides: Sequence[Sequence[Case]], s: TraceSettings
+) -> tuple[AppliedEffect, ...]:  # fmt: skip
+    """The sensors that lean farther than is usual for a body that departs as far as this one."""
+    plain = outcome.background.level == LEVELS[-1]
+    return leaning([case for side in sides for case in side], s.background.usual.usual_lean, plain)
 
 
 def _surface(outcome: Outcome) -> Surface | None:

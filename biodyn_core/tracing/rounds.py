@@ -10,12 +10,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.effects import AppliedEffect
 from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import at_bound
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
-from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.background import FREE, Background
 from biodyn_core.tracing.findings import Candidate, Round
@@ -23,6 +22,7 @@ from biodyn_core.tracing.glance import SIZES, STEPS, Glance, glance, larger, pla
 from biodyn_core.tracing.screen import Screened, Screening, Tried, by_event, candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import Settled, relief, settle
+from biodyn_core.tracing.unsteady import unsteady
 
 Floats = NDArray[np.float64]
 Tell = Callable[[str, float], None]
@@ -118,7 +118,7 @@ def one_round(
         if np.isfinite(settled.objective):
             rungs.append(_rung(background, without, settled, one.screened))
         tell("settling", (number + 1) / len(running))
-    rungs = sorted([*rungs, *_clocks(background, without, glanced.screening)], key=lambda rung: -rung.gain)
+    rungs = sorted([*rungs, *_unsteady(background, without, glanced.screening)], key=lambda rung: -rung.gain)
     threshold = max(_asked(background, without, settings), float(np.quantile(glanced.screening.chance, 0.95)))
     told = [_candidate(rung, background, without, glanced.screening) for rung in rungs]
     index = _taken(told, rungs, threshold, settings)
@@ -126,7 +126,7 @@ def one_round(
     if index is None:
         return Outcome(Round(ladder, threshold, None, ()), background, without, None)
     rivals = _rivals(index, told, rungs, glanced.screening, settings)
-    # Settled once more: a clock that was set in every event has no place in a subject, one that is late has.
+    # Settled once more: a clock that was set time and again has no place in a subject, one that is late has.
     chosen = rungs[index].settled
     settled = settle(background.at_level(chosen.level), chosen.applied, with_intervals=True)
     settled = dataclasses.replace(settled, left=chosen.left)
@@ -210,28 +210,16 @@ def _cases(background: Background) -> tuple[str, ...]:
     return tuple(case.case for case in background.choose.cases)
 
 
-def _clocks(background: Background, without: Settled, screening: Screening) -> list[_Rung]:
-    """Each sensor's clock set anew for every event, which no fixed delay can follow: a clock that jumps or wanders."""
+def _unsteady(background: Background, without: Settled, screening: Screening) -> list[_Rung]:
+    """Rungs of what is set anew time and again; those that were not screened, for want of a channel, are left out."""
     p, found = background.choose.products, []
-    side = background.choose
-    missed = side.missed(without.subject)
-    for segment, name in enumerate(MEASURED_SEGMENTS):
-        left, late = [], []
-        for rows, known, y in zip(side.rows, side.known, missed, strict=True):
-            on_time, late_s = rows.on_time(y - known @ without.departures, segment)
-            left.append((on_time**2).sum(axis=1))
-            late.append(late_s)
-        screened = next(
-            (s for s in screening.ladder if (s.tried.applied.effect.name, s.tried.applied.site) == ("clock", name)),
-            None,
-        )
-        if screened is None:
-            continue
-        delay_s = float(np.clip(np.median(late), -0.02, 0.02))
-        applied = AppliedEffect(CATALOGUE["clock"], name, {"delay_s": delay_s, "drift": 0.0})
-        settled = dataclasses.replace(without, applied=applied, left=np.concatenate(left))
-        gains = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0]
-        found.append(_Rung(settled, gains, _cases(background), screened.absorbed, screened))
+    screened = {(one.tried.applied.effect.name, one.tried.applied.site): one for one in reversed(screening.ladder)}
+    for applied, left in unsteady(background, without):
+        known = screened.get((applied.effect.name, applied.site))
+        if known is not None:
+            settled = dataclasses.replace(without, applied=applied, left=left)
+            gains = by_event(without.left, left[:, None], p.event, p.samples)[:, 0]
+            found.append(_Rung(settled, gains, _cases(background), known.absorbed, known))
     return found
 
 

@@ -50,7 +50,7 @@ class Rows:
 
     def __init__(self, case: Case, answer: Floats, weights: WeightSettings, usual: UsualSettings) -> None:
         self._begin, self._every = case.begin, max(1, round(case.rate_hz / THINNED_HZ))
-        rate_hz = case.rate_hz / self._every
+        self.rate_hz = rate_hz = case.rate_hz / self._every
         measured, compared = self._thinned(case.measured_mps2), self._thinned(case.compared)
         self._weight = np.where(compared, 1.0 / _expected(measured, compared, rate_hz, weights), 0.0)
         self._length = max(1, round(weights.counted_s * rate_hz))
@@ -93,15 +93,15 @@ class Rows:
             found.append((shapes, np.linalg.solve(shapes.T @ shapes + np.diag(1.0 / spread**2), shapes.T)))
         return found
 
-    def on_time(self, left: Floats, segment: int) -> tuple[Floats, float]:
-        """Rows (w, r) of what is left once one segment's clock is set for this event, and how late it was, s."""
-        shape = self._own[segment][0][: self.windows * self._length, 0]
-        changed = left.reshape(-1, len(self._own)).copy()
-        energy = float(shape @ shape)
-        more_s = float(shape @ changed[:, segment]) / energy if energy > 0.0 else 0.0
-        changed[:, segment] -= more_s * shape
-        # What the usual spread allows has been taken off before.
-        return changed.reshape(left.shape), more_s * (1.0 + self._clock_s**2 * energy)
+    def on_time(self, left: Floats, segment: int) -> tuple[Floats, Floats]:
+        """Rows (w, r) of what is left once one segment's clock is set in each window, and how late it was, (w,) s."""
+        shape = self._own[segment][0][: self.windows * self._length, 0].reshape(self.windows, -1)
+        changed = left.reshape(self.windows, -1, len(self._own)).copy()
+        energy = (shape**2).sum(axis=1)
+        more_s = (shape * changed[:, :, segment]).sum(axis=1) / np.where(energy > 0.0, energy, 1.0)
+        changed[:, :, segment] -= more_s[:, None] * shape
+        # What the usual spread allows has been taken off the whole event before.
+        return changed.reshape(left.shape), more_s * (1.0 + self._clock_s**2 * float(energy.sum()))
 
 
 def _expected(measured: Floats, compared: Floats, rate_hz: float, s: WeightSettings) -> Floats:

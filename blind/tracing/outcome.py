@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.segments import MEASURED_SEGMENTS, SEGMENTS
+from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
 
 NAMING: Final = ("effect", "ambiguous")
 """Verdicts that say something is there and what it may be."""
@@ -180,7 +180,7 @@ class Outcome:
 def places_away(name: str, site: str, other: str) -> int:
     """How many joints, segments or sensors, by what a class sits on, are from one site to another."""
     place = CATALOGUE[name].place if name in CATALOGUE else "seat"
-    if place == "seat" or not site or not other:
+    if place == "seat" or {site, other} & {"", SEAT}:
         return 0
     if place == "joint":
         return abs(JOINT_PLACE[site] - JOINT_PLACE[other])

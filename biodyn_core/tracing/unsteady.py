@@ -1,0 +1,108 @@
+"""Unsteady: what no fixed parameters follow, set anew time and again: clocks that jump, lines that wander.
+
+What is told by this is which cause it is and where; a subject can carry only its steady share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, signal
+
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.background import Background
+from biodyn_core.tracing.settle import Settled
+
+Floats = NDArray[np.float64]
+
+LATEST_S: Final = 0.02
+"""A clock that seems off by more is another's fault."""
+
+LINE_HZ: Final = (10.0, 80.0)
+AROUND_HZ: Final = 10.0
+PROMINENT: Final = 3.0
+"""A line stands out of the spectrum around it by so many times."""
+
+SEGMENT_S: Final = 1.0
+"""Over which its spectrum is taken: a resolution of 1 Hz."""
+
+PARTS: Final = 4
+"""Of a window: amplitude and phase of a line are set in each."""
+
+
+def unsteady(background: Background, without: Settled) -> Iterator[tuple[AppliedEffect, Floats]]:
+    """Causes with what they leave in each window of the events that choose, squares (w,)."""
+    side = background.choose
+    missed = [y - known @ without.departures for known, y in zip(side.known, side.missed(without.subject), strict=True)]
+    yield from _clocks(background, missed)
+    yield from _lines(background, without, missed)
+
+
+def _clocks(background: Background, missed: Sequence[Floats]) -> Iterator[tuple[AppliedEffect, Floats]]:
+    """Each sensor's clock, set anew in every window."""
+    for segment, name in enumerate(MEASURED_SEGMENTS):
+        pairs = [rows.on_time(y, segment) for rows, y in zip(background.choose.rows, missed, strict=True)]
+        delay_s = float(np.clip(np.median(np.concatenate([late for _, late in pairs])), -LATEST_S, LATEST_S))
+        applied = AppliedEffect(CATALOGUE["clock"], name, {"delay_s": delay_s, "drift": 0.0})
+        yield applied, np.concatenate([(left**2).sum(axis=1) for left, _ in pairs])
+
+
+def _lines(
+    background: Background, without: Settled, missed: Sequence[Floats]
+) -> Iterator[tuple[AppliedEffect, Floats]]:  # fmt: skip
+    """The most prominent line of what is left, on each segment, set anew in parts of windows."""
+    side = background.choose
+    frequency_hz = _line_hz(missed, side.rows[0].rate_hz)
+    if frequency_hz is None:
+        return
+    effect = CATALOGUE["periodic"]
+    for site in effect.where:
+        one = {"cosine_mps2": 1.0, "sine_mps2": 0.0, "frequency_hz": frequency_hz}
+        both = [
+            AppliedEffect(effect, site, values)
+            for values in (one, one | {"cosine_mps2": 0.0, "sine_mps2": 1.0})
+        ]  # fmt: skip
+        left, sizes = [], []
+        for case, rows, y in zip(side.cases, side.rows, missed, strict=True):
+            plain = answer(without.subject, case)
+            shown = np.stack([answer(without.subject, case, (line,), plain) - plain for line in both], axis=2)
+            gone, size = _set_anew(y, rows(shown))
+            left.append(gone)
+            sizes.append(size)
+        amplitude_mps2 = float(np.clip(np.median(np.concatenate(sizes)), 0.01, 2.0))
+        yield AppliedEffect(effect, site, one | {"cosine_mps2": amplitude_mps2}), np.concatenate(left)
+
+
+def _set_anew(missed: Floats, columns: Floats) -> tuple[Floats, Floats]:
+    """What columns (w, r, 2), fitted to each part of each window by itself, leave, squares (w,), and their sizes."""
+    windows, each = len(missed), missed.shape[1] // PARTS * PARTS
+    y = missed[:, :each].reshape(windows * PARTS, -1)
+    c = columns[:, :each].reshape(windows * PARTS, -1, columns.shape[2])
+    normal = np.einsum("pri,prj->pij", c, c)
+    ridge = 1e-6 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-12
+    found = np.linalg.solve(normal + ridge * np.eye(c.shape[2]), np.einsum("pri,pr->pi", c, y)[:, :, None])
+    left = ((y - (c @ found)[:, :, 0]) ** 2).reshape(windows, -1).sum(axis=1) + (missed[:, each:] ** 2).sum(axis=1)
+    return left, np.linalg.norm(found[:, :, 0], axis=1)
+
+
+def _line_hz(missed: Sequence[Floats], rate_hz: float) -> float | None:
+    """The frequency that stands out most of what is left, None where none does."""
+    total: Floats | None = None
+    for y in missed:
+        whole = y.reshape(-1, len(MEASURED_SEGMENTS))
+        frequency_hz, density = signal.welch(
+            whole, rate_hz, nperseg=min(len(whole), round(SEGMENT_S * rate_hz)), axis=0
+        )
+        total = density.sum(axis=1) if total is None else total + density.sum(axis=1)
+    if total is None:
+        return None
+    around = ndimage.median_filter(total, max(3, round(2.0 * AROUND_HZ / (frequency_hz[1] - frequency_hz[0]))))
+    inside = (frequency_hz >= LINE_HZ[0]) & (frequency_hz <= LINE_HZ[1])
+    stands_out = np.where(inside, total / np.maximum(around, 1e-30), 0.0)
+    best = int(stands_out.argmax())
+    return float(frequency_hz[best]) if stands_out[best] > PROMINENT else None
