@@ -27,20 +27,21 @@ def screening(change=hiding.nothing, law=hiding.plain) -> Screening:
 
 
 @pytest.mark.parametrize(
-    ("change", "law", "name", "site", "least"),
+    ("change", "law", "name", "site", "least", "times"),
     [
-        (hiding.louder, hiding.plain, "gain", "neck", 0.3),
-        (hiding.later, hiding.plain, "clock", "head", 0.3),
-        (hiding.on_skin, hiding.plain, "skin", "head", 0.3),
-        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", 0.01),  # theta has taken most of it
+        (hiding.louder, hiding.plain, "gain", "neck", 0.3, 2.0),
+        (hiding.later, hiding.plain, "clock", "head", 0.3, 2.0),
+        (hiding.on_skin, hiding.plain, "skin", "head", 0.3, 2.0),
+        # Theta has taken most of it, and friction behind its bristle, as usual, half of the rest.
+        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", 0.01, 1.5),
     ],
 )
-def test_what_was_hidden_comes_first(change, law, name: str, site: str, least: float) -> None:
+def test_what_was_hidden_comes_first(change, law, name: str, site: str, least: float, times: float) -> None:
     found = screening(change, law)
     best = found.ladder[0]
     assert (best.tried.applied.effect.name, best.tried.applied.site) == (name, site)
     assert best.gain > least and best.p_value < 0.05
-    assert best.gain > 2.0 * next(one.gain for one in found.ladder if one.tried.applied.site != site)
+    assert best.gain > times * next(one.gain for one in found.ladder if one.tried.applied.site != site)
 
 
 def test_the_size_is_that_of_the_truth() -> None:
@@ -126,7 +127,7 @@ def test_chance_is_right_about_as_often_as_it_says() -> None:
     p_values = []
     for number in range(40):
         sides = {name: drawn(getattr(background, name), rng) for name in ("train", "choose")}
-        alike: Background = dataclasses.replace(background, **sides).reweighted(0.001)
+        alike: Background = dataclasses.replace(background, **sides).reweighted()
         p_values.append(screen(alike, tried, 60, number).ladder[0].p_value)
     assert np.count_nonzero(np.array(p_values) <= 0.05) <= 7  # 2 are expected
     assert 0.35 < np.mean(p_values) < 0.65

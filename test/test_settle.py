@@ -9,8 +9,9 @@ import pytest
 from test_effects import applied
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.tracing.background import N_THETA
-from biodyn_core.tracing.settle import Settled, predicted, settle
+from biodyn_core.tracing.background import N_THETA, Background, Side
+from biodyn_core.tracing.rows import Rows
+from biodyn_core.tracing.settle import LEVELS, Settled, predicted, relief, settle
 
 SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
 
@@ -26,16 +27,19 @@ def assert_theta_is_true(found: Settled, rel: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "law", "name", "site", "truth"),
+    ("change", "law", "name", "site", "truth", "less"),
     [
-        (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}),
-        (hiding.later, hiding.plain, "clock", "head", {"delay_s": 0.004}),
-        (hiding.on_skin, hiding.plain, "skin", "head", SKIN),
-        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}),
-        (hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}),
+        (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}, 0.8),
+        (hiding.later, hiding.plain, "clock", "head", {"delay_s": 0.004}, 0.8),
+        (hiding.on_skin, hiding.plain, "skin", "head", SKIN, 0.8),
+        # Usual friction behind its bristle takes a share of it, too.
+        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}, 0.85),
+        (hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}, 0.8),
     ],
 )
-def test_theta_and_what_was_hidden_come_back_together(change, law, name: str, site: str, truth: dict) -> None:
+def test_theta_and_what_was_hidden_come_back_together(
+    change, law, name: str, site: str, truth: dict, less: float
+) -> None:
     background = hiding.background(change, law)
     found = settle(background, applied(name, site), with_intervals=True)
     assert found.applied is not None and set(truth) <= set(found.applied.values)
@@ -46,7 +50,7 @@ def test_theta_and_what_was_hidden_come_back_together(change, law, name: str, si
     assert_theta_is_true(found, 0.02)
     assert found.at_bound == () and len(found.intervals) == len(found.applied.effect.parameters)
     assert found.objective < 0.7 * without(change, law).objective
-    assert found.left.sum() < 0.8 * without(change, law).left.sum()
+    assert found.left.sum() < less * without(change, law).left.sum()
 
 
 def test_the_interval_is_around_the_size_and_narrower_where_more_is_fitted_to() -> None:
@@ -106,3 +110,71 @@ def test_a_start_that_runs_away_is_infinite_and_no_crash() -> None:
     assert found.objective == np.inf and found.applied is start
     assert np.isfinite(found.left).all() and np.isfinite(found.departures).all()
     np.testing.assert_array_equal(found.left, background.choose.products.square)
+
+
+class _Departing(Rows):
+    """Rows that miss by so much more, whatever the answer."""
+
+    def __init__(self, rows: Rows, more: np.ndarray) -> None:
+        self.__dict__ |= rows.__dict__
+        self._more = more
+
+    def missed(self, answer: np.ndarray) -> np.ndarray:
+        return super().missed(answer) + self._more
+
+
+def departing(background: Background, departures: np.ndarray) -> Background:
+    """The same events of a body and of sensors that depart so far, in usual spreads, beside what they miss."""
+    b = np.concatenate([np.zeros(N_THETA), departures])
+
+    def of(side: Side) -> Side:
+        rows = tuple(_Departing(one, known @ b) for one, known in zip(side.rows, side.known, strict=True))
+        apart = dataclasses.replace(side, rows=rows)
+        return dataclasses.replace(apart, products=apart.of(apart.missed(background.subject)))
+
+    return dataclasses.replace(background, train=of(background.train), choose=of(background.choose)).reweighted()
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_how_far_a_body_departs_is_told_by_how_far_it_was_drawn(seed: int) -> None:
+    """One that is as the model has it departs as little as can be told, one drawn at the usual spread about so far."""
+    background = hiding.background()
+    drawn = np.random.default_rng(seed).standard_normal(len(background.names))
+    as_modelled, a_little, as_usual = (settle(departing(background, size * drawn), None) for size in (0.0, 0.3, 1.0))
+    assert as_modelled.level == LEVELS[-1] and a_little.level <= 0.32 and as_usual.level >= 0.56
+    assert as_modelled.away < a_little.away < as_usual.away
+    assert as_modelled.stretched < 0.01 and 5.0 < as_usual.stretched < len(drawn)
+
+
+@pytest.mark.parametrize(("size", "level"), [(0.1, 0.1), (0.35, 0.32), (0.7, 0.56), (2.0, 1.0)])
+def test_the_likeliest_level_is_that_of_the_evidence_of_a_linear_model(size: float, level: float) -> None:
+    """Where nothing is simulated anew, what is missed is normal, its covariance theta's and that of departures."""
+    drawn = np.random.default_rng(0).standard_normal(len(hiding.background().names))
+    background = departing(hiding.background(), size * drawn)
+    found = settle(background, None, 0)
+    weight = np.repeat(background.weight, background.train.known[0].shape[1])
+    rows = np.concatenate([known.reshape(-1, known.shape[2]) for known in background.train.known])
+    missed = np.concatenate([one.ravel() for one in background.train.missed(background.subject)])
+    scaled, y = rows * np.sqrt(weight)[:, None], missed * np.sqrt(weight)
+    theta, own = scaled[:, :N_THETA], scaled[:, N_THETA:]
+
+    def cost(level: float) -> float:
+        """Twice the log, up to what no level changes; theta is fitted, so that its volume does not count."""
+        inner = np.eye(own.shape[1]) / level**2 + own.T @ own
+        volume = np.linalg.slogdet(level**2 * inner)[1]
+        spread = np.concatenate([theta * 0.5, own * level], axis=1)
+        small = np.eye(spread.shape[1]) + spread.T @ spread
+        return float(y @ y - (y @ spread) @ np.linalg.solve(small, spread.T @ y) + volume)
+
+    assert found.level == min(LEVELS, key=cost) == level
+
+
+def test_an_effect_that_takes_the_place_of_a_large_departure_is_a_relief_and_another_is_not() -> None:
+    """Without it the seat's joint is damped by more than the usual, with it the body is as the model has it."""
+    background = hiding.background(hiding.nothing, hiding.orifice)
+    bent = without(hiding.nothing, hiding.orifice)
+    orifice, gain = (settle(background, applied(*one)) for one in (("quadratic_damping", "pelvis"), ("gain", "head")))
+    assert bent.level > orifice.level == LEVELS[-1] and gain.level == bent.level
+    assert relief(background, bent, orifice) > 1.0
+    assert abs(relief(background, bent, gain)) < 0.05
+    assert relief(background, bent, bent) == 0.0

@@ -39,6 +39,8 @@ LEAST_CASES: Final = 2
 TELLING: Final = 0.9
 """With less left than so many times what a good model misses, it is told how far a body departs."""
 
+LIFT_OFF: Final = "lift_off"
+
 FIRST: Final = ("clock", "gain", "tilt", "skin")
 """What is wrong with a sensor is believed before a new law of tissue, where both explain as much."""
 
@@ -82,7 +84,9 @@ class _Rung:
 
     @property
     def helps(self) -> bool:
-        """Whether it helps in more than an event or two of one kind."""
+        """Whether it helps in more than an event or two of one kind; a seat is left in few, and told by one."""
+        if self.applied.effect.name == LIFT_OFF:
+            return bool((self.gains > 0.0).any())
         helped = [case for case, gain in zip(self.cases, self.gains, strict=True) if gain > 0.0]
         return len(helped) >= LEAST_EVENTS or len(set(helped)) >= LEAST_CASES
 
@@ -246,6 +250,9 @@ def _taken(told: Sequence[Candidate], rungs: Sequence[_Rung], threshold: float, 
     One that ends on a bound is taken only where it gains overwhelmingly and nothing that does not comes near: the form
     of its law is then not quite the body's.
     """
+    for i, one in enumerate(told):  # a seat that holds nobody down is a known omission, before any law of a joint
+        if one.applied.effect.name == LIFT_OFF and one.gain > settings.least_lift_off and rungs[i].helps:
+            return i
     good = [i for i, one in enumerate(told) if one.gain > threshold and not one.against]
     rough = [i for i, one in enumerate(told) if rungs[i].helps and one.gain > settings.overwhelming * threshold]
     if rough and (not good or told[good[0]].gain < settings.near_alike * told[rough[0]].gain):
@@ -253,9 +260,6 @@ def _taken(told: Sequence[Candidate], rungs: Sequence[_Rung], threshold: float, 
     if not good:
         return None
     best = good[0]
-    for i in good:  # a seat that holds nobody down is a known omission, before any law of a joint
-        if told[i].applied.effect.name == "lift_off" and told[i].gain >= settings.near_alike * told[best].gain:
-            return i
     close = [i for i in good if told[i].gain >= settings.near * told[best].gain and not _worse(rungs[i], rungs[best])]
     first = [i for i in close if told[i].applied.effect.name in FIRST]
     return first[0] if first else best

@@ -35,6 +35,9 @@ class TraceSettings:
     departing: float = setting(
         1.2, "... and so much more, in its shares, of bodies that depart as far as usual", "", 0.0, 100.0
     )
+    least_lift_off: float = setting(
+        0.05, "... for a seat that holds nobody down: without it, events that lift tell it at once", "", 0.0, 5.0
+    )
     overwhelming: float = setting(
         2.5, "times what is asked, from which an effect is believed though it ends on a bound", "", 1.0, 100.0
     )
