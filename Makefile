@@ -3,7 +3,7 @@
 # Needs make and a Python from 3.10 to 3.13; everything else, ROS 2 Jazzy included, comes from PyPI into .venv.
 # PYTHON=python3.12 chooses the interpreter, VENV=.venv312 keeps its environment beside others,
 # PIP_CONSTRAINT=FILE pins versions, ARGS='-k name' goes to pytest or to the benchmarks, ARGS='tracing --count 2' to the
-# blind studies: without it, both of them, of which that of tracing takes a night.
+# blind studies: without it, both of them, of which that of tracing takes some three hours on two cores.
 
 PYTHON ?= python3
 VENV ?= .venv

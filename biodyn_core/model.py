@@ -7,6 +7,7 @@ Vertical axis only. Not validated beyond the paper's two adult men, upright, wit
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -213,6 +214,7 @@ class Chain:
                 "forces under mass_matrix cascade are those of a body three times as heavy: ask for as_printed"
             )
 
+    @functools.cached_property
     def largest_eigenvalue_rad_per_s(self) -> float:
         """Largest |eigenvalue| of the linear state matrix, 1/s, with the most that effects may add to it."""
         inverse, K, C = 1.0 / self.inertia_kg[:, None], self.K, self.C
@@ -228,7 +230,7 @@ class Chain:
 
     def substeps(self, rate_hz: float) -> int:
         """How many steps the integrator takes from one sample to the next."""
-        longest = min(MAX_STEP_S, MAX_EIGENVALUE_STEP / self.largest_eigenvalue_rad_per_s())
+        longest = min(MAX_STEP_S, MAX_EIGENVALUE_STEP / self.largest_eigenvalue_rad_per_s)
         return math.ceil(1.0 / (rate_hz * longest) - 1e-9)
 
     def energy_j(self, displacement_m: Floats, velocity_mps: Floats) -> Floats:

@@ -163,7 +163,7 @@ def test_the_largest_eigenvalue_is_that_of_the_quadratic_problem(subject):
     state = np.block([[-inverse @ C, -inverse @ K], [np.eye(6), np.zeros((6, 6))]])
     wanted = np.abs(np.linalg.eigvals(state)).max()
     # Two eigenvalues may coincide (critical damping); there they are good to the root of eps only.
-    assert Chain.of(subject).largest_eigenvalue_rad_per_s() == pytest.approx(wanted, rel=1e-6)
+    assert Chain.of(subject).largest_eigenvalue_rad_per_s == pytest.approx(wanted, rel=1e-6)
 
 
 # --- linear response -------------------------------------------------------------------------------------------------

@@ -7,14 +7,16 @@ from unittest import mock
 import hiding
 import numpy as np
 import pytest
+from test_effects import applied
 
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import rounds
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.findings import Trace
+from biodyn_core.tracing.findings import Candidate, Trace
 from biodyn_core.tracing.gate import FloorSettings
-from biodyn_core.tracing.screen import candidates
+from biodyn_core.tracing.screen import Screened, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.settle import LEVELS, Settled, settle
 from biodyn_core.tracing.trace import dealt, trace
 
 SHORT = TraceSettings(
@@ -197,3 +199,62 @@ def test_a_sensor_that_clips_is_left_out_and_named() -> None:
     assert line.startswith("road 0: head") and "17 %" in line
     event = next(one for one in found.events if one.name == "road 0")
     assert np.isnan(event.measured_mps2[:, hiding.HEAD]).all()
+
+
+@cache
+def without() -> Settled:
+    return settle(hiding.background(), None)
+
+
+def test_more_is_asked_of_a_body_that_departs_further() -> None:
+    background, settings = hiding.background(), TraceSettings()
+    asked = [rounds._asked(background.at_level(level), without(), settings) for level in sorted(LEVELS)]
+    assert asked[0] == pytest.approx(settings.least_gain) and (np.diff(asked) > 0.0).all()
+    assert asked[-1] == pytest.approx((1.0 + settings.departing) * settings.least_gain)
+
+
+def test_the_least_will_do_where_more_is_left_than_of_a_good_model() -> None:
+    background, settings = hiding.background(), TraceSettings()
+    times = 2.0 * rounds.TELLING / rounds.left_over(background, without())
+    much = dataclasses.replace(without(), left=times**2 * without().left)
+    assert rounds.left_over(background, much) == pytest.approx(2.0 * rounds.TELLING)
+    assert [rounds._asked(background.at_level(level), much, settings) for level in LEVELS] == [settings.least_gain] * 5
+
+
+def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped: int = 6) -> int | None:
+    """Which of (name, site, gain, whether on a bound) is taken, the best first; each helps in so many of six events."""
+    told, rungs = [], []
+    for place, (name, site, gain, on_bound) in enumerate(given):
+        effect = applied(name, site)
+        scatter = np.resize([0.1, -0.1], 6) if place else np.zeros(6)  # events do not agree on which is better
+        gains = np.where(np.arange(6) < helped, 6.0 / helped * gain + scatter, 0.0)
+        against = (f"{effect.effect.parameters[0].name} ends on a bound",) if on_bound else ()
+        told.append(Candidate(effect, gain, True, 0.005, 0.1, helped, against))
+        rungs.append(
+            rounds._Rung(
+                dataclasses.replace(without(), applied=effect), gains, ("road",) * 6, 0.1,
+                Screened(Tried(effect, ""), gain, 1.0, 1.0, 0.1, 0.005),
+            )
+        )  # fmt: skip
+    return rounds._taken(told, rungs, threshold, TraceSettings())
+
+
+def test_what_ends_on_a_bound_is_taken_only_where_it_gains_overwhelmingly() -> None:
+    cubic, bent = ("cubic", "pelvis"), ("asymmetry", "neck")
+    enough = TraceSettings().overwhelming * 0.2
+    assert weighed((*cubic, 0.9 * enough, False)) == 0
+    assert weighed((*cubic, 0.9 * enough, True)) is None
+    assert weighed((*cubic, 1.1 * enough, True)) == 0
+    # ... nor where it helps next to nowhere, or one with nothing against it comes near.
+    assert weighed((*cubic, 1.1 * enough, True), helped=2) is None
+    assert weighed((*cubic, 1.1 * enough, True), (*bent, 0.9 * enough, False)) == 1
+    assert weighed((*cubic, 1.1 * enough, True), (*bent, 0.5 * enough, False)) == 0
+    assert weighed((*cubic, 0.9 * enough, True), (*bent, 0.5 * enough, False)) == 1
+
+
+def test_a_sensors_fault_is_taken_before_a_law_of_tissue_that_gains_as_much_and_nothing_below_what_is_asked() -> None:
+    cubic, clock = ("cubic", "pelvis"), ("clock", "head")
+    assert weighed((*cubic, 0.4, False), (*clock, 0.38, False)) == 1
+    assert weighed((*cubic, 0.4, False), (*clock, 0.25, False)) == 0
+    assert weighed((*cubic, 0.4, False), (*clock, 0.38, True)) == 0
+    assert weighed((*cubic, 0.19, False), (*clock, 0.18, False)) is None

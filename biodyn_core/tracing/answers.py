@@ -30,15 +30,19 @@ def answer(subject: Subject, case: Case, effects: Sequence[AppliedEffect] = (), 
         whole = np.zeros((len(plain), N_SEGMENTS))
         whole[:, MEASURED_SEGMENT_INDEX] = plain
         return shown(effects, whole, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
-    changed = dataclasses.replace(subject, effects=(*subject.effects, *effects))
-    with np.errstate(all="ignore"):  # what is not finite is told below
-        found = _simulated(changed, case)
+    (found,) = answers(dataclasses.replace(subject, effects=(*subject.effects, *effects)), [case])
     runs_away = not np.abs(found).max() < RUNAWAY_MPS2  # NaN runs away too
     return plain if runs_away and plain is not None else found
 
 
-def _simulated(subject: Subject, case: Case) -> Floats:
+def answers(subject: Subject, cases: Sequence[Case]) -> list[Floats]:
+    """Accelerations (n, 5) that sensors show of a subject in each case; NaN throughout where it runs away."""
     chain = Chain.of(subject)
+    with np.errstate(all="ignore"):  # what is not finite is told by its number
+        return [_simulated(subject, chain, case) for case in cases]
+
+
+def _simulated(subject: Subject, chain: Chain, case: Case) -> Floats:
     seat = felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels)
     accel = Stepper(chain, case.rate_hz, chain.substeps(case.rate_hz)).push(seat, channels=case.channels)
     if not np.isfinite(accel).all():  # no sensor shows what has run away

@@ -19,7 +19,7 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.parameters import PARAMETERS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
-from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.answers import answer, answers
 from biodyn_core.tracing.departures import Direction, UsualSettings, columns, directions
 from biodyn_core.tracing.rows import Products, Rows, WeightSettings
 
@@ -54,7 +54,7 @@ class Side:
 
     def missed(self, subject: Subject) -> list[Floats]:
         """The miss (w, r) of a subject in each event."""
-        return [rows.missed(answer(subject, case)) for rows, case in zip(self.rows, self.cases, strict=True)]
+        return [rows.missed(one) for rows, one in zip(self.rows, answers(subject, self.cases), strict=True)]
 
     def of(self, missed: Sequence[Floats]) -> Products:
         """The products for another miss."""

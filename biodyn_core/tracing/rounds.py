@@ -29,7 +29,7 @@ Tell = Callable[[str, float], None]
 Kept = MutableMapping[str, Any]
 """What is kept of the long parts of a trace, by a key that tells one problem from another."""
 
-FROM_ALL: Final = 6
+FROM_ALL: Final = 4
 """So many of those in the running are started from all their shapes and strengths."""
 
 LEAST_EVENTS: Final = 3

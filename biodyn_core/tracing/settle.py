@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
-from biodyn_core.tracing.answers import RUNAWAY_MPS2, answer
+from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers
 from biodyn_core.tracing.background import FREE, N_THETA, Background, Side
 from biodyn_core.tracing.rows import Products
 
@@ -162,17 +162,17 @@ class _Problem:
         """Simulate a point, with the departures that are best there; its objective is infinite where it runs away."""
         train, weight = self._background.train, self._background.weight
         subject = self._subject(delta, psi)
-        answers = [answer(subject, case) for case in train.cases]
-        missed = [rows.missed(one) for rows, one in zip(train.rows, answers, strict=True)]
+        shown = answers(subject, train.cases)
+        missed = [rows.missed(one) for rows, one in zip(train.rows, shown, strict=True)]
         products = train.of(missed)
         if not products.square.max() < RUNAWAY_MPS2**2:  # NaN runs away too
-            return _Point(delta, psi, subject, answers, missed, products, np.zeros(len(self._normal)), np.inf, beside)
+            return _Point(delta, psi, subject, shown, missed, products, np.zeros(len(self._normal)), np.inf, beside)
         asked = weight @ products.miss[:, N_THETA:]
         own = self._own @ asked
         moved = float(self._background.precision[:N_THETA] @ delta**2)
         objective = float(weight @ products.square) - float(asked @ own) + moved
         b = np.concatenate([np.zeros(N_THETA), own])
-        return _Point(delta, psi, subject, answers, missed, products, b, objective, beside)
+        return _Point(delta, psi, subject, shown, missed, products, b, objective, beside)
 
     def step(self, at: _Point, beside: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Where Gauss and Newton would go from here: delta (14,) and psi (p,)."""
@@ -262,13 +262,17 @@ class _Problem:
 
     def by_psi(self, at: _Point) -> list[Floats]:
         """Derivatives (w, r, p) of each fitted event's rows by psi."""
-        found, train = [], self._background.train
         if at.psi.size == 0:
             return []
-        for rows, case, plain in zip(train.rows, train.cases, at.answers, strict=True):
-            stepped = [answer(self._subject(at.delta, at.psi + nudge), case) for nudge in NUDGE * np.eye(at.psi.size)]
-            found.append(rows(np.stack([(one - plain) / NUDGE for one in stepped], axis=2)))
-        return found
+        train = self._background.train
+        stepped = [
+            answers(self._subject(at.delta, at.psi + nudge), train.cases) for nudge in NUDGE * np.eye(at.psi.size)
+        ]
+        beside = zip(*stepped, strict=True)
+        return [
+            rows(np.stack([(one - plain) / NUDGE for one in of_case], axis=2))
+            for rows, plain, of_case in zip(train.rows, at.answers, beside, strict=True)
+        ]
 
 
 def _logistic(point: Floats) -> Floats:

@@ -31,7 +31,7 @@ SIDE_BY_SIDE: Final = 8
 """Starts that are looked at together: their answers to nine events are about 30 MB each."""
 
 STARTS: Final = 2
-EVALUATIONS: Final = 500
+EVALUATIONS: Final = 150
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,12 +45,12 @@ DRAWINGS: Final = (
     Drawing("nothing", 50, effects=0, level=0.0),
     Drawing("nothing_coloured", 50, effects=0, level=0.0, coloured=True),
     Drawing("background", 60, effects=0),
-    Drawing("sensor_noise", 48, level=0.0, needs="all"),
-    Drawing("strong", 76, ratio=(1.5, 4.0), needs="all"),
+    Drawing("sensor_noise", 42, level=0.0, needs="all"),
+    Drawing("strong", 60, ratio=(1.5, 4.0), needs="all"),
     Drawing("medium", 44, ratio=(0.7, 1.1), needs="all"),
     Drawing("weak", 36, ratio=(0.15, 0.5), needs="all"),
-    Drawing("outside", 64, ratio=(1.5, 4.0), kinds=("outside",), needs="ratio"),
-    Drawing("two", 44, effects=2, level=0.0),
+    Drawing("outside", 54, ratio=(1.5, 4.0), kinds=("outside",), needs="ratio"),
+    Drawing("two", 42, effects=2, level=0.0),
 )
 
 
