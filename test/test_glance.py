@@ -62,7 +62,6 @@ def test_what_a_candidate_fits_is_what_it_takes_off_the_squares() -> None:
 def test_it_comes_back_from_json_as_it_was() -> None:
     again = taken_up(json.loads(json.dumps(plain(found()))), tried())
     assert [one.gain for one in again.found] == [one.gain for one in found().found]
-    assert [one.level for one in again.found] == [one.level for one in found().found]
     assert [one.fits for one in again.screening.ladder] == [one.fits for one in found().screening.ladder]
     assert [dict(one.applied.values) for one in again.found] == [dict(one.applied.values) for one in found().found]
     assert [one.tried.name for one in again.screening.ladder] == [one.tried.name for one in found().screening.ladder]
@@ -81,8 +80,8 @@ def test_it_comes_back_from_json_as_it_was() -> None:
         {"chance": []},
         {"chance": ["x"]},
         {"along": [[1.0]]},
-        {"found": [[0, 0.0, 0.0, {"nonsense": 1.0}, 1.0]]},
-        {"found": [[0, 0.0, 0.0, {"gain": 0.05}]]},
+        {"found": [[0, 0.0, 0.0, {"nonsense": 1.0}]]},
+        {"found": [[0, 0.0, 0.0, {"gain": 0.05}, 1.0]]},
         {"found": 3},
     ],
 )

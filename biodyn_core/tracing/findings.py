@@ -28,7 +28,8 @@ class Candidate:
     refitted on both sides, and by how much less these have to be stretched then; refitted says whether it comes from a
     refit or from screening's linear step. p_value is how often the best of all candidates gains as much by chance;
     absorbed, the share of its own energy that theta takes on itself; helps, in how many of the events it helps; against
-    says what speaks against it, empty where nothing does.
+    says what speaks against it, empty where nothing does; steady is not set for what is set anew time and again in the
+    very events that choose: it always gains a little, and its p_value says nothing.
     """
 
     applied: AppliedEffect
@@ -38,6 +39,7 @@ class Candidate:
     absorbed: float
     helps: int
     against: tuple[str, ...] = ()
+    steady: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,7 @@ def decided(
     reasons += tuple(line for applied in added for line in _on_bounds(applied))
     taken = [outcome for outcome in outcomes if outcome.taken is not None][: len(added)]
     first = outcomes[0].round
-    best = first.taken or (first.ladder[0] if first.ladder else None)
+    best = first.taken or next((one for one in first.ladder if one.steady), None)
     return Trace(
         verdict=verdict,
         reasons=reasons,
@@ -74,7 +74,7 @@ def decided(
         diagnostics=looked,
         surface=law,
         floor_percent=_floor_percent(report, after),
-        p_value=best.p_value if best else None,
+        p_value=best.p_value if best and best.steady else None,
         threshold=first.threshold,
         untestable=tuple(candidates([*train, *choose])[1]),
         left_out=tuple(left_out),

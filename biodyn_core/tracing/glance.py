@@ -38,16 +38,12 @@ SIZES: Final = (1.0, 3.0)
 
 @dataclass(frozen=True)
 class Glanced:
-    """One effect at one site: what it gains in the few events that choose, and takes off those that are fitted.
-
-    level: how far the body then still departs, in multiples of the usual.
-    """
+    """One effect at one site: what it gains in the few events that choose, and takes off those that are fitted."""
 
     gain: float
     share: float
     applied: AppliedEffect
     screened: Screened
-    level: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +76,7 @@ def glance(few: Background, tried: Sequence[Tried], replicates: int, seed: int, 
         if settled.applied is not None and np.isfinite(settled.objective):
             gain = float(mean_log_ratio(without.left, settled.left[:, None], p.event, p.samples)[0])
             share = 1.0 - settled.objective / without.objective
-            found.append(Glanced(gain + relief(few, without, settled), share, settled.applied, screened, settled.level))
+            found.append(Glanced(gain + relief(few, without, settled), share, settled.applied, screened))
         tell("trying", (number + 1) / len(worth))
     return Glance(screening, tuple(found))
 
@@ -97,9 +93,7 @@ def plain(found: Glance) -> dict[str, Any]:
         "chance": found.screening.chance.tolist(),
         "along": np.round(found.screening.along, 4).tolist(),
         "ladder": [row(one) for one in found.screening.ladder],
-        "found": [
-            [places[id(g.screened.tried)], g.gain, g.share, dict(g.applied.values), g.level] for g in found.found
-        ],
+        "found": [[places[id(g.screened.tried)], g.gain, g.share, dict(g.applied.values)] for g in found.found],
     }
 
 
@@ -114,9 +108,9 @@ def taken_up(kept: Mapping[str, Any], tried: Sequence[Tried]) -> Glance:
             Glanced(
                 float(gain), float(share),
                 dataclasses.replace(tried[int(place)].applied, values={k: float(v) for k, v in values.items()}),
-                by_tried[id(tried[int(place)])], float(level),
+                by_tried[id(tried[int(place)])],
             )
-            for place, gain, share, values, level in kept["found"]
+            for place, gain, share, values in kept["found"]
         )  # fmt: skip
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(f"what was kept of a trace is damaged ({error}); remove it to start anew") from None

@@ -81,6 +81,7 @@ class _Rung:
     cases: tuple[str, ...]
     absorbed: float
     screened: Screened
+    steady: bool = True
 
     @property
     def helps(self) -> bool:
@@ -108,7 +109,8 @@ def one_round(
     few = _likeliest(Background.of(subject, first_of_each(train), first_of_each(choose), settings.background))
     glanced = _glanced(few, candidates([*train, *choose])[0], settings, seed, tell, kept)
     background = _likeliest(Background.of(subject, train, choose, settings.background))
-    without = settle(background, None)
+    plain = _Plain(background)
+    without = plain.at(background.level)
     if not np.isfinite(without.objective):
         names = ", ".join(case.name for case in choose)
         raise InputError(
@@ -118,9 +120,9 @@ def one_round(
     running = glanced.running(settings.refined)
     for number, one in enumerate(running):
         start = _best_start(few, glanced.screening, one.applied) if number < FROM_ALL else one.applied
-        settled = _at_own_level(background, start, one.level)
-        if np.isfinite(settled.objective):
-            rungs.append(_rung(background, without, settled, one.screened))
+        rung = _rung(background, plain, start, one.screened)
+        if rung is not None:
+            rungs.append(rung)
         tell("settling", (number + 1) / len(running))
     rungs = sorted([*rungs, *_unsteady(background, without, glanced.screening)], key=lambda rung: -rung.gain)
     threshold = max(_asked(background, without, settings), float(np.quantile(glanced.screening.chance, 0.95)))
@@ -193,21 +195,42 @@ def _best_start(few: Background, screening: Screening, start: AppliedEffect) -> 
     return start if best.applied is None or not np.isfinite(best.objective) else best.applied
 
 
-def _at_own_level(background: Background, start: AppliedEffect, level: float) -> Settled:
-    """Settled at the level that is likeliest with the effect, so that all that is weighed is of one level."""
-    found = settle(background.at_level(level), start)
-    if found.applied is None or not np.isfinite(found.objective) or found.level == level:
-        return found
-    again = settle(background.at_level(found.level), found.applied)
-    return again if np.isfinite(again.objective) else found
+class _Plain:
+    """The events without an effect, settled once at each level that is asked for."""
+
+    def __init__(self, background: Background) -> None:
+        self._background = background
+        self._settled: dict[float, Settled] = {}
+
+    def at(self, level: float) -> Settled:
+        """Settled at a level."""
+        if level not in self._settled:
+            self._settled[level] = settle(self._background.at_level(level), None)
+        return self._settled[level]
 
 
-def _rung(background: Background, without: Settled, settled: Settled, screened: Screened) -> _Rung:
+def _rung(background: Background, plain: _Plain, start: AppliedEffect, screened: Screened) -> _Rung | None:
+    """An effect settled and weighed at the level that is likeliest without it and at that with it, by the lesser gain.
+
+    None where it runs away.
+    """
+    settled = settle(background, start)
+    if settled.applied is None or not np.isfinite(settled.objective):
+        return None
+    weighed = [_gains(background, plain.at(background.level), settled)]
+    if settled.level != background.level:
+        again = settle(background.at_level(settled.level), settled.applied)
+        if np.isfinite(again.objective):
+            weighed.append(_gains(background, plain.at(settled.level), again))
+            settled = again
+    return _Rung(settled, min(weighed, key=np.mean), _cases(background), screened.absorbed, screened)
+
+
+def _gains(background: Background, without: Settled, settled: Settled) -> Floats:
+    """What an effect gains in each event that chooses, (e,), both settled at one level."""
     p = background.choose.products
-    gains = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0] + relief(
-        background, without, settled
-    )
-    return _Rung(settled, gains, _cases(background), screened.absorbed, screened)
+    in_events = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0]
+    return np.asarray(in_events + relief(background, without, settled))
 
 
 def _cases(background: Background) -> tuple[str, ...]:
@@ -223,7 +246,7 @@ def _unsteady(background: Background, without: Settled, screening: Screening) ->
         if known is not None:
             settled = dataclasses.replace(without, applied=applied, left=left)
             gains = by_event(without.left, left[:, None], p.event, p.samples)[:, 0]
-            found.append(_Rung(settled, gains, _cases(background), known.absorbed, known))
+            found.append(_Rung(settled, gains, _cases(background), known.absorbed, known, steady=False))
     return found
 
 
@@ -240,7 +263,7 @@ def _candidate(rung: _Rung, background: Background, without: Settled, screening:
     against += [f"{name} moves onto its bound" for name in after if name not in before]
     return Candidate(
         rung.applied, rung.gain, True, screening.p_value(rung.gain), rung.absorbed,
-        int(np.count_nonzero(rung.gains > 0.0)), tuple(against),
+        int(np.count_nonzero(rung.gains > 0.0)), tuple(against), rung.steady,
     )  # fmt: skip
 
 
@@ -275,8 +298,13 @@ def _worse(one: _Rung, than: _Rung) -> bool:
 def _rivals(
     index: int, told: Sequence[Candidate], rungs: Sequence[_Rung], screening: Screening, settings: TraceSettings
 ) -> tuple[Candidate, ...]:
-    """Others that explain about as much as what was taken, the best of each name and site."""
+    """Others that explain about as much as what was taken, the best of each name and site; none beside lift-off.
+
+    That is a known omission: what explains more, or as much, is for the next round.
+    """
     taken, found = told[index], []
+    if taken.applied.effect.name == LIFT_OFF:
+        return ()
     seen = {(taken.applied.effect.name, taken.applied.site)}
     for i, one in enumerate(told):
         key = (one.applied.effect.name, one.applied.site)

@@ -100,8 +100,8 @@ class Rows:
         energy = (shape**2).sum(axis=1)
         more_s = (shape * changed[:, :, segment]).sum(axis=1) / np.where(energy > 0.0, energy, 1.0)
         changed[:, :, segment] -= more_s[:, None] * shape
-        # What the usual spread allows has been taken off the whole event before.
-        return changed.reshape(left.shape), more_s * (1.0 + self._clock_s**2 * float(energy.sum()))
+        # What the usual spread allows of their mean has been taken off the whole event before.
+        return changed.reshape(left.shape), more_s + self._clock_s**2 * float(energy @ more_s)
 
 
 def _expected(measured: Floats, compared: Floats, rate_hz: float, s: WeightSettings) -> Floats:

@@ -49,10 +49,10 @@ class Settled:
     """Where it ended: the subject, with the effect where there is one, and what is left.
 
     departures (k,): how much of each known column, theta's first; objective: on the fitted side, infinite where the
-    chain runs away; stretched: squares of the usual departures in theirs; level: the likeliest of `LEVELS`, and away:
-    what it costs there, in twice the log evidence, that theta and departures are not at rest; left (w,): squares in
-    each window of the events that choose; intervals: 95 % of each of the effect's parameters; at_bound names those that
-    ended on one.
+    chain runs away; stretched: squares of the usual departures in theirs; level: the likeliest of `LEVELS`; away: what
+    it costs at the level it was settled at, in twice the log evidence, that theta and departures are not at rest; left
+    (w,): squares in each window of the events that choose; intervals: 95 % of each of the effect's parameters; at_bound
+    names those that ended on one.
     """
 
     subject: Subject
@@ -105,7 +105,8 @@ def relief(background: Background, without: Settled, settled: Settled) -> float:
 
     What a departure far beyond the usual would explain as well predicts no better once it is called by its name: a
     clock that is 3 ms late is told from the usual by its size, and a neck that stiffens a little by a body that else
-    is as the model has it.
+    is as the model has it. Both are to be settled at one level: from one to the next what departures cost falls while
+    what they leave grows.
     """
     return (without.away - settled.away) / background.counted
 
@@ -185,7 +186,7 @@ class _Problem:
         return float(self._background.usual[N_THETA:] @ at.b[N_THETA:] ** 2)
 
     def likeliest(self, at: _Point) -> tuple[float, float]:
-        """The level of departures with the most evidence at a point, all else refitted to first order, and its cost."""
+        """The level with the most evidence at a point, all else refitted to first order, and the cost at this one."""
         data, asked = self._system(at, at.beside or self.by_psi(at))
         square = float(self._background.weight @ at.products.square)
         square += float(at.delta @ (2.0 * asked[:N_THETA] - data[:N_THETA, :N_THETA] @ at.delta))
@@ -197,7 +198,7 @@ class _Problem:
             volume = np.linalg.slogdet((data + np.diag(prior))[own, own])[1] - np.log(prior[own]).sum()
             away = float(prior[: own.stop] @ x[: own.stop] ** 2 + volume)
             found.append((square - 2.0 * float(asked @ x) + float(x @ data @ x) + away, level, away))
-        return min(found)[1:]
+        return min(found)[1], next(cost for _, level, cost in found if level == self._background.level)
 
     def intervals(self, at: _Point) -> tuple[tuple[float, float], ...]:
         """95 % of each of the effect's parameters, all else fitted beside."""
