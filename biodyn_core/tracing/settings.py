@@ -33,7 +33,7 @@ class TraceSettings:
         5.0,
     )
     departing: float = setting(
-        0.5, "... and so much more, in its shares, of bodies that depart as far as usual", "", 0.0, 100.0
+        0.8, "... and so much more, in its shares, of bodies that depart as far as usual", "", 0.0, 100.0
     )
     least_lift_off: float = setting(
         0.05, "... for a seat that holds nobody down: without it, events that lift tell it at once", "", 0.0, 5.0
