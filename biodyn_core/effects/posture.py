@@ -28,7 +28,7 @@ EFFECT = Effect(
     place="joint",
     parameters=(
         EffectParameter("jump", "", -0.6, 1.0, 0.2, "strength"),
-        EffectParameter("at_s", "s", 0.0, 86400.0, 10.0, "nuisance"),
+        EffectParameter("at_s", "s", 0.0, 86400.0, 10.0, "nuisance", grid=(3.5, 5.0, 6.5, 8.0, 10.0)),
     ),
     constants=_constants,
     force=force,

@@ -57,6 +57,8 @@ class Case:
     coherence: Floats
     warnings: tuple[str, ...]
     channels: Mapping[str, Floats] = field(default_factory=dict)
+    begins_ns: int = 0
+    """Stamp of the first sample: which event came before which."""
 
     @classmethod
     def of(
@@ -86,6 +88,7 @@ class Case:
         return cls(
             name, recording.case, recording.rate_hz, sharpened(seat) if s.sharpen_seat else seat, measured, compared,
             energy, grid, magnitude, coherence, (*recording.warnings, *said), recording.named_channels(),
+            int(recording.stamps_ns[0]),
         )  # fmt: skip
 
     @property

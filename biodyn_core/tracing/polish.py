@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.effects import AppliedEffect, EffectParameter
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
@@ -50,7 +51,8 @@ class _Problem:
 
     def __init__(self, subject: Subject, cases: Sequence[Case]) -> None:
         self._subject, self._cases = subject, cases
-        parameters = [(applied, p) for applied in subject.effects for p in applied.effect.parameters]
+        # Nuisances stay as settling has them: an instant has no derivative that a small step of its range would show.
+        parameters = [(applied, p) for applied in subject.effects for p in _fitted(applied)]
         self._lower = np.array([p.lower for _, p in parameters])
         self._width = np.array([p.upper - p.lower for _, p in parameters])
         self._values = np.array([applied.values[p.name] for applied, p in parameters])
@@ -68,7 +70,7 @@ class _Problem:
         # Rounding must not carry a value out of its range.
         values = iter(np.clip(self._lower + share * self._width, self._lower, self._lower + self._width).tolist())
         effects = tuple(
-            dataclasses.replace(applied, values={p.name: next(values) for p in applied.effect.parameters})
+            dataclasses.replace(applied, values=dict(applied.values) | {p.name: next(values) for p in _fitted(applied)})
             for applied in self._subject.effects
         )
         return dataclasses.replace(self._subject, parameters=Parameters.from_vector(theta), effects=effects)
@@ -93,6 +95,10 @@ class _Problem:
     def _domain(self, share: Floats) -> TimeDomain:
         theta = self._subject.parameters.vector()
         return TimeDomain(self._cases, self.subject(share, theta), Pull(theta, 0.0), "trusted", self._substeps)
+
+
+def _fitted(applied: AppliedEffect) -> list[EffectParameter]:
+    return [p for p in applied.effect.parameters if p.kind != "nuisance"]
 
 
 def _logistic(point: Floats) -> Floats:

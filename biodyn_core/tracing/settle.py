@@ -37,7 +37,7 @@ FAR: Final = 6.0
 """How far one step may take it there, as a spread."""
 
 INSIDE: Final = 0.02
-"""A start keeps this share of each range from both ends."""
+"""A start keeps this share of each range from both ends, but for a nuisance: an instant early in a day is no bound."""
 
 
 LEVELS: Final = (1.0, 0.56, 0.32, 0.18, 0.1)
@@ -156,6 +156,7 @@ class _Problem:
         self._names = [p.name for p in parameters]
         self._lower = np.array([p.lower for p in parameters])
         self._width = np.array([p.upper - p.lower for p in parameters])
+        self._inside = np.array([1e-6 if p.kind == "nuisance" else INSIDE for p in parameters])
         self._normal = background.normal()
         self._own = np.linalg.inv(self._normal[N_THETA:, N_THETA:])
 
@@ -229,7 +230,7 @@ class _Problem:
         if start is None or not self._names:
             return np.empty(0)
         values = np.array([start.values[name] for name in self._names])
-        share = np.clip((values - self._lower) / self._width, INSIDE, 1.0 - INSIDE)
+        share = np.clip((values - self._lower) / self._width, self._inside, 1.0 - self._inside)
         return np.asarray(np.log(share / (1.0 - share)))
 
     def _subject(self, delta: Floats, psi: Floats) -> Subject:

@@ -1,4 +1,4 @@
-"""Unsteady: what no fixed parameters follow, set anew time and again: clocks that jump, lines that wander.
+"""Unsteady: what no fixed parameters follow: clocks that jump, lines that wander, postures that change meanwhile.
 
 What is told by this is which cause it is and where; a subject can carry only its steady share.
 """
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, signal
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.settle import Settled
@@ -41,6 +41,7 @@ def unsteady(background: Background, without: Settled) -> Iterator[tuple[Applied
     missed = [y - known @ without.departures for known, y in zip(side.known, side.missed(without.subject), strict=True)]
     yield from _clocks(background, missed)
     yield from _lines(background, without, missed)
+    yield from _postures(background, without, missed)
 
 
 def _clocks(background: Background, missed: Sequence[Floats]) -> Iterator[tuple[AppliedEffect, Floats]]:
@@ -106,3 +107,47 @@ def _line_hz(missed: Sequence[Floats], rate_hz: float) -> float | None:
     stands_out = np.where(inside, total / np.maximum(around, 1e-30), 0.0)
     best = int(stands_out.argmax())
     return float(frequency_hz[best]) if stands_out[best] > PROMINENT else None
+
+
+def _postures(
+    background: Background, without: Settled, missed: Sequence[Floats]
+) -> Iterator[tuple[AppliedEffect, Floats]]:  # fmt: skip
+    """Each joint with one stiffness and damping before an instant between two events, and others behind it.
+
+    Found by the events that are fitted to, so that those that choose have had no say.
+    """
+    train, choose, b = background.train, background.choose, without.departures
+    fitted = [y - known @ b for known, y in zip(train.known, train.missed(without.subject), strict=True)]
+    begins_ns = np.array([case.begins_ns for case in train.cases])
+    weights = [background.weight[train.products.event == e][0] for e in range(len(train.cases))]
+    for joint, site in enumerate(SEGMENTS):
+        own = [joint, N_SEGMENTS + joint]
+        normal = np.array(
+            [
+                w * np.einsum("wri,wrj->ij", k[:, :, own], k[:, :, own])
+                for w, k in zip(weights, train.known, strict=True)
+            ]
+        )
+        match = np.array(
+            [w * np.einsum("wri,wr->i", k[:, :, own], y) for w, k, y in zip(weights, train.known, fitted, strict=True)]
+        )
+        found = [_two(normal, match, begins_ns >= at_ns) for at_ns in np.unique(begins_ns)[1:]]
+        if not found:
+            return
+        number = int(np.argmax([gone for gone, _, _ in found]))
+        at_ns, (_, before, behind) = np.unique(begins_ns)[number + 1], found[number]
+        left = [
+            ((y - known[:, :, own] @ (behind if case.begins_ns >= at_ns else before)) ** 2).sum(axis=1)
+            for case, known, y in zip(choose.cases, choose.known, missed, strict=True)
+        ]
+        jump = float(np.clip(np.exp(2.0 * (behind - before)[0]) - 1.0, -0.6, 1.0))
+        yield AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0}), np.concatenate(left)
+
+
+def _two(normal: Floats, match: Floats, is_behind: NDArray[np.bool_]) -> tuple[float, Floats, Floats]:
+    """What one change of the columns before and another behind take off the squares, and both."""
+    ridge = 1e-9 * np.trace(normal.sum(axis=0)) * np.eye(normal.shape[1])
+    before, behind = (
+        np.linalg.solve(normal[w].sum(axis=0) + ridge, match[w].sum(axis=0)) for w in (~is_behind, is_behind)
+    )
+    return float(before @ match[~is_behind].sum(axis=0) + behind @ match[is_behind].sum(axis=0)), before, behind

@@ -16,7 +16,7 @@ from world import sensors
 from world.effects.draw import Split, forms
 from world.effects.effect import Effect
 from world.effects.event import Event
-from world.effects.sitting import Plan, Sitting
+from world.effects.sitting import START_NS, Plan, Sitting
 from world.effects.sitting import drawn as sittings_drawn
 from world.effects.wearing import Stream
 
@@ -94,7 +94,8 @@ def record(one: Sitting, coloured: bool = False, with_effects: bool = True) -> R
             }
         name = f"{planned.use}/{planned.name}"
         try:
-            (train if planned.use == "fit" else held_out).extend(_cases(planned.event.case, name, streams))
+            found = _cases(planned.event, name, streams)
+            (train if planned.use == "fit" else held_out).extend(found)
         except InputError as error:
             left_out.append(str(error))
     middle = Parameters.from_vector(0.5 * (LOWER + UPPER))
@@ -126,10 +127,10 @@ def _families() -> dict[str, str]:
     return {form.family: CATALOGUE[form.kind].family for form in forms("development") if form.kind in CATALOGUE}
 
 
-def _cases(case: str, name: str, streams: dict[str, Stream]) -> list[Case]:
-    recorder = Recorder(case, name, channels=True)
-    for sensor, stream in streams.items():
-        recorder.push(sensor, *stream)
+def _cases(event: Event, name: str, streams: dict[str, Stream]) -> list[Case]:
+    recorder = Recorder(event.case, name, channels=True)
+    for sensor, (stamps_ns, *stream) in streams.items():
+        recorder.push(sensor, stamps_ns + START_NS + round(event.begin_s * 1e9), *stream)
     found = [Case.of(recording) for recording in recorder.finish()]
     # Runs of one event, parted by a gap of the seat, would have one name.
     return [dataclasses.replace(one, name=f"{name}.{i}" if i else name) for i, one in enumerate(found)]
