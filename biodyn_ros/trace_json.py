@@ -36,7 +36,10 @@ def trace_document(trace: Trace) -> Document:
         "subject": trace.before.name,
         "verdict": trace.verdict,
         "reasons": list(trace.reasons),
-        "effects": [_effect(*each) for each in zip(trace.effects, trace.intervals, strict=True)],
+        "effects": [
+            _effect(*each) | {"added": each[0] in trace.after.effects}
+            for each in zip(trace.effects, trace.intervals, strict=True)
+        ],
         "family": trace.family,
         "ambiguous_with": [_site(applied) for applied in trace.ambiguous_with],
         "separating_experiment": trace.experiment,

@@ -66,7 +66,8 @@ def _effect_lines(document: Document) -> Iterator[str]:
     for effect in document["effects"]:
         shown = ", ".join(f"{name} {value}" for name, value in parameters_of(effect))
         what = effect_name(effect["name"], effect["site"])
-        yield f"added: {what} [{effect['family']}]" + (f": {shown}" if shown else "")
+        done = "added" if effect["added"] else "named, not added"
+        yield f"{done}: {what} [{effect['family']}]" + (f": {shown}" if shown else "")
 
 
 def _rung_lines(candidates: Sequence[Document]) -> Iterator[str]:

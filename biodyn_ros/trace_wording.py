@@ -28,6 +28,8 @@ def headline(document: Document) -> str:
     verdict = document["verdict"]
     if verdict == "effect":
         what = ", and ".join(grouped(document["effects"], " and ")) or "an effect"
+        if not any(effect["added"] for effect in document["effects"]):
+            return f"Found: {what}. It is nothing that a subject can carry, so none was added. Held-out error {before}."
         return f"Missing in the model: {what}. Added, it takes the held-out error from {before} to {after}."
     if verdict == "ambiguous":
         return f"Something is missing, and it cannot be told which: {_either(document)}."

@@ -218,7 +218,7 @@ def test_the_document_has_what_scripts_read() -> None:
         "candidates", "diagnostics", "parameters_moved", "seed", "version",
     }  # fmt: skip
     assert least <= document.keys()
-    assert {"name", "family", "site", "parameters", "intervals"} == document["effects"][0].keys()
+    assert {"name", "family", "site", "parameters", "intervals", "added"} == document["effects"][0].keys()
     assert {"name", "site", "gain", "score", "absorbed"} <= document["candidates"][0].keys()
     assert document["effects"][0]["parameters"] == {"stiffness_ratio": 2.0, "gap_m": 0.012}
     assert document["effects"][0]["intervals"]["gap_m"] == {
@@ -357,6 +357,24 @@ def test_every_verdict_has_a_page(verdict: Verdict) -> None:
         ET.fromstring(drawing)
     assert source.count("<svg") == (4 if verdict == "unexplained" else 3)
     assert ("missing force, N" in page.text) is (verdict == "unexplained")
+
+
+def test_what_no_subject_carries_is_named_and_not_added() -> None:
+    """A leaning sensor is set upright in recordings, a wandering line is never twice the same."""
+    tilt = applied("tilt", "head")
+    alone = found(effects=(tilt,), intervals=((),), after=SUBJECT)
+    document = trace_document(alone)
+    assert [effect["added"] for effect in document["effects"]] == [False]
+    assert headline(document) == (
+        "Found: tilt of the sensor on the head. It is nothing that a subject can carry, so none was added."
+        " Held-out error 20.0 %."
+    )
+    assert "named, not added: tilt of the sensor on the head" in " ".join(text_of(document).split())
+    _, page = page_of(alone)
+    assert "What was found, and no subject carries" in page.text and "What was added" not in page.text
+    beside = trace_document(found(effects=(tilt, STOP), intervals=((), found().intervals[0])))
+    assert [effect["added"] for effect in beside["effects"]] == [False, True]
+    assert "Added, it takes the held-out error from 20.0 % to 3.50 %." in headline(beside)
 
 
 def test_the_page_shows_numbers_before_and_after() -> None:

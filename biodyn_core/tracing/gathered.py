@@ -23,7 +23,7 @@ from biodyn_core.tracing.screen import candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS
 from biodyn_core.tracing.surface import surface
-from biodyn_core.tracing.verdict import judged, named
+from biodyn_core.tracing.verdict import explained, judged, named
 
 Floats = NDArray[np.float64]
 
@@ -38,10 +38,13 @@ def decided(
     """Everything a trace that could decide says."""
     train, choose, report = sides
     added = after.effects[len(before.effects) :]
-    rivals = tuple(one.applied for one in outcomes[0].round.ambiguous_with) if added else ()
+    believed = explained(outcomes, s)
+    rivals = tuple(one.applied for one in outcomes[0].round.ambiguous_with) if believed else ()
     looked = diagnose(before, outcomes[0].background)
-    law = _surface(outcomes[0]) if not added else None
+    law = None if believed else _surface(outcomes[0])
     verdict, reasons = judged(outcomes, law, s)
+    passing = _passing(outcomes) if believed else ()
+    reasons += tuple(f"{named(one)} is never twice the same, so no subject carries it" for one in passing)
     leans = _leaning(outcomes[0], sides, s)
     reasons += tuple(
         f"the sensor of {one.site} leans by {lean_deg(one):.1f} deg on the mean while it moves, as its gyro has it;"
@@ -50,9 +53,10 @@ def decided(
     )
     if leans and verdict == "none":
         verdict = "effect"
-    named_too = leans if verdict in ("effect", "ambiguous") else ()
+    if verdict not in ("effect", "ambiguous"):
+        leans = ()
     reasons += tuple(line for applied in added for line in _on_bounds(applied))
-    taken = [outcome for outcome in outcomes if outcome.taken is not None][: len(added)]
+    taken = [outcome for outcome in outcomes if outcome.carried][: len(added)]
     first = outcomes[0].round
     best = first.taken or next((one for one in first.ladder if one.steady), None)
     return Trace(
@@ -60,14 +64,15 @@ def decided(
         reasons=reasons,
         before=before,
         after=after,
-        effects=(*named_too, *added),
+        effects=(*leans, *added, *passing),
         intervals=(
-            *(() for _ in named_too),
+            *(() for _ in leans),
             *(_intervals(outcome, applied) for outcome, applied in zip(taken, added, strict=True)),
+            *(() for _ in passing),
         ),
         ambiguous_with=rivals,
-        family=_family([*(added or named_too)[:1], *rivals]),
-        experiment=separating({one.effect.name for one in (*added[:1], *rivals)}),
+        family=_family([*(added or passing or leans)[:1], *rivals]),
+        experiment=separating({one.effect.name for one in (*(added or passing)[:1], *rivals)}),
         events=_events(before, after, train, choose, report),
         rounds=tuple(outcome.round for outcome in outcomes),
         departures=_departures(outcomes[-1]),
@@ -82,6 +87,12 @@ def decided(
         seed=seed,
         calibrated="anew",
     )
+
+
+def _passing(outcomes: Sequence[Outcome]) -> tuple[AppliedEffect, ...]:
+    """What was taken and no subject carries."""
+    taken = [outcome.taken for outcome in outcomes if not outcome.carried]
+    return tuple(one.applied for one in taken if one is not None and one.applied is not None)
 
 
 def _leaning(

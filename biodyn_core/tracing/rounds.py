@@ -41,6 +41,9 @@ TELLING: Final = 0.9
 
 LIFT_OFF: Final = "lift_off"
 
+STEADY_SHARE: Final = ("clock",)
+"""Of what is set anew time and again, these have a share that stays, which a subject carries."""
+
 FIRST: Final = ("clock", "gain", "tilt", "skin")
 """What is wrong with a sensor is believed before a new law of tissue, where both explain as much."""
 
@@ -53,6 +56,11 @@ class Outcome:
     background: Background
     without: Settled
     taken: Settled | None
+
+    @property
+    def carried(self) -> bool:
+        """Whether the subject that was taken carries the effect: what is never twice the same, none can."""
+        return self.taken is not None and len(self.taken.subject.effects) > len(self.background.subject.effects)
 
     @property
     def before(self) -> float:
@@ -132,8 +140,10 @@ def one_round(
     if index is None:
         return Outcome(Round(ladder, threshold, None, ()), background, without, None)
     rivals = _rivals(index, told, rungs, glanced.screening, settings)
-    # Settled once more: a clock that was set time and again has no place in a subject, one that is late has.
     chosen = rungs[index].settled
+    if not rungs[index].steady and rungs[index].applied.effect.name not in STEADY_SHARE:
+        return Outcome(Round(ladder, threshold, told[index], rivals), background, without, chosen)
+    # Settled once more: a clock that was set time and again has no place in a subject, one that is late has.
     settled = settle(background.at_level(chosen.level), chosen.applied, with_intervals=True)
     settled = dataclasses.replace(settled, left=chosen.left)
     return Outcome(Round(ladder, threshold, told[index], rivals), background, without, settled)

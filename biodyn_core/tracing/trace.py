@@ -89,10 +89,12 @@ def _rounds(
     found: list[tuple[Subject, Outcome]] = []
     for number in range(s.most_effects):
         outcome = one_round(subject, train, choose, s, seed + number, tell, kept)
-        if outcome.taken is not None:
+        if outcome.taken is not None and outcome.carried:
             subject = polished(outcome.taken.subject, train)
         found.append((subject, outcome))
-        if outcome.taken is None or (outcome.after < s.enough and outcome.taken.level == LEVELS[-1]):
+        if outcome.taken is None or not outcome.carried:  # the next would find the same again
+            break
+        if outcome.after < s.enough and outcome.taken.level == LEVELS[-1]:
             break
     return found
 
