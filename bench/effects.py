@@ -48,7 +48,7 @@ def rows() -> list[Row]:
         Row("5 s with one effect, the median one", middle, "x", 1.0, "without", "<= 2", middle <= 2.0),
         Row(f"... the dearest but one, {dearest}", others[dearest], "x", 1.0, "without", "<= 2",
             others[dearest] <= 2.0),
-        Row("... friction at the head, in smaller steps", stiff, "x", 1.0, "without", "<= 2", stiff <= 2.0),
+        Row("... friction at the head", stiff, "x", 1.0, "without", "<= 2", stiff <= 2.0),
         Row("process to first result, nothing cached", cold_s, "s", bare_s, "imports alone", "<= 3", cold_s <= 3.0),
         Row("... compiled before, above its imports", warm_s - bare_s, "s", bare_s, "imports alone", "<= 0.5",
             warm_s - bare_s <= 0.5),
