@@ -30,7 +30,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
-from biodyn_core.upright import BLIND_S, true_vertical_mps2
+from biodyn_core.upright import BLIND_S, followed_up, true_vertical_mps2
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -71,6 +71,9 @@ class Recording:
     """Quality: clipping, gaps, drift, missing segments, one line each."""
     channels: Mapping[str, Channels] = field(default_factory=dict)
     """What each of `SENSORS` measured beside its vertical; empty where it was not asked for."""
+    leans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """How far the sensors that were set upright lean on the mean, behind the warm-up, along x and y of `Channels`: what
+    of a motion along these they would have read as vertical."""
 
     def named_channels(self) -> dict[str, Floats]:
         """Every channel by its name, such as `seat.x` or `head.rate_y`, (n,) each, 0 where masked."""
@@ -191,6 +194,7 @@ class Recorder:
             measured_mps2=measured,
             warnings=(*self._moved(levels), *self._masked(unsettled, measured, rate_hz)),
             channels={name: self._beside(tracks[name], rate_hz) for name in SENSORS} if self._with_channels else {},
+            leans={name: sensor.lean for name, sensor in self._sensors.items() if sensor.lean is not None},
         )
 
     def _beside(self, tracks: Sequence[Floats], rate_hz: float) -> Channels:
@@ -282,6 +286,8 @@ class _Sensor:
         self._read = self._clipped_ns = _NONE
         self._blocks: list[Block] = []
         self.runs: list[_Run] = []
+        self.lean: tuple[float, float] | None = None
+        """On the mean, where it was set upright."""
 
     def push(self, stamps_ns: Integers, samples_mps2: Floats, rates_radps: Floats | None) -> None:
         # The largest of the axes is NaN where one is: then neither usable nor clipped.
@@ -314,23 +320,28 @@ class _Sensor:
         if self._keep_lean:
             return
         assert status.vertical is not None and status.gravity_mps2 is not None  # it has been levelled by it
-        rotation = rotation_to_vertical(np.array(status.vertical))
+        gravity_mps2, rotation = status.gravity_mps2, rotation_to_vertical(np.array(status.vertical))
         try:
             if not self._gyro.still:
                 raise ValueError("its gyro does not rest at the begin")
-            verticals = [
-                true_vertical_mps2(
-                    run.block.levelled_mps2, run.turning(rotation), run.block.rate_hz, status.gravity_mps2
-                )
+            ups = [
+                followed_up(run.block.levelled_mps2, run.turning(rotation), run.block.rate_hz, gravity_mps2)
                 for run in self.runs
             ]
         except ValueError as error:
             self._said.append(f"{self._conditioner.sensor}: {error}, so its vertical is the axis that was up at rest")
             return
+        followed = list(zip(self.runs, ups, strict=True))
+        verticals = [true_vertical_mps2(up, run.block.levelled_mps2, gravity_mps2) for run, up in followed]
         self.runs = [
             run._replace(block=run.block._replace(low_passed_mps2=self._conditioner.zero_phase(vertical)))
             for run, vertical in zip(self.runs, verticals, strict=True)
         ]
+        moving = np.concatenate([up[round(WARM_UP_S * run.block.rate_hz) :] for run, up in followed])
+        if len(moving):
+            turn = laid_level(status.vertical) @ rotation.T
+            x, y, _ = (-turn @ moving.mean(axis=0)).tolist()
+            self.lean = x, y
 
     def reach(self, rate_hz: float) -> int:
         """How many samples the low-pass reaches to either side: until its slowest pole has died away."""

@@ -32,8 +32,8 @@ FARTHEST_DEG: Final = 60.0
 """Nobody seated leans farther: such rates are in another unit, or of another sensor."""
 
 
-def true_vertical_mps2(levelled_mps2: Floats, rates_radps: Floats, rate_hz: float, gravity_mps2: float) -> Floats:
-    """Vertical acceleration (n,) without gravity, of a run that begins upright.
+def followed_up(levelled_mps2: Floats, rates_radps: Floats, rate_hz: float, gravity_mps2: float) -> Floats:
+    """The direction that was up at rest, (n, 3) in a sensor's axes, of a run that begins upright.
 
     levelled_mps2 (n, 3) and rates_radps (n, 3) in the axes that were level at rest, third up, the first less what was
     read at rest, the second less their bias. Raises ValueError where the lean is none of a person's.
@@ -44,4 +44,9 @@ def true_vertical_mps2(levelled_mps2: Floats, rates_radps: Floats, rate_hz: floa
     farthest_deg = float(np.degrees(np.arccos(np.clip(up[:, 2].min(), -1.0, 1.0))))
     if not farthest_deg < FARTHEST_DEG:
         raise ValueError(f"its gyro says that it leans by {farthest_deg:.0f} deg, which nobody seated does")
-    return np.asarray((up * force).sum(axis=1) - gravity_mps2)
+    return up
+
+
+def true_vertical_mps2(up: Floats, levelled_mps2: Floats, gravity_mps2: float) -> Floats:
+    """Vertical acceleration (n,) without gravity, of readings (n, 3) along where up is, (n, 3)."""
+    return np.asarray((up * levelled_mps2).sum(axis=1) + gravity_mps2 * (up[:, 2] - 1.0))

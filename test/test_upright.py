@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from biodyn_core.channels import laid_level
 from biodyn_core.kernels.lean import follow_up
 from biodyn_core.recording import Recorder, Recording, RecordingSettings
 from biodyn_core.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
-from biodyn_core.upright import true_vertical_mps2
+from biodyn_core.upright import followed_up, true_vertical_mps2
 
 RATE_HZ = 1129.3
 HEAD = MEASURED_SEGMENTS.index("head")
@@ -90,6 +91,28 @@ def test_without_a_gyro_nothing_is_said() -> None:
     assert not any("gyro" in line or "rates" in line for line in found.warnings)
 
 
+def test_how_far_it_leans_on_the_mean_is_said_in_the_axes_of_its_channels() -> None:
+    """By definition: of a motion along x it would have read so much as vertical. To and fro is no lean."""
+    time_s, true, *_ = swaying(0.0)
+    turned = Rotation.from_euler("y", np.deg2rad(6.0) * np.clip(time_s - 1.5, 0.0, 0.5)[:, None] / 0.5) * MOUNTED
+    gravity = turned.inv().apply(np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2]))
+    steps = (turned[:-1].inv() * turned[1:]).as_rotvec() * RATE_HZ
+    rates = np.vstack([steps[:1], 0.5 * (steps[:-1] + steps[1:]), steps[-1:]])
+    stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
+    recorder = Recorder("road", "drive", channels=True)
+    recorder.push("seat", stamps_ns, true * np.array([0.0, 0.0, 1.0]) + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2]))
+    recorder.push("head", stamps_ns, gravity, rates)
+    (recording,) = recorder.finish()
+    assert set(recording.leans) == {"head"}
+    lean = np.array(recording.leans["head"])
+    assert np.degrees(np.arcsin(np.linalg.norm(lean))) == pytest.approx(6.0, abs=0.3)
+    # At rest again, but leaning, gravity shows along the horizontal axes as minus the lean.
+    first = MOUNTED.inv().apply([0.0, 0.0, 1.0])
+    level = laid_level(tuple(first))[:2] @ gravity[-1] / STANDARD_GRAVITY_MPS2
+    np.testing.assert_allclose(lean, -level, atol=0.006)
+    assert np.linalg.norm(recorded().leans["head"]) < 0.02 and recorded(keep_lean=True).leans == {}
+
+
 def test_a_steady_turn_is_followed_exactly() -> None:
     rates = np.tile([0.3, -0.2, 0.1], (500, 1))
     up = np.empty_like(rates)
@@ -101,7 +124,8 @@ def test_a_steady_turn_is_followed_exactly() -> None:
 def test_a_bias_does_not_add_up_for_ever() -> None:
     """At rest for ten minutes with a wrong bias of 0.0003 rad/s: 10 deg without the pull, 60 s of it with."""
     rest, rates = np.zeros((60_000, 3)), np.tile([0.0003, 0.0, 0.0], (60_000, 1))
-    vertical = true_vertical_mps2(rest, rates, 100.0, STANDARD_GRAVITY_MPS2)
+    up = followed_up(rest, rates, 100.0, STANDARD_GRAVITY_MPS2)
+    vertical = true_vertical_mps2(up, rest, STANDARD_GRAVITY_MPS2)
     leaned_rad = np.arccos(1.0 + vertical[-1] / STANDARD_GRAVITY_MPS2)
     assert leaned_rad == pytest.approx(0.0003 * 60.0, rel=0.01)
 
@@ -109,4 +133,4 @@ def test_a_bias_does_not_add_up_for_ever() -> None:
 def test_a_lean_beyond_anybodys_is_refused() -> None:
     rates = np.tile([0.0, 0.5, 0.0], (500, 1))
     with pytest.raises(ValueError, match="nobody seated"):
-        true_vertical_mps2(np.zeros((500, 3)), rates, 100.0, STANDARD_GRAVITY_MPS2)
+        followed_up(np.zeros((500, 3)), rates, 100.0, STANDARD_GRAVITY_MPS2)

@@ -42,7 +42,7 @@ class Case:
     the first 2 s; energy (5,) is the sum of squares of what is compared, 0 for a segment left out. For phase 1, from
     the whole recording: frequency_hz (f,), transmissibility (f, 5), magnitude of the H1 estimate, and coherence (f, 5),
     both 0 for a segment without spectrum. channels (n,) by name, such as `seat.x` or `head.rate_y`, are what effects
-    may need, 0 where masked.
+    may need, 0 where masked; leans are the recording's.
     """
 
     name: str
@@ -57,6 +57,7 @@ class Case:
     coherence: Floats
     warnings: tuple[str, ...]
     channels: Mapping[str, Floats] = field(default_factory=dict)
+    leans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     begins_ns: int = 0
     """Stamp of the first sample: which event came before which."""
 
@@ -88,7 +89,7 @@ class Case:
         return cls(
             name, recording.case, recording.rate_hz, sharpened(seat) if s.sharpen_seat else seat, measured, compared,
             energy, grid, magnitude, coherence, (*recording.warnings, *said), recording.named_channels(),
-            int(recording.stamps_ns[0]),
+            recording.leans, int(recording.stamps_ns[0]),
         )  # fmt: skip
 
     @property

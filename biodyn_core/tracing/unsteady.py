@@ -58,7 +58,7 @@ def _lines(
 ) -> Iterator[tuple[AppliedEffect, Floats]]:  # fmt: skip
     """The most prominent line of what is left, on each segment, set anew in parts of windows."""
     side = background.choose
-    frequency_hz = _line_hz(missed, side.rows[0].rate_hz)
+    frequency_hz = _line_hz(background, missed)
     if frequency_hz is None:
         return
     effect = CATALOGUE["periodic"]
@@ -91,18 +91,16 @@ def _set_anew(missed: Floats, columns: Floats) -> tuple[Floats, Floats]:
     return left, np.linalg.norm(found[:, :, 0], axis=1)
 
 
-def _line_hz(missed: Sequence[Floats], rate_hz: float) -> float | None:
-    """The frequency that stands out most of what is left, None where none does."""
-    total: Floats | None = None
-    for y in missed:
-        whole = y.reshape(-1, len(MEASURED_SEGMENTS))
-        frequency_hz, density = signal.welch(
-            whole, rate_hz, nperseg=min(len(whole), round(SEGMENT_S * rate_hz)), axis=0
-        )
-        total = density.sum(axis=1) if total is None else total + density.sum(axis=1)
-    if total is None:
-        return None
-    around = ndimage.median_filter(total, max(3, round(2.0 * AROUND_HZ / (frequency_hz[1] - frequency_hz[0]))))
+def _line_hz(background: Background, missed: Sequence[Floats]) -> float | None:
+    """The frequency that stands out most of what is left, None where none does; short events have no say."""
+    frequency_hz = np.arange(0.0, LINE_HZ[1] + AROUND_HZ, 1.0 / SEGMENT_S)
+    total = np.zeros(frequency_hz.size)
+    for rows, y in zip(background.choose.rows, missed, strict=True):
+        whole, each = y.reshape(-1, len(MEASURED_SEGMENTS)), round(SEGMENT_S * rows.rate_hz)
+        if len(whole) >= each:
+            own_hz, density = signal.welch(whole, rows.rate_hz, nperseg=each, axis=0)
+            total += np.interp(frequency_hz, own_hz, density.sum(axis=1))
+    around = ndimage.median_filter(total, round(2.0 * AROUND_HZ * SEGMENT_S) + 1)
     inside = (frequency_hz >= LINE_HZ[0]) & (frequency_hz <= LINE_HZ[1])
     stands_out = np.where(inside, total / np.maximum(around, 1e-30), 0.0)
     best = int(stands_out.argmax())
@@ -135,10 +133,12 @@ def _postures(
         if not found:
             return
         number = int(np.argmax([gone for gone, _, _ in found]))
-        at_ns, (_, before, behind) = np.unique(begins_ns)[number + 1], found[number]
+        (last_ns, first_ns), (_, before, behind) = np.unique(begins_ns)[number : number + 2], found[number]
+        # Whether it had changed by then, nobody knows of events in between.
+        sides = [(case.begins_ns <= last_ns) * before + (case.begins_ns >= first_ns) * behind for case in choose.cases]
         left = [
-            ((y - known[:, :, own] @ (behind if case.begins_ns >= at_ns else before)) ** 2).sum(axis=1)
-            for case, known, y in zip(choose.cases, choose.known, missed, strict=True)
+            ((y - known[:, :, own] @ changed) ** 2).sum(axis=1)
+            for changed, known, y in zip(sides, choose.known, missed, strict=True)
         ]
         jump = float(np.clip(np.exp(2.0 * (behind - before)[0]) - 1.0, -0.6, 1.0))
         yield AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0}), np.concatenate(left)

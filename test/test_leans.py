@@ -1,0 +1,65 @@
+"""Sensors that lean while they move are named, where recordings have set them upright."""
+
+import dataclasses
+from functools import cache
+
+import fitting
+import numpy as np
+import pytest
+
+from biodyn_core.identification.problem import Case
+from biodyn_core.tracing.departures import UsualSettings
+from biodyn_core.tracing.leans import lean_deg, leaning
+
+USUAL = UsualSettings().usual_lean
+
+
+@cache
+def event() -> Case:
+    seat = fitting.seat_motion("road", 4.0, 3)
+    return fitting.ready(seat, np.tile(seat[:, None], (1, 5)))
+
+
+def leans(**degrees: tuple[float, float]) -> Case:
+    """Of each sensor, along x and y."""
+    found = {name: (float(np.sin(np.deg2rad(x))), float(np.sin(np.deg2rad(y)))) for name, (x, y) in degrees.items()}
+    return dataclasses.replace(event(), leans=found)
+
+
+def named(*cases: Case, plain: bool = False) -> dict[str, float]:
+    """Sensor by sensor, how far it leans."""
+    return {one.site: lean_deg(one) for one in leaning(cases, USUAL, plain)}
+
+
+def test_a_sensor_that_leans_is_named_with_its_lean() -> None:
+    (found,) = leaning([leans(neck=(6.0, -2.0), head=(0.5, 0.0))] * 2, USUAL, plain=False)
+    assert (found.effect.name, found.site) == ("tilt", "neck")
+    assert found.values["lean_x"] == pytest.approx(np.sin(np.deg2rad(6.0)))
+    assert found.values["lean_y"] == pytest.approx(-np.sin(np.deg2rad(2.0)))
+    assert lean_deg(found) == pytest.approx(6.32, abs=0.02)
+
+
+def test_what_is_usual_is_named_of_a_plain_body_only() -> None:
+    case = leans(head=(2.0, 0.0), neck=(1.0, 0.0))
+    assert named(case) == {}
+    assert named(case, plain=True) == {"head": pytest.approx(2.0)}
+
+
+def test_leans_of_several_events_are_averaged() -> None:
+    assert named(leans(head=(6.0, 0.0)), leans(head=(-6.0, 0.0))) == {}
+    assert named(leans(head=(3.0, 0.0)), leans(head=(7.0, 0.0))) == {"head": pytest.approx(5.0, abs=0.01)}
+
+
+def test_a_sensor_that_one_event_did_not_set_upright_is_left_out() -> None:
+    both = leans(head=(9.0, 0.0), neck=(9.0, 0.0))
+    assert set(named(both, leans(neck=(9.0, 0.0)))) == {"neck"}
+    assert named(both, leans()) == {} == named()
+
+
+def test_the_seat_is_nobodys_sensor() -> None:
+    assert named(leans(seat=(20.0, 0.0))) == {}
+
+
+def test_a_lean_beyond_the_range_of_a_tilt_ends_on_it() -> None:
+    (found,) = leaning([leans(head=(40.0, 0.0))], USUAL, plain=False)
+    assert found.values["lean_x"] == 0.4

@@ -1,0 +1,226 @@
+"""What no fixed parameters follow is told by what it is and where: hidden in events, and found."""
+
+import dataclasses
+from functools import cache
+
+import fitting
+import hiding
+import naive
+import numpy as np
+import pytest
+from scipy import signal
+
+from biodyn_core.effects import AppliedEffect
+from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.problem import Case
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEGMENTS
+from biodyn_core.tracing.background import Background, Side
+from biodyn_core.tracing.settings import BASE
+from biodyn_core.tracing.settle import Settled, settle
+from biodyn_core.tracing.unsteady import unsteady
+
+LINE_HZ, LINE_MPS2 = 24.0, 0.5
+JOINT, STIFFER, CHANGED = "central_torso", 0.3, 6
+"""A joint that is stiffer by so much from that event on."""
+
+Found = dict[tuple[str, str], tuple[AppliedEffect, np.ndarray]]
+
+
+@cache
+def jumping(sensor: str) -> hiding.Change:
+    """A clock that is 2 ms late and 1 ms early by turns, a second each."""
+    column = MEASURED_SEGMENTS.index(sensor)
+
+    def change(measured: np.ndarray) -> np.ndarray:
+        time = np.arange(len(measured)) / fitting.RATE_HZ
+        late = np.where(time.astype(int) % 2 == 0, 0.002, -0.001)
+        measured[:, column] = np.interp(time - late, time, measured[:, column])
+        return measured
+
+    return change
+
+
+@cache
+def wandering(segment: str) -> hiding.Change:
+    """A force on one segment whose frequency wanders within 0.75 Hz, and whose phase is another in every event."""
+
+    def change(measured: np.ndarray) -> np.ndarray:
+        rng = np.random.default_rng(int(1e6 * np.abs(measured).max()))
+        time = np.arange(len(measured)) / fitting.RATE_HZ
+        wanders = 0.4 * np.sin(2.0 * np.pi * 0.3 * time + rng.uniform(0.0, 6.0))
+        force = LINE_MPS2 * np.cos(2.0 * np.pi * (LINE_HZ * time + wanders + rng.uniform()))
+        return measured + pushed(SEGMENTS.index(segment), force)
+
+    return change
+
+
+def pushed(segment: int, force_mps2: np.ndarray) -> np.ndarray:
+    """Accelerations (n, 5) of the linear chain, as matrices, to a force (n,) on a segment, over its mass."""
+    M, C, K, _, _ = naive.chain_matrices(hiding.TRUTH.parameters.vector(), hiding.TRUTH.body_mass_kg, "segment")
+    inverse, on = np.linalg.inv(M), np.eye(6)[:, segment]  # M is the segments' masses
+    a = np.block([[np.zeros((6, 6)), np.eye(6)], [-inverse @ K, -inverse @ C]])
+    b = np.concatenate([np.zeros(6), on])[:, None]
+    time = np.arange(len(force_mps2)) / fitting.RATE_HZ
+    return signal.lsim((a, b, a[6:], b[6:]), force_mps2, time)[1][:, MEASURED_SEGMENT_INDEX]
+
+
+@cache
+def stiffening() -> tuple[Case, ...]:
+    """Nine events in the order of their stamps, one joint stiffer by 30 % from the seventh on."""
+
+    def law(stretch: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        out, joint = np.zeros_like(stretch), SEGMENTS.index(JOINT)
+        out[CHANGED:, joint] = STIFFER * hiding.stiffness_and_damping()[0][joint] * stretch[CHANGED:, joint]
+        return out
+
+    rng, cases = np.random.default_rng(5), []
+    for number, (seat, accel) in enumerate(zip(hiding.seats(), hiding.answers(hiding.seats(), law), strict=True)):
+        noise = fitting.low_passed(hiding.NOISE_MPS2 * rng.standard_normal((len(seat), 5)))
+        measured = accel[:, MEASURED_SEGMENT_INDEX] + noise
+        cases.append(fitting.ready(seat, measured, hiding.KINDS[number % len(hiding.KINDS)]))
+    return in_order(cases)
+
+
+def in_order(cases) -> tuple[Case, ...]:
+    """Stamped ten seconds apart."""
+    return tuple(dataclasses.replace(case, begins_ns=(1 + 10 * i) * 1_000_000_000) for i, case in enumerate(cases))
+
+
+@cache
+def nothing_in_order() -> tuple[Case, ...]:
+    return in_order(hiding.events(9))
+
+
+@cache
+def by_turns(cases: tuple[Case, ...]) -> Background:
+    """Every other event is fitted to, those between choose."""
+    return Background.of(fit_joint(cases[::2], hiding.TRUTH, 1, BASE).subject, cases[::2], cases[1::2])
+
+
+@cache
+def without(background: Background) -> Settled:
+    return settle(background, None)
+
+
+@cache
+def found(background: Background) -> Found:
+    told = {(one.effect.name, one.site): (one, left) for one, left in unsteady(background, without(background))}
+    windows = len(background.choose.products.square)
+    assert all(left.shape == (windows,) and (left >= 0.0).all() for _, left in told.values())
+    return told
+
+
+def gains(background: Background) -> dict[tuple[str, str], float]:
+    """The mean log ratio of what is left without and with it; all windows are as long."""
+    before = without(background).left
+    return {name: float(np.log(before / left).mean()) for name, (_, left) in found(background).items()}
+
+
+def assert_found(background: Background, name: str, site: str, least: float, times: float) -> AppliedEffect:
+    """It gains so much, and so many times as much as anything else."""
+    gained, told = gains(background), found(background)
+    others = {key: gain for key, gain in gained.items() if key != (name, site)}
+    assert gained[name, site] > least and gained[name, site] > times * max(others.values()), gained
+    assert min(told, key=lambda key: told[key][1].sum()) == (name, site)
+    return told[name, site][0]
+
+
+@pytest.mark.parametrize("sensor", ["upper_torso", "head"])
+def test_a_clock_that_jumps_is_told_and_whose(sensor: str) -> None:
+    clock = assert_found(hiding.background(jumping(sensor)), "clock", sensor, 0.3, 3.0)
+    assert clock.values == {"delay_s": pytest.approx(0.002, rel=0.25), "drift": 0.0}  # two windows of three
+
+
+@pytest.mark.parametrize("segment", ["central_torso", "head"])  # one has no sensor
+def test_a_line_that_wanders_is_told_and_where_it_pushes(segment: str) -> None:
+    line = assert_found(hiding.background(wandering(segment)), "periodic", segment, 1.0, 1.5)
+    assert line.values["frequency_hz"] == pytest.approx(LINE_HZ, abs=1.0)
+    assert line.values["cosine_mps2"] == pytest.approx(LINE_MPS2, rel=0.15) and line.values["sine_mps2"] == 0.0
+
+
+def test_a_joint_that_stiffens_between_two_events_is_told() -> None:
+    posture = assert_found(by_turns(stiffening()), "posture", JOINT, 0.5, 2.0)
+    assert posture.values == {"jump": pytest.approx(STIFFER, rel=0.15), "at_s": 0.0}
+
+
+def test_with_nothing_hidden_nothing_gains() -> None:
+    for background, least in ((hiding.background(), 5), (by_turns(nothing_in_order()), 11)):
+        gained = gains(background)
+        assert len(gained) == least and max(gained.values()) < 0.05, gained
+
+
+def test_no_line_is_tried_where_none_stands_out() -> None:
+    for background in (hiding.background(), by_turns(nothing_in_order())):
+        assert "periodic" not in names(background)
+    assert "periodic" in names(hiding.background(wandering("head")))
+
+
+def test_events_of_one_stamp_have_no_posture() -> None:
+    background = by_turns(stiffening())
+    assert names(background) >= {"clock", "posture"}
+    assert "posture" not in names(stamped(background, [7] * 5, [7] * 4))
+    assert "posture" not in names(stamped(background, [7] * 5, [1, 2, 8, 9]))  # those that choose have no say
+
+
+def test_the_order_of_stamps_counts_and_not_that_of_the_events() -> None:
+    background = by_turns(stiffening())
+    train, choose = background.train.cases, background.choose.cases
+    shuffled = Background.of(background.subject, [train[i] for i in (3, 0, 4, 2, 1)], choose)
+    assert_same_postures(shuffled, background)
+    for name, (_, left) in found(shuffled).items():
+        np.testing.assert_allclose(left, found(background)[name][1], rtol=1e-4)
+
+
+def test_only_events_that_are_fitted_to_say_when_and_how_a_posture_changed() -> None:
+    """Others choose: none of them stiffens, or all are said to lie before, and the postures stay as they were."""
+    background = by_turns(stiffening())
+    steady = Background.of(background.subject, background.train.cases, nothing_in_order()[1::2])
+    all_before = stamped(background, [2, 4, 6, 8, 10], [1, 1, 1, 1])
+    for other in (steady, all_before):
+        assert_same_postures(other, background)
+        assert gains(other)["posture", JOINT] < 0.5 * gains(background)["posture", JOINT]
+
+
+def test_a_joint_that_was_stiffer_before_softens() -> None:
+    """Time runs backwards, and what was behind is before; none that chooses lies between those around the change."""
+    background = by_turns(stiffening())
+    other = stamped(background, [9, 7, 5, 3, 1], [8, 6, 5, 2])
+    stiffer, softer = (found(one)["posture", JOINT][0].values["jump"] for one in (background, other))
+    assert (1.0 + stiffer) * (1.0 + softer) == pytest.approx(1.0, abs=1e-6) and softer < -0.15
+    # Of an event between those around the change nothing is said, and one way there is one.
+    assert gains(other)["posture", JOINT] == pytest.approx(gains(background)["posture", JOINT], rel=0.15)
+
+
+def names(background: Background) -> set[str]:
+    """Of the effects that are told."""
+    return {name for name, _ in found(background)}
+
+
+def stamped(background: Background, train: list[int], choose: list[int]) -> Background:
+    """The same events, begun at other instants."""
+
+    def of(side: Side, stamps: list[int]) -> Side:
+        cases = zip(side.cases, stamps, strict=True)
+        return dataclasses.replace(side, cases=tuple(dataclasses.replace(case, begins_ns=at) for case, at in cases))
+
+    return dataclasses.replace(background, train=of(background.train, train), choose=of(background.choose, choose))
+
+
+def assert_same_postures(one: Background, other: Background) -> None:
+    for site in SEGMENTS:
+        jump, expected = (found(background)["posture", site][0].values["jump"] for background in (one, other))
+        assert jump == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_short_event_is_no_hindrance() -> None:
+    cases, samples = hiding.events(6), round(2.7 * fitting.RATE_HZ)
+    measured = cases[4].measured_mps2[:samples]
+    short = dataclasses.replace(
+        cases[4],
+        seat_mps2=cases[4].seat_mps2[:samples],
+        measured_mps2=measured,
+        compared=cases[4].compared[:samples],
+        energy=(measured**2).sum(axis=0),
+    )
+    background = Background.of(hiding.background().subject, cases[:3], (cases[3], short, cases[5]))
+    assert len(list(unsteady(background, settle(background, None)))) > 0
