@@ -58,6 +58,7 @@ class Rows:
         used = compared[: self.windows * self._length].reshape(self.windows, -1)
         self.samples = used.sum(axis=1).astype(np.float64)
         self._measured = measured
+        self.usual_clock_s = usual.usual_clock_s
         slope = np.gradient(self._thinned(answer), 1.0 / rate_hz, axis=0)
         # A clock is one usual departure more, and weighed against the prior as those are; a level is nobody's news.
         spread = np.array(

@@ -45,10 +45,14 @@ def unsteady(background: Background, without: Settled) -> Iterator[tuple[Applied
 
 
 def _clocks(background: Background, missed: Sequence[Floats]) -> Iterator[tuple[AppliedEffect, Floats]]:
-    """Each sensor's clock, set anew in every window."""
+    """Each sensor's clock, set anew in every window; one that is off by no more than is usual is left out."""
     for segment, name in enumerate(MEASURED_SEGMENTS):
         pairs = [rows.on_time(y, segment) for rows, y in zip(background.choose.rows, missed, strict=True)]
-        delay_s = float(np.clip(np.median(np.concatenate([late for _, late in pairs])), -LATEST_S, LATEST_S))
+        late_s = np.concatenate([late for _, late in pairs])
+        late_s = late_s[late_s != 0.0]  # a window in which nothing is compared tells nothing
+        if late_s.size == 0 or np.median(np.abs(late_s)) <= background.choose.rows[0].usual_clock_s:
+            continue
+        delay_s = float(np.clip(np.median(late_s), -LATEST_S, LATEST_S))
         applied = AppliedEffect(CATALOGUE["clock"], name, {"delay_s": delay_s, "drift": 0.0})
         yield applied, np.concatenate([(left**2).sum(axis=1) for left, _ in pairs])
 
