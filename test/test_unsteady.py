@@ -144,9 +144,11 @@ def test_a_joint_that_stiffens_between_two_events_is_told() -> None:
 
 
 def test_with_nothing_hidden_nothing_gains() -> None:
-    for background, least in ((hiding.background(), 5), (by_turns(nothing_in_order()), 11)):
-        gained = gains(background)
-        assert len(gained) == least and max(gained.values()) < 0.05, gained
+    """Clocks are not even set anew: none is off by more than is usual."""
+    assert gains(hiding.background()) == {}  # all of one stamp
+    gained = gains(by_turns(nothing_in_order()))
+    assert {name for name, _ in gained} == {"posture"} and len(gained) == len(SEGMENTS)
+    assert max(gained.values()) < 0.05, gained
 
 
 def test_no_line_is_tried_where_none_stands_out() -> None:
@@ -157,7 +159,7 @@ def test_no_line_is_tried_where_none_stands_out() -> None:
 
 def test_events_of_one_stamp_have_no_posture() -> None:
     background = by_turns(stiffening())
-    assert names(background) >= {"clock", "posture"}
+    assert "posture" in names(background)
     assert "posture" not in names(stamped(background, [7] * 5, [7] * 4))
     assert "posture" not in names(stamped(background, [7] * 5, [1, 2, 8, 9]))  # those that choose have no say
 
@@ -223,4 +225,4 @@ def test_a_short_event_is_no_hindrance() -> None:
         energy=(measured**2).sum(axis=0),
     )
     background = Background.of(hiding.background().subject, cases[:3], (cases[3], short, cases[5]))
-    assert len(list(unsteady(background, settle(background, None)))) > 0
+    assert list(unsteady(background, settle(background, None))) == []
