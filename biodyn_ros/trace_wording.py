@@ -43,6 +43,11 @@ def headline(document: Document) -> str:
 def belief(document: Document) -> str:
     """Whether to believe the verdict, and as far as what."""
     verdict, chance = document["verdict"], _chance(document)
+    if verdict == "effect" and not any(effect["added"] for effect in document["effects"]):
+        return (
+            "Believe it as far as the measurement: a lean is what the sensor's own gyro says, a line or a posture what"
+            " the events that choose show. No number of the body was changed for it."
+        )
     if verdict == "effect":
         return (
             f"Believe it as far as this: {chance}. Another effect with the same mark on these data, one that was not"

@@ -370,6 +370,7 @@ def test_what_no_subject_carries_is_named_and_not_added() -> None:
         " Held-out error 20.0 %."
     )
     assert "named, not added: tilt of the sensor on the head" in " ".join(text_of(document).split())
+    assert "own gyro" in belief(document) and "chance" not in belief(document)
     _, page = page_of(alone)
     assert "What was found, and no subject carries" in page.text and "What was added" not in page.text
     beside = trace_document(found(effects=(tilt, STOP), intervals=((), found().intervals[0])))
