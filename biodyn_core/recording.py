@@ -30,7 +30,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
-from biodyn_core.upright import BLIND_S, followed_up, true_vertical_mps2
+from biodyn_core.upright import BLIND_S, NobodysLean, followed_up, true_vertical_mps2
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -48,6 +48,8 @@ SHORTEST_LEVEL_S: Final = 2.0
 
 WORTH_A_LINE_S: Final = 0.05
 """What is masked in all is said from here on: one clipped sample is more, the ends, where nothing is read, less."""
+
+AS_AT_REST: Final = "its vertical is the axis that was up at rest"
 
 _NONE: Final = np.empty(0, dtype=np.int64)
 
@@ -154,6 +156,9 @@ class Recorder:
         """
         for sensor in self._sensors.values():
             sensor.finish()
+        believed = not any(sensor.turns_too_far for sensor in self._sensors.values())
+        for sensor in self._sensors.values():
+            sensor.set_upright(believed)
         seat, others = self._sensors[SEAT], [self._sensors[name] for name in MEASURED_SEGMENTS]
         if not seat.runs:
             raise InputError(f"{self.name}: {seat.why_nothing()}")
@@ -286,6 +291,8 @@ class _Sensor:
         self._read = self._clipped_ns = _NONE
         self._blocks: list[Block] = []
         self.runs: list[_Run] = []
+        self.turns_too_far = False
+        self._ups: list[Floats] = []
         self.lean: tuple[float, float] | None = None
         """On the mean, where it was set upright."""
 
@@ -308,38 +315,51 @@ class _Sensor:
                 self._said += [str(error)] if self._with_channels else []
             else:
                 self.runs = [_Run(*pair) for pair in zip(blocks, rates, strict=True)]
-                self._set_upright()
+                self._ups = self._followed()
         # Sorted once: a record full of gaps has thousands of runs to look up.
         self._read, self._clipped_ns = (
             np.unique(np.concatenate([*part, _NONE])) for part in (self._usable, self._clipped)
         )
 
-    def _set_upright(self) -> None:
-        """The verticals of all runs by where their gyro says that up is, or a line saying why not."""
+    def _followed(self) -> list[Floats]:
+        """Where up is in every run, (n, 3), by its gyro; nothing, and a line saying why, where that cannot be told."""
         status = self._conditioner.status()
         if self._keep_lean:
-            return
+            return []
         assert status.vertical is not None and status.gravity_mps2 is not None  # it has been levelled by it
         gravity_mps2, rotation = status.gravity_mps2, rotation_to_vertical(np.array(status.vertical))
         try:
             if not self._gyro.still:
                 raise ValueError("its gyro does not rest at the begin")
-            ups = [
+            return [
                 followed_up(run.block.levelled_mps2, run.turning(rotation), run.block.rate_hz, gravity_mps2)
                 for run in self.runs
             ]
         except ValueError as error:
-            self._said.append(f"{self._conditioner.sensor}: {error}, so its vertical is the axis that was up at rest")
+            self.turns_too_far = isinstance(error, NobodysLean)
+            self._said.append(f"{self._conditioner.sensor}: {error}, so {AS_AT_REST}")
+            return []
+
+    def set_upright(self, believed: bool) -> None:
+        """Read the verticals of all runs along where up is; not where the rates of the record are not believed."""
+        if not self._ups:
             return
-        followed = list(zip(self.runs, ups, strict=True))
-        verticals = [true_vertical_mps2(up, run.block.levelled_mps2, gravity_mps2) for run, up in followed]
+        status = self._conditioner.status()
+        if not believed:
+            self._said.append(
+                f"{self._conditioner.sensor}: another gyro of the record is not believed, so {AS_AT_REST}"
+            )
+            return
+        assert status.vertical is not None and status.gravity_mps2 is not None
+        followed = list(zip(self.runs, self._ups, strict=True))
+        verticals = [true_vertical_mps2(up, run.block.levelled_mps2, status.gravity_mps2) for run, up in followed]
         self.runs = [
             run._replace(block=run.block._replace(low_passed_mps2=self._conditioner.zero_phase(vertical)))
             for run, vertical in zip(self.runs, verticals, strict=True)
         ]
         moving = np.concatenate([up[round(WARM_UP_S * run.block.rate_hz) :] for run, up in followed])
         if len(moving):
-            turn = laid_level(status.vertical) @ rotation.T
+            turn = laid_level(status.vertical) @ rotation_to_vertical(np.array(status.vertical)).T
             x, y, _ = (-turn @ moving.mean(axis=0)).tolist()
             self.lean = x, y
 

@@ -32,18 +32,22 @@ FARTHEST_DEG: Final = 60.0
 """Nobody seated leans farther: such rates are in another unit, or of another sensor."""
 
 
+class NobodysLean(ValueError):
+    """Rates say a lean that nobody seated has: they are of another unit, and so likely are the record's others."""
+
+
 def followed_up(levelled_mps2: Floats, rates_radps: Floats, rate_hz: float, gravity_mps2: float) -> Floats:
     """The direction that was up at rest, (n, 3) in a sensor's axes, of a run that begins upright.
 
     levelled_mps2 (n, 3) and rates_radps (n, 3) in the axes that were level at rest, third up, the first less what was
-    read at rest, the second less their bias. Raises ValueError where the lean is none of a person's.
+    read at rest, the second less their bias. Raises NobodysLean where it is none of a person's.
     """
     force = levelled_mps2 + np.array([0.0, 0.0, gravity_mps2])
     up = np.empty_like(force)
     follow_up(np.ascontiguousarray(rates_radps), force, 1.0 / rate_hz, 1.0 / (PULLED_S * rate_hz), up)
     farthest_deg = float(np.degrees(np.arccos(np.clip(up[:, 2].min(), -1.0, 1.0))))
     if not farthest_deg < FARTHEST_DEG:
-        raise ValueError(f"its gyro says that it leans by {farthest_deg:.0f} deg, which nobody seated does")
+        raise NobodysLean(f"its gyro says that it leans by {farthest_deg:.0f} deg, which nobody seated does")
     return up
 
 

@@ -85,6 +85,27 @@ def test_a_gyro_that_cannot_be_believed_changes_nothing_and_is_named(rates_of, w
     assert sum("head: " in line and why in line and "at rest" in line for line in found.warnings) == 1
 
 
+def test_one_gyro_in_another_unit_is_believed_of_no_sensor() -> None:
+    """In deg/s a seat that hardly rocks says a lean that might be somebody's; the head's says one that is nobody's."""
+    time_s, true, force, rates = swaying(15.0)
+    stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
+    still = true * np.array([0.0, 0.0, 1.0]) + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2])
+    moving = np.clip(time_s - 3.0, 0.0, 1.0)
+    rocks = np.column_stack([0.0 * time_s, 0.3 * 3.0 * moving * np.cos(3.0 * time_s), 0.0 * time_s])
+
+    def read(scale: float) -> Recording:
+        recorder = Recorder("road", "drive")
+        recorder.push("seat", stamps_ns, still, np.deg2rad(rocks) * scale)
+        recorder.push("head", stamps_ns, force, rates * scale)
+        return recorder.finish()[0]
+
+    assert set(read(1.0).leans) == {"seat", "head"}
+    found = read(np.rad2deg(1.0))
+    assert found.leans == {}
+    assert any("seat: another gyro of the record is not believed" in line for line in found.warnings)
+    np.testing.assert_allclose(found.measured_mps2, recorded(keep_lean=True).measured_mps2, atol=1e-9)
+
+
 def test_without_a_gyro_nothing_is_said() -> None:
     found = recorded(np.zeros_like)
     np.testing.assert_array_equal(found.measured_mps2, recorded(keep_lean=True).measured_mps2)
