@@ -45,7 +45,7 @@ def decided(
     verdict, reasons = judged(outcomes, law, s)
     passing = _passing(outcomes) if believed else ()
     reasons += tuple(f"{named(one)} is never twice the same, so no subject carries it" for one in passing)
-    leans = _leaning(outcomes[0], sides, s)
+    leans = _leaning(outcomes[0], [*train, *choose], s)  # what is reported has no say in any verdict
     reasons += tuple(
         f"the sensor of {one.site} leans by {lean_deg(one):.1f} deg on the mean while it moves, as its gyro has it;"
         " recordings set it upright, so no subject carries it"
@@ -95,12 +95,10 @@ def _passing(outcomes: Sequence[Outcome]) -> tuple[AppliedEffect, ...]:
     return tuple(one.applied for one in taken if one is not None and one.applied is not None)
 
 
-def _leaning(
-    outcome: Outcome, sides: Sequence[Sequence[Case]], s: TraceSettings
-) -> tuple[AppliedEffect, ...]:  # fmt: skip
+def _leaning(outcome: Outcome, cases: Sequence[Case], s: TraceSettings) -> tuple[AppliedEffect, ...]:
     """The sensors that lean farther than is usual for a body that departs as far as this one."""
     plain = outcome.background.level == LEVELS[-1]
-    return leaning([case for side in sides for case in side], s.background.usual.usual_lean, plain)
+    return leaning(cases, s.background.usual.usual_lean, plain)
 
 
 def _surface(outcome: Outcome) -> Surface | None:

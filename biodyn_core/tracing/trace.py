@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.identify import fingerprint
@@ -22,7 +21,6 @@ from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS
 from biodyn_core.tracing.verdict import explained
 
-Floats = NDArray[np.float64]
 Tell = Callable[[str, float], None]
 
 
