@@ -103,7 +103,8 @@ class Background:
 
     def precision_at(self, level: float) -> Floats:
         """The precision (k,) of the prior at a level."""
-        return np.concatenate([self.usual[:N_THETA], self.usual[N_THETA:] / level**2])
+        least = np.array([*(direction.least for direction in self.found), 0.0, 0.0])  # the seat's gain and clock
+        return np.concatenate([self.usual[:N_THETA], self.usual[N_THETA:] / np.maximum(level, least) ** 2])
 
     @property
     def counted(self) -> float:

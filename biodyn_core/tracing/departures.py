@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain, Stepper, predict
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
@@ -35,6 +35,9 @@ class UsualSettings:
     usual_gain: float = setting(0.015, "gain of a sensor", "", 1e-4, 0.5)
     usual_clock_s: float = setting(0.0005, "offset of a sensor's clock", "s", 1e-6, 0.1)
     usual_lean: float = setting(0.025, "lean of a sensor in motion, as a share of g", "", 1e-4, 0.5)
+    rest_lean: float = setting(
+        0.008, "lean that a sensor's bias gives to what it takes for level at rest, as a share of g", "", 1e-4, 0.1
+    )
     usual_softness_s: float = setting(0.0005, "softness of what a sensor sits on, 1 / (2 pi f)", "s", 1e-6, 0.02)
     usual_level_mps2: float = setting(0.2, "level of a sensor against its rest", "m/s^2", 1e-3, 10.0)
     usual_bend: float = setting(
@@ -48,12 +51,18 @@ class UsualSettings:
 
 @dataclass(frozen=True)
 class Direction:
-    """One usual departure: an effect of the catalogue, or a mass, at a size that shows; usual is the spread of it."""
+    """One usual departure: an effect of the catalogue, a mass, or a horizontal axis in the seat's vertical.
+
+    usual is the spread of it, for an effect in multiples of one that shows; least is the share of the usual that also
+    those have who depart in nothing.
+    """
 
     name: str
     usual: float
     applied: AppliedEffect | None = None
     segment: int = -1
+    leaking: str = ""
+    least: float = 0.0
 
 
 def directions(subject: Subject, cases: Sequence[Case], settings: UsualSettings | None = None) -> list[Direction]:
@@ -71,6 +80,9 @@ def directions(subject: Subject, cases: Sequence[Case], settings: UsualSettings 
         }
         found += [_strength(name, segment, size, size) for name, size in sizes.items()]
     found += [Direction(f"mass of {segment}", s.usual_mass, segment=i) for i, segment in enumerate(SEGMENTS)]
+    if _measured_aside(SEAT, cases):
+        # The whole body answers to it, so next to no noise hides it.
+        found += [Direction(f"lean of {SEAT} ({a})", s.rest_lean, leaking=f"{SEAT}.{a}", least=1.0) for a in "xy"]
     return found
 
 
@@ -78,10 +90,13 @@ def columns(subject: Subject, case: Case, plain: Floats, found: Sequence[Directi
     """What each direction adds to the answer, per usual spread, (n, 5, d); plain (n, 5) is the answer without."""
     out = np.empty((*plain.shape, len(found)))
     for i, direction in enumerate(found):
-        if direction.applied is None:
-            out[:, :, i] = _heavier(subject, case, direction.segment, direction.usual) - plain
-        else:
+        if direction.applied is not None:
             out[:, :, i] = direction.usual * (answer(subject, case, (direction.applied,), plain) - plain)
+        elif direction.leaking:
+            seat_mps2 = case.seat_mps2 + direction.usual * case.channels[direction.leaking]
+            out[:, :, i] = answer(subject, dataclasses.replace(case, seat_mps2=seat_mps2)) - plain
+        else:
+            out[:, :, i] = _heavier(subject, case, direction.segment, direction.usual) - plain
     return out
 
 
@@ -91,9 +106,15 @@ def _of_sensor(sensor: str, cases: Sequence[Case], s: UsualSettings) -> list[Dir
         _strength("clock", sensor, s.usual_clock_s, 0.001, "delay_s"),
         _strength("skin", sensor, s.usual_softness_s, 0.0025, "softness_s"),
     ]
-    if all(f"{sensor}.{axis}" in case.channels for case in cases for axis in "xy"):
-        found += [_strength("tilt", sensor, s.usual_lean, 0.1, lean) for lean in ("lean_x", "lean_y")]
+    if _measured_aside(sensor, cases):
+        least = min(s.rest_lean / s.usual_lean, 1.0)
+        leans = [_strength("tilt", sensor, s.usual_lean, 0.1, lean) for lean in ("lean_x", "lean_y")]
+        found += [dataclasses.replace(one, least=least) for one in leans]
     return found
+
+
+def _measured_aside(sensor: str, cases: Sequence[Case]) -> bool:
+    return all(f"{sensor}.{axis}" in case.channels for case in cases for axis in "xy")
 
 
 def _strength(name: str, site: str, usual: float, shows: float, strength: str = "") -> Direction:
