@@ -14,7 +14,7 @@ from biodyn_core.tracing import rounds
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Candidate, Trace
 from biodyn_core.tracing.gate import FloorSettings
-from biodyn_core.tracing.screen import Screened, Tried, candidates
+from biodyn_core.tracing.screen import Screened, Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS, Settled, settle
 from biodyn_core.tracing.trace import dealt, trace
@@ -206,9 +206,16 @@ def without() -> Settled:
     return settle(hiding.background(), None)
 
 
+def always(settled: Settled) -> rounds._Plain:
+    """Settled so at every level."""
+    plain = rounds._Plain(hiding.background())
+    plain._settled.update(dict.fromkeys(LEVELS, settled))
+    return plain
+
+
 def test_more_is_asked_of_a_body_that_departs_further() -> None:
     background, settings = hiding.background(), TraceSettings()
-    asked = [rounds._asked(background.at_level(level), without(), settings) for level in sorted(LEVELS)]
+    asked = [rounds._asked(background.at_level(level), always(without()), settings) for level in sorted(LEVELS)]
     assert asked[0] == pytest.approx(settings.least_gain) and (np.diff(asked) > 0.0).all()
     assert asked[-1] == pytest.approx((1.0 + settings.departing) * settings.least_gain)
 
@@ -218,7 +225,27 @@ def test_the_least_will_do_where_more_is_left_than_of_a_good_model() -> None:
     times = 2.0 * rounds.TELLING / rounds.left_over(background, without())
     much = dataclasses.replace(without(), left=times**2 * without().left)
     assert rounds.left_over(background, much) == pytest.approx(2.0 * rounds.TELLING)
-    assert [rounds._asked(background.at_level(level), much, settings) for level in LEVELS] == [settings.least_gain] * 5
+    asked = [rounds._asked(background.at_level(level), always(much), settings) for level in LEVELS]
+    assert asked == [settings.least_gain] * 5
+
+
+def test_a_law_of_usual_size_is_no_cause_in_a_body_that_departs_and_one_in_a_body_that_does_not() -> None:
+    background, settings = hiding.background(), TraceSettings()
+    (usual,) = [one for one in background.found if one.name == "friction of pelvis"]
+    assert usual.applied is not None
+    spread_n = usual.usual * usual.applied.values["friction_n"]
+
+    def against(spreads: float, level: float) -> tuple[str, ...]:
+        effect = applied("friction", "pelvis", friction_n=spreads * spread_n)
+        settled = dataclasses.replace(without(), applied=effect, level=level)
+        screened = Screened(Tried(effect, ""), 0.3, 1.0, 1.0, 0.1, 0.005)
+        rung = rounds._Rung(settled, np.full(6, 0.3), ("road",) * 6, 0.1, screened, spreads=background.spreads(effect))
+        screening = Screening((), np.zeros(1), (), np.zeros((0, 0)))
+        return rounds._candidate(rung, background, without(), screening, settings).against
+
+    (why,) = against(3.5, 0.32)
+    assert why == "is 3.5 times what is usual there, up to 4 is no cause"
+    assert against(4.5, 0.32) == against(3.5, LEVELS[-1]) == ()
 
 
 def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped: int = 6) -> int | None:

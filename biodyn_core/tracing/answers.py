@@ -37,14 +37,27 @@ def answer(subject: Subject, case: Case, effects: Sequence[AppliedEffect] = (), 
 
 def answers(subject: Subject, cases: Sequence[Case]) -> list[Floats]:
     """Accelerations (n, 5) that sensors show of a subject in each case; NaN throughout where it runs away."""
+    return sensed(subject, cases, moved(subject, cases))
+
+
+def moved(subject: Subject, cases: Sequence[Case]) -> list[Floats]:
+    """Accelerations (n, 6) of a subject's segments in each case, whatever its sensors show of them."""
     chain = Chain.of(subject)
     with np.errstate(all="ignore"):  # what is not finite is told by its number
-        return [_simulated(subject, chain, case) for case in cases]
+        return [_moved(subject, chain, case) for case in cases]
 
 
-def _simulated(subject: Subject, chain: Chain, case: Case) -> Floats:
+def sensed(subject: Subject, cases: Sequence[Case], moved: Sequence[Floats]) -> list[Floats]:
+    """What the subject's sensors show (n, 5) of segments that move so (n, 6) in each case; NaN of what has run away."""
+    return [_sensed(subject, case, accel) for case, accel in zip(cases, moved, strict=True)]
+
+
+def _moved(subject: Subject, chain: Chain, case: Case) -> Floats:
     seat = felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels)
-    accel = Stepper(chain, case.rate_hz, chain.substeps(case.rate_hz)).push(seat, channels=case.channels)
+    return Stepper(chain, case.rate_hz, chain.substeps(case.rate_hz)).push(seat, channels=case.channels)
+
+
+def _sensed(subject: Subject, case: Case, accel: Floats) -> Floats:
     if not np.isfinite(accel).all():  # no sensor shows what has run away
         return np.full((len(accel), len(MEASURED_SEGMENT_INDEX)), np.nan)
     return shown(subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.parameters import PARAMETERS
@@ -114,6 +115,16 @@ class Background:
     def at_level(self, level: float) -> Background:
         """The same for bodies and sensors that depart by so many times the usual."""
         return dataclasses.replace(self, level=level)
+
+    def spreads(self, applied: AppliedEffect) -> float:
+        """How many spreads of the usual departure by its law, where it sits, an effect is; inf where there is none."""
+        alike = [d for d in self.found if d.applied and (d.applied.effect, d.site) == (applied.effect, applied.site)]
+        sizes = [
+            applied.values[name] / (direction.usual * size)
+            for direction in alike
+            for name, size in direction.strengths.items()
+        ]
+        return float(np.linalg.norm(sizes)) if sizes else np.inf
 
     @property
     def names(self) -> tuple[str, ...]:

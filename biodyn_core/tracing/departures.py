@@ -64,6 +64,20 @@ class Direction:
     leaking: str = ""
     least: float = 0.0
 
+    @property
+    def site(self) -> str:
+        """The joint, segment or sensor that it is of."""
+        if self.applied is not None:
+            return self.applied.site
+        return SEAT if self.leaking else SEGMENTS[self.segment]
+
+    @property
+    def strengths(self) -> dict[str, float]:
+        """What of an effect shows, by name."""
+        assert self.applied is not None
+        given = self.applied.values
+        return {name: given[name] for name in self.applied.effect.strengths if given[name]}
+
 
 def directions(subject: Subject, cases: Sequence[Case], settings: UsualSettings | None = None) -> list[Direction]:
     """All directions that these cases can show."""

@@ -21,7 +21,7 @@ from biodyn_core.tracing.findings import Candidate, Round
 from biodyn_core.tracing.glance import SIZES, STEPS, Glance, glance, larger, plain, taken_up
 from biodyn_core.tracing.screen import Screened, Screening, Tried, by_event, candidates
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.settle import Settled, relief, settle
+from biodyn_core.tracing.settle import LEVELS, Settled, relief, settle
 from biodyn_core.tracing.unsteady import unsteady
 
 Floats = NDArray[np.float64]
@@ -82,7 +82,10 @@ def left_over(background: Background, settled: Settled) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Rung:
-    """A candidate, settled, and its log ratio in each event that chooses (e,), whose loading conditions are cases."""
+    """A candidate, settled, and its log ratio in each event that chooses (e,), whose loading conditions are cases.
+
+    spreads: how many of the usual departure's it is.
+    """
 
     settled: Settled
     gains: Floats
@@ -90,6 +93,11 @@ class _Rung:
     absorbed: float
     screened: Screened
     steady: bool = True
+    spreads: float = np.inf
+
+    def usual(self, farthest: float) -> bool:
+        """Whether a body that departs at all may be so, and nothing be missing."""
+        return self.settled.level > LEVELS[-1] and self.spreads < farthest
 
     @property
     def helps(self) -> bool:
@@ -133,8 +141,8 @@ def one_round(
             rungs.append(rung)
         tell("settling", (number + 1) / len(running))
     rungs = sorted([*rungs, *_unsteady(background, without, glanced.screening)], key=lambda rung: -rung.gain)
-    threshold = max(_asked(background, without, settings), float(np.quantile(glanced.screening.chance, 0.95)))
-    told = [_candidate(rung, background, without, glanced.screening) for rung in rungs]
+    threshold = max(_asked(background, plain, settings), float(np.quantile(glanced.screening.chance, 0.95)))
+    told = [_candidate(rung, background, without, glanced.screening, settings) for rung in rungs]
     index = _taken(told, rungs, threshold, settings)
     ladder = (*told, *_screened_only(glanced.screening, told))
     if index is None:
@@ -159,12 +167,12 @@ def _likeliest(background: Background) -> Background:
     return background.at_level(found.level) if plain else background
 
 
-def _asked(background: Background, without: Settled, settings: TraceSettings) -> float:
+def _asked(background: Background, plain: _Plain, settings: TraceSettings) -> float:
     """What a gain must exceed: more of a body that departs as far as usual than of one that is as the model has it.
 
     Where more is left than of a good model, something is missing, and the least will do.
     """
-    if left_over(background, without) >= TELLING:
+    if left_over(background, plain.at(LEVELS[0])) >= TELLING:
         return settings.least_gain
     decades = 1.0 + float(np.log10(background.level))
     return settings.least_gain * (1.0 + settings.departing * decades)
@@ -233,7 +241,8 @@ def _rung(background: Background, plain: _Plain, start: AppliedEffect, screened:
         if np.isfinite(again.objective):
             weighed.append(_gains(background, plain.at(settled.level), again))
             settled = again
-    return _Rung(settled, min(weighed, key=np.mean), _cases(background), screened.absorbed, screened)
+    rung = _Rung(settled, min(weighed, key=np.mean), _cases(background), screened.absorbed, screened)
+    return dataclasses.replace(rung, spreads=background.spreads(rung.applied))
 
 
 def _gains(background: Background, without: Settled, settled: Settled) -> Floats:
@@ -260,10 +269,14 @@ def _unsteady(background: Background, without: Settled, screening: Screening) ->
     return found
 
 
-def _candidate(rung: _Rung, background: Background, without: Settled, screening: Screening) -> Candidate:
+def _candidate(
+    rung: _Rung, background: Background, without: Settled, screening: Screening, settings: TraceSettings
+) -> Candidate:
     against = [f"{name} ends on a bound" for name in rung.settled.at_bound]
     if not rung.helps:
         against.append(f"helps in {np.count_nonzero(rung.gains > 0.0)} of {rung.gains.size} events")
+    if rung.usual(settings.farthest):
+        against.append(f"is {rung.spreads:.1f} times what is usual there, up to {settings.farthest:g} is no cause")
     before = {
         name
         for subject in (background.subject, without.subject)
@@ -287,7 +300,11 @@ def _taken(told: Sequence[Candidate], rungs: Sequence[_Rung], threshold: float, 
         if one.applied.effect.name == LIFT_OFF and one.gain > settings.least_lift_off and rungs[i].helps:
             return i
     good = [i for i, one in enumerate(told) if one.gain > threshold and not one.against]
-    rough = [i for i, one in enumerate(told) if rungs[i].helps and one.gain > settings.overwhelming * threshold]
+    rough = [
+        i
+        for i, one in enumerate(told)
+        if one.gain > settings.overwhelming * threshold and rungs[i].helps and not rungs[i].usual(settings.farthest)
+    ]
     if rough and (not good or told[good[0]].gain < settings.near_alike * told[rough[0]].gain):
         return rough[0]
     if not good:

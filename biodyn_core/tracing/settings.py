@@ -35,6 +35,9 @@ class TraceSettings:
     departing: float = setting(
         0.8, "... and so much more, in its shares, of bodies that depart as far as usual", "", 0.0, 100.0
     )
+    farthest: float = setting(
+        4.0, "spreads of a usual departure, up to which it is no cause in a body that departs at all", "", 0.0, 100.0
+    )
     least_lift_off: float = setting(
         0.05, "... for a seat that holds nobody down: without it, events that lift tell it at once", "", 0.0, 5.0
     )

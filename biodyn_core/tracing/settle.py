@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
-from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers
+from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers, moved, sensed
 from biodyn_core.tracing.background import FREE, N_THETA, Background, Side
 from biodyn_core.tracing.rows import Products
 
@@ -133,12 +133,14 @@ def _descended(problem: _Problem, at: _Point) -> _Point | None:
 class _Point:
     """Theta's logarithm less the fit's (14,), the effect's parameters on the whole line (p,), and what follows.
 
-    beside: the derivatives by the latter that led here, by event, empty at the start.
+    moved (n, 6) and answers (n, 5) of each event are the segments' and what sensors show; beside: the derivatives by
+    psi that led here, by event, empty at the start.
     """
 
     delta: Floats
     psi: Floats
     subject: Subject
+    moved: list[Floats]
     answers: list[Floats]
     missed: list[Floats]
     products: Products
@@ -164,17 +166,19 @@ class _Problem:
         """Simulate a point, with the departures that are best there; its objective is infinite where it runs away."""
         train, weight = self._background.train, self._background.weight
         subject = self._subject(delta, psi)
-        shown = answers(subject, train.cases)
+        moving = moved(subject, train.cases)
+        shown = sensed(subject, train.cases, moving)
         missed = [rows.missed(one) for rows, one in zip(train.rows, shown, strict=True)]
         products = train.of(missed)
         if not products.square.max() < RUNAWAY_MPS2**2:  # NaN runs away too
-            return _Point(delta, psi, subject, shown, missed, products, np.zeros(len(self._normal)), np.inf, beside)
+            b = np.zeros(len(self._normal))
+            return _Point(delta, psi, subject, moving, shown, missed, products, b, np.inf, beside)
         asked = weight @ products.miss[:, N_THETA:]
         own = self._own @ asked
-        moved = float(self._background.precision[:N_THETA] @ delta**2)
-        objective = float(weight @ products.square) - float(asked @ own) + moved
+        prior = float(self._background.precision[:N_THETA] @ delta**2)
+        objective = float(weight @ products.square) - float(asked @ own) + prior
         b = np.concatenate([np.zeros(N_THETA), own])
-        return _Point(delta, psi, subject, shown, missed, products, b, objective, beside)
+        return _Point(delta, psi, subject, moving, shown, missed, products, b, objective, beside)
 
     def step(self, at: _Point, beside: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Where Gauss and Newton would go from here: delta (14,) and psi (p,)."""
@@ -267,14 +271,19 @@ class _Problem:
         if at.psi.size == 0:
             return []
         train = self._background.train
-        stepped = [
-            answers(self._subject(at.delta, at.psi + nudge), train.cases) for nudge in NUDGE * np.eye(at.psi.size)
-        ]
+        stepped = [self._answers(at, at.psi + nudge) for nudge in NUDGE * np.eye(at.psi.size)]
         beside = zip(*stepped, strict=True)
         return [
             rows(np.stack([(one - plain) / NUDGE for one in of_case], axis=2))
             for rows, plain, of_case in zip(train.rows, at.answers, beside, strict=True)
         ]
+
+    def _answers(self, at: _Point, psi: Floats) -> list[Floats]:
+        """What sensors show (n, 5) in each fitted event, for other parameters of the effect."""
+        assert self._template is not None
+        subject, cases = self._subject(at.delta, psi), self._background.train.cases
+        # What is on a sensor moves nobody.
+        return sensed(subject, cases, at.moved) if self._template.effect.measured else answers(subject, cases)
 
 
 def _logistic(point: Floats) -> Floats:
