@@ -12,12 +12,13 @@ from test_effects import applied
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import rounds
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.findings import Candidate, Trace
+from biodyn_core.tracing.findings import Candidate, Round, Trace
 from biodyn_core.tracing.gate import FloorSettings
 from biodyn_core.tracing.screen import Screened, Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS, Settled, settle
 from biodyn_core.tracing.trace import dealt, trace
+from biodyn_core.tracing.verdict import judged
 
 SHORT = TraceSettings(
     replicates=60, refined=2, most_effects=2, floor=FloorSettings(road_s=1.0, shocks=1, hard_shocks=1)
@@ -246,6 +247,14 @@ def test_a_law_of_usual_size_is_no_cause_in_a_body_that_departs_and_one_in_a_bod
     (why,) = against(3.5, 0.32)
     assert why == "is 3.5 times what is usual there, up to 4 is no cause"
     assert against(4.5, 0.32) == against(3.5, LEVELS[-1]) == ()
+
+
+@pytest.mark.parametrize(("usual", "verdict"), [(True, "none"), (False, "unexplained")])
+def test_what_is_refused_for_its_usual_size_leaves_nothing_unexplained(usual: bool, verdict: str) -> None:
+    one = Candidate(applied("friction", "pelvis"), 0.4, True, 0.005, 0.1, 6, ("a reason",), usual=usual)
+    outcome = rounds.Outcome(Round((one,), 0.2, None, ()), hiding.background(), without(), None)
+    said, reasons = judged([outcome], None, TraceSettings())
+    assert said == verdict and reasons[-1] == "friction at pelvis gains 0.40, but a reason"
 
 
 def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped: int = 6) -> int | None:

@@ -29,7 +29,8 @@ class Candidate:
     refit or from screening's linear step. p_value is how often the best of all candidates gains as much by chance;
     absorbed, the share of its own energy that theta takes on itself; helps, in how many of the events it helps; against
     says what speaks against it, empty where nothing does; steady is not set for what is set anew time and again in the
-    very events that choose: it always gains a little, and its p_value says nothing.
+    very events that choose: it always gains a little, and its p_value says nothing; usual is set for a law that is no
+    larger than such bodies usually have it, which leaves nothing unexplained.
     """
 
     applied: AppliedEffect
@@ -40,6 +41,7 @@ class Candidate:
     helps: int
     against: tuple[str, ...] = ()
     steady: bool = True
+    usual: bool = False
 
 
 @dataclass(frozen=True, eq=False)

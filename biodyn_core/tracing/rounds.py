@@ -275,7 +275,8 @@ def _candidate(
     against = [f"{name} ends on a bound" for name in rung.settled.at_bound]
     if not rung.helps:
         against.append(f"helps in {np.count_nonzero(rung.gains > 0.0)} of {rung.gains.size} events")
-    if rung.usual(settings.farthest):
+    usual = rung.usual(settings.farthest)
+    if usual:
         against.append(f"is {rung.spreads:.1f} times what is usual there, up to {settings.farthest:g} is no cause")
     before = {
         name
@@ -286,7 +287,7 @@ def _candidate(
     against += [f"{name} moves onto its bound" for name in after if name not in before]
     return Candidate(
         rung.applied, rung.gain, True, screening.p_value(rung.gain), rung.absorbed,
-        int(np.count_nonzero(rung.gains > 0.0)), tuple(against), rung.steady,
+        int(np.count_nonzero(rung.gains > 0.0)), tuple(against), rung.steady, usual,
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.findings import Surface, Verdict
+from biodyn_core.tracing.findings import Candidate, Surface, Verdict
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.settings import TraceSettings
 
@@ -30,7 +30,8 @@ def judged(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -
     best = first.taken or first.ladder[0]
     said = f"the best of all, {named(best.applied)}, gains {best.gain:.2f}; {first.threshold:.2f} was asked"
     strong = [one for one in first.ladder if one.refitted and one.against and one.gain > first.threshold]
-    refused = [f"{named(one.applied)} gains {one.gain:.2f}, but {'; '.join(one.against)}" for one in strong]
+    refused = [_refusal(one) for one in strong if not one.usual]
+    usual = [_refusal(one) for one in strong if one.usual]
     if outcomes[0].taken is not None:
         refused.append(
             f"{named(best.applied)} closes only {100.0 * closed(outcomes, s):.0f} % of the gap between what is left"
@@ -41,8 +42,12 @@ def judged(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -
     far = f"usual departures are stretched to {stretched:.0f} in squares of theirs, up to {s.most_stretched:g} is usual"
     beyond = outcomes[0].before > s.unusual or stretched > s.most_stretched
     if refused or beyond or (law is not None and law.gain > first.threshold):
-        return "unexplained", (said, much, far, *refused)
-    return "none", (said, much, far)
+        return "unexplained", (said, much, far, *refused, *usual)
+    return "none", (said, much, far, *usual)
+
+
+def _refusal(one: Candidate) -> str:
+    return f"{named(one.applied)} gains {one.gain:.2f}, but {'; '.join(one.against)}"
 
 
 def _of_effect(outcome: Outcome) -> tuple[Verdict, tuple[str, ...]]:
