@@ -15,7 +15,6 @@ import numpy as np
 from bench.table import Row, render
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.model import Chain, Stepper
-from biodyn_core.segments import SENSORS
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.synthesis import NATIVE_RATE_HZ, load_case
 from biodyn_ros.resources import subject_file
@@ -58,8 +57,9 @@ def rows() -> list[Row]:
 def _share(subject: Subject, effect: Effect, seat: np.ndarray) -> float:
     """Time with an effect over time without, which take turns."""
     values = {parameter.name: parameter.size for parameter in effect.parameters}
-    with_it = dataclasses.replace(subject, effects=(AppliedEffect(effect, effect.where[-1], values),))
-    channels = {f"{sensor}.{name}": 0.1 * seat for sensor in SENSORS for name in ("x", "y", "rate_y")}
+    site = effect.where[-1]
+    with_it = dataclasses.replace(subject, effects=(AppliedEffect(effect, site, values),))
+    channels = dict.fromkeys(effect.needed(site), 0.1 * seat)
     steppers = [Stepper(Chain.of(one), NATIVE_RATE_HZ) for one in (with_it, subject)]
     times: list[list[float]] = [[], []]
     for _ in range(REPEATS + 1):

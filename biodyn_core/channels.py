@@ -40,6 +40,13 @@ class Channels:
     rates_radps: Floats | None
     """(n, 3) about x, y and z, less the bias at rest; NaN also where the gyro alone has a gap; None without a gyro."""
 
+    def columns(self) -> dict[str, Floats]:
+        """All of it by name, such as `x` or `rate_y`, (n,) each."""
+        found = {"x": self.horizontal_mps2[:, 0], "y": self.horizontal_mps2[:, 1]}
+        if self.rates_radps is not None:
+            found |= {f"rate_{axis}": self.rates_radps[:, i] for i, axis in enumerate("xyz")}
+        return found
+
 
 def laid_level(up: Vector) -> Floats:
     """The axes of `Channels` in those of a sensor that sees up so: rows x, y and z, (3, 3)."""

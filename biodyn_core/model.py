@@ -97,16 +97,8 @@ class Chain:
 
     def with_effects(self, effects: Iterable[AppliedEffect]) -> Chain:
         """The same chain with effects; one of no strength is left out."""
-        chain = self
-        for applied in effects:
-            if applied.effect.in_chain and not applied.absent:
-                chain = chain._with(applied)
-        return chain
-
-    def _with(self, applied: AppliedEffect) -> Chain:
-        if applied.effect.mass_kg is not None:
-            return self._heavier(SEGMENTS.index(applied.site), applied.effect.mass_kg(applied.values))
-        return dataclasses.replace(self, elements=(*self.elements, self._element(applied)))
+        more = [self._element(applied) for applied in effects if applied.effect.in_chain and not applied.absent]
+        return dataclasses.replace(self, elements=(*self.elements, *more)) if more else self
 
     def _element(self, applied: AppliedEffect) -> Element:
         if applied.site == SEAT:
@@ -129,15 +121,6 @@ class Chain:
         whole_kg = float(self.inertia_kg.sum())
         constants = applied.effect.constants(Joint(0.0, 0.0, 0.0, whole_kg, whole_kg), applied.values)
         return Element(applied.effect, 0, constants, 0.0, 0.0, 0.0, 0.0, tuple((self.inertia_kg / whole_kg).tolist()))
-
-    def _heavier(self, index: int, mass_kg: float) -> Chain:
-        """With a mass on one segment; under `cascade` it counts for every segment below, as all masses do there."""
-        on = np.arange(N_SEGMENTS) == index
-        under = np.arange(N_SEGMENTS) <= index
-        carried = on if self.mass_matrix_form == "segment" else under
-        return dataclasses.replace(
-            self, mass_kg=self.mass_kg + mass_kg * on, inertia_kg=self.inertia_kg + mass_kg * carried
-        )
 
     @property
     def M(self) -> Floats:  # noqa: N802 - the field's symbol

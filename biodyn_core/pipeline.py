@@ -358,9 +358,9 @@ def _joined(frames: list[Frames]) -> Frames:
 def _check_effects(subject: Subject) -> None:
     """Raise InputError for an effect on predictions that needs more than the seat's vertical, sample by sample."""
     for applied in subject.effects:
-        effect = applied.effect
-        if not applied.absent and effect.measured is None and (effect.channels or not effect.in_chain):
+        effect, needed = applied.effect, applied.effect.needed(applied.site)
+        if not applied.absent and effect.measured is None and (needed or not effect.in_chain):
             raise InputError(
-                f"{subject.name}: effect {effect.name} needs {', '.join(effect.channels)}, which predictions sample by"
+                f"{subject.name}: effect {effect.name} needs {', '.join(needed)}, which predictions sample by"
                 " sample do not have: validate with it, or take it out of the subject's file"
             )

@@ -27,6 +27,7 @@ from biodyn_core.conditioning import (
     rotation_to_vertical,
 )
 from biodyn_core.errors import InputError
+from biodyn_core.heading import bend_rates_radps, headings_rad
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
@@ -76,16 +77,18 @@ class Recording:
     leans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """How far the sensors that were set upright lean on the mean, behind the warm-up, along x and y of `Channels`: what
     of a motion along these they would have read as vertical."""
+    headings: Mapping[str, float] = field(default_factory=dict)
+    """How far x of these sensors' `Channels` is turned to the left of the seat's, rad, where their motion tells it."""
 
     def named_channels(self) -> dict[str, Floats]:
-        """Every channel by its name, such as `seat.x` or `head.rate_y`, (n,) each, 0 where masked."""
-        found: dict[str, Floats] = {}
-        for sensor, channels in self.channels.items():
-            columns = {"x": channels.horizontal_mps2[:, 0], "y": channels.horizontal_mps2[:, 1]}
-            if channels.rates_radps is not None:
-                columns |= {f"rate_{axis}": channels.rates_radps[:, i] for i, axis in enumerate("xyz")}
-            found |= {f"{sensor}.{name}": np.nan_to_num(column) for name, column in columns.items()}
-        return found
+        """Every channel by its name, such as `seat.x` or `head.bend_rate_y`, (n,) each, 0 where masked."""
+        found = {
+            f"{sensor}.{name}": column
+            for sensor, channels in self.channels.items()
+            for name, column in channels.columns().items()
+        }
+        found |= bend_rates_radps(self.channels, self.headings)
+        return {name: np.nan_to_num(column) for name, column in found.items()}
 
 
 @dataclass(frozen=True)
@@ -190,6 +193,7 @@ class Recorder:
             tracks[name] = [np.where(unsettled, np.nan, track) for track in read]
         levels = {name: self._level(vertical, rate_hz) for name, (vertical, *_) in tracks.items()}
         measured = np.column_stack([tracks[name][0] - levels[name] for name in MEASURED_SEGMENTS])
+        channels = {name: self._beside(tracks[name], rate_hz) for name in SENSORS} if self._with_channels else {}
         return Recording(
             name=self.name,
             case=self.case,
@@ -198,8 +202,9 @@ class Recorder:
             seat_mps2=block.low_passed_mps2 - levels[SEAT],
             measured_mps2=measured,
             warnings=(*self._moved(levels), *self._masked(unsettled, measured, rate_hz)),
-            channels={name: self._beside(tracks[name], rate_hz) for name in SENSORS} if self._with_channels else {},
+            channels=channels,
             leans={name: sensor.lean for name, sensor in self._sensors.items() if sensor.lean is not None},
+            headings=headings_rad(channels, rate_hz),
         )
 
     def _beside(self, tracks: Sequence[Floats], rate_hz: float) -> Channels:

@@ -118,10 +118,14 @@ def imu_streams(
 
 
 def _channels(accel_mps2: Floats, pitch_rate_radps: Floats) -> dict[str, Floats]:
-    """What effects may need beside the vertical: all sensors move fore-aft, sideways and in pitch as the seat does."""
+    """What effects may need beside the vertical: all sensors move fore-aft, sideways and in pitch as the seat does.
+
+    So no joint bends.
+    """
     none = np.zeros_like(pitch_rate_radps)
     motion = {
         "x": accel_mps2[:, 0], "y": accel_mps2[:, 1], "rate_x": none, "rate_y": pitch_rate_radps, "rate_z": none,
+        "bend_rate_x": none, "bend_rate_y": none,
     }  # fmt: skip
     return {f"{sensor}.{name}": values for sensor in SENSORS for name, values in motion.items()}
 

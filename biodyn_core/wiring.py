@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from biodyn_core.effects import Effect
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.generated import ANYWHERE, Piece, Role, integrator
-from biodyn_core.segments import N_SEGMENTS
+from biodyn_core.segments import N_SEGMENTS, SEGMENTS
 
 Floats = NDArray[np.float64]
 
@@ -37,12 +37,17 @@ class Element:
     damping_n_s_per_m: float
     spread: tuple[float, ...] = ()
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What it needs beside the seat's vertical."""
+        return self.effect.needed(SEGMENTS[self.index])
+
 
 class Wiring:
     """The integrator with some elements in it, for one step; its constants p also hold what the elements remember."""
 
     def __init__(self, elements: Sequence[Element], step_s: float) -> None:
-        self.channels = tuple(dict.fromkeys(name for element in elements for name in element.effect.channels))
+        self.channels = tuple(dict.fromkeys(name for element in elements for name in element.channels))
         pieces = [_piece(element, self.channels, step_s) for element in elements]
         self.integrate = integrator(pieces)
         self.states = sum(piece.all_states for piece in pieces)
@@ -77,7 +82,7 @@ def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
         role = "limit of a joint"
     function = effect.force or effect.limit
     assert function is not None, effect.name
-    drives = tuple(channels.index(name) for name in effect.channels)
+    drives = tuple(channels.index(name) for name in element.channels)
     past = _past(effect, step_s)
     at = ANYWHERE if element.spread else element.index
     return Piece(role, function, at, effect.states, N_SEGMENTS + bool(past) + len(element.constants), drives, past)

@@ -254,7 +254,8 @@ def event(subject: Subject, number: int, seconds: float = 3.5) -> Case:
 @pytest.fixture(scope="module")
 def backrest() -> tuple[Record, Record]:
     """A person without and with a backrest, in the same three events."""
-    leans = AppliedEffect(CATALOGUE["backrest"], "upper_torso", {"stiffness_n_per_m": 6000.0, "damping_s": 0.01})
+    values = {"stiffness_n_per_m": 6000.0, "damping_s": 0.01, "friction_n": 0.0, "smooth_mps": 0.01}
+    leans = AppliedEffect(CATALOGUE["backrest"], "upper_torso", values)
     found = []
     for effects in ((), (leans,)):
         cases = [event(dataclasses.replace(SUBJECT, effects=effects), number) for number in range(3)]
@@ -278,8 +279,7 @@ def test_refits_tell_ratio_oracle_placebo_and_generic(
         for subject in (fits[0].subject, oracle(fits[0], hidden.train, truth), placebo(fits[0], hidden.train, truth))
     )
     floor = sum_of_squares(fits[1].subject, plain.held_out)
-    assert before > 2.0 * best
-    assert best < 1.3 * floor
+    assert best < 5.0 * floor < 0.03 * before  # friction, of which it has none, is neared and never reached
     assert wrong > best
     named = Answer("strong", 0, "effect", unseen=("road_2", "gone"))
     both = dataclasses.replace(plain, held_out=plain.cases)

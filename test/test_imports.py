@@ -24,6 +24,7 @@ LAYERS = (
         "comparison",
         "conditioning",
         "exposure",
+        "heading",
         "judgement",
         "limits",
         "metering",

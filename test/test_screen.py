@@ -146,7 +146,8 @@ def test_what_cannot_be_tested_is_named_not_passed_over() -> None:
     tried, untestable = candidates(made)
     assert {name.split(" at ")[0] for name in untestable} == {"bending", "cross_axis", "pitch", "tilt"}
     assert not {one.applied.effect.name for one in tried} & {"bending", "cross_axis", "pitch", "tilt"}
-    names = ("seat.x", "seat.y", "seat.rate_x", "seat.rate_y", "neck.rate_y", "upper_torso.rate_y", "head.x", "head.y")
+    names = ["seat.x", "seat.y", "seat.rate_x", "seat.rate_y", "head.x", "head.y"]
+    names += [f"{upper}.bend_rate_{axis}" for upper in ("neck", "head") for axis in "xy"]
     full = [dataclasses.replace(case, channels=dict.fromkeys(names, case.seat_mps2)) for case in made]
     tried, untestable = candidates(full)
     assert {name.split(" at ")[0] for name in untestable} == {"tilt"}

@@ -45,8 +45,7 @@ def needed(applied: AppliedEffect, channels: Channels) -> dict[str, Floats]:
     What is masked (NaN) drives nothing. Raises InputError for one that is not there.
     """
     found = {}
-    for name in applied.effect.channels:
-        source = name.replace("own.", f"{applied.site}.")
+    for name, source in zip(applied.effect.channels, applied.effect.needed(applied.site), strict=True):
         if source not in channels:
             raise InputError(f"effect {applied.effect.name} needs the channel {source}, which is not measured here")
         found[name] = np.nan_to_num(channels[source])

@@ -1,34 +1,41 @@
-"""Backrest: a spring and a damper between a torso segment and the seat."""
+"""Backrest: a spring and a damper between a torso segment and the seat, and the rubbing of the back against it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from biodyn_core.effects.effect import Effect, EffectParameter, Joint
 
 
-def force(x: float, v: float, seat: float, k: float, c: float) -> float:
-    """F = -(k_b x + c_b v)."""
-    return -(k * x + c * v)
+def force(x: float, v: float, seat: float, k: float, c: float, friction_n: float, smooth_squared: float) -> float:
+    """F = -(k_b x + c_b v + F_c v / sqrt(v^2 + v_0^2)): a root makes a step 1.4 times as long, an exponential 2."""
+    return -(k * x + c * v + friction_n * v / math.sqrt(v * v + smooth_squared))
 
 
 def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
-    return values["stiffness_n_per_m"], values["stiffness_n_per_m"] * values["damping_s"]
+    stiffness = values["stiffness_n_per_m"]
+    return stiffness, stiffness * values["damping_s"], values["friction_n"], values["smooth_mps"] ** 2
 
 
 def _stiffens(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
-    return values["stiffness_n_per_m"], values["stiffness_n_per_m"] * values["damping_s"]
+    stiffness, rubbing = values["stiffness_n_per_m"], values["friction_n"] / values["smooth_mps"]
+    return stiffness, stiffness * values["damping_s"] + rubbing
 
 
 EFFECT = Effect(
     name="backrest",
     family="backrest",
-    equation="F -= k_b x + c_b v",
+    equation="F -= k_b x + c_b v + F_c v / sqrt(v^2 + v_0^2)",
     signature="the trunk follows the seat",
     place="segment",
     parameters=(
         EffectParameter("stiffness_n_per_m", "N/m", 0.0, 30000.0, 4000.0, "strength"),
         EffectParameter("damping_s", "s", 0.0, 0.2, 0.02),
+        EffectParameter("friction_n", "N", 0.0, 150.0, 20.0, "strength"),
+        EffectParameter(
+            "smooth_mps", "m/s", 0.002, 0.05, 0.01, "nuisance", "rate over which it builds up: as in a joint"
+        ),
     ),
     sites=("lower_torso", "central_torso", "upper_torso"),
     constants=_constants,

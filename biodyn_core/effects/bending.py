@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from biodyn_core.effects.effect import Effect, EffectParameter, Joint
@@ -11,18 +12,24 @@ def force(
     stretch: float,
     rate: float,
     seat: float,
-    above: float,
-    below: float,
+    about_x: float,
+    about_y: float,
     angle: float,
     k_half_length: float,
+    c_length: float,
+    cosine: float,
+    sine: float,
     leak: float,
 ) -> tuple[float, float]:
-    """F = k (L / 2) phi^2, phi the leaky integral of the rates' difference: a bent joint is shorter, so in tension."""
-    return k_half_length * angle * angle, above - below - leak * angle
+    """F = L (k phi^2 / 2 + c phi phi'): a bent joint is shorter by L phi^2 / 2, so in tension; phi leaks."""
+    turning = cosine * about_x + sine * about_y - leak * angle
+    return (k_half_length * angle + c_length * turning) * angle, turning
 
 
 def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
-    return joint.stiffness_n_per_m * 0.5 * values["length_m"], LEAK_PER_S
+    length_m, axis_rad = values["length_m"], values["axis_rad"]
+    half_n, damping_n_s = 0.5 * joint.stiffness_n_per_m * length_m, joint.damping_n_s_per_m * length_m
+    return half_n, damping_n_s, math.cos(axis_rad), math.sin(axis_rad), LEAK_PER_S
 
 
 LEAK_PER_S = 0.5
@@ -31,13 +38,20 @@ LEAK_PER_S = 0.5
 EFFECT = Effect(
     name="bending",
     family="bending",
-    equation="F += k (L / 2) phi^2, phi from adjacent gyros",
+    equation="F += L (k phi^2 / 2 + c phi phi'), phi about one axis, from adjacent gyros",
     signature="at twice the frequency of the bending",
     place="joint",
-    parameters=(EffectParameter("length_m", "m", 0.0, 0.8, 0.2, "strength"),),
-    sites=("neck",),
+    parameters=(
+        EffectParameter("length_m", "m", 0.0, 0.8, 0.2, "strength"),
+        # Half a turn is all there is; twice as much, so that no axis lies at an end where a fit would stop.
+        EffectParameter(
+            "axis_rad", "rad", -0.5 * math.pi, 1.5 * math.pi, 0.5 * math.pi, "nuisance",
+            grid=(0.0, 0.25 * math.pi, 0.5 * math.pi, 0.75 * math.pi),
+        ),
+    ),
+    sites=("neck", "head"),
     constants=_constants,
     force=force,
     states=1,
-    channels=("neck.rate_y", "upper_torso.rate_y"),
-)
+    channels=("own.bend_rate_x", "own.bend_rate_y"),
+)  # fmt: skip

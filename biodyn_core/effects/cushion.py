@@ -18,6 +18,7 @@ def force(
     k_alpha: float,
     b: float,
     k_foam: float,
+    hardening: float,
     c_foam: float,
     mass_kg: float,
 ) -> tuple[float, float, float]:
@@ -25,12 +26,15 @@ def force(
     d = stretch - x_foam
     through = d * (k + k_alpha * abs(d)) + b * (rate - v_foam)
     bare = stretch * (k + k_alpha * abs(stretch)) + b * rate
-    return through - bare, v_foam, (through - k_foam * x_foam - c_foam * v_foam) / mass_kg - seat
+    own = x_foam * (k_foam + hardening * abs(x_foam)) + c_foam * v_foam
+    return through - bare, v_foam, (through - own) / mass_kg - seat
 
 
 def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
     stiffness = 1.0 / values["compliance_m_per_n"]
-    foam = stiffness, stiffness * values["damping_s"], values["mass_kg"]
+    foam = (
+        stiffness, stiffness * values["stiffening_per_m"], stiffness * values["damping_s"], values["mass_kg"],
+    )  # fmt: skip
     return joint.stiffness_n_per_m, joint.stiffening_n_per_m2, joint.damping_n_s_per_m, *foam
 
 
@@ -45,17 +49,22 @@ def _own_rate_per_s(joint: Joint, values: Mapping[str, float]) -> float:
 EFFECT = Effect(
     name="cushion",
     family="cushion",
-    equation="m_c (x_c'' + a_s) = F_1 - k_c x_c - c_c x_c', F_1 from the stretch x_1 - x_c",
+    equation="m_c (x_c'' + a_s) = F_1 - k_c x_c (1 + a |x_c|) - c_c x_c', F_1 from the stretch x_1 - x_c",
     signature="all channels, 5 to 30 Hz",
     place="joint",
     parameters=(
         EffectParameter("compliance_m_per_n", "m/N", 0.0, 4e-5, 1e-5, "strength"),
         EffectParameter("damping_s", "s", 0.001, 0.05, 0.01),
-        EffectParameter("mass_kg", "kg", 0.5, 6.0, 3.0),
+        # Little is told of the foam's own mass, and no mass at all is a foam too; lighter, its steps would be shorter.
+        EffectParameter("mass_kg", "kg", 1.0, 8.0, 3.0, "nuisance"),
+        EffectParameter(
+            "stiffening_per_m", "1/m", -10.0, 80.0, 0.0,
+            source="that foam gives way, then hardens: Hu et al. 2020 (BioResources 15); how much: no source",
+        ),
     ),
     sites=("pelvis",),
     constants=_constants,
     force=force,
     own_rate_per_s=_own_rate_per_s,
     states=2,
-)
+)  # fmt: skip

@@ -95,12 +95,12 @@ class Effect:
 
     place: `joint` is the joint below the segment a site names, `segment` the segment itself.
 
-    An effect has one of these. force: what is added to the joint's tension, or to the force on the segment, N. It takes
-    stretch and rate of the joint, or displacement and velocity of the segment relative to the seat (m, m/s), then the
-    seat's acceleration (m/s^2), the joint's stretch one `delay` ago where it has one, its channels, its own states,
-    and its constants, all scalars; it returns the force, and after it the rates of its states. limit: the joint's
-    force once all has been added, from that force and the constants. Both use `math` and builtins alone. mass_kg: what
-    rides on the segment, from the values. seat: what the body feels of the seat, (n,), from its vertical (n,), the
+    An effect has one of these. force: what is added to the joint's tension, or to the force on the segment, N. It
+    takes stretch and rate of the joint, or displacement and velocity of the segment relative to the seat (m, m/s),
+    then the seat's acceleration (m/s^2), the joint's stretch one `delay` ago where it has one, its channels, its
+    own states, and its constants, all scalars; it returns the force, and after it the rates of its states. limit:
+    the joint's force once all has been added, from that force and the constants. Both use `math` and builtins
+    alone; a mass is a force with states. seat: what the body feels of the seat, (n,), from its vertical (n,), the
     rate in Hz, the channels (n,) by name and the values. measured: what a sensor shows of its segment's true
     acceleration, from the same. These two are over a whole recording, so neither runs live.
 
@@ -124,7 +124,6 @@ class Effect:
     limit: Callable[..., float] | None = None
     stiffens: Callable[[Joint, Mapping[str, float]], tuple[float, float]] = _nothing
     own_rate_per_s: Callable[[Joint, Mapping[str, float]], float] = _no_rate
-    mass_kg: Callable[[Mapping[str, float]], float] | None = None
     seat: Callable[[Floats, float, Mapping[str, Floats], Mapping[str, float]], Floats] | None = None
     measured: Callable[[Floats, float, Mapping[str, Floats], Mapping[str, float]], Floats] | None = None
     delay: str | None = None
@@ -139,6 +138,10 @@ class Effect:
     def in_chain(self) -> bool:
         """Whether it acts inside the chain, in time, and so live too; else it is over a whole recording."""
         return self.seat is None and self.measured is None
+
+    def needed(self, site: str) -> tuple[str, ...]:
+        """The channels it needs at a site, by the names they have in a recording."""
+        return tuple(name.replace("own.", f"{site}.") for name in self.channels)
 
     @property
     def where(self) -> tuple[str, ...]:

@@ -89,8 +89,7 @@ def candidates(cases: Sequence[Case]) -> tuple[list[Tried], list[str]]:
     found, untestable = [], []
     for effect in CATALOGUE.values():
         for site in effect.where:
-            needed = [name.replace("own.", f"{site}.") for name in effect.channels]
-            if not all(name in case.channels for case in cases for name in needed):
+            if not all(name in case.channels for case in cases for name in effect.needed(site)):
                 untestable.append(f"{effect.name} at {site}")
                 continue
             found += [

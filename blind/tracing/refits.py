@@ -134,8 +134,7 @@ def _tries(effect: Effect, sites: Iterable[str], cases: Sequence[Case]) -> list[
     """Every combination of an effect's grids with one strength after the other, where its channels are measured."""
     found = []
     for site in sites:
-        needed = [name.replace("own.", f"{site}.") for name in effect.channels]
-        if not all(name in case.channels for case in cases for name in needed):
+        if not all(name in case.channels for case in cases for name in effect.needed(site)):
             continue
         grids = [p.grid or (p.size,) for p in effect.parameters]
         for values in itertools.product(*grids):
