@@ -97,7 +97,7 @@ def law(name: str, p: dict[str, float], k: float, k_alpha: float, b: float, own_
     stateful = {
         "friction": lambda t, d, r, s, q: (
             p["friction_n"] * q[0],
-            [min((abs(r) + p["smooth_mps"]) / p["presliding_m"], 1000.0) * (math.tanh(r / p["smooth_mps"]) - q[0])],
+            [min((abs(r) + p["smooth_mps"]) / p["presliding_m"], 1000.0) * (r / math.hypot(r, p["smooth_mps"]) - q[0])],
         ),
         "hysteresis": lambda t, d, r, s, q: (
             p["yield_n"] * q[0], [r / p["yield_m"] * (1 - q[0] ** 2 * (0.5 + 0.5 * sign(r * q[0])))]

@@ -20,20 +20,20 @@ def force(
     k_foam: float,
     hardening: float,
     c_foam: float,
-    mass_kg: float,
+    per_kg: float,
 ) -> tuple[float, float, float]:
     """What the pelvis joint carries from the foam's top, less what it would from the seat; the foam moves as states."""
     d = stretch - x_foam
     through = d * (k + k_alpha * abs(d)) + b * (rate - v_foam)
     bare = stretch * (k + k_alpha * abs(stretch)) + b * rate
     own = x_foam * (k_foam + hardening * abs(x_foam)) + c_foam * v_foam
-    return through - bare, v_foam, (through - own) / mass_kg - seat
+    return through - bare, v_foam, (through - own) * per_kg - seat
 
 
 def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
     stiffness = 1.0 / values["compliance_m_per_n"]
     foam = (
-        stiffness, stiffness * values["stiffening_per_m"], stiffness * values["damping_s"], values["mass_kg"],
+        stiffness, stiffness * values["stiffening_per_m"], stiffness * values["damping_s"], 1.0 / values["mass_kg"],
     )  # fmt: skip
     return joint.stiffness_n_per_m, joint.stiffening_n_per_m2, joint.damping_n_s_per_m, *foam
 

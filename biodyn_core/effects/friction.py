@@ -21,14 +21,13 @@ def force(
     per_m: float,
     fastest: float,
 ) -> tuple[float, float]:
-    """F = F_c z with z' = (|rate| + v_0) / d (tanh(rate / v_0) - z), 1000 / s at most: Coulomb's, or Dahl's.
+    """F = F_c z with z' = (|rate| + v_0) / d (rate / sqrt(rate^2 + v_0^2) - z), 1000 / s at most: Coulomb's, or Dahl's.
 
-    tanh by an exponential: three times as fast as the library's.
+    A root, since a step takes twice as long with a tanh.
     """
-    slow = math.exp(-2.0 * abs(rate) / smooth_mps)
-    full = (1.0 - slow) / (1.0 + slow)
+    full = rate / math.sqrt(rate * rate + smooth_mps * smooth_mps)
     follows = min((abs(rate) + smooth_mps) * per_m, fastest)
-    return friction_n * z, follows * ((full if rate > 0.0 else -full) - z)
+    return friction_n * z, follows * (full - z)
 
 
 def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
@@ -46,7 +45,7 @@ def _own_rate_per_s(joint: Joint, values: Mapping[str, float]) -> float:
 EFFECT = Effect(
     name="friction",
     family="dry_friction",
-    equation="F += F_c z, z' = min((|rate| + v_0) / d, 1000 / s) (tanh(rate / v_0) - z)",
+    equation="F += F_c z, z' = min((|rate| + v_0) / d, 1000 / s) (rate / sqrt(rate^2 + v_0^2) - z)",
     signature="damping that falls with amplitude",
     place="joint",
     parameters=(
