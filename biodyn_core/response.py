@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from biodyn_core.errors import InputError
+from biodyn_core.flags import stretches
 from biodyn_core.model import Chain, Response, SeatForce
-from biodyn_core.recording import WARM_UP_S, stretches
+from biodyn_core.recording import WARM_UP_S
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
 

@@ -17,20 +17,12 @@ from streams import RATE_HZ, START_NS, independent_streams, noisy_streams, subje
 
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.errors import InputError
+from biodyn_core.flags import around, stretches
 from biodyn_core.model import Chain
-from biodyn_core.recording import (
-    LEFT_OF_AN_ERROR,
-    WARM_UP_S,
-    Recorder,
-    Recording,
-    RecordingSettings,
-    around,
-    level_mps2,
-    representative,
-    stretches,
-)
+from biodyn_core.recording import WARM_UP_S, Recorder, Recording, RecordingSettings, level_mps2, representative
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import ImuStream, SensorSettings, load_case
+from biodyn_core.worn import LEFT_OF_AN_ERROR
 from biodyn_ros.recordings import RecordingOptions, case_of, read_recordings
 from biodyn_ros.simulate import MADE_BY_MODEL, simulate_bag
 

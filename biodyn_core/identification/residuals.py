@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.errors import InputError
+from biodyn_core.flags import stretches
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.problem import Case
-from biodyn_core.recording import stretches
 from biodyn_core.response import SpectrumSettings, cross_spectra
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,32 @@
+"""Flags of samples: where they are set, and around; which samples are among others."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+def stretches(flags: Flags) -> list[tuple[int, int]]:
+    """Where flags (n,) are set: (first, end) of every stretch."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def around(flags: Flags, before: int, after: int, least: int = 1) -> Flags:
+    """Flags (n,) widened by so many samples before and after each stretch; stretches shorter than `least` are gone."""
+    wide = np.zeros(flags.shape, dtype=np.bool_)
+    for begin, end in stretches(flags):
+        if end - begin >= least:
+            wide[max(0, begin - before) : end + after] = True
+    return wide
+
+
+def among(values: Integers, ascending: Integers) -> Flags:
+    """Which values (n,) are among ascending ones (m,)."""
+    if ascending.size == 0:
+        return np.zeros(values.shape, dtype=np.bool_)
+    at = np.minimum(np.searchsorted(ascending, values), ascending.size - 1)
+    return ascending[at] == values
