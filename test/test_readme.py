@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from biodyn_ros import topics
-from biodyn_ros.cli import _parser
+from biodyn_ros.arguments import parser
 from biodyn_ros.live import SETTINGS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,7 +33,7 @@ def test_the_table_of_parameters_is_the_code_s() -> None:
 
 
 def test_every_command_is_described_and_none_that_is_not_there() -> None:
-    (action,) = (a for a in _parser()._actions if a.dest == "command")
+    (action,) = (a for a in parser()._actions if a.dest == "command")
     there = set(action.choices)
     named = set(re.findall(r"^\| `biodyn ([a-z-]+)", README, re.MULTILINE))
     assert named == there

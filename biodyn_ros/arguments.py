@@ -1,0 +1,283 @@
+"""What `biodyn` may be told: subcommands with their options, those of settings as their fields describe themselves."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from typing import Any, TypeVar
+
+from biodyn_core.settings import Range, described
+
+T = TypeVar("T")
+
+
+def parser() -> argparse.ArgumentParser:
+    """All subcommands; which one was given is `command` of what it parses."""
+    from biodyn_ros import __version__
+
+    whole = argparse.ArgumentParser(prog="biodyn", description="Six IMUs on a seated person: model, exposure, replay.")
+    whole.add_argument("--version", action="version", version=f"biodyn {__version__}")
+    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    demo = _command(commands, "demo", "the main job on the bundled bag")
+    demo.add_argument("--out", default="out", help="directory of report and predicted bag (default: out)")
+    demo.add_argument("--subject", default="subject_1", help="subject file or bundled name")
+
+    commands.add_parser("live", help="the live node; takes --ros-args", add_help=True)
+
+    _add_simulate(commands)
+    _add_info(commands)
+    _add_play(commands)
+    _add_replay(commands)
+    _add_fit(commands)
+    _add_compare(commands)
+    _add_validate(commands)
+    _add_trace(commands)
+    return whole
+
+
+def _add_simulate(commands: Any) -> None:
+    from biodyn_core.synthesis import CASES, SensorSettings
+
+    command = _command(commands, "simulate", "a six-IMU bag from a subject and a seat motion")
+    _add_subject(command)
+    source = command.add_mutually_exclusive_group(required=True)
+    source.add_argument("--seat", metavar="FILE", help="measured seat motion: CSV, or a bag")
+    source.add_argument("--case", metavar="CASES", help=f"drawn load cases, in a row: {','.join(CASES)}")
+    command.add_argument("--seat-rate", type=float, metavar="HZ", help="rate of a CSV without a time column")
+    command.add_argument(
+        "--seconds", type=float, metavar="N", help="length of each case (default 10), or of the file used"
+    )
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="of everything drawn (default 0)")
+    command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the bag's chunks")
+    _add_map(command)
+    _add_time(command)
+    _add_settings(command, "sensors", SensorSettings)
+    command.add_argument("-o", "--output", required=True, metavar="BAG", help="FILE.mcap, or a directory")
+
+
+def _add_info(commands: Any) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+
+    command = _command(commands, "info", "topics, rates, clocks, gaps, clipping, gravity; what replay would say")
+    command.add_argument("bag", metavar="BAG")
+    _add_map(command)
+    _add_time(command)
+    _add_settings(command, "conditioning", ConditioningSettings)
+
+
+def _add_play(commands: Any) -> None:
+    from biodyn_ros.playback import PlayerSettings
+
+    command = _command(commands, "play", "publishes a bag, stamps rebased to now")
+    command.add_argument("bag", metavar="BAG")
+    _add_settings(command, "playing", PlayerSettings)
+
+
+def _add_replay(commands: Any) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.pipeline import PipelineSettings
+
+    command = _command(commands, "replay", "the pipeline over a bag, as fast as it goes")
+    command.add_argument("bag", metavar="BAG")
+    _add_subject(command)
+    _add_map(command)
+    _add_time(command)
+    command.add_argument("--limits", metavar="FILE", help="limits file (default: 2002/44/EC)")
+    command.add_argument(
+        "--zero-phase", action="store_true", help="filter forward and backward, as identification does; labelled so"
+    )
+    command.add_argument("--project", action="store_true", help="project exposure to 8 h from less than 20 minutes too")
+    command.add_argument("--no-predicted", action="store_true", help="leave out predicted.mcap")
+    command.add_argument("--no-report", action="store_true", help="leave out report.html")
+    _add_settings(command, "conditioning", ConditioningSettings)
+    _add_settings(command, "pipeline", PipelineSettings)
+    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
+
+
+def _add_fit(commands: Any) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.identification.objectives import SurrogateSettings
+    from biodyn_core.identification.phase1 import SwarmSettings
+    from biodyn_core.identification.problem import CaseSettings
+    from biodyn_core.identification.settings import FitSettings
+    from biodyn_core.identification.uncertainty import UncertaintySettings
+    from biodyn_core.recording import RecordingSettings
+    from biodyn_core.response import SpectrumSettings
+
+    command = _command(commands, "fit", "recorded events to a subject, with how sure every number is")
+    command.add_argument("bag", nargs="*", metavar="BAG", help="one or more of each loading condition")
+    command.add_argument(
+        "--subject", metavar="S", help="who it is: a subject file, whose parameters may be missing, or a bundled name"
+    )
+    command.add_argument("--campaign", metavar="FILE", help="many subjects, from a file; -o is then a directory")
+    _add_held_out(command, "bags that are only predicted")
+    command.add_argument(
+        "--profile", action="append", default=[], metavar="NAME",
+        help="profile the likelihood of a parameter, such as natural_frequency_hz[head], or of all",
+    )  # fmt: skip
+    command.add_argument("--paper", action="store_true", help="the paper's way; single options still change it")
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="of the swarms (default 0)")
+    command.add_argument("--resume", action="store_true", help="take up what an interrupted fit left")
+    command.add_argument(
+        "--executor", default="processes", metavar="WHERE",
+        help="none, processes[:N], threads[:N] or a Dask scheduler's tcp://HOST:PORT, on trusted networks only"
+        " (default processes)",
+    )  # fmt: skip
+    _add_map(command)
+    _add_time(command)
+    _add_vertical(command)
+    for title, kind in (
+        ("fitting", FitSettings),
+        ("phase 1", SwarmSettings),
+        ("surrogate", SurrogateSettings),
+        ("spectra", SpectrumSettings),
+        ("cases", CaseSettings),
+        ("uncertainty", UncertaintySettings),
+        ("conditioning", ConditioningSettings),
+        ("recording", RecordingSettings),
+    ):
+        _add_settings(command, title, kind)
+    command.add_argument("-o", "--output", required=True, metavar="OUT.yaml", help="the subject; fit.json beside it")
+
+
+def _add_compare(commands: Any) -> None:
+    from biodyn_core.identification.compare import THRESHOLD_PERCENT
+
+    command = _command(commands, "compare", "which parameters two subjects share, and which are their own")
+    command.add_argument("first", metavar="A", help="subject file or bundled name; deviations are from it")
+    command.add_argument("second", metavar="B", help="the other subject")
+    command.add_argument(
+        "--threshold", type=float, default=THRESHOLD_PERCENT, metavar="PERCENT",
+        help=f"deviation from which a parameter diverges (default {THRESHOLD_PERCENT:g} %%)",
+    )  # fmt: skip
+
+
+def _add_validate(commands: Any) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.recording import RecordingSettings
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_ros.validation_findings import ValidationSettings
+
+    command = _command(commands, "validate", "forward prediction of an event that was not fitted to")
+    command.add_argument("bag", metavar="BAG")
+    _add_subject(command)
+    _add_map(command)
+    _add_time(command)
+    command.add_argument("--case", metavar="CASE", help="loading condition (default: by the bag's name)")
+    _add_vertical(command)
+    command.add_argument(
+        "--seat-force", choices=("inertia", "joint", "paper"), default="inertia", help="form of the force at the seat"
+    )
+    command.add_argument("--as-printed", action="store_true", help="forces under cascade masses too, labelled")
+    for title, kind in (
+        ("conditioning", ConditioningSettings),
+        ("recording", RecordingSettings),
+        ("spectra", SpectrumSettings),
+        ("judging", ValidationSettings),
+    ):
+        _add_settings(command, title, kind)
+    command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json")
+
+
+def _add_trace(commands: Any) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.identification.problem import CaseSettings
+    from biodyn_core.recording import RecordingSettings
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_core.tracing.background import BackgroundSettings
+    from biodyn_core.tracing.departures import UsualSettings
+    from biodyn_core.tracing.gate import FloorSettings
+    from biodyn_core.tracing.rows import WeightSettings
+    from biodyn_core.tracing.settings import TraceSettings
+
+    command = _command(commands, "trace", "recorded events to the effect that a subject's model lacks")
+    command.add_argument("bag", nargs="*", metavar="BAG", help="several of each loading condition")
+    command.add_argument(
+        "--subject", required=True, metavar="S", help="who it is: a subject file, fitted or not, or a bundled name"
+    )
+    _add_held_out(command, "bags that have no say in the effect (default: every second one of each condition)")
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="of everything drawn (default 0)")
+    command.add_argument(
+        "--fresh", action="store_true", help="compute anew what DIR.kept.json holds of an interrupted or earlier trace"
+    )
+    command.add_argument("--no-report", action="store_true", help="leave out trace.html")
+    _add_map(command)
+    _add_time(command)
+    _add_vertical(command)
+    for title, kind in (
+        ("tracing", TraceSettings),
+        ("least data", FloorSettings),
+        ("background", BackgroundSettings),
+        ("weights", WeightSettings),
+        ("usual departures", UsualSettings),
+        ("spectra", SpectrumSettings),
+        ("cases", CaseSettings),
+        ("conditioning", ConditioningSettings),
+        ("recording", RecordingSettings),
+    ):
+        _add_settings(command, title, kind)
+    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
+
+
+def _command(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
+    command: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text)
+    command.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
+    return command
+
+
+def _add_subject(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--subject", required=True, metavar="S", help="subject file, or the name of a bundled one")
+
+
+def _add_map(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--map", action="append", default=[], metavar="SENSOR=TOPIC", help="which topic is which sensor"
+    )
+
+
+def _add_time(command: argparse.ArgumentParser) -> None:
+    text = "whose stamps count; log also where the header's are zero (default header)"
+    command.add_argument("--time", choices=("header", "log"), default="header", help=text)
+
+
+def _add_held_out(command: argparse.ArgumentParser, text: str) -> None:
+    command.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="BAG", help=text)
+    command.add_argument(
+        "--case", action="append", default=[], metavar="BAG=CASE", help="a bag's loading condition (default: its name)"
+    )
+
+
+def _add_vertical(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--vertical", default="", metavar="TEXT", help="where sensors' axes see up if not by gravity")
+
+
+def _add_settings(command: argparse.ArgumentParser, title: str, kind: type[Any]) -> None:
+    """One option per field of a settings dataclass, described as the field describes itself; absent unless given."""
+    group = command.add_argument_group(title)
+    for item in described(kind):
+        allowed: Range = item.metadata["range"]
+        default = "none" if item.default is None else f"{item.default:g}" if _is_number(item.default) else item.default
+        how: dict[str, Any] = {"metavar": "TEXT", "help": f"{allowed.meaning} (default {default or 'none'})"}
+        if isinstance(item.default, bool):
+            action = argparse.BooleanOptionalAction if item.default else "store_true"
+            how = {"action": action, "help": allowed.meaning}
+        elif allowed.choices:
+            how = {"choices": allowed.choices, "help": f"{allowed.meaning} (default {default})"}
+        elif not isinstance(item.default, str):
+            unit = f" {allowed.unit}" if allowed.unit else ""
+            text = f"{allowed.meaning} ({allowed.lower:g} to {allowed.upper:g}{unit}, default {default})".replace(
+                "%", "%%"
+            )
+            how = {"type": float if item.default is None else type(item.default), "metavar": "N", "help": text}
+        group.add_argument("--" + item.name.replace("_", "-"), default=argparse.SUPPRESS, **how)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def settings_of(options: argparse.Namespace, kind: type[T], base: T | None = None) -> T:
+    """The settings that were given, over the base's or the defaults."""
+    given = {item.name: getattr(options, item.name) for item in described(kind) if hasattr(options, item.name)}
+    return kind(**given) if base is None else dataclasses.replace(base, **given)  # type: ignore[type-var]
