@@ -29,6 +29,9 @@ ROUGHLY: Final = 0.01
 LEAST_FIT: Final = 0.01
 """What takes off less than this share of what the best takes off to first order is not tried further."""
 
+LEAST_FIT_OF_ALL: Final = 0.05
+"""... nor what takes off less than this of the objective: of what was hidden in 24 bodies the least took off 0.1."""
+
 ALWAYS: Final = ("lift_off",)
 """... but for what acts only where it has not been looked."""
 
@@ -70,7 +73,8 @@ def glance(few: Background, tried: Sequence[Tried], replicates: int, seed: int, 
         best.setdefault((screened.tried.applied.effect.name, screened.tried.applied.site), screened)
     found = []
     most = max((one.fits for one in best.values()), default=0.0)
-    worth = [one for one in best.values() if one.fits >= LEAST_FIT * most or one.tried.applied.effect.name in ALWAYS]
+    least = max(LEAST_FIT * most, LEAST_FIT_OF_ALL)
+    worth = [one for one in best.values() if one.fits >= least or one.tried.applied.effect.name in ALWAYS]
     for number, screened in enumerate(worth):
         settled = settle(few, _sized(screened), STEPS, enough=ROUGHLY)
         if settled.applied is not None and np.isfinite(settled.objective):
