@@ -2,13 +2,15 @@
 #
 # Needs make and a Python from 3.10 to 3.13; everything else, ROS 2 Jazzy included, comes from PyPI into .venv.
 # PYTHON=python3.12 chooses the interpreter, VENV=.venv312 keeps its environment beside others,
-# PIP_CONSTRAINT=FILE pins versions, ARGS='-k name' goes to pytest or to the benchmarks, ARGS='tracing --count 2' to the
-# blind studies: without it, both of them, of which that of tracing takes some three hours on two cores.
+# PIP_CONSTRAINT=FILE pins versions, WORKERS=1 runs tests one after the other, ARGS='-k name' goes to pytest or to the
+# benchmarks, ARGS='tracing --count 2' to the blind studies: without it, both of them, of which that of tracing takes
+# some three hours on two cores.
 
 PYTHON ?= python3
 VENV ?= .venv
 EXTRAS ?= all,dev
 ARGS ?=
+WORKERS ?= 2
 
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
@@ -39,7 +41,7 @@ demo: $(INSTALLED)
 	@exec $(IN_ENVIRONMENT) biodyn demo
 
 test: lint
-	@exec $(IN_ENVIRONMENT) python -m pytest $(ARGS)
+	@exec $(IN_ENVIRONMENT) python -m pytest --numprocesses=$(WORKERS) --dist=loadfile $(ARGS)
 
 lint: $(INSTALLED)
 	@$(BIN)/python -m ruff check .

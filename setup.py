@@ -36,6 +36,7 @@ EXTRAS["dev"] = [
     "mypy>=1.8",
     "pytest>=7.4",
     "pytest-timeout>=2.1",
+    "pytest-xdist>=3.5",
     "ruff>=0.6",
     # colcon builds with `setup.py install` and `setup.py develop --editable`: version 80 took the second away, and a
     # symlinked build falls back to copies without a word. Before 70.1 a wheel needs one package more.
