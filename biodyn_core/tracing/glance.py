@@ -30,7 +30,7 @@ LEAST_FIT: Final = 0.01
 """What takes off less than this share of what the best takes off to first order is not tried further."""
 
 LEAST_FIT_OF_ALL: Final = 0.05
-"""... nor what takes off less than this of the objective: of what was hidden in 20 bodies the least took off 0.1."""
+"""... nor what takes off less than this of the objective: of what was hidden in 13 bodies the least took off 0.1."""
 
 ALWAYS: Final = ("lift_off",)
 """... but for what acts only where it has not been looked."""
