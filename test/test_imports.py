@@ -1,6 +1,7 @@
 """The rules of who imports whom, checked on the source."""
 
 import ast
+import subprocess
 import sys
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
@@ -175,6 +176,13 @@ def test_core_imports_point_downward() -> None:
 
 def test_ros_free_modules_never_reach_ros() -> None:
     assert ros_faults(ROOT) == []
+
+
+def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:
+    loaded = "import sys, biodyn_core.model; print([name for name in sys.modules if name.startswith('scipy.')])"
+    done = subprocess.run([sys.executable, "-c", loaded], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "scipy.signal" not in done.stdout
+    assert "scipy.interpolate" not in done.stdout
 
 
 @pytest.mark.parametrize(

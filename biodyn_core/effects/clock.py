@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import scipy  # its parts load where they are used: they take longer than a model to its first result
 from numpy.typing import NDArray
-from scipy import interpolate
 
 from biodyn_core.effects.effect import Effect, EffectParameter
 from biodyn_core.segments import MEASURED_SEGMENTS
@@ -20,7 +20,7 @@ def _measured(
     """a(t - d - rho t) by a cubic spline; what lies before the record is its first sample."""
     time_s = np.arange(accel_mps2.size) / rate_hz
     true_s = time_s - values["delay_s"] - values["drift"] * time_s
-    return np.asarray(interpolate.CubicSpline(time_s, accel_mps2)(np.clip(true_s, 0.0, time_s[-1])))
+    return np.asarray(scipy.interpolate.CubicSpline(time_s, accel_mps2)(np.clip(true_s, 0.0, time_s[-1])))
 
 
 EFFECT = Effect(

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+import scipy  # its parts load where they are used: they take longer than a model to its first result
 from numpy.typing import NDArray
-from scipy import signal
 
 from biodyn_core.effects.effect import Effect, EffectParameter
 from biodyn_core.segments import MEASURED_SEGMENTS
@@ -22,10 +22,10 @@ def _measured(
     if values["softness_s"] == 0.0:
         return accel_mps2
     omega, zeta = 1.0 / values["softness_s"], values["damping_ratio"]
-    system = signal.cont2discrete(
+    system = scipy.signal.cont2discrete(
         ([2.0 * zeta * omega, omega**2], [1.0, 2.0 * zeta * omega, omega**2]), 1.0 / rate_hz, "foh"
     )
-    return np.asarray(signal.lfilter(np.ravel(system[0]), system[1], accel_mps2))
+    return np.asarray(scipy.signal.lfilter(np.ravel(system[0]), system[1], accel_mps2))
 
 
 EFFECT = Effect(

@@ -1,7 +1,7 @@
 """The chain of segments, integrated (Zaman et al., Eq. 2-4, 17, 18).
 
 What is integrated with effects is this very file with their functions written in at the lines marked `effects:`
-(`biodyn_core.effects.generated`); without them the lines about their states q cost nothing.
+(`biodyn_core.kernels.generated`); without them the lines about their states q cost nothing.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.kernels.compiling import compiled
+from biodyn_core.kernels.compiling import compiled, inlined
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -17,7 +17,7 @@ Integers = NDArray[np.int64]
 # effects: functions
 
 
-@compiled
+@inlined
 def _accelerations(
     x: Floats,
     v: Floats,
@@ -72,6 +72,7 @@ def integrate_chain(
     v2, v3, v4 = np.empty(6), np.empty(6), np.empty(6)
     a1, a2, a3, a4 = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     states = state.shape[0] - 13
+    # effects: states
     q, q_try = np.empty(states), np.empty(states)
     d1, d2, d3, d4 = np.empty(states), np.empty(states), np.empty(states), np.empty(states)
     for j in range(6):

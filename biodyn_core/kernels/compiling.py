@@ -50,22 +50,26 @@ CACHE: Final = _cache_folder() if COMPILED else None
 
 def compiled(function: F) -> F:
     """Compile with numba where it is present, cached where a cache can be kept; otherwise return the function."""
-    return _compiled(function, "never")
+    return _compiled(function, forceinline=False)
 
 
 def inlined(function: F) -> F:
-    """The same for a small part of a kernel, which becomes lines of its caller: passing arrays costs more than it."""
-    return _compiled(function, "always")
+    """The same for a part of a kernel, which becomes lines of its caller however long both are.
+
+    Where that is left to the compiler it ends at some length, and a call with ten arrays costs more than the part.
+    """
+    return _compiled(function, forceinline=True)
 
 
-def _compiled(function: F, inline: str) -> F:
+def _compiled(function: F, forceinline: bool) -> F:
     if numba is None:
         return function
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = CACHE or before
     try:
         # numpy's error model: a division by zero gives inf, as it does in the uncompiled twin.
-        wrapped: F = numba.njit(cache=CACHE is not None, error_model="numpy", inline=inline)(function)
+        options = {"cache": CACHE is not None, "error_model": "numpy", "forceinline": forceinline}
+        wrapped: F = numba.njit(**options)(function)
         return wrapped
     finally:
         numba.config.CACHE_DIR = before
