@@ -2,29 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from typing import Final
 
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import Effect, EffectParameter
+from biodyn_core.effects.sprung import SprungMass, force
 
-
-def force(
-    x: float, v: float, seat: float, x_own: float, v_own: float, k: float, c: float, omega_squared: float, decay: float
-) -> tuple[float, float, float]:
-    """The resonator's pull on the segment, with its own displacement and velocity relative to the seat as states."""
-    pull = k * (x_own - x) + c * (v_own - v)
-    return pull, v_own, -omega_squared * (x_own - x) - decay * (v_own - v) - seat
-
-
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
-    omega, mass = 2.0 * math.pi * values["natural_frequency_hz"], values["mass_kg"]
-    decay = 2.0 * values["damping_ratio"] * omega
-    return mass * omega**2, mass * decay, omega**2, decay
-
-
-def _stiffens(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
-    return _constants(joint, values)[0], _constants(joint, values)[1]
-
+MASS: Final = SprungMass("natural_frequency_hz")
 
 EFFECT = Effect(
     name="viscera",
@@ -38,8 +21,9 @@ EFFECT = Effect(
         EffectParameter("damping_ratio", "", 0.05, 0.6, 0.25),
     ),
     sites=("lower_torso", "central_torso", "upper_torso"),
-    constants=_constants,
+    constants=MASS.constants,
     force=force,
-    stiffens=_stiffens,
+    stiffens=MASS.stiffens,
+    own_rate_per_s=MASS.own_rate_per_s,
     states=2,
 )
