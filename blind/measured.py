@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from world import measured, seats
 
-from biodyn_core.tracing import pairs
+from biodyn_core.tracing import pairs, transfers
 
 Floats = NDArray[np.float64]
 
@@ -82,8 +82,8 @@ def _still(pair: measured.Pair) -> float:
         return float("nan")
     s = pairs.PairSettings()
     band = (pair.rate_hz, s.lowest_hz, s.highest_share * pair.rate_hz)
-    output = pairs.in_band(pair.under_test[:, 2], *band)
-    apart = output[:, None] - pairs.in_band(pair.reference, *band)
+    output = transfers.in_band(pair.under_test[:, 2], *band)
+    apart = output[:, None] - transfers.in_band(pair.reference, *band)
     return float(100.0 * np.sqrt((apart**2).mean(axis=0).min() / (output**2).mean()))
 
 
@@ -110,7 +110,7 @@ def _ratio(record: measured.Record, truth: measured.Truth) -> float:
     clean = pairs.Pair(later.rate_hz, later.reference, truth.clean_mps2)
     left = pairs.residual(clean, _pair(record.earlier), s)
     band = (later.rate_hz, s.lowest_hz, s.highest_share * later.rate_hz)
-    change = pairs.in_band(later.under_test - truth.clean_mps2, *band)
+    change = transfers.in_band(later.under_test - truth.clean_mps2, *band)
     return float(np.sqrt(np.sum(change[left != 0.0] ** 2) / np.sum(left**2)))
 
 

@@ -1,0 +1,179 @@
+"""Faults of a sensor beside another: clock, drift, gain, tilt and skin, fitted to what a learnt transfer leaves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from biodyn_core.effects import CATALOGUE
+from biodyn_core.tracing.transfers import Shape, Stretch, across, window_sums
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Map = Callable[[Floats], Floats]
+
+CREEPING: Final = 10.0
+"""The catalogue's skin with so much damping is a lag of first order, to a percent."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way a candidate may act: free values in units in which 1 is usual, and the values of the effect they mean."""
+
+    effect: str
+    unit: str
+    starts: tuple[tuple[float, ...], ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    values: Callable[[Floats], dict[str, float]]
+    size: Callable[[Floats], float]
+
+
+def _ways() -> dict[str, tuple[Way, ...]]:
+    """Every candidate and its ways; ranges are those of the catalogue, but for the creeping skin, which it lacks."""
+    of = {name: {p.name: p for p in CATALOGUE[name].parameters} for name in ("clock", "gain", "tilt", "skin")}
+    late, drift, gain, lean = of["clock"]["delay_s"], of["clock"]["drift"], of["gain"]["gain"], of["tilt"]["lean_x"]
+    soft, damping = of["skin"]["softness_s"], of["skin"]["damping_ratio"]
+
+    def one(effect: str, name: str, unit: str, scale: float, most: float, rest: dict[str, float]) -> tuple[Way, ...]:
+        return (
+            Way(effect, unit, ((0.1,),), (-most / scale,), (most / scale,),
+                 lambda x: {name: scale * x[0]} | rest, lambda x: float(scale * x[0])),
+        )  # fmt: skip
+
+    return {
+        "clock": one("clock", "delay_s", "s", 1e-3, late.upper, {"drift": 0.0}),
+        "drift": one("clock", "drift", "s/s", 1e-4, drift.upper, {"delay_s": 0.0}),
+        "gain": one("gain", "gain", "", 0.1, gain.upper, {}),
+        "tilt": (
+            Way("tilt", "rad", ((0.1, 0.1),), (lean.lower / 0.1,) * 2, (lean.upper / 0.1,) * 2,
+                 lambda x: {"lean_x": 0.1 * x[0], "lean_y": 0.1 * x[1]}, lambda x: float(0.1 * np.hypot(*x))),
+        ),
+        "skin": (
+            Way("skin", "s", ((1.0,), (3.0,)), (0.02,), (20.0,),
+                 lambda x: {"softness_s": 2e-3 * CREEPING * x[0], "damping_ratio": CREEPING},
+                 lambda x: float(1e-3 * x[0])),
+            Way("skin", "s", ((4.5, damping.start), (2.65, damping.start)), (0.5, damping.lower),
+                 (1e3 * soft.upper, damping.upper),
+                 lambda x: {"softness_s": 1e-3 * x[0], "damping_ratio": float(x[1])}, lambda x: float(1e-3 * x[0])),
+        ),
+    }  # fmt: skip
+
+
+WAYS: Final = _ways()
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """One candidate: residual (n,) where not fitted, its log ratios (w,), size and unit, and its changes (n,) at it."""
+
+    residual: Floats
+    ratios: Floats
+    size: float
+    unit: str
+    changes: tuple[Floats, ...]
+
+    @property
+    def gain(self) -> float:
+        """Mean log ratio."""
+        return float(self.ratios.mean()) if self.ratios.size else 0.0
+
+
+def _map(way: Way, stretch: Stretch, expected: Floats) -> Map:
+    """What the sensor would show, (n,), from the free values."""
+    measured = CATALOGUE[way.effect].measured
+    assert measured is not None
+    channels = {} if stretch.own is None else {"own.x": stretch.own[:, 0], "own.y": stretch.own[:, 1]}
+    return lambda free: measured(expected, stretch.rate_hz, channels, way.values(free))
+
+
+def _fit(
+    way: Way, shown: Map, output: Floats, weight: Floats, starts: tuple[tuple[float, ...], ...]
+) -> tuple[Floats, float]:
+    """Free values of least weighted squares from all starts, and their cost."""
+    best, least = np.asarray(starts[0]), math.inf
+    for start in starts:
+        found = optimize.least_squares(
+            lambda free: weight * (output - shown(free)), start, bounds=(way.lower, way.upper), diff_step=1e-4,
+            xtol=1e-5, ftol=1e-6, max_nfev=25,
+        )  # fmt: skip
+        if found.cost < least:
+            best, least = found.x, float(found.cost)
+    return best, least
+
+
+def tried_by(ways: tuple[Way, ...], stretch: Stretch, expected: Floats, weight: Floats) -> Tried:
+    """Fit a candidate to every other window, look at those between, and the other way round."""
+    output, maps = stretch.output, [_map(way, stretch, expected) for way in ways]
+    fits = [_fit(way, shown, output, weight, way.starts) for way, shown in zip(ways, maps, strict=True)]
+    best = int(np.argmin([cost for _, cost in fits]))
+    odd = (np.arange(output.size) // stretch.length) % 2 == 1
+    residual = np.zeros(output.size)
+    for held in (odd, ~odd):
+        free, _ = _fit(ways[best], maps[best], output, weight * ~held, (tuple(fits[best][0]),))
+        residual[held] = (output - maps[best](free))[held]
+    sums = [window_sums(r**2, stretch.keep, stretch.length) for r in (output - expected, residual)]
+    there = sums[0] > 0.0
+    ratios = np.log(sums[0][there] / np.maximum(sums[1][there], 1e-300))
+    changes = tuple(shown(free) - expected for shown, (free, _) in zip(maps, fits, strict=True))
+    return Tried(residual, ratios, ways[best].size(fits[best][0]), ways[best].unit, changes)
+
+
+def weights(residual: Floats, keep: Flags, length: int) -> Floats:
+    """Weights (n,) by which every window counts alike, 0 where nothing is compared."""
+    sums, counts = window_sums(residual**2, keep, length), window_sums(np.ones(residual.size), keep, length)
+    rms = np.sqrt(sums / np.maximum(counts, 1.0))
+    inverse = 1.0 / np.maximum(rms, 0.1 * max(float(np.median(rms)), 1e-12))
+    whole = np.concatenate([np.repeat(inverse, length), np.zeros(residual.size - inverse.size * length)])
+    return np.asarray(np.where(keep, whole, 0.0))
+
+
+def all_tried(stretch: Stretch, expected: Floats, names: tuple[str, ...]) -> dict[str, Tried]:
+    """Candidates by name, each fitted."""
+    weight = weights(stretch.output - expected, stretch.keep, stretch.length)
+    return {name: tried_by(WAYS[name], stretch, expected, weight) for name in names}
+
+
+def largest_by_chance(windows: Floats, energy: Floats, residual: float, signs: Floats) -> Floats:
+    """The largest share of the residual's squares that any candidate gains, in each draw, (r,).
+
+    windows (w, k) are sums of candidate times residual, energy (k,) the candidates' own squares, residual the sum of
+    squares, signs (r, w) of the windows: what is drawn keeps its colour and follows the motion as the residual does.
+    """
+    seen = energy > 0.0
+    if not seen.any() or residual <= 0.0:
+        return np.zeros(len(signs))
+    return np.asarray(((signs @ windows[:, seen]) ** 2 / (energy[seen] * residual)).max(axis=1))
+
+
+def by_chance(
+    stretch: Stretch, expected: Floats, tried: Mapping[str, Tried], draws: int, chance: float, seed: int
+) -> float:
+    """What the best of all candidates exceeds by that chance where nothing is hidden.
+
+    In each draw the windows of the residual have their signs drawn anew.
+    """
+    best = max(tried.values(), key=lambda one: one.gain)
+    rest = best.residual if best.gain > 0.0 else stretch.output - expected
+    weight = weights(rest, stretch.keep, stretch.length)
+    changes = [weight * change for one in tried.values() for change in one.changes]
+    windows = np.column_stack([window_sums(change * weight * rest, stretch.keep, stretch.length) for change in changes])
+    energy = np.array([float(change @ change) for change in changes])
+    signs = np.random.default_rng(seed).choice((-1.0, 1.0), size=(draws, len(windows)))
+    largest = largest_by_chance(windows, energy, float(np.sum((weight * rest) ** 2)), signs)
+    return -math.log1p(-min(float(np.quantile(largest, 1.0 - chance)), 0.99))
+
+
+def wandering(good: Stretch, shape: Shape, names: tuple[str, ...]) -> float:
+    """The most that any candidate gains in one half by the transfer of the other: no bootstrap knows of that."""
+    expected = across(good, shape)
+    late = np.arange(good.output.size) >= good.output.size // 2
+    return max(
+        0.0, *(one.gain for half in (late, ~late) for one in all_tried(good.only(half), expected, names).values())
+    )
