@@ -156,3 +156,13 @@ def test_what_cannot_be_tested_is_named_not_passed_over() -> None:
     assert {name.split(" at ")[0] for name in candidates([*full, made[0]])[1]} == {
         "bending", "cross_axis", "pitch", "tilt",
     }  # fmt: skip
+
+
+def test_what_is_there_already_is_no_candidate() -> None:
+    made = hiding.events(6)
+    there = applied("stop", "pelvis")
+    every, left = (
+        [(one.applied.effect.name, one.applied.site) for one in candidates(made, has)[0]] for has in ((), [there])
+    )
+    assert ("stop", "pelvis") in every
+    assert left == [one for one in every if one != ("stop", "pelvis")]

@@ -10,7 +10,10 @@ import pytest
 from test_effects import applied
 
 from biodyn_core.identification.problem import Case, errors
+from biodyn_core.parameters import Parameters
+from biodyn_core.subject import Subject
 from biodyn_core.tracing import rounds
+from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Candidate, Round, Trace
 from biodyn_core.tracing.gate import FloorSettings
@@ -28,9 +31,9 @@ SHORT = TraceSettings(
 FEW = ("gain", "clock", "skin", "quadratic_damping", "friction", "lift_off")
 
 
-def few(cases):
+def few(cases, there=()):
     """The catalogue cut short."""
-    tried, untestable = candidates(cases)
+    tried, untestable = candidates(cases, there)
     return [one for one in tried if one.applied.effect.name in FEW], untestable
 
 
@@ -109,6 +112,19 @@ def test_events_kept_aside_have_no_say_and_the_same_seed_says_the_same() -> None
     assert (found.reasons, found.p_value) == (same.reasons, same.p_value)
     for ours, theirs in zip(kept_aside(found), kept_aside(same), strict=True):
         assert ours.after.mean_percent > 1.5 * theirs.after.mean_percent
+
+
+def test_a_subject_that_predicts_worse_with_the_effect_does_not_get_it() -> None:
+    def worse(subject: Subject, cases: list[Case]) -> Subject:
+        return dataclasses.replace(subject, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
+
+    cases = hiding.events(9, hiding.louder, hiding.plain)
+    with mock.patch.object(rounds, "candidates", few), mock.patch.object(trace_module, "polished", worse):
+        found = trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
+    assert found.verdict == "unexplained" and found.effects == () and found.after is found.before
+    assert [event.after.mean_percent for event in found.events] == [event.before.mean_percent for event in found.events]
+    (line,) = [line for line in found.reasons if line.startswith("gain at neck")]
+    assert "by itself" in line
 
 
 def test_nothing_hidden_is_no_effect() -> None:

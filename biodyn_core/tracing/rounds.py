@@ -62,6 +62,14 @@ class Outcome:
         """Whether the subject that was taken carries the effect: what is never twice the same, none can."""
         return self.taken is not None and len(self.taken.subject.effects) > len(self.background.subject.effects)
 
+    def withdrawn(self, why: str) -> Outcome:
+        """The round as it is where what it took has something against it after all."""
+        taken = self.round.taken
+        assert taken is not None
+        refused = dataclasses.replace(taken, against=(*taken.against, why))
+        ladder = tuple(refused if one is taken else one for one in self.round.ladder)
+        return dataclasses.replace(self, round=Round(ladder, self.round.threshold, None, ()), taken=None)
+
     @property
     def before(self) -> float:
         """What was left when the round began, as by `left_over`."""
@@ -123,7 +131,7 @@ def one_round(
 ) -> Outcome:  # fmt: skip
     """Look for one effect that the subject lacks; where there is none, none is taken."""
     few = _likeliest(Background.of(subject, first_of_each(train), first_of_each(choose), settings.background))
-    glanced = _glanced(few, candidates([*train, *choose])[0], settings, seed, tell, kept)
+    glanced = _glanced(few, candidates([*train, *choose], subject.effects)[0], settings, seed, tell, kept)
     background = _likeliest(Background.of(subject, train, choose, settings.background))
     plain = _Plain(background)
     without = plain.at(background.level)

@@ -84,11 +84,17 @@ class Screening:
         return float(self.along[self.tried.index(one), self.tried.index(other)])
 
 
-def candidates(cases: Sequence[Case]) -> tuple[list[Tried], list[str]]:
-    """Every effect at every site that these cases can show, and the names of those for which a channel is missing."""
+def candidates(cases: Sequence[Case], there: Sequence[AppliedEffect] = ()) -> tuple[list[Tried], list[str]]:
+    """Every effect at every site that these cases can show, and the names of those for which a channel is missing.
+
+    What is there already is no candidate: a law that is added to itself is the same law beyond its range.
+    """
     found, untestable = [], []
+    has = {(one.effect.name, one.site) for one in there}
     for effect in CATALOGUE.values():
         for site in effect.where:
+            if (effect.name, site) in has:
+                continue
             if not all(name in case.channels for case in cases for name in effect.needed(site)):
                 untestable.append(f"{effect.name} at {site}")
                 continue
