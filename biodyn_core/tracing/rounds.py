@@ -62,12 +62,14 @@ class Outcome:
         """Whether the subject that was taken carries the effect: what is never twice the same, none can."""
         return self.taken is not None and len(self.taken.subject.effects) > len(self.background.subject.effects)
 
-    def withdrawn(self, why: str) -> Outcome:
-        """The round as it is where what it took has something against it after all."""
-        taken = self.round.taken
-        assert taken is not None
-        refused = dataclasses.replace(taken, against=(*taken.against, why))
-        ladder = tuple(refused if one is taken else one for one in self.round.ladder)
+    def uncarried(self, why: str) -> Outcome:
+        """The round where no subject carries what it took; only what is never the same twice stays taken."""
+        chosen, settled = self.round.taken, self.taken
+        assert chosen is not None and settled is not None
+        if not chosen.steady:
+            return dataclasses.replace(self, taken=dataclasses.replace(settled, subject=self.background.subject))
+        refused = dataclasses.replace(chosen, against=(*chosen.against, why))
+        ladder = tuple(refused if one is chosen else one for one in self.round.ladder)
         return dataclasses.replace(self, round=Round(ladder, self.round.threshold, None, ()), taken=None)
 
     @property

@@ -93,19 +93,25 @@ def _rounds(
     found: list[tuple[Subject, Outcome]] = []
     for number in range(s.most_effects):
         outcome = one_round(subject, train, choose, s, seed + number, tell, kept)
-        if outcome.taken is not None and outcome.carried:
-            carried = polished(outcome.taken.subject, train)
-            before, after = (_mean_percent(one, choose) for one in (subject, carried))
-            if after < before:
-                subject = carried
-            else:
-                outcome = outcome.withdrawn(WORSE.format(before, after))
+        subject, outcome = _carried(subject, outcome, train, choose)
         found.append((subject, outcome))
-        if outcome.taken is None or not outcome.carried:  # the next would find the same again
+        taken = outcome.round.taken
+        if taken is None or not taken.steady:  # the next would find the same again
             break
-        if outcome.after < s.enough and outcome.taken.level == LEVELS[-1]:
+        if outcome.taken is not None and outcome.after < s.enough and outcome.taken.level == LEVELS[-1]:
             break
     return found
+
+
+def _carried(
+    subject: Subject, outcome: Outcome, train: Sequence[Case], choose: Sequence[Case]
+) -> tuple[Subject, Outcome]:
+    """The subject with what was taken, fitted to all events; as it was if by itself it then predicts no better."""
+    if outcome.taken is None or not outcome.carried:
+        return subject, outcome
+    fitted = polished(outcome.taken.subject, train)
+    before, after = (_mean_percent(one, choose) for one in (subject, fitted))
+    return (fitted, outcome) if after < before else (subject, outcome.uncarried(WORSE.format(before, after)))
 
 
 def _mean_percent(subject: Subject, cases: Sequence[Case]) -> float:
