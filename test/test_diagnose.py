@@ -91,6 +91,14 @@ def test_joints_of_another_size_are_refitted_and_hold() -> None:
     np.testing.assert_allclose(list(found.values()), list(true.values()), rtol=1e-2)
 
 
+def test_joints_far_stiffer_than_the_subjects_are_looked_for_within_reach() -> None:
+    """A body that moves with the seat as one has joints without end: unbounded, the search left the seat's by 85 %."""
+    rigid = [
+        dataclasses.replace(case, measured_mps2=np.repeat(case.seat_mps2[:, None], 5, axis=1)) for case in quiet("")
+    ]
+    assert max(peeling(hiding.TRUTH, rigid).values()) < 30.0
+
+
 @pytest.mark.parametrize(
     ("joint", "expected"),
     [("pelvis", ("pelvis",)), ("central_torso", ("central_torso", "upper_torso")), ("neck", ("neck",))],

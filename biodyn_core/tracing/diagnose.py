@@ -29,6 +29,9 @@ BAND_HZ: Final = (0.5, 60.0)
 COHERENCE_S: Final = 2.0
 """Windows of the coherence."""
 
+REACH: Final = float(np.log(100.0))
+"""A joint of a sub-chain is looked for so far from the subject's own, in ln of stiffness and damping."""
+
 FAILS: Final = 2.0
 """A sub-chain fails whose error is so many times that of the best one."""
 
@@ -112,7 +115,7 @@ def peeling(subject: Subject, cases: Sequence[Case]) -> dict[str, float]:
         if not told:  # nothing is measured above or below
             continue
         sub = _SubChain(bottom, chain.inertia_kg[bottom:], chain.rayleigh_rad_per_s, seen)
-        best = optimize.least_squares(sub.missed, start, max_nfev=12)
+        best = optimize.least_squares(sub.missed, start, bounds=(start - REACH, start + REACH), max_nfev=12)
         found[node] = float(100.0 * np.sqrt(2.0 * best.cost / told))
     return found
 

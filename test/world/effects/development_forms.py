@@ -23,8 +23,9 @@ from world.effects.effect import (
     Person,
     between,
     smooth_sign,
+    soften,
 )  # fmt: skip
-from world.effects.event import HELD_HZ, Event
+from world.effects.event import HELD_HZ, Event, following
 from world.seats import GRAVITY_MPS2, RATE_HZ
 
 Floats = NDArray[np.float64]
@@ -194,7 +195,7 @@ class SlumpsInEvents(Effect):
     def act(self, now: Moment, own: Floats) -> None:
         """A sigmoid of the time since the motion set in."""
         done = 0.5 + 0.5 * np.tanh((now.moving_s - self.at_s) / self.width_s)
-        _soften(now, self.site, self.strength * done, self.damped)
+        soften(now, self.site, self.strength * done, self.damped)
 
 
 @dataclass(frozen=True)
@@ -210,13 +211,7 @@ class SlumpsBetweenEvents(Effect):
     def act(self, now: Moment, own: Floats) -> None:
         """A sigmoid of the sitting's time, which runs from 0 to 1."""
         done = 0.5 + 0.5 * np.tanh((now.share - self.at) / self.width)
-        _soften(now, self.site, self.strength * done, self.damped)
-
-
-def _soften(now: Moment, site: int, lost: Floats, damped: float) -> None:
-    """Take a share (r,) of a joint's stiffness away, and `damped` times as much of its damping."""
-    k, b = now.person.stiffness_n_per_m[site], now.person.damping_ns_per_m[site]
-    now.pull(site, -lost * (k * now.stretch[:, site] + damped * b * now.rate[:, site]))
+        soften(now, self.site, self.strength * done, self.damped)
 
 
 @dataclass(frozen=True)
@@ -474,9 +469,7 @@ class TwoModeSkin(Effect):
         return accel_mps2 + self.strength * (skin - accel_mps2)
 
     def _mode(self, frequency_hz: float, accel_mps2: Floats) -> Floats:
-        w = 2.0 * np.pi * frequency_hz
-        loss = 2.0 * self.damping * w
-        return signal.lfilter(*signal.bilinear([loss, w * w], [1.0, loss, w * w], HELD_HZ), accel_mps2, axis=0)
+        return signal.lfilter(*following(frequency_hz, self.damping, HELD_HZ), accel_mps2, axis=0)
 
 
 @dataclass(frozen=True)

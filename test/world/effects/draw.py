@@ -10,7 +10,7 @@ import numpy as np
 
 from world.effects.effect import Effect
 
-Split = Literal["development", "blind"]
+Split = Literal["development", "second", "blind"]
 
 KINDS: Final = (
     "asymmetry", "cubic", "stop", "quadratic_damping", "friction", "hysteresis", "relaxation", "thixotropy", "posture",

@@ -186,3 +186,9 @@ class Effect:
 def smooth_sign(rate: Floats, width: float) -> Floats:
     """The sign, without a jump."""
     return rate / np.sqrt(rate * rate + width * width)
+
+
+def soften(now: Moment, joint: int, lost: Floats | float, damped: float) -> None:
+    """Take a share (r,) of a joint's stiffness away, and `damped` times as much of its damping."""
+    k, b = now.person.stiffness_n_per_m[joint], now.person.damping_ns_per_m[joint]
+    now.pull(joint, -lost * (k * now.stretch[:, joint] + damped * b * now.rate[:, joint]))

@@ -75,7 +75,7 @@ class Event:
         sideways = self.accel_mps2[:, :2]
         if sensor == 0:
             return sideways
-        top, bottom = _following(float(SWAY_HZ[sensor]) * self.sway)
+        top, bottom = following(float(SWAY_HZ[sensor]) * self.sway, SWAY_DAMPING, RATE_HZ)
         return signal.lfilter(top, bottom, sideways, axis=0)
 
     def leaning_rad(self, sensor: int) -> Floats:
@@ -88,10 +88,11 @@ class Event:
         return np.gradient(self.leaning_rad(sensor), 1.0 / RATE_HZ, axis=0)
 
 
-def _following(frequency_hz: float) -> tuple[Floats, Floats]:
+def following(frequency_hz: float, damping: float, rate_hz: float) -> tuple[Floats, Floats]:
     """A mass behind a spring and a damper, as a digital filter."""
     w = 2.0 * np.pi * frequency_hz
-    top, bottom = signal.bilinear([2.0 * SWAY_DAMPING * w, w * w], [1.0, 2.0 * SWAY_DAMPING * w, w * w], RATE_HZ)
+    loss = 2.0 * damping * w
+    top, bottom = signal.bilinear([loss, w * w], [1.0, loss, w * w], rate_hz)
     return top, bottom
 
 
