@@ -233,8 +233,26 @@ def always(settled: Settled) -> rounds._Plain:
 def test_more_is_asked_of_a_body_that_departs_further() -> None:
     background, settings = hiding.background(), TraceSettings()
     asked = [rounds._asked(background.at_level(level), always(without()), settings) for level in sorted(LEVELS)]
-    assert asked[0] == pytest.approx(settings.least_gain) and (np.diff(asked) > 0.0).all()
+    assert asked[0] == settings.plain_gain and (np.diff(asked) > 0.0).all()
     assert asked[-1] == pytest.approx((1.0 + settings.departing) * settings.least_gain)
+
+
+def test_what_a_law_that_was_added_leaves_is_no_plain_body() -> None:
+    background, settings = hiding.background().at_level(LEVELS[-1]), TraceSettings()
+    added = dataclasses.replace(
+        background, subject=dataclasses.replace(background.subject, effects=(applied("cubic", "pelvis"),))
+    )
+    assert rounds._asked(background, always(without()), settings) == settings.plain_gain
+    assert rounds._asked(added, always(without()), settings) == pytest.approx(settings.least_gain)
+
+
+def test_what_is_set_anew_and_gains_little_is_usual() -> None:
+    screened = Screened(Tried(applied("clock", "head"), ""), 0.1, 1.0, 1.0, 0.1, 0.005)
+    settings = TraceSettings()
+    for gain, steady, expected in ((0.1, False, True), (0.2, False, False), (0.1, True, False)):
+        settled = dataclasses.replace(without(), applied=applied("clock", "head"), level=LEVELS[-1])
+        rung = rounds._Rung(settled, np.full(6, gain), ("road",) * 6, 0.1, screened, steady=steady)
+        assert bool(rung.usual(settings)) == expected
 
 
 def test_the_least_will_do_where_more_is_left_than_of_a_good_model() -> None:

@@ -105,9 +105,13 @@ class _Rung:
     steady: bool = True
     spreads: float = np.inf
 
-    def usual(self, farthest: float) -> bool:
-        """Whether a body that departs at all may be so, and nothing be missing."""
-        return self.settled.level > LEVELS[-1] and self.spreads < farthest
+    def usual(self, settings: TraceSettings) -> str:
+        """Why a body may be so though nothing is missing, where it may."""
+        if not self.steady and self.gain <= settings.least_gain:
+            return f"is set anew, which gains up to {settings.least_gain:g} where nothing is hidden"
+        if self.settled.level > LEVELS[-1] and self.spreads < settings.farthest:
+            return f"is {self.spreads:.1f} times what is usual there, up to {settings.farthest:g} is no cause"
+        return ""
 
     @property
     def helps(self) -> bool:
@@ -180,10 +184,13 @@ def _likeliest(background: Background) -> Background:
 def _asked(background: Background, plain: _Plain, settings: TraceSettings) -> float:
     """What a gain must exceed: more of a body that departs as far as usual than of one that is as the model has it.
 
-    Where more is left than of a good model, something is missing, and the least will do.
+    Where more is left than of a good model, something is missing, and the least will do. A body that is as the model
+    has it gains next to nothing by any law, unless one was added: then the gap between that law and its own is left.
     """
     if left_over(background, plain.at(LEVELS[0])) >= TELLING:
         return settings.least_gain
+    if background.level == LEVELS[-1] and not background.subject.effects:
+        return settings.plain_gain
     decades = 1.0 + float(np.log10(background.level))
     return settings.least_gain * (1.0 + settings.departing * decades)
 
@@ -285,9 +292,9 @@ def _candidate(
     against = [f"{name} ends on a bound" for name in rung.settled.at_bound]
     if not rung.helps:
         against.append(f"helps in {np.count_nonzero(rung.gains > 0.0)} of {rung.gains.size} events")
-    usual = rung.usual(settings.farthest)
+    usual = rung.usual(settings)
     if usual:
-        against.append(f"is {rung.spreads:.1f} times what is usual there, up to {settings.farthest:g} is no cause")
+        against.append(usual)
     before = {
         name
         for subject in (background.subject, without.subject)
@@ -297,7 +304,7 @@ def _candidate(
     against += [f"{name} moves onto its bound" for name in after if name not in before]
     return Candidate(
         rung.applied, rung.gain, True, screening.p_value(rung.gain), rung.absorbed,
-        int(np.count_nonzero(rung.gains > 0.0)), tuple(against), rung.steady, usual,
+        int(np.count_nonzero(rung.gains > 0.0)), tuple(against), rung.steady, bool(usual),
     )  # fmt: skip
 
 
@@ -314,7 +321,7 @@ def _taken(told: Sequence[Candidate], rungs: Sequence[_Rung], threshold: float, 
     rough = [
         i
         for i, one in enumerate(told)
-        if one.gain > settings.overwhelming * threshold and rungs[i].helps and not rungs[i].usual(settings.farthest)
+        if one.gain > settings.overwhelming * threshold and rungs[i].helps and not rungs[i].usual(settings)
     ]
     if rough and (not good or told[good[0]].gain < settings.near_alike * told[rough[0]].gain):
         return rough[0]

@@ -32,6 +32,13 @@ class TraceSettings:
         0.0,
         5.0,
     )
+    plain_gain: float = setting(
+        0.07,
+        "... of a body that is as the model has it and lacks nothing yet: without anything hidden 0.04",
+        "",
+        0.0,
+        5.0,
+    )
     departing: float = setting(
         0.8, "... and so much more, in its shares, of bodies that depart as far as usual", "", 0.0, 100.0
     )
