@@ -426,14 +426,14 @@ def test_every_entry_says_what_it_is(name: str) -> None:
             assert not free, f"{name} uses {free}: it is compiled apart from its module"
 
 
-def test_a_value_is_on_a_bound_next_to_an_end_but_not_a_strength_that_is_only_small_nor_a_nuisance() -> None:
+def test_a_value_is_on_a_bound_next_to_an_end_but_not_what_is_only_small_nor_a_nuisance() -> None:
     def on_bound(kind: Kind, lower: float, value: float) -> bool:
         return EffectParameter("p", "", lower, 10.0, 5.0, kind).on_bound(value)
 
     for kind in ("shape", "strength"):
         assert on_bound(kind, 2.0, 2.01) and not on_bound(kind, 2.0, 2.2)
         assert on_bound(kind, 0.0, 9.99) and on_bound(kind, 0.0, 10.0) and not on_bound(kind, 0.0, 9.8)
-    assert on_bound("shape", 0.0, 0.01)
+    assert not on_bound("shape", 0.0, 0.01)
     assert not on_bound("strength", 0.0, 0.01) and not on_bound("strength", 0.0, 0.0)
     assert on_bound("strength", -10.0, -9.99) and not on_bound("strength", -10.0, 0.0)
     assert not any(on_bound("nuisance", 0.0, value) for value in (0.0, 0.01, 5.0, 9.99, 10.0))

@@ -10,6 +10,7 @@ from typing import Final
 
 from biodyn_core.effects.arrays import felt, needs_channels, shown
 from biodyn_core.effects.effect import AppliedEffect, Effect, EffectParameter, Joint
+from biodyn_core.effects.ranges import Ranges, logistic
 
 
 def _catalogue() -> Mapping[str, Effect]:
@@ -21,4 +22,7 @@ def _catalogue() -> Mapping[str, Effect]:
 CATALOGUE: Final = _catalogue()
 """Every effect by its name."""
 
-__all__ = ["CATALOGUE", "AppliedEffect", "Effect", "EffectParameter", "Joint", "felt", "needs_channels", "shown"]
+__all__ = [
+    "CATALOGUE", "AppliedEffect", "Effect", "EffectParameter", "Joint", "Ranges", "felt", "logistic", "needs_channels",
+    "shown",
+]  # fmt: skip

@@ -22,7 +22,7 @@ EFFECT = Effect(
     equation="F += k a stretch^2",
     signature="a shift of the level and a second harmonic, in shocks only",
     place="joint",
-    parameters=(EffectParameter("asymmetry_per_m", "1/m", -100.0, 100.0, 10.0, "strength"),),
+    parameters=(EffectParameter("asymmetry_per_m", "1/m", -200.0, 200.0, 10.0, "strength"),),
     constants=_constants,
     force=force,
 )

@@ -22,7 +22,7 @@ EFFECT = Effect(
     equation="F += k c stretch^3",
     signature="shocks only, growing with the cube of the level",
     place="joint",
-    parameters=(EffectParameter("cubic_per_m2", "1/m^2", 0.0, 10000.0, 300.0, "strength"),),
+    parameters=(EffectParameter("cubic_per_m2", "1/m^2", 0.0, 1e5, 300.0, "strength"),),
     constants=_constants,
     force=force,
 )

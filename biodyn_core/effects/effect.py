@@ -24,6 +24,9 @@ Kind = Literal["strength", "shape", "nuisance"]
 UNSOURCED: Final = "typical of the tracing study; no source for people"
 
 
+DECADE: Final = 10.0
+"""A range whose ends are so many times apart, both above zero, is one of scales: shares of it are of its logarithm."""
+
 AT_BOUND: Final = 0.01
 """A value closer to an end than this share of its range is on it: a fit gets there ever more slowly."""
 
@@ -51,13 +54,32 @@ class EffectParameter:
         """A value at which it shows: the start, unless that is zero."""
         return self.start or self.acts_at
 
+    def share(self, value: float) -> float:
+        """Where a value lies in the range, 0 to 1."""
+        if self._of_scales:
+            return math.log(value / self.lower) / math.log(self.upper / self.lower)
+        return (value - self.lower) / (self.upper - self.lower)
+
+    def at_share(self, share: float) -> float:
+        """The value at a share of the range, at an end where that lies beyond."""
+        if share <= 0.0 or share >= 1.0:  # exactly, which no logarithm would be
+            return self.lower if share <= 0.0 else self.upper
+        if self._of_scales:
+            value = self.lower * (self.upper / self.lower) ** share
+        else:
+            value = self.lower + share * (self.upper - self.lower)
+        return min(max(value, self.lower), self.upper)
+
     def on_bound(self, value: float) -> bool:
-        """Whether a value lies next to an end of its range: a strength next to zero is only small, nuisances may."""
+        """Whether a value lies next to an end of its range: what is next to nothing is only small, nuisances may."""
         if self.kind == "nuisance":
             return False
-        share = (value - self.lower) / (self.upper - self.lower)
-        may_vanish = self.kind == "strength" and self.lower == 0.0
-        return share > 1.0 - AT_BOUND or (share < AT_BOUND and not may_vanish)
+        share = self.share(value)
+        return share > 1.0 - AT_BOUND or (share < AT_BOUND and self.lower != 0.0)
+
+    @property
+    def _of_scales(self) -> bool:
+        return self.lower > 0.0 and self.upper >= DECADE * self.lower
 
     def check(self, value: float, where: str) -> None:
         """Raise InputError unless the value is finite and within the range."""

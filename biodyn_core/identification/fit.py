@@ -139,10 +139,10 @@ def mean_percent(found: Sequence[Errors]) -> float:
     return float(np.mean([error.mean_percent for error in found]))
 
 
-def at_bound(theta: Floats, free: Flags) -> tuple[str, ...]:
-    """The fitted parameters that lie on a bound of Table 1."""
+def at_bound(theta: Floats, free: Flags, within: float = AT_BOUND) -> tuple[str, ...]:
+    """The fitted parameters that lie on a bound of Table 1, within that share of its range."""
     share = (theta - LOWER) / (UPPER - LOWER)
-    pinned = free & ((share < AT_BOUND) | (share > 1.0 - AT_BOUND))
+    pinned = free & ((share < within) | (share > 1.0 - within))
     return tuple(p.name for p, flag in zip(PARAMETERS, pinned, strict=True) if flag)
 
 

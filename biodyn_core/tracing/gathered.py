@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from biodyn_core.effects import AppliedEffect, EffectParameter
+from biodyn_core.effects import AppliedEffect, EffectParameter, logistic
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
@@ -161,14 +161,13 @@ def _intervals(outcome: Outcome, applied: AppliedEffect) -> tuple[Interval, ...]
 
 def _interval(parameter: EffectParameter, value: float, low: float, high: float) -> Interval:
     """An interval around another value: as wide where the range is mapped to the whole line, so within it."""
-    lower, width = parameter.lower, parameter.upper - parameter.lower
-    share = np.clip((np.array([low, value, high]) - lower) / width, 1e-9, 1.0 - 1e-9)
+    share = np.clip([parameter.share(one) for one in (low, value, high)], 1e-9, 1.0 - 1e-9)
     psi = np.log(share / (1.0 - share))
     if parameter.on_bound(value) or share[1] < 1e-6:  # nothing is symmetric about an end
         return Interval(parameter.name, parameter.unit, value, min(low, value), max(high, value))
     half = 0.5 * (psi[2] - psi[0])
-    ends = lower + width * 0.5 * (1.0 + np.tanh(0.5 * (psi[1] + np.array([-half, half]))))
-    return Interval(parameter.name, parameter.unit, value, float(ends[0]), float(ends[1]))
+    ends = [parameter.at_share(one) for one in logistic(psi[1] + np.array([-half, half]))]
+    return Interval(parameter.name, parameter.unit, value, *map(float, ends))
 
 
 def _departures(outcome: Outcome) -> tuple[Departure, ...]:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.effects import AppliedEffect, EffectParameter
+from biodyn_core.effects import AppliedEffect, EffectParameter, Ranges, logistic
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
@@ -36,14 +36,14 @@ def polished(subject: Subject, cases: Sequence[Case], evaluations: int = 400) ->
     start = np.concatenate([phi, problem.start()])
 
     def linearised(point: Floats) -> tuple[Floats, Floats]:
-        at, share = theta(point[: phi.size]), _logistic(point[phi.size :])
+        at, share = theta(point[: phi.size]), logistic(point[phi.size :])
         residuals, slopes = problem.linearised(at, share)
         slopes[:, : phi.size] *= slope_by_phi(at)[FREE]
         slopes[:, phi.size :] *= share * (1.0 - share)
         return residuals, slopes
 
     end, _ = trust_region(linearised, start, evaluations)
-    return problem.subject(_logistic(end[phi.size :]), theta(end[: phi.size]))
+    return problem.subject(logistic(end[phi.size :]), theta(end[: phi.size]))
 
 
 class _Problem:
@@ -53,8 +53,7 @@ class _Problem:
         self._subject, self._cases = subject, cases
         # Nuisances stay as settling has them: an instant has no derivative that a small step of its range would show.
         parameters = [(applied, p) for applied in subject.effects for p in _fitted(applied)]
-        self._lower = np.array([p.lower for _, p in parameters])
-        self._width = np.array([p.upper - p.lower for _, p in parameters])
+        self._ranges = Ranges([p for _, p in parameters])
         self._values = np.array([applied.values[p.name] for applied, p in parameters])
         # Chosen once, so that no step of the solver meets an edge.
         self._substeps: tuple[int, ...] | None = None
@@ -62,13 +61,11 @@ class _Problem:
 
     def start(self) -> Floats:
         """Where the effects' parameters begin, on the whole line (m,)."""
-        share = np.clip(self._shares(), INSIDE, 1.0 - INSIDE)
-        return np.asarray(np.log(share / (1.0 - share)))
+        return self._ranges.unbounded(self._values, INSIDE)
 
     def subject(self, share: Floats, theta: Floats) -> Subject:
         """The subject with these shares and theta (15,)."""
-        # Rounding must not carry a value out of its range.
-        values = iter(np.clip(self._lower + share * self._width, self._lower, self._lower + self._width).tolist())
+        values = iter(self._ranges.values(share).tolist())
         effects = tuple(
             dataclasses.replace(applied, values=dict(applied.values) | {p.name: next(values) for p in _fitted(applied)})
             for applied in self._subject.effects
@@ -90,7 +87,7 @@ class _Problem:
         return residuals, slopes
 
     def _shares(self) -> Floats:
-        return np.asarray((self._values - self._lower) / self._width)
+        return self._ranges.shares(self._values)
 
     def _domain(self, share: Floats) -> TimeDomain:
         theta = self._subject.parameters.vector()
@@ -99,7 +96,3 @@ class _Problem:
 
 def _fitted(applied: AppliedEffect) -> list[EffectParameter]:
     return [p for p in applied.effect.parameters if p.kind != "nuisance"]
-
-
-def _logistic(point: Floats) -> Floats:
-    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * point)))

@@ -39,6 +39,9 @@ LEAST_CASES: Final = 2
 TELLING: Final = 0.9
 """With less left than so many times what a good model misses, it is told how far a body departs."""
 
+NEXT_TO: Final = 0.1
+"""A parameter of theta so near its bound without an effect, in shares of its range, is not moved there by it."""
+
 LIFT_OFF: Final = "lift_off"
 
 STEADY_SHARE: Final = ("clock",)
@@ -298,7 +301,7 @@ def _candidate(
     before = {
         name
         for subject in (background.subject, without.subject)
-        for name in at_bound(subject.parameters.vector(), FREE)
+        for name in at_bound(subject.parameters.vector(), FREE, NEXT_TO)
     }
     after = at_bound(rung.settled.subject.parameters.vector(), FREE)
     against += [f"{name} moves onto its bound" for name in after if name not in before]

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.effects import AppliedEffect
+from biodyn_core.effects import AppliedEffect, Ranges
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers, moved, sensed
@@ -156,8 +156,7 @@ class _Problem:
         self._background, self._template = background, template
         parameters = template.effect.parameters if template else ()
         self._names = [p.name for p in parameters]
-        self._lower = np.array([p.lower for p in parameters])
-        self._width = np.array([p.upper - p.lower for p in parameters])
+        self._ranges = Ranges(parameters)
         self._inside = np.array([1e-6 if p.kind == "nuisance" else INSIDE for p in parameters])
         self._normal = background.normal()
         self._own = np.linalg.inv(self._normal[N_THETA:, N_THETA:])
@@ -213,7 +212,7 @@ class _Problem:
         prior = np.diag(self._prior(self._background.level, at.psi))
         variance = np.diag(np.linalg.inv(data + prior))[len(self._normal) :]
         away = 1.96 * np.sqrt(np.maximum(variance, 0.0))
-        low, high = (self._lower + _logistic(at.psi + sign * away) * self._width for sign in (-1.0, 1.0))
+        low, high = (self._ranges.bounded(at.psi + sign * away) for sign in (-1.0, 1.0))
         return tuple(zip(low.tolist(), high.tolist(), strict=True))
 
     def at_bound(self, psi: Floats) -> tuple[str, ...]:
@@ -226,16 +225,14 @@ class _Problem:
     def applied(self, psi: Floats) -> AppliedEffect:
         """The effect with its parameters."""
         assert self._template is not None
-        values = np.clip(self._lower + _logistic(psi) * self._width, self._lower, self._lower + self._width)
-        return dataclasses.replace(self._template, values=dict(zip(self._names, values.tolist(), strict=True)))
+        values = self._ranges.bounded(psi).tolist()
+        return dataclasses.replace(self._template, values=dict(zip(self._names, values, strict=True)))
 
     def unbounded(self, start: AppliedEffect | None) -> Floats:
         """Its values, a little inside their ranges, on the whole line (p,)."""
         if start is None or not self._names:
             return np.empty(0)
-        values = np.array([start.values[name] for name in self._names])
-        share = np.clip((values - self._lower) / self._width, self._inside, 1.0 - self._inside)
-        return np.asarray(np.log(share / (1.0 - share)))
+        return self._ranges.unbounded(np.array([start.values[name] for name in self._names]), self._inside)
 
     def _subject(self, delta: Floats, psi: Floats) -> Subject:
         """The fitted subject, moved by delta (14,), with the effect."""
@@ -284,7 +281,3 @@ class _Problem:
         subject, cases = self._subject(at.delta, psi), self._background.train.cases
         # What is on a sensor moves nobody.
         return sensed(subject, cases, at.moved) if self._template.effect.measured else answers(subject, cases)
-
-
-def _logistic(point: Floats) -> Floats:
-    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * point)))

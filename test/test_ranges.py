@@ -1,0 +1,41 @@
+"""Shares of ranges: of scales by their logarithm, of everything else as it is."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from biodyn_core.effects import CATALOGUE, EffectParameter, Ranges
+
+TAU = EffectParameter("tau_s", "s", 0.01, 1.0, 0.1)
+GAIN = EffectParameter("gain", "", -0.3, 0.3, 0.05, "strength")
+FORCE = EffectParameter("yield_n", "N", 0.0, 500.0, 20.0, "strength")
+BAND = EffectParameter("frequency_hz", "Hz", 10.0, 80.0, 30.0)
+
+
+def test_half_a_range_of_scales_is_its_geometric_middle() -> None:
+    assert TAU.share(0.1) == pytest.approx(0.5) and TAU.at_share(0.25) == pytest.approx(10.0**-1.5)
+
+
+def test_half_of_any_other_range_is_its_middle() -> None:
+    assert [p.at_share(0.5) for p in (GAIN, FORCE, BAND)] == pytest.approx([0.0, 250.0, 45.0])
+
+
+def test_a_small_time_of_a_wide_range_is_not_on_its_bound_and_nothing_is_on_none() -> None:
+    """0.02 s of 0.005 to 3 s is half a percent of the range from its end, and four times its end."""
+    tau = next(p for p in CATALOGUE["relaxation"].parameters if p.name == "tau_s")
+    assert not tau.on_bound(0.02) and tau.on_bound(0.00501) and tau.on_bound(2.99)
+    damping = next(p for p in CATALOGUE["backrest"].parameters if p.name == "damping_s")
+    assert not damping.on_bound(0.0) and damping.on_bound(0.2)
+
+
+@given(st.data())
+def test_values_come_back_from_their_shares_and_from_the_whole_line_and_never_leave_their_ranges(data) -> None:
+    effect = data.draw(st.sampled_from([one for one in CATALOGUE.values() if one.parameters]))
+    share = np.array([data.draw(st.floats(0.001, 0.999)) for _ in effect.parameters])
+    ranges = Ranges(effect.parameters)
+    values = ranges.values(share)
+    np.testing.assert_allclose(ranges.shares(values), share, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(ranges.bounded(ranges.unbounded(values, 1e-6)), values, rtol=1e-9, atol=1e-12)
+    ends = [ranges.bounded(np.full(share.size, end)) for end in (-1e3, 1e3)]
+    np.testing.assert_array_equal(ends, [[p.lower for p in effect.parameters], [p.upper for p in effect.parameters]])
