@@ -283,6 +283,15 @@ def test_a_law_of_usual_size_is_no_cause_in_a_body_that_departs_and_one_in_a_bod
     assert against(4.5, 0.32) == against(3.5, LEVELS[-1]) == ()
 
 
+def test_a_stop_is_as_usual_as_it_bends_the_joint_where_that_goes_farthest() -> None:
+    background = hiding.background()
+    (bent,) = [one for one in background.found if one.name == "asymmetry of pelvis"]
+    stop = applied("stop", "pelvis", stiffness_ratio=0.3, gap_m=0.5 * bent.reach_m)
+    assert background.spreads(stop) == pytest.approx(0.5 * 0.3 / 0.1)  # the usual bend is a tenth of k times the reach
+    assert background.spreads(applied("stop", "pelvis", gap_m=1.1 * bent.reach_m)) == 0.0
+    assert background.spreads(applied("relaxation", "pelvis")) == np.inf
+
+
 @pytest.mark.parametrize(("usual", "verdict"), [(True, "none"), (False, "unexplained")])
 def test_what_is_refused_for_its_usual_size_leaves_nothing_unexplained(usual: bool, verdict: str) -> None:
     one = Candidate(applied("friction", "pelvis"), 0.4, True, 0.005, 0.1, 6, ("a reason",), usual=usual)

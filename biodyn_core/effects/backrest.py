@@ -31,7 +31,7 @@ EFFECT = Effect(
     place="segment",
     parameters=(
         EffectParameter("stiffness_n_per_m", "N/m", 0.0, 30000.0, 4000.0, "strength"),
-        EffectParameter("damping_s", "s", 0.0, 0.2, 0.02),
+        EffectParameter("damping_s", "s", 0.002, 0.2, 0.02),
         EffectParameter("friction_n", "N", 0.0, 150.0, 20.0, "strength"),
         EffectParameter(
             "smooth_mps", "m/s", 0.002, 0.05, 0.01, "nuisance", "rate over which it builds up: as in a joint"

@@ -161,6 +161,11 @@ class Effect:
         """Whether it acts inside the chain, in time, and so live too; else it is over a whole recording."""
         return self.seat is None and self.measured is None
 
+    @property
+    def static(self) -> bool:
+        """Whether it is a law of a joint that knows no time: neither states nor delays nor channels."""
+        return self.place == "joint" and self.force is not None and not (self.states or self.delay or self.channels)
+
     def needed(self, site: str) -> tuple[str, ...]:
         """The channels it needs at a site, by the names they have in a recording."""
         return tuple(name.replace("own.", f"{site}.") for name in self.channels)

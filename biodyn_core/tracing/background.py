@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
+from biodyn_core.model import Chain
 from biodyn_core.parameters import PARAMETERS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer, answers
-from biodyn_core.tracing.departures import Direction, UsualSettings, columns, directions
+from biodyn_core.tracing.departures import Direction, UsualSettings, bend_n, columns, directions
 from biodyn_core.tracing.rows import Products, Rows, WeightSettings
 
 Floats = NDArray[np.float64]
@@ -117,14 +118,21 @@ class Background:
         return dataclasses.replace(self, level=level)
 
     def spreads(self, applied: AppliedEffect) -> float:
-        """How many spreads of the usual departure by its law, where it sits, an effect is; inf where there is none."""
-        alike = [d for d in self.found if d.applied and (d.applied.effect, d.site) == (applied.effect, applied.site)]
-        sizes = [
-            applied.values[name] / (direction.usual * size)
-            for direction in alike
-            for name, size in direction.strengths.items()
-        ]
-        return float(np.linalg.norm(sizes)) if sizes else np.inf
+        """How many spreads of the usual departure an effect is, where it sits; inf where there is none like it.
+
+        That is the departure by its own law; of another law of stretch alone, how it bends the joint where that goes
+        farthest: a stop that is soft enough is no more than anybody's asymmetry.
+        """
+        here = [d for d in self.found if d.applied is not None and d.site == applied.site]
+        own = [d for d in here if d.applied is not None and d.applied.effect is applied.effect]
+        if own:
+            sizes = [applied.values[name] / (d.usual * size) for d in own for name, size in d.strengths.items()]
+            return float(np.linalg.norm(sizes))
+        if not applied.effect.static:
+            return np.inf
+        chain = Chain.of(dataclasses.replace(self.subject, effects=()))
+        usual = [(d.usual * bend_n(chain, d.applied, d.reach_m), d.reach_m) for d in here if d.applied and d.reach_m]
+        return max((bend_n(chain, applied, reach_m) / one for one, reach_m in usual if one > 0.0), default=np.inf)
 
     @property
     def names(self) -> tuple[str, ...]:

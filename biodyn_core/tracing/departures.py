@@ -54,7 +54,7 @@ class Direction:
     """One usual departure: an effect of the catalogue, a mass, or a horizontal axis in the seat's vertical.
 
     usual is the spread of it, for an effect in multiples of one that shows; least is the share of the usual that also
-    those have who depart in nothing.
+    those have who depart in nothing; reach_m is how far the joint goes whose law it bends.
     """
 
     name: str
@@ -63,6 +63,7 @@ class Direction:
     segment: int = -1
     leaking: str = ""
     least: float = 0.0
+    reach_m: float = 0.0
 
     @property
     def site(self) -> str:
@@ -92,12 +93,23 @@ def directions(subject: Subject, cases: Sequence[Case], settings: UsualSettings 
             "quadratic_damping": s.usual_bend / rate_mps[joint],
             "friction": s.usual_bend * damping[joint] * rms_mps[joint],
         }
-        found += [_strength(name, segment, size, size) for name, size in sizes.items()]
+        laws = [_strength(name, segment, size, size) for name, size in sizes.items()]
+        found += [dataclasses.replace(one, reach_m=float(reach_m[joint])) for one in laws]
     found += [Direction(f"mass of {segment}", s.usual_mass, segment=i) for i, segment in enumerate(SEGMENTS)]
     if _measured_aside(SEAT, cases):
         # The whole body answers to it, so next to no noise hides it.
         found += [Direction(f"lean of {SEAT} ({a})", s.rest_lean, leaking=f"{SEAT}.{a}", least=1.0) for a in "xy"]
     return found
+
+
+def bend_n(chain: Chain, applied: AppliedEffect, reach_m: float) -> float:
+    """The most force that a law of stretch alone adds where its joint goes farthest, N; 0 for any other law."""
+    elements = chain.with_effects((applied,)).elements
+    if not (applied.effect.static and elements):
+        return 0.0
+    force, constants = applied.effect.force, elements[-1].constants
+    assert force is not None
+    return max(abs(float(force(stretch, 0.0, 0.0, *constants))) for stretch in (-reach_m, reach_m))
 
 
 def columns(subject: Subject, case: Case, plain: Floats, found: Sequence[Direction]) -> Floats:
