@@ -17,6 +17,7 @@ from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Candidate, Round, Trace
 from biodyn_core.tracing.gate import FloorSettings
+from biodyn_core.tracing.gathered import _leaning
 from biodyn_core.tracing.screen import Screened, Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS, Settled, settle
@@ -290,6 +291,16 @@ def test_a_stop_is_as_usual_as_it_bends_the_joint_where_that_goes_farthest() -> 
     assert background.spreads(stop) == pytest.approx(0.5 * 0.3 / 0.1)  # the usual bend is a tenth of k times the reach
     assert background.spreads(applied("stop", "pelvis", gap_m=1.1 * bent.reach_m)) == 0.0
     assert background.spreads(applied("relaxation", "pelvis")) == np.inf
+
+
+def test_a_small_lean_is_named_only_of_a_body_that_is_else_as_the_model_has_it() -> None:
+    settings, stop = TraceSettings(), Candidate(applied("stop", "pelvis"), 0.4, True, 0.005, 0.1, 6)
+    cases = [dataclasses.replace(hiding.events(6)[0], leans={"neck": (float(np.sin(np.deg2rad(2.0))), 0.0)})]
+    plain = hiding.background().at_level(LEVELS[-1])
+    nothing_else = rounds.Outcome(Round((stop,), 0.5, None, ()), plain, without(), None)
+    beside = dataclasses.replace(nothing_else, round=Round((stop,), 0.2, stop, ()), taken=without())
+    assert [one.site for one in _leaning(nothing_else, cases, settings)] == ["neck"]
+    assert _leaning(beside, cases, settings) == ()
 
 
 @pytest.mark.parametrize(("usual", "verdict"), [(True, "none"), (False, "unexplained")])

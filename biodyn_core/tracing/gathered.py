@@ -96,8 +96,8 @@ def _passing(outcomes: Sequence[Outcome]) -> tuple[AppliedEffect, ...]:
 
 
 def _leaning(outcome: Outcome, cases: Sequence[Case], s: TraceSettings) -> tuple[AppliedEffect, ...]:
-    """The sensors that lean farther than is usual for a body that departs as far as this one."""
-    plain = outcome.background.level == LEVELS[-1]
+    """The sensors that lean farther than is usual for a body that departs as far as this one, or has an effect."""
+    plain = outcome.background.level == LEVELS[-1] and outcome.taken is None
     return leaning(cases, s.background.usual.usual_lean, plain)
 
 
