@@ -25,8 +25,8 @@ def test_a_small_time_of_a_wide_range_is_not_on_its_bound_and_nothing_is_on_none
     """0.02 s of 0.005 to 3 s is half a percent of the range from its end, and four times its end."""
     tau = next(p for p in CATALOGUE["relaxation"].parameters if p.name == "tau_s")
     assert not tau.on_bound(0.02) and tau.on_bound(0.00501) and tau.on_bound(2.99)
-    damping = next(p for p in CATALOGUE["backrest"].parameters if p.name == "damping_s")
-    assert not damping.on_bound(0.0) and damping.on_bound(0.2)
+    slack = next(p for p in CATALOGUE["harness"].parameters if p.name == "slack_m")
+    assert not slack.on_bound(0.0) and slack.on_bound(0.05)
 
 
 @given(st.data())
