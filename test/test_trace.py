@@ -282,6 +282,15 @@ def test_a_law_of_usual_size_is_no_cause_in_a_body_that_departs_and_one_in_a_bod
     (why,) = against(3.5, 0.32)
     assert why == "is 3.5 times what is usual there, up to 4 is no cause"
     assert against(4.5, 0.32) == against(3.5, LEVELS[-1]) == ()
+    (why,) = against(0.9, LEVELS[-1])
+    assert why == "is 0.9 times what is usual there, up to 1 is no cause"
+
+
+def test_a_clock_that_drifts_counts_by_how_late_it_is_amid_an_event() -> None:
+    background = hiding.background()
+    half_ms = applied("clock", "head", delay_s=0.0003, drift=0.0004 / 5.0)
+    assert background.spreads(half_ms) == pytest.approx(1.0)
+    assert background.spreads(applied("clock", "head", delay_s=0.0, drift=-0.0003)) == pytest.approx(3.0)
 
 
 def test_a_stop_is_as_usual_as_it_bends_the_joint_where_that_goes_farthest() -> None:

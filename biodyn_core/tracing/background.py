@@ -127,6 +127,7 @@ class Background:
         own = [d for d in here if d.applied is not None and d.applied.effect is applied.effect]
         if own:
             sizes = [applied.values[name] / (d.usual * size) for d in own for name, size in d.strengths.items()]
+            sizes += [applied.values[name] / spread for d in own for name, spread in d.besides.items()]
             return float(np.linalg.norm(sizes))
         if not applied.effect.static:
             return np.inf

@@ -8,8 +8,9 @@ are weighed against what is left once these, too, have taken what they usually t
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,10 @@ from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
 
 Floats = NDArray[np.float64]
+
+
+DRIFTING_S: Final = 5.0
+"""A clock that drifts is late by as much after so long, the middle of an event, as others usually are throughout."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,8 @@ class Direction:
     """One usual departure: an effect of the catalogue, a mass, or a horizontal axis in the seat's vertical.
 
     usual is the spread of it, for an effect in multiples of one that shows; least is the share of the usual that also
-    those have who depart in nothing; reach_m is how far the joint goes whose law it bends.
+    those have who depart in nothing; reach_m is how far the joint goes whose law it bends; besides are the spreads of
+    strengths that go with it and that it does not show itself.
     """
 
     name: str
@@ -64,6 +70,7 @@ class Direction:
     leaking: str = ""
     least: float = 0.0
     reach_m: float = 0.0
+    besides: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def site(self) -> str:
@@ -127,9 +134,10 @@ def columns(subject: Subject, case: Case, plain: Floats, found: Sequence[Directi
 
 
 def _of_sensor(sensor: str, cases: Sequence[Case], s: UsualSettings) -> list[Direction]:
+    clock = _strength("clock", sensor, s.usual_clock_s, 0.001, "delay_s")
     found = [
         _strength("gain", sensor, s.usual_gain, 0.05),
-        _strength("clock", sensor, s.usual_clock_s, 0.001, "delay_s"),
+        dataclasses.replace(clock, besides={"drift": s.usual_clock_s / DRIFTING_S}),
         _strength("skin", sensor, s.usual_softness_s, 0.0025, "softness_s"),
     ]
     if _measured_aside(sensor, cases):

@@ -112,8 +112,9 @@ class _Rung:
         """Why a body may be so though nothing is missing, where it may."""
         if not self.steady and self.gain <= settings.least_gain:
             return f"is set anew, which gains up to {settings.least_gain:g} where nothing is hidden"
-        if self.settled.level > LEVELS[-1] and self.spreads < settings.farthest:
-            return f"is {self.spreads:.1f} times what is usual there, up to {settings.farthest:g} is no cause"
+        farthest = settings.farthest if self.settled.level > LEVELS[-1] else 1.0
+        if self.spreads < farthest:
+            return f"is {self.spreads:.1f} times what is usual there, up to {farthest:g} is no cause"
         return ""
 
     @property
