@@ -34,7 +34,7 @@ class TraceSettings:
     )
     plain_gain: float = setting(
         0.07,
-        "... of a body that is as the model has it and lacks nothing yet: without anything hidden 0.04",
+        "... of a body that is as the model has it and lacks nothing yet: with nothing hidden no law gains 0.05, clocks aside",
         "",
         0.0,
         5.0,
