@@ -34,7 +34,7 @@ class TraceSettings:
     )
     plain_gain: float = setting(
         0.07,
-        "... of a body that is as the model has it and lacks nothing yet: with nothing hidden no law gains 0.05, clocks aside",
+        "... of a body that is as the model has it and lacks nothing yet: no law but a clock gains 0.05 by itself",
         "",
         0.0,
         5.0,
