@@ -92,7 +92,7 @@ def test_joints_of_another_size_are_refitted_and_hold() -> None:
 
 
 def test_joints_far_stiffer_than_the_subjects_are_looked_for_within_reach() -> None:
-    """A body that moves with the seat as one has joints without end: unbounded, the search left the seat's by 85 %."""
+    """A body that moves with the seat as one has joints without end: unbounded, the search left one of them by 85 %."""
     rigid = [
         dataclasses.replace(case, measured_mps2=np.repeat(case.seat_mps2[:, None], 5, axis=1)) for case in quiet("")
     ]

@@ -84,7 +84,8 @@ def _source(pieces: Sequence[Piece]) -> str:
             (limits if last else marks.setdefault(mark, [])).append(lines)
         state, place = state + piece.all_states, place + piece.constants + piece.memory
     marks.setdefault("joints", []).extend(limits)
-    # Loops over so many that are known as text, not by a number, are unrolled: half the time of an effect with states.
+    # Loops over so many that are known as text, not by a number, are unrolled: some tenth of a step
+    # with states (bending took 1.47 times the bare one, and takes 1.29).
     marks["states"] = [f"states = {state}\n"]
     text = re.sub(
         r"^( *)# effects: (\w+)\n",

@@ -10,9 +10,10 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
 from world import seats
+from world.effects.draw import Split
 
 from biodyn_core.errors import InputError
 from blind.tracing import streams
@@ -100,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rows", nargs="+", default=[], metavar="ROW", help=f"these alone (partial): {names}")
     parser.add_argument("--count", type=int, help="so many records of each (partial)")
     parser.add_argument(
-        "--split", choices=("blind", "development"), default="blind", help="which forms are hidden; others are partial"
+        "--split", choices=get_args(Split), default="blind", help="which forms are hidden; others are partial"
     )
     parser.add_argument("--out", type=Path, default=OUT, help="where verdicts and scores are kept")
     return parser
