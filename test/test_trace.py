@@ -250,7 +250,7 @@ def test_what_a_law_that_was_added_leaves_is_no_plain_body() -> None:
 def test_what_is_set_anew_and_gains_little_is_usual() -> None:
     screened = Screened(Tried(applied("clock", "head"), ""), 0.1, 1.0, 1.0, 0.1, 0.005)
     settings = TraceSettings()
-    for gain, steady, expected in ((0.1, False, True), (0.2, False, False), (0.1, True, False)):
+    for gain, steady, expected in ((0.2, False, True), (0.3, False, False), (0.2, True, False)):
         settled = dataclasses.replace(without(), applied=applied("clock", "head"), level=LEVELS[-1])
         rung = rounds._Rung(settled, np.full(6, gain), ("road",) * 6, 0.1, screened, steady=steady)
         assert bool(rung.usual(settings)) == expected

@@ -39,6 +39,9 @@ LEAST_CASES: Final = 2
 TELLING: Final = 0.9
 """With less left than so many times what a good model misses, it is told how far a body departs."""
 
+ANEW: Final = 0.25
+"""What is set anew in the very events that choose always gains; 0.17 at most in 94 bodies with nothing hidden."""
+
 NEXT_TO: Final = 0.1
 """A parameter of theta so near its bound without an effect, in shares of its range, is not moved there by it."""
 
@@ -110,8 +113,8 @@ class _Rung:
 
     def usual(self, settings: TraceSettings) -> str:
         """Why a body may be so though nothing is missing, where it may."""
-        if not self.steady and self.gain <= settings.least_gain:
-            return f"is set anew, which gains up to {settings.least_gain:g} where nothing is hidden"
+        if not self.steady and self.gain <= ANEW:
+            return f"is set anew, which gains up to {ANEW:g} where nothing is hidden"
         farthest = settings.farthest if self.settled.level > LEVELS[-1] else 1.0
         if self.spreads < farthest:
             return f"is {self.spreads:.1f} times what is usual there, up to {farthest:g} is no cause"
