@@ -15,9 +15,12 @@ from biodyn_core.subject import Subject
 from biodyn_core.tracing import rounds
 from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.background import Background
+from biodyn_core.tracing.choice import TELLING, asked, candidate, taken
 from biodyn_core.tracing.findings import Candidate, Round, Trace
 from biodyn_core.tracing.gate import FloorSettings
 from biodyn_core.tracing.gathered import _leaning
+from biodyn_core.tracing.rungs import Rung, WithoutEffect, left_over
 from biodyn_core.tracing.screen import Screened, Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS, Settled, settle
@@ -224,18 +227,18 @@ def without() -> Settled:
     return settle(hiding.background(), None)
 
 
-def always(settled: Settled) -> rounds._Plain:
+def always(background: Background, settled: Settled) -> WithoutEffect:
     """Settled so at every level."""
-    plain = rounds._Plain(hiding.background())
-    plain._settled.update(dict.fromkeys(LEVELS, settled))
-    return plain
+    without_effect = WithoutEffect(background)
+    without_effect._settled.update(dict.fromkeys(LEVELS, settled))
+    return without_effect
 
 
 def test_more_is_asked_of_a_body_that_departs_further() -> None:
     background, settings = hiding.background(), TraceSettings()
-    asked = [rounds._asked(background.at_level(level), always(without()), settings) for level in sorted(LEVELS)]
-    assert asked[0] == settings.plain_gain and (np.diff(asked) > 0.0).all()
-    assert asked[-1] == pytest.approx((1.0 + settings.departing) * settings.least_gain)
+    least = [asked(always(background.at_level(level), without()), settings) for level in sorted(LEVELS)]
+    assert least[0] == settings.plain_gain and (np.diff(least) > 0.0).all()
+    assert least[-1] == pytest.approx((1.0 + settings.departing) * settings.least_gain)
 
 
 def test_what_a_law_that_was_added_leaves_is_no_plain_body() -> None:
@@ -243,8 +246,8 @@ def test_what_a_law_that_was_added_leaves_is_no_plain_body() -> None:
     added = dataclasses.replace(
         background, subject=dataclasses.replace(background.subject, effects=(applied("cubic", "pelvis"),))
     )
-    assert rounds._asked(background, always(without()), settings) == settings.plain_gain
-    assert rounds._asked(added, always(without()), settings) == pytest.approx(settings.least_gain)
+    assert asked(always(background, without()), settings) == settings.plain_gain
+    assert asked(always(added, without()), settings) == pytest.approx(settings.least_gain)
 
 
 def test_what_is_set_anew_and_gains_little_is_usual() -> None:
@@ -252,17 +255,16 @@ def test_what_is_set_anew_and_gains_little_is_usual() -> None:
     settings = TraceSettings()
     for gain, steady, expected in ((0.2, False, True), (0.3, False, False), (0.2, True, False)):
         settled = dataclasses.replace(without(), applied=applied("clock", "head"), level=LEVELS[-1])
-        rung = rounds._Rung(settled, np.full(6, gain), ("road",) * 6, 0.1, screened, steady=steady)
+        rung = Rung(settled, np.full(6, gain), ("road",) * 6, screened, steady=steady)
         assert bool(rung.usual(settings)) == expected
 
 
 def test_the_least_will_do_where_more_is_left_than_of_a_good_model() -> None:
     background, settings = hiding.background(), TraceSettings()
-    times = 2.0 * rounds.TELLING / rounds.left_over(background, without())
+    times = 2.0 * TELLING / left_over(background, without())
     much = dataclasses.replace(without(), left=times**2 * without().left)
-    assert rounds.left_over(background, much) == pytest.approx(2.0 * rounds.TELLING)
-    asked = [rounds._asked(background.at_level(level), always(much), settings) for level in LEVELS]
-    assert asked == [settings.least_gain] * 5
+    assert left_over(background, much) == pytest.approx(2.0 * TELLING)
+    assert [asked(always(background.at_level(level), much), settings) for level in LEVELS] == [settings.least_gain] * 5
 
 
 def test_a_law_of_usual_size_is_no_cause_in_a_body_that_departs_and_one_in_a_body_that_does_not() -> None:
@@ -275,9 +277,9 @@ def test_a_law_of_usual_size_is_no_cause_in_a_body_that_departs_and_one_in_a_bod
         effect = applied("friction", "pelvis", friction_n=spreads * spread_n)
         settled = dataclasses.replace(without(), applied=effect, level=level)
         screened = Screened(Tried(effect, ""), 0.3, 1.0, 1.0, 0.1, 0.005)
-        rung = rounds._Rung(settled, np.full(6, 0.3), ("road",) * 6, 0.1, screened, spreads=background.spreads(effect))
+        rung = Rung(settled, np.full(6, 0.3), ("road",) * 6, screened, spreads=background.spreads(effect))
         screening = Screening((), np.zeros(1), (), np.zeros((0, 0)))
-        return rounds._candidate(rung, background, without(), screening, settings).against
+        return candidate(rung, background, without(), screening, settings).against
 
     (why,) = against(3.5, 0.32)
     assert why == "is 3.5 times what is usual there, up to 4 is no cause"
@@ -330,12 +332,12 @@ def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped
         against = (f"{effect.effect.parameters[0].name} ends on a bound",) if on_bound else ()
         told.append(Candidate(effect, gain, True, 0.005, 0.1, helped, against))
         rungs.append(
-            rounds._Rung(
-                dataclasses.replace(without(), applied=effect), gains, ("road",) * 6, 0.1,
+            Rung(
+                dataclasses.replace(without(), applied=effect), gains, ("road",) * 6,
                 Screened(Tried(effect, ""), gain, 1.0, 1.0, 0.1, 0.005),
             )
         )  # fmt: skip
-    return rounds._taken(told, rungs, threshold, TraceSettings())
+    return taken(told, rungs, threshold, TraceSettings())
 
 
 def test_what_ends_on_a_bound_is_taken_only_where_it_gains_overwhelmingly() -> None:
