@@ -17,7 +17,7 @@ from scipy import signal
 from world import body, sensors
 from world.effects import event, wearing
 from world.effects.effect import WORN, Effect, Person
-from world.effects.moving import Party, moved
+from world.effects.moving import Party, moved, runs_away
 
 if TYPE_CHECKING:
     from world.effects.sitting import Sitting
@@ -48,7 +48,8 @@ def scaled(sittings: Sequence[Sitting], wanted: Sequence[float]) -> list[Sitting
         for i, ratio in enumerate(seen.ratios(found)):
             factor = float(np.clip(wanted[i] / max(ratio, 1e-3), 0.1, 10.0))
             found[i] = dataclasses.replace(found[i], effects=tuple(_limited(e, factor) for e in found[i].effects))
-    return [dataclasses.replace(one, ratio=ratio) for one, ratio in zip(found, seen.ratios(found), strict=True)]
+    left = [ratio if np.isfinite(ratio) else None for ratio in seen.ratios(found)]
+    return [dataclasses.replace(one, ratio=ratio) for one, ratio in zip(found, left, strict=True)]
 
 
 def ratios(sittings: Sequence[Sitting]) -> list[float]:
@@ -88,10 +89,13 @@ class _Seen:
             self.residual.append(float(residual @ residual + ((NOISE_MPS2 * weight) ** 2).sum()))
 
     def ratios(self, sittings: Sequence[Sitting]) -> list[float]:
-        """As the module's, for the same sittings under any effects."""
+        """As the module's, for the same sittings under any effects; infinite for a body that runs away."""
         now = [dataclasses.replace(few, effects=one.effects) for few, one in zip(self.few, sittings, strict=True)]
         found = []
         for i, (one, went) in enumerate(zip(now, moved([one.party(one.effects) for one in now]), strict=True)):
+            if runs_away(went.accel_mps2):
+                found.append(np.inf)
+                continue
             plain, weight = self.plain[i]
             own = _without(self.absorbed[i], (_heard(one, went.accel_mps2, one.effects) - plain) * weight)
             found.append(float(np.sqrt(own @ own / self.residual[i])))

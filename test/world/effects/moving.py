@@ -21,6 +21,8 @@ from world.effects.event import HELD_HZ, REST_S, Event
 Floats = NDArray[np.float64]
 
 STEP_S: Final = 1.0 / HELD_HZ
+RUNAWAY_MPS2: Final = 1e4
+"""No event accelerates anybody so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,11 @@ def moved(parties: Sequence[Party]) -> list[Moved]:
         )
         for r, party in zip(flow.parts, parties, strict=True)
     ]  # fmt: skip
+
+
+def runs_away(accel_mps2: Sequence[Floats]) -> bool:
+    """Whether a body was thrown beyond anything that happens in any of its events."""
+    return not all(np.abs(accel).max() < RUNAWAY_MPS2 for accel in accel_mps2)  # NaN is not below either
 
 
 def _level(signals: Sequence[Floats], count: int) -> Floats:

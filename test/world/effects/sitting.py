@@ -18,7 +18,7 @@ from world.effects.background import Background
 from world.effects.draw import KINDS, Split, effect
 from world.effects.effect import Effect, Person
 from world.effects.event import Event
-from world.effects.moving import Party, moved
+from world.effects.moving import Party, moved, runs_away
 from world.effects.wearing import Stream, stream
 
 Floats = NDArray[np.float64]
@@ -44,9 +44,6 @@ TOGETHER: Final = 6
 """Sittings that are moved at once: the accelerations of so many, with and without, are about 0.5 GB."""
 
 HALVINGS: Final = 8
-RUNAWAY_MPS2: Final = 1e4
-"""No event accelerates anybody so."""
-
 GLANCE_S: Final = 6.0
 """Of an event is enough to tell how far a person goes, and how much of an effect stays visible."""
 
@@ -161,17 +158,13 @@ def _steady(sittings: Sequence[Sitting]) -> list[Sitting]:
     """The same with effects halved, time and again, in those that they make run away: such a body is nobody's."""
     found = list(sittings)
     for _ in range(HALVINGS):
-        wild = [i for i, one in enumerate(found) if _runs_away(one)]
+        wild = [i for i, one in enumerate(found) if runs_away(one.hidden)]
         if not wild:
             break
         calmer = [dataclasses.replace(found[i], effects=tuple(e.scaled(0.5) for e in found[i].effects)) for i in wild]
         for i, one in zip(wild, together(calmer), strict=True):
             found[i] = one
     return found
-
-
-def _runs_away(one: Sitting) -> bool:
-    return not all(np.abs(accel).max() < RUNAWAY_MPS2 for accel in one.hidden)  # NaN is not below either
 
 
 def together(sittings: Sequence[Sitting]) -> list[Sitting]:
