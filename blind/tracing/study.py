@@ -174,11 +174,22 @@ def here(calls: Sequence[Call]) -> Iterator[Any]:
 
 
 def in_processes(calls: Sequence[Call]) -> Iterator[Any]:
-    """Do calls in two processes with linear algebra on one thread each, and give their results as they come."""
+    """Do calls in two processes with linear algebra on one thread each, and give their results as they come.
+
+    One that fails does not end the others, which take hours: what it was is raised behind them; a run goes on there.
+    """
+    failed: Exception | None = None
     with executor_of(f"processes:{PROCESSES}") as executor:
         for number, future in as_done(executor, calls):
             drawing, *_ = calls[number][1]
-            yield from result_of(future, f"{drawing.name}, call {number}")
+            try:
+                found = result_of(future, f"{drawing.name}, call {number}")
+            except Exception as error:  # noqa: BLE001 - whatever it was, it is raised at the end
+                failed = failed or error
+                continue
+            yield from found
+    if failed is not None:
+        raise failed
 
 
 def _why(answer: Answer) -> str:

@@ -42,14 +42,19 @@ def scaled(sittings: Sequence[Sitting], wanted: Sequence[float]) -> list[Sitting
 
     Strengths stay between a tenth of the least and three times the most that their form is drawn with.
     """
-    found = list(sittings)
+    found, calm = list(sittings), list(sittings)
     seen = _Seen(sittings)
-    for _ in range(PASSES):
+    for turn in range(PASSES + 1):
         for i, ratio in enumerate(seen.ratios(found)):
-            factor = float(np.clip(wanted[i] / max(ratio, 1e-3), 0.1, 10.0))
-            found[i] = dataclasses.replace(found[i], effects=tuple(_limited(e, factor) for e in found[i].effects))
-    left = [ratio if np.isfinite(ratio) else None for ratio in seen.ratios(found)]
-    return [dataclasses.replace(one, ratio=ratio) for one, ratio in zip(found, left, strict=True)]
+            if np.isfinite(ratio):
+                calm[i] = dataclasses.replace(found[i], ratio=ratio)
+            elif calm[i].ratio is not None:
+                found[i] = calm[i]  # and no weaker: a law may be the stiffer the weaker it is
+                continue
+            if turn < PASSES:
+                factor = float(np.clip(wanted[i] / max(ratio, 1e-3), 0.1, 10.0))
+                found[i] = dataclasses.replace(found[i], effects=tuple(_limited(e, factor) for e in found[i].effects))
+    return calm
 
 
 def ratios(sittings: Sequence[Sitting]) -> list[float]:
