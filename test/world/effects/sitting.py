@@ -43,7 +43,8 @@ PLAN: Final = Plan()
 TOGETHER: Final = 6
 """Sittings that are moved at once: the accelerations of so many, with and without, are about 0.5 GB."""
 
-HALVINGS: Final = 8
+FACTORS: Final = (*(0.5**n for n in range(1, 9)), 2.0, 4.0, 8.0)
+"""Of a strength that makes a body run away, tried in turn."""
 GLANCE_S: Final = 6.0
 """Of an event is enough to tell how far a person goes, and how much of an effect stays visible."""
 
@@ -155,14 +156,18 @@ def drawn(
 
 
 def _steady(sittings: Sequence[Sitting]) -> list[Sitting]:
-    """The same with effects halved, time and again, in those that they make run away: such a body is nobody's."""
-    found = list(sittings)
-    for _ in range(HALVINGS):
+    """The same with other strengths in those whose effects make them run away: such a body is nobody's.
+
+    Weaker by halves, and where none of these will do stronger: a law may be the stiffer the weaker it is.
+    """
+    found, drawn_so = list(sittings), list(sittings)
+    for factor in FACTORS:
         wild = [i for i, one in enumerate(found) if runs_away(one.hidden)]
         if not wild:
             break
-        calmer = [dataclasses.replace(found[i], effects=tuple(e.scaled(0.5) for e in found[i].effects)) for i in wild]
-        for i, one in zip(wild, together(calmer), strict=True):
+        others = [tuple(effect.scaled(factor) for effect in drawn_so[i].effects) for i in wild]
+        changed = [dataclasses.replace(drawn_so[i], effects=own) for i, own in zip(wild, others, strict=True)]
+        for i, one in zip(wild, together(changed), strict=True):
             found[i] = one
     return found
 
