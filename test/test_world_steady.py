@@ -9,7 +9,6 @@ from world.effects.sitting import Plan, drawn
 PLAN = Plan(uses=("fit",), counts=(1, 1, 1))
 
 
-@pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value encountered")
 @pytest.mark.parametrize("kind", ["reflex", "asymmetry"])
 def test_an_effect_that_throws_a_body_out_is_drawn_weaker(kind: str) -> None:
     wild = draw.effect("development", np.random.default_rng(3), (kind,)).scaled(1e7)

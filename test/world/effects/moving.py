@@ -48,6 +48,7 @@ class Moved:
     rate_mps: Floats
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of bodies that run away, which is looked for behind it
 def moved(parties: Sequence[Party]) -> list[Moved]:
     """Move all parties from rest; events shorter than the longest go on at rest, which is cut off again."""
     flow = _Flow(parties)
