@@ -4,7 +4,7 @@
 # PYTHON=python3.12 chooses the interpreter, VENV=.venv312 keeps its environment beside others,
 # PIP_CONSTRAINT=FILE pins versions, WORKERS=1 runs tests one after the other, ARGS='-k name' goes to pytest or to the
 # benchmarks, ARGS='tracing --count 2' to the blind studies: without it, both of them, of which that of tracing takes
-# some three hours on two cores.
+# some six hours on two cores.
 
 PYTHON ?= python3
 VENV ?= .venv
