@@ -65,6 +65,12 @@ class Graph:
             assert time.monotonic() < end, f"not within {deadline_s:g} s: {what}"
             self.executor.spin_once(timeout_sec=0.02)
 
+    def spin(self, seconds: float) -> None:
+        """Spin for so long, whatever comes."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+
     def collect(self, node: Node, kind: type, topic: str, *, raw: bool = False) -> list[Any]:
         """A list that every message of a topic is appended to."""
         got: list[Any] = []
