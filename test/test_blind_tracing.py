@@ -605,3 +605,22 @@ def test_events_that_cannot_be_read_are_told(short_sitting: Sitting) -> None:
 def test_the_forms_that_are_scored_are_named_nowhere() -> None:
     root = Path(blind.__file__).parent
     assert not [path for path in root.rglob("*.py") if "blind_forms" in path.read_text(encoding="utf-8")]
+
+
+def answered_but_one(drawing: Drawing, numbers: list[int]) -> list[int]:
+    """What a process would answer; the second record cannot be drawn."""
+    if 1 in numbers:
+        raise ValueError("this one cannot be drawn")
+    return numbers
+
+
+def test_a_record_that_fails_does_not_end_the_others_and_is_raised_behind_them() -> None:
+    came: list[int] = []
+
+    def take_all() -> None:
+        for one in study.in_processes([(answered_but_one, (DRAWINGS[0], [number])) for number in range(4)]):
+            came.append(one)  # noqa: PERF402 - extend would lose what came before the error
+
+    with pytest.raises(ValueError, match="cannot be drawn"):
+        take_all()
+    assert sorted(came) == [0, 2, 3]

@@ -88,7 +88,7 @@ def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
             # On a busy machine outputs are found one after the other, and what is sent before is lost.
             answers = [topics.absolute(topic) for topic in expected]
             graph.wait(lambda: all(tester.count_publishers(topic) == 1 for topic in answers), "all outputs are found")
-            graph.spin(1.0)
+            graph.spin(1.0)  # the node finds us a moment later than we find it, which nothing here can see
             with child(graph, "play", bag, "--keep-stamps", "--depth", str(BAG_DEPTH)) as player:
                 graph.wait(lambda: player.poll() is not None, "the bag is played", 60.0)
                 assert player.returncode == 0

@@ -1,8 +1,10 @@
-"""What makes a body of the world run away is made weaker, and never ends a draw."""
+"""What makes a body of the world run away is drawn otherwise, and never ends a draw."""
+
+import dataclasses
 
 import numpy as np
 import pytest
-from world.effects import draw
+from world.effects import absorbing, draw, sitting
 from world.effects.moving import RUNAWAY_MPS2
 from world.effects.sitting import Plan, drawn
 
@@ -16,3 +18,60 @@ def test_an_effect_that_throws_a_body_out_is_drawn_weaker(kind: str) -> None:
     assert all(np.abs(accel).max() < RUNAWAY_MPS2 for accel in (*found.plain, *found.hidden))
     assert found.effects[0].strength < wild.strength
     assert found.ratio is None or np.isfinite(found.ratio)
+
+
+CALM_FROM = 1.0
+"""Strength below which the law of the next tests runs away: it is the stiffer the weaker it is."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """A law of some strength."""
+
+    strength: float
+    scalable: bool = True
+    strengths: tuple[float, float] = (1.0, 10.0)
+
+    def scaled(self, factor: float) -> "Law":
+        """The same, stronger or weaker."""
+        return dataclasses.replace(self, strength=self.strength * factor)
+
+
+@dataclasses.dataclass(frozen=True)
+class Sat:
+    """A sitting that knows no more than what is asked of it here."""
+
+    effects: tuple[Law, ...]
+    ratio: float | None = None
+    hidden: tuple[np.ndarray, ...] = (np.array([np.nan]),)
+
+
+def stiff(one: Sat) -> bool:
+    return one.effects[0].strength < CALM_FROM
+
+
+class Seen:
+    """Ratios as large as the strength, infinite where the law is too stiff."""
+
+    def __init__(self, sittings: list[Sat]) -> None:
+        pass
+
+    def ratios(self, sittings: list[Sat]) -> list[float]:
+        """As the class says."""
+        return [np.inf if stiff(one) else one.effects[0].strength for one in sittings]
+
+
+def test_a_strength_that_runs_away_is_taken_back_to_the_last_that_did_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(absorbing, "_Seen", Seen)
+    stays, moves = absorbing.scaled([Sat((Law(2.0),)), Sat((Law(2.0),))], [0.5, 4.0])
+    assert (stays.effects[0].strength, stays.ratio) == (2.0, 2.0)
+    assert (moves.effects[0].strength, moves.ratio) == (4.0, 4.0)
+
+
+def test_where_no_weaker_strength_will_do_a_stronger_one_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    def together(sittings: list[Sat]) -> list[Sat]:
+        return [one if stiff(one) else dataclasses.replace(one, hidden=(np.zeros(1),)) for one in sittings]
+
+    monkeypatch.setattr(sitting, "together", together)
+    (found,) = sitting._steady([Sat((Law(0.3),))])
+    assert found.effects[0].strength == pytest.approx(1.2) and found.hidden[0][0] == 0.0

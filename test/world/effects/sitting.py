@@ -45,6 +45,7 @@ TOGETHER: Final = 6
 
 FACTORS: Final = (*(0.5**n for n in range(1, 9)), 2.0, 4.0, 8.0)
 """Of a strength that makes a body run away, tried in turn."""
+
 GLANCE_S: Final = 6.0
 """Of an event is enough to tell how far a person goes, and how much of an effect stays visible."""
 
