@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts load where they are used: they take longer than a model to its first result
@@ -21,11 +22,18 @@ def _measured(
     """(2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2), w one over the softness; straight between samples."""
     if values["softness_s"] == 0.0:
         return accel_mps2
-    omega, zeta = 1.0 / values["softness_s"], values["damping_ratio"]
+    over, under = _filter(values["softness_s"], values["damping_ratio"], rate_hz)
+    return np.asarray(scipy.signal.lfilter(over, under, accel_mps2))
+
+
+@lru_cache(maxsize=64)  # the same skin is asked for in event after event, and takes longer to find than to apply
+def _filter(softness_s: float, damping_ratio: float, rate_hz: float) -> tuple[Floats, Floats]:
+    """Numerator and denominator in samples."""
+    omega, zeta = 1.0 / softness_s, damping_ratio
     system = scipy.signal.cont2discrete(
         ([2.0 * zeta * omega, omega**2], [1.0, 2.0 * zeta * omega, omega**2]), 1.0 / rate_hz, "foh"
     )
-    return np.asarray(scipy.signal.lfilter(np.ravel(system[0]), system[1], accel_mps2))
+    return np.ravel(system[0]), np.asarray(system[1])
 
 
 EFFECT = Effect(

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
+from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, Ranges, logistic
 from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import Pull, TimeDomain
@@ -80,7 +80,7 @@ def refitted(fit: Fit, cases: Sequence[Case], applied: AppliedEffect) -> tuple[S
     theta, phi = mapped(interior(fit.subject.parameters.vector()), fit.settings.free)
 
     def linearised(point: Floats) -> tuple[Floats, Floats]:
-        at, share = theta(point[: phi.size]), _logistic(point[phi.size :])
+        at, share = theta(point[: phi.size]), logistic(point[phi.size :])
         residuals, slopes = joint.linearised(at, share)
         slopes[:, : phi.size] *= slope_by_phi(at)[fit.settings.free]
         slopes[:, phi.size :] *= share * (1.0 - share)
@@ -88,7 +88,7 @@ def refitted(fit: Fit, cases: Sequence[Case], applied: AppliedEffect) -> tuple[S
 
     share = np.clip(joint.shares(applied), INSIDE, 1.0 - INSIDE)
     end, objective = trust_region(linearised, np.concatenate([phi, np.log(share / (1.0 - share))]), EVALUATIONS)
-    return joint.subject(_logistic(end[phi.size :]), theta(end[: phi.size])), objective
+    return joint.subject(logistic(end[phi.size :]), theta(end[: phi.size])), objective
 
 
 class _Joint:
@@ -96,22 +96,20 @@ class _Joint:
 
     def __init__(self, fit: Fit, cases: Sequence[Case], applied: AppliedEffect) -> None:
         self._fit, self._cases, self._applied = fit, cases, applied
-        self._lower = np.array([parameter.lower for parameter in applied.effect.parameters])
-        self._width = np.array([parameter.upper - parameter.lower for parameter in applied.effect.parameters])
+        self._names = [parameter.name for parameter in applied.effect.parameters]
+        self._ranges = Ranges(applied.effect.parameters)
         self._substeps: tuple[int, ...] | None = None
         # Chosen once, so that no step of the solver meets an edge.
         self._substeps = self._domain(self.shares(applied)).substeps
 
     def shares(self, applied: AppliedEffect) -> Floats:
         """Values as shares of their ranges."""
-        values = np.array([applied.values[parameter.name] for parameter in applied.effect.parameters])
-        return np.asarray((values - self._lower) / self._width)
+        return self._ranges.shares(np.array([applied.values[name] for name in self._names]))
 
     def subject(self, share: Floats, theta: Floats) -> Subject:
         """The fit's subject with this effect and this theta."""
-        values = np.clip(self._lower + share * self._width, self._lower, self._lower + self._width).tolist()
-        names = [parameter.name for parameter in self._applied.effect.parameters]
-        applied = AppliedEffect(self._applied.effect, self._applied.site, dict(zip(names, values, strict=True)))
+        values = dict(zip(self._names, self._ranges.values(share).tolist(), strict=True))
+        applied = AppliedEffect(self._applied.effect, self._applied.site, values)
         return dataclasses.replace(self._fit.subject, parameters=Parameters.from_vector(theta), effects=(applied,))
 
     def linearised(self, theta: Floats, share: Floats) -> tuple[Floats, Floats]:
@@ -183,7 +181,3 @@ def _scaled(applied: AppliedEffect, factor: float) -> AppliedEffect:
 
 def _no_pull(subject: Subject) -> Pull:
     return Pull(subject.parameters.vector(), 0.0)
-
-
-def _logistic(point: Floats) -> Floats:
-    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * point)))
