@@ -63,6 +63,8 @@ class Aligner:
             self._epoch_ns = block.epoch_ns
             self._half = half_width(round(block.rate_hz, 1))
             self._runs += block.begins_run
+            if block.begins_run and self._time_s.size and block.time_s[0] <= self._time_s[-1]:
+                self._return_to(float(block.time_s[0]))
             self._time_s = np.concatenate([self._time_s, block.time_s])
             self._run = np.concatenate([self._run, np.full(block.time_s.shape, self._runs)])
             self._values = np.concatenate([self._values, block.low_passed_mps2])
@@ -93,5 +95,11 @@ class Aligner:
         self._forget(before_s + (epoch_ns - self._epoch_ns) * 1e-9)
 
     def _forget(self, before_s: float) -> None:
-        keep = max(0, int(np.searchsorted(self._time_s, before_s)) - self._half - 1)
-        self._time_s, self._run, self._values = self._time_s[keep:], self._run[keep:], self._values[keep:]
+        self._keep(slice(max(0, int(np.searchsorted(self._time_s, before_s)) - self._half - 1), None))
+
+    def _return_to(self, time_s: float) -> None:
+        """Stamps had leapt ahead and are back: what came meanwhile would stand before all that follows."""
+        self._keep(slice(None, int(np.searchsorted(self._time_s, time_s))))
+
+    def _keep(self, part: slice) -> None:
+        self._time_s, self._run, self._values = self._time_s[part], self._run[part], self._values[part]

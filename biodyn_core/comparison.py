@@ -73,6 +73,7 @@ class Comparison:
         self._wait_s = wait_s
         self._aligners = {name: Aligner(keep_s=2.0 * wait_s) for name in MEASURED_SEGMENTS}
         self._pending: list[_Instants] = []
+        self._given_up: list[MeasuredFrames] = []
         self._epoch_ns = 0
         self.residual = ResidualMeter(seat_rate_hz, len(MEASURED_SEGMENTS), window_s)
         self.doses = DoseMeter("Wk", seat_rate_hz, N_SENSORS, window_s)
@@ -80,6 +81,8 @@ class Comparison:
     def seat(self, block: Block, predicted_mps2: Floats) -> None:
         """Add the seat's instants with what the model predicts there, (n, 6)."""
         self._epoch_ns = block.epoch_ns
+        if self._pending and block.time_s[0] <= self._pending[-1].time_s[-1]:  # stamps had leapt ahead and are back
+            self._given_up.append(self._released(give_up=True))
         self._pending.append(_Instants.of(block, predicted_mps2))
 
     def sensor(self, name: str, blocks: list[Block]) -> None:
@@ -98,6 +101,13 @@ class Comparison:
 
     def release(self, give_up: bool = False) -> MeasuredFrames:
         """Answer what all sensors have reached, or what is overdue; everything where `give_up`."""
+        found = self._released(give_up)
+        if not self._given_up:
+            return found
+        parts, self._given_up = [*self._given_up, found], []
+        return MeasuredFrames(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def _released(self, give_up: bool) -> MeasuredFrames:
         if not self._pending or not (give_up or self.overdue or self._first_is_reached()):
             return NO_MEASURED
         grid = _Instants.join(self._pending)

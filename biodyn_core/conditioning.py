@@ -48,7 +48,13 @@ RATE_TOLERATED: Final = 0.0199
 """The tracked rate stays within 2 % of that at rest; one that comes this close is not followed."""
 
 LAP_S: Final = 1e6
-"""Added to a sensor's own seconds whenever its stamps jump back, as often as needed: time inside never does."""
+"""Added to a sensor's own seconds whenever its stamps jump back, as often as needed, so that they go on.
+
+Time inside jumps back only where stamps that had leapt away return: sensors that did not leap are met again.
+"""
+
+OVERLAP_NS: Final = 100_000_000
+"""Stamps that return may overlap by so much with those before the leap: jitter, not a second lap of a bag."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +108,21 @@ class Block(NamedTuple):
             low_passed_mps2=self.low_passed_mps2[begin:end],
             begins_run=self.begins_run and begin == 0,
         )
+
+
+class _Leap(NamedTuple):
+    """How far stamps leapt, seconds, and what they left: the last instant answered before, ns, and its lap."""
+
+    by_s: float
+    left_ns: int
+    lap: int
+
+    def is_left_behind(self, stamp_ns: int) -> bool:
+        """Whether a stamp that returns is beyond what was left, as far as jitter lets anybody see."""
+        return stamp_ns > self.left_ns - OVERLAP_NS
+
+
+_NO_LEAP: Final = _Leap(0.0, 0, 0)
 
 
 @dataclass(frozen=True)
@@ -160,7 +181,8 @@ class Conditioner:
     """One sensor: clock, gaps, vertical and gravity, low-pass. `push` raw samples, get `Block`s, `finish` at the end.
 
     vertical (3,): where the sensor's axes see up, if rest is not to tell it; its gravity is then the mean along it.
-    waited: how many samples had been pushed when rest ended, the last one at rest included.
+    waited: how many samples had been pushed when rest ended, the last one at rest included. leapt_s: the sum of all
+    leaps of more than a second between runs, those back below zero, whether a clock was set or nothing came meanwhile.
     """
 
     def __init__(
@@ -195,7 +217,8 @@ class Conditioner:
         self._running = False
         self._ended_ns: int | None = None
         self._gap_s = 0.0
-        self._leapt_s = 0.0
+        self._leap = _NO_LEAP
+        self.leapt_s = 0.0
 
     # --- in and out --------------------------------------------------------------------------------------------------
 
@@ -435,32 +458,39 @@ class Conditioner:
             return 0.0
         gap_s = (begins_ns - self._ended_ns) * 1e-9 - 1.0 / self.rate_hz
         if gap_s > kernel.LEAP_S:
-            if abs(gap_s + self._leapt_s) < kernel.LEAP_S:  # time had leapt back and returns
-                gap_s += self._leapt_s
-                self._leapt_s = 0.0
+            self.leapt_s += gap_s
+            if abs(gap_s + self._leap.by_s) < kernel.LEAP_S:  # time had leapt back and returns
+                gap_s += self._leap.by_s
+                self._lap = self._leap.lap if self._leap.is_left_behind(begins_ns) else self._lap
+                self._leap = _NO_LEAP
             else:
-                self._leapt_s = gap_s
+                self._leap = _Leap(gap_s, self._ended_ns, self._lap)
         gap_s = max(gap_s, 0.0)
         self._gap_s += gap_s
         return gap_s
 
     def _end_run(self, next_ns: int) -> list[Block]:
-        """Nothing integrates across a break: filters start anew, and time that jumped back goes on in the next lap."""
+        """Nothing integrates across a break: filters start anew, and time that jumped back goes on."""
         blocks = self._filtered_run()
         self._running = False
         self._state[kernel.LOW_PASS_STATE : kernel.MAX_GAP] = 0.0
         # Seconds count anew from each run's first stamp: those since another epoch would be too coarse to tell a rate.
         self._run_epoch_ns = next_ns
         if self._ended_ns is not None and next_ns < self._ended_ns:
-            back_s = (self._ended_ns - next_ns) * 1e-9 + 1.0 / self.rate_hz
-            self._lap += 1 + int(back_s // LAP_S)
+            self._leap_back((self._ended_ns - next_ns) * 1e-9 + 1.0 / self.rate_hz, self._ended_ns, next_ns)
             self._ended_ns = None
-            if abs(self._leapt_s - back_s) < kernel.LEAP_S:  # time had leapt ahead and is back: nothing was missing
-                self._gap_s -= min(self._leapt_s, back_s)
-                self._leapt_s = 0.0
-            else:
-                self._leapt_s = -back_s
         return blocks
+
+    def _leap_back(self, back_s: float, ended_ns: int, next_ns: int) -> None:
+        """Go on in the next lap, or where time had leapt ahead and is back, nothing was missing, in its own."""
+        self.leapt_s -= back_s
+        before, self._leap = self._leap, _Leap(-back_s, ended_ns, self._lap)
+        if abs(before.by_s - back_s) < kernel.LEAP_S:
+            self._gap_s -= min(before.by_s, back_s)
+            self._leap = _NO_LEAP
+            if before.is_left_behind(next_ns):
+                return
+        self._lap += 1 + int(back_s // LAP_S)
 
     def _answer(self, block: Block) -> list[Block]:
         if self.mode == "causal":

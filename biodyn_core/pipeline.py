@@ -28,6 +28,7 @@ from biodyn_core.prediction import SeatSide
 from biodyn_core.segments import HEAD, N_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
+from biodyn_core.timelines import Timelines
 from biodyn_core.weighting import CURVES, WeightingName
 
 Floats = NDArray[np.float64]
@@ -155,6 +156,7 @@ class Pipeline:
         self._chain = Chain.of(subject)
         verticals = self.settings.verticals()
         self._conditioners = {name: Conditioner(name, conditioning, mode, verticals.get(name)) for name in SENSORS}
+        self._timelines = Timelines(self._conditioners, self.settings.wait_s)
         self._meters: dict[str, SensorMeters] = {}
         self._seat: SeatSide | None = None
         self._early: dict[str, deque[Block]] = {name: deque() for name in SENSORS}
@@ -164,7 +166,9 @@ class Pipeline:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
         if sensor not in self._conditioners:
             raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
-        return self._take(sensor, self._conditioners[sensor].push(stamps_ns, samples_mps2))
+        blocks = self._conditioners[sensor].push(stamps_ns, samples_mps2)
+        self._timelines.note(sensor)
+        return self._take(sensor, blocks)
 
     def finish(self) -> Frames:
         """The record has ended: take what the sensors still hold, and answer every instant with what is there."""
@@ -215,7 +219,7 @@ class Pipeline:
             missing_s=lost.missing_s,
             clipped_samples=lost.clipped,
             masked_s=lost.flat_s,
-            silent=self._silent_s(SEAT) > 0.0,
+            silent=self._timelines.silent_s(SEAT) > 0.0,
             gravity_mps2=status.gravity_mps2,
             fault=status.fault,
         )
@@ -251,23 +255,15 @@ class Pipeline:
         return max(conditioner.status().recorded_s for conditioner in self._conditioners.values())
 
     def _lost(self, sensor: str) -> Lost:
-        status = self.status(sensor)
-        own_s = status.unrested_s + status.gap_s + status.filled_s + status.flat_s
-        return Lost(status.clipped, own_s + self._late_s(sensor) + self._silent_s(sensor), status.flat_s)
+        status, timelines = self.status(sensor), self._timelines
+        gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
+        own_s = status.unrested_s + gap_s + status.filled_s + status.flat_s
+        beside_s = timelines.late_s(sensor) + timelines.silent_s(sensor)
+        return Lost(status.clipped, own_s + beside_s, status.flat_s)
 
-    def _late_s(self, sensor: str) -> float:
-        """How long after the first of all sensors this one began, once that is longer than `wait_s`."""
-        first = [c.first_ns for c in self._conditioners.values() if c.first_ns is not None]
-        own = self._conditioners[sensor].first_ns
-        late_s = 1e-9 * (own - min(first)) if own is not None else 0.0
-        return late_s if late_s > self.settings.wait_s else 0.0
-
-    def _silent_s(self, sensor: str) -> float:
-        """How far a sensor's newest stamp lies behind the newest of all, once that is longer than `wait_s`."""
-        own = self._conditioners[sensor].newest_ns
-        newest = [stamp for c in self._conditioners.values() if (stamp := c.newest_ns) is not None]
-        silent_s = 1e-9 * (max(newest) - own) if own is not None else 0.0
-        return silent_s if silent_s > self.settings.wait_s else 0.0
+    def clock_apart_s(self, sensor: str) -> float:
+        """How far a sensor's clock was set ahead of the others', so that nothing can be compared; mostly 0."""
+        return self._timelines.apart_s(sensor)
 
     def latency(self) -> dict[str, Latency]:
         """What every output waits for: predictions the seat alone, comparisons the slowest sensor, exposure nothing.
@@ -328,7 +324,7 @@ class Pipeline:
             # Without a seat nothing is compared: no more is kept than its first instants could ask for.
             early = self._early[sensor]
             early.extend(blocks)
-            while early[0].time_s[-1] < early[-1].time_s[-1] - 2.0 * self.settings.wait_s:
+            while abs(early[-1].time_s[-1] - early[0].time_s[-1]) > 2.0 * self.settings.wait_s:
                 early.popleft()
             return NO_MEASURED
         self._seat.comparison.sensor(sensor, blocks)

@@ -472,7 +472,8 @@ def test_any_cut_into_blocks_gives_the_same_bits_whatever_is_wrong(record, cuts,
     whole, cut = Conditioned(*record, conditioning=conditioning), Conditioned(*record, cuts, conditioning)
     assert_same(cut, whole)
     assert np.isfinite(whole.low_passed).all()
-    assert (np.diff(whole.time_s) > 0.0).all()
+    # Between runs time inside jumps back only where stamps that had leapt ahead return.
+    assert all((np.diff(run) > 0.0).all() for run in np.split(whole.time_s, whole.begins))
     assert whole.status.gap_s >= 0.0
 
 
@@ -805,8 +806,10 @@ def test_thirty_stamps_in_a_row_are_believed_and_their_return_too(clock, sign, l
     found = Conditioned(stamps_ns, MARKED)
     status = found.status
     assert status.runs == 3 and status.rejected == status.filled == 0  # none is lost
-    assert (np.diff(found.time_s) > 0.0).all()
-    assert len(found.time_s) == len(Conditioned(CLOCKS[clock][0], MARKED).time_s)
+    straight = Conditioned(CLOCKS[clock][0], MARKED)
+    assert len(found.time_s) == len(straight.time_s)
+    # Once they have returned, time inside is what it was all along: other sensors are met again.
+    np.testing.assert_allclose(found.time_s[-1000:], straight.time_s[-1000:], atol=0.015)
     # Nothing was missing, but that each run begins with a stamp that jitters as they do.
     assert status.gap_s == pytest.approx(0.0, abs=0.03) and status.recorded_s == pytest.approx(30.1, abs=0.05)
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=50e-6)

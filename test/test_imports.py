@@ -35,6 +35,7 @@ LAYERS = (
         "response",
         "rest",
         "synthesis",
+        "timelines",
         "upright",
         "weighting",
         "worn",

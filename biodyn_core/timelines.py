@@ -1,0 +1,123 @@
+"""Timelines: what sensors' stamps say beside each other, where a clock was set anew, and where nothing is sent.
+
+All sensors are stamped on one timeline, their own. A sensor whose stamps leap while the others go on has had its clock
+set: it goes on being counted, nothing but the time it was away is missing. Where most leap alike, a bag loops, or
+nothing was recorded meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+from biodyn_core.conditioning import Conditioner
+from biodyn_core.segments import SEAT
+
+JOINED_APART_S: Final = 60.0
+"""A sensor that joins has another clock where its stamps differ by more; with less it may just be late."""
+
+REMEMBERED: Final = 8
+"""So many times that a clock was set are told from a return."""
+
+
+class _Apart(NamedTuple):
+    """How far a sensor's clock is ahead of the others', and what to add to the gaps that its conditioning counts."""
+
+    by_s: float
+    gap_s: float
+
+
+_TOGETHER: Final = _Apart(0.0, 0.0)
+
+
+class Timelines:
+    """`note` a sensor after each push; ask how late it began, how long it is silent, how far its clock is apart.
+
+    wait_s: what sensors may lag behind each other without being silent.
+    """
+
+    def __init__(self, conditioners: Mapping[str, Conditioner], wait_s: float) -> None:
+        self._conditioners, self._wait_s = conditioners, wait_s
+        self._near_s = 2.0 * wait_s
+        self._leapt_s = dict.fromkeys(conditioners, 0.0)
+        self._apart = {name: [_TOGETHER] for name in conditioners}
+        self._began_s: dict[str, float] = {}
+
+    def note(self, sensor: str) -> None:
+        """Look at a sensor that has joined, or whose stamps have leapt."""
+        conditioner, joins = self._conditioners[sensor], sensor not in self._began_s
+        if conditioner.leapt_s == self._leapt_s[sensor] and not joins:
+            return
+        own_s = self._newest_s(sensor)
+        if own_s is None:
+            return
+        leapt_s = conditioner.leapt_s - self._leapt_s[sensor]
+        self._leapt_s[sensor] = conditioner.leapt_s
+        others = [newest_s for name in self._began_s if name != sensor and (newest_s := self._newest_s(name))]
+        if others:
+            ahead_s = own_s - max(others)
+            # Where it was ahead of all others before it leapt, they have stopped and tell nothing.
+            apart = abs(ahead_s) > JOINED_APART_S if joins else ahead_s - leapt_s < self._near_s < abs(ahead_s)
+            if apart:
+                away_s = 0.0 if joins else max(0.0, leapt_s - ahead_s)
+                self._set(sensor, self.apart_s(sensor) + ahead_s, 0.0 if joins else away_s - max(0.0, leapt_s))
+        if joins and conditioner.first_ns is not None:
+            self._began_s[sensor] = 1e-9 * conditioner.first_ns - self.apart_s(sensor)
+        self._follow_the_most()
+
+    def apart_s(self, sensor: str) -> float:
+        """How far its clock is ahead of that of most, since it was set anew; 0 where it is not."""
+        return self._apart[sensor][-1].by_s
+
+    def gap_s(self, sensor: str) -> float:
+        """What to add to its gaps: the time it was away in place of what its clock was set by."""
+        return self._apart[sensor][-1].gap_s
+
+    def late_s(self, sensor: str) -> float:
+        """How long after the first of all sensors this one began, once that is longer than `wait_s`."""
+        if sensor not in self._began_s:
+            return 0.0
+        late_s = self._began_s[sensor] - min(self._began_s.values())
+        return late_s if late_s > self._wait_s else 0.0
+
+    def silent_s(self, sensor: str) -> float:
+        """How far a sensor's newest stamp lies behind the newest of all, once that is longer than `wait_s`."""
+        own_s = self._newest_s(sensor)
+        if own_s is None:
+            return 0.0
+        silent_s = max(s for name in self._conditioners if (s := self._newest_s(name)) is not None) - own_s
+        return silent_s if silent_s > self._wait_s else 0.0
+
+    def _newest_s(self, sensor: str) -> float | None:
+        """The newest stamp on the timeline of most."""
+        newest_ns = self._conditioners[sensor].newest_ns
+        return None if newest_ns is None else 1e-9 * newest_ns - self.apart_s(sensor)
+
+    def _set(self, sensor: str, by_s: float, gap_s: float) -> None:
+        """Its clock is apart by so much; where it was so before it has returned, and its conditioning knows."""
+        before = self._apart[sensor]
+        same = [i for i, one in enumerate(before) if abs(one.by_s - by_s) <= self._near_s]
+        if same:
+            self._apart[sensor] = before[: same[-1] + 1]
+        else:
+            self._apart[sensor] = [before[0], *before[1:][-REMEMBERED:], _Apart(by_s, before[-1].gap_s + gap_s)]
+
+    def _follow_the_most(self) -> None:
+        """Where most of those that send have leapt, they have not: the others are apart."""
+        newest = {name: s for name in self._began_s if (s := self._newest_s(name)) is not None}
+        if not newest:
+            return
+        sending = [name for name, newest_s in newest.items() if newest_s > max(newest.values()) - self._near_s]
+        most = max(sending, key=lambda name: (self._alike(name, sending), self._near(name, SEAT)))
+        by_s = self.apart_s(most)
+        if abs(by_s) <= self._near_s:
+            return
+        for name in self._conditioners:
+            self._set(name, self.apart_s(name) - by_s, 0.0)
+        self._began_s = {name: began_s + by_s for name, began_s in self._began_s.items()}
+
+    def _alike(self, sensor: str, sending: list[str]) -> int:
+        return sum(self._near(sensor, other) for other in sending)
+
+    def _near(self, one: str, other: str) -> bool:
+        return abs(self.apart_s(one) - self.apart_s(other)) <= self._near_s

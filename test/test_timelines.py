@@ -1,0 +1,129 @@
+"""Stamps that leap and return, clocks set anew, and pauses: what is compared, what is missing, whose clock is apart."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from streams import RATE_HZ, noisy_streams, subject
+
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.synthesis import ImuStream
+
+HOUR_NS = 3600 * 10**9
+SECONDS = 8.0
+BLOCK = 140
+
+
+def pushed(streams: Iterable[ImuStream]) -> tuple[Pipeline, np.ndarray, np.ndarray]:
+    """The pipeline behind the streams in turns by their place in the record, measured frames and their stamps."""
+    pipeline, frames = Pipeline(subject()), []
+    longest = max(len(stream.stamps_ns) for stream in streams)
+    for at in range(0, longest, BLOCK):
+        for one in streams:
+            part = slice(at, at + BLOCK)
+            frames.append(pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part]).measured)
+    frames.append(pipeline.finish().measured)
+    return pipeline, *(np.concatenate([frame[i] for frame in frames]) for i in (1, 0))
+
+
+def leapt(streams: Iterable[ImuStream], sensors: Iterable[str], by_ns: int, begin_s: float, end_s: float) -> list:
+    """The streams with the stamps of some sensors away by so much from one instant up to another."""
+    found = []
+    for one in streams:
+        stamps_ns = one.stamps_ns.copy()
+        if one.sensor in sensors:
+            stamps_ns[int(begin_s * RATE_HZ) : int(end_s * RATE_HZ)] += by_ns
+        found.append(dataclasses.replace(one, stamps_ns=stamps_ns))
+    return found
+
+
+def without(streams: Iterable[ImuStream], sensors: Iterable[str], begin_s: float, end_s: float) -> list:
+    """The streams, some sensors' samples of a stretch never sent; what follows keeps its place in the record."""
+    found = []
+    for one in streams:
+        kept = np.ones(len(one.stamps_ns), dtype=bool)
+        if one.sensor in sensors:
+            kept[int(begin_s * RATE_HZ) : int(end_s * RATE_HZ)] = False
+        # A stamp of zero was never set: it holds the place, and counts for nothing.
+        found.append(dataclasses.replace(one, stamps_ns=np.where(kept, one.stamps_ns, 0)))
+    return found
+
+
+@pytest.mark.parametrize("by_ns", [HOUR_NS, -HOUR_NS])
+@pytest.mark.parametrize("sensor", [SEAT, "head"])
+def test_comparisons_go_on_once_stamps_that_leapt_away_return(sensor: str, by_ns: int) -> None:
+    streams = noisy_streams(SECONDS)
+    pipeline, measured, _ = pushed(leapt(streams, [sensor], by_ns, 3.0, 4.0))
+    whole, same, _ = pushed(streams)
+    late = slice(-int(2.0 * RATE_HZ), -50)
+    assert np.isfinite(measured[late]).all()
+    np.testing.assert_allclose(measured[late], same[late], atol=2e-3)  # the clock is tracked anew, so not to the bit
+    assert pipeline.clock_apart_s(sensor) == 0.0
+    for name in SENSORS:
+        assert pipeline.missing_s(name) == pytest.approx(whole.missing_s(name), abs=0.05), name
+
+
+@pytest.mark.parametrize("by_ns", [HOUR_NS, -HOUR_NS])
+@pytest.mark.parametrize("sensor", [SEAT, "head"])
+def test_a_clock_set_anew_costs_nothing_but_what_was_not_sent(sensor: str, by_ns: int) -> None:
+    streams = without(noisy_streams(SECONDS), [sensor], 3.0, 4.0)
+    pipeline, *_ = pushed(leapt(streams, [sensor], by_ns, 4.0, 99.0))
+    assert pipeline.clock_apart_s(sensor) == pytest.approx(by_ns * 1e-9, abs=0.3)
+    assert pipeline.missing_s(sensor) == pytest.approx(1.0, abs=0.3)
+    for name in SENSORS:
+        if name != sensor:
+            assert pipeline.missing_s(name) == 0.0 and pipeline.clock_apart_s(name) == 0.0
+
+
+def test_where_all_leap_alike_it_was_a_pause_and_is_missing() -> None:
+    pipeline, measured, _ = pushed(leapt(noisy_streams(SECONDS), SENSORS, HOUR_NS, 4.0, 99.0))
+    for name in SENSORS:
+        assert pipeline.clock_apart_s(name) == 0.0
+        assert pipeline.missing_s(name) == pytest.approx(3600.0, abs=0.1)
+    assert np.isfinite(measured[-2000:-50]).all()
+
+
+def test_a_sensor_that_is_away_and_returns_by_its_own_clock_misses_what_the_others_saw() -> None:
+    pipeline, *_ = pushed(without(noisy_streams(SECONDS), ["head"], 3.0, 6.0))
+    assert pipeline.clock_apart_s("head") == 0.0
+    assert pipeline.missing_s("head") == pytest.approx(3.0, abs=0.05)
+
+
+def test_a_sensor_that_falls_silent_behind_a_clock_set_anew_is_silent() -> None:
+    streams = leapt(noisy_streams(SECONDS), ["head"], HOUR_NS, 3.0, 99.0)
+    pipeline, *_ = pushed(without(streams, ["head"], 5.0, 99.0))
+    assert pipeline.missing_s("head") == pytest.approx(len(streams[0].stamps_ns) / RATE_HZ - 5.0, abs=0.3)
+    assert pipeline.missing_s(SEAT) == 0.0
+
+
+def test_a_leap_of_the_last_sensor_left_is_a_pause() -> None:
+    """Nobody else tells whether its clock was set, so its gap counts: the figures are lower bounds."""
+    streams = leapt(noisy_streams(SECONDS), [SEAT], HOUR_NS, 6.0, 99.0)
+    pipeline, *_ = pushed(without(streams, [name for name in SENSORS if name != SEAT], 2.0, 99.0))
+    assert pipeline.missing_s(SEAT) == pytest.approx(3600.0, abs=0.1)
+
+
+def test_sensors_whose_clocks_are_hours_apart_from_the_start_are_neither_late_nor_silent() -> None:
+    pipeline, *_ = pushed(leapt(noisy_streams(SECONDS), ["neck"], HOUR_NS, 0.0, 99.0))
+    assert pipeline.clock_apart_s("neck") == pytest.approx(3600.0, abs=0.3)
+    for name in SENSORS:
+        assert pipeline.missing_s(name) == 0.0, name
+
+
+def test_a_looping_bag_with_one_dead_sensor_misses_that_one_for_good() -> None:
+    one = noisy_streams(4.0)
+    dead = without(one, ["neck"], 2.0, 99.0)
+    two = [
+        dataclasses.replace(
+            a, stamps_ns=np.concatenate([a.stamps_ns, b.stamps_ns * (b.sensor != "neck")]),
+            accel_mps2=np.concatenate([a.accel_mps2, b.accel_mps2]),
+        )
+        for a, b in zip(dead, one, strict=True)
+    ]  # fmt: skip
+    pipeline, *_ = pushed(two)
+    assert pipeline.missing_s("neck") == pytest.approx(2.0 * len(one[0].stamps_ns) / RATE_HZ - 2.0, abs=0.3)
+    assert pipeline.missing_s(SEAT) == pytest.approx(0.0, abs=0.05)
