@@ -130,7 +130,8 @@ class SensorStatus:
     """What one sensor's conditioning has seen so far; `fault` says in one line why it answers nothing.
 
     Rejected samples by cause: stamp unset, reading not finite, duplicate, late, stamp astray. filled: interpolated;
-    flat: of one that never changed for long. uncounted_s passed before gravity was known, unrested_s of it in motion;
+    flat: of one that never changed for long. run_s: how long this run goes on, the rest before the first one included,
+    None until there is one. uncounted_s passed before gravity was known, unrested_s of it in motion;
     gap_s lies between runs.
     """
 
@@ -149,6 +150,7 @@ class SensorStatus:
     flat: int
     clipped: int
     runs: int
+    run_s: float | None
     uncounted_s: float
     unrested_s: float
     gap_s: float
@@ -305,6 +307,7 @@ class Conditioner:
             flat=counts[kernel.FLAT],
             clipped=counts[kernel.CLIPPED],
             runs=self._runs,
+            run_s=counts[kernel.IN_RUN] * period_s if self._runs else None,
             uncounted_s=self._uncounted * period_s,
             unrested_s=self._unrested * period_s,
             gap_s=self._gap_s,

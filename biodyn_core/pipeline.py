@@ -288,7 +288,7 @@ class Pipeline:
 
     @property
     def divergences(self) -> int:
-        """How often the model left the finite numbers and was put back to rest."""
+        """At how many samples the model left its range, was put back to rest, and predicted nothing."""
         return self._seat.divergences if self._seat else 0
 
     def _take(self, sensor: str, blocks: list[Block]) -> Frames:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core import kernels
 from biodyn_core.comparison import Comparison
 from biodyn_core.conditioning import Block
 from biodyn_core.exposure import Dose, DoseMeter
@@ -15,6 +17,12 @@ from biodyn_core.model import Chain, Stepper
 from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 
 Floats = NDArray[np.float64]
+
+MOST_STRETCH_M: Final = 0.2
+"""No joint of a seated body gives way so far; a chain beyond it has left the range that its laws are for."""
+
+BEHIND_LOSS: Final = 64
+"""Samples that are predicted at once behind one that was lost: where many are, a long block would take for ever."""
 
 
 class SeatSide:
@@ -33,31 +41,36 @@ class SeatSide:
             self.stepper.reset()
             self._digest(self._batch.take())
             self.doses.skip(block.gap_s)
-        accel = self.stepper.push(block.low_passed_mps2)
-        if not math.isfinite(accel[-1, 0] + accel[-1, -1]):
-            self._restart_behind_divergence(block.low_passed_mps2, accel)
+        accel = self._predict(block.low_passed_mps2)
         self._digest(self._batch.add(accel))
         self.comparison.seat(block, accel)
+        return accel
+
+    def _predict(self, seat_mps2: Floats) -> Floats:
+        """Never a wrong number as a good one: predict nothing where the chain leaves its range, and start it anew.
+
+        Sample by sample the same as in blocks.
+        """
+        accel, begin, end = np.empty((seat_mps2.size, N_SEGMENTS)), 0, seat_mps2.size
+        reach = end
+        while begin < end:
+            part = slice(begin, min(end, begin + reach))
+            size = part.stop - begin
+            motion = np.empty((size, 2 * N_SEGMENTS))
+            accel[part] = self.stepper.push(seat_mps2[part], motion)
+            held = int(kernels.first_lost(accel[part], motion, MOST_STRETCH_M))
+            begin += held
+            if held < size:
+                accel[begin] = np.nan
+                self.stepper.reset()
+                self.divergences += 1
+                begin += 1
+                reach = BEHIND_LOSS  # what follows is integrated anew for every loss
         return accel
 
     def _digest(self, rows: Floats | None) -> None:
         if rows is not None:
             self.doses.push(rows)
-
-    def _restart_behind_divergence(self, seat_mps2: Floats, accel: Floats) -> None:
-        """Never a wrong number as a good one: predict nothing where the chain left the finite numbers, and start anew.
-
-        Sample by sample the same as in blocks: once it has diverged, every later row of a block is not finite either.
-        """
-        lost: list[int] = []
-        start = 0
-        while not (finite := np.isfinite(accel[start:]).all(axis=1)).all():
-            lost.append(start + int(np.argmin(finite)))
-            start = lost[-1] + 1
-            self.stepper.reset()
-            accel[start:] = self.stepper.push(seat_mps2[start:])
-        accel[lost] = np.nan
-        self.divergences += len(lost)
 
     def reset(self) -> None:
         """Start "since reset" anew."""

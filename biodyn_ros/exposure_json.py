@@ -12,6 +12,7 @@ from biodyn_core.limits import Limits
 from biodyn_core.pipeline import Exposure, Pipeline
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros import __version__
+from biodyn_ros.wording import MODEL, left_range
 
 
 def exposure_document(
@@ -73,7 +74,7 @@ def sensor_warnings(pipeline: Pipeline) -> list[str]:
         if missing > 0.0:
             lines.append(f"{name}: {missing:.3f} s missing: doses and peaks are lower bounds")
     if pipeline.divergences:
-        lines.append(f"the model left the finite numbers {pipeline.divergences} times and was put back to rest")
+        lines.append(f"{MODEL}: {left_range(pipeline.divergences)}")
     return lines
 
 

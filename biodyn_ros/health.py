@@ -1,5 +1,7 @@
 """Health of the live streams: who is silent, late, lost or mismatched, as plain statuses; no ROS, no mathematics of it.
 
+A status tells of now: a count that has stopped growing is among the values, and no cause for alarm any more.
+
 Silence is judged on a steady clock, because a stopped /clock must not hide a dead sensor. Lag is arrival minus stamp
 less the smallest such offset of the window: an unsynchronised clock or an old bag is not lag.
 """
@@ -16,9 +18,30 @@ from biodyn_core.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning import SensorStatus
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT
+from biodyn_ros.wording import MODEL, left_range
 
 SILENT_AFTER_S: Final = 0.5
+SETTLING_S: Final = 1.4
+"""2.5 time constants of the slowest filter, Wk's high-pass: 8 % is left of any step that a run begins with."""
+
+LOOKS: Final = 2
+"""A count is growing that has grown within so many looks."""
+
 OK, WARN, ERROR = range(3)
+
+CAUSES: Final = {
+    "unset": "stamps never set",
+    "stray": "stamps astray",
+    "late": "samples too late",
+    "duplicate": "samples that came twice",
+    "non_finite": "readings that are no numbers, or impossible",
+    "flat": "samples of a reading that never changes",
+    "clipped": "samples clipped",
+    "filled": "samples lost and interpolated",
+    "lost": "messages lost in transport",
+    "errors": "messages refused",
+}
+"""What is wrong with samples and messages, by its count."""
 
 COUNTS: Final = (
     "accepted", "unset", "non_finite", "duplicate", "late", "stray", "filled", "flat", "clipped", "runs", "gap_s",
@@ -37,6 +60,20 @@ class Status:
     values: dict[str, str]
 
 
+class Growth:
+    """By how much counts have grown over the last looks."""
+
+    def __init__(self) -> None:
+        self._before: deque[dict[str, int]] = deque(maxlen=LOOKS)
+        self.by: dict[str, int] = {}
+
+    def look(self, counts: dict[str, int]) -> None:
+        """Look at the counts as they are now."""
+        since = self._before[0] if self._before else {}
+        self.by = {key: grown for key, count in counts.items() if (grown := count - since.get(key, 0)) > 0}
+        self._before.append(counts)
+
+
 @dataclass
 class SensorHealth:
     """What the transport tells of one sensor; the callbacks note, `statuses` reads."""
@@ -52,6 +89,7 @@ class SensorHealth:
     lag_s: float = 0.0
     clock: ClockComparison = field(default_factory=ClockComparison)
     drift: ClockDrift | None = None
+    growth: Growth = field(default_factory=Growth)
     _offsets_s: deque[tuple[float, float]] = field(default_factory=deque)
 
     def arrived(self, count: int = 1) -> None:
@@ -70,6 +108,19 @@ class SensorHealth:
         self._offsets_s.append((now, arrival_minus_stamp_s))
         self.lag_s = arrival_minus_stamp_s - self._offsets_s[0][1]
 
+    def look(self, seen: SensorStatus) -> None:
+        """Look at what has gone wrong since the last looks."""
+        own = {"lost": self.lost, "errors": self.errors, "gaps": max(0, seen.runs - 1)}
+        self.growth.look({key: own[key] if key in own else getattr(seen, key) for key in (*CAUSES, "gaps")})
+
+    @property
+    def causes(self) -> str:
+        """What goes wrong with its samples now, by count."""
+        told = [f"{n} {CAUSES[key]}" for key, n in self.growth.by.items() if key in CAUSES]
+        if "errors" in self.growth.by:
+            told.append(self.last_error)
+        return "; ".join(told)
+
     def compare_clock(self) -> None:
         """Look anew at how the sensor's stamps run against arrivals; costs a millisecond or two."""
         self.drift = self.clock.result()
@@ -80,20 +131,28 @@ class SensorHealth:
         return None if self.arrived_s is None else time.monotonic() - self.arrived_s
 
 
-def sensor_status(name: str, health: SensorHealth, seen: SensorStatus) -> Status:
-    """Judge one sensor."""
-    silent = health.silent_s
+def is_settling(seen: SensorStatus) -> bool:
+    """Whether filters still ring from the gap before this run; those of the first run began in steady state."""
+    return seen.runs > 1 and (seen.run_s or 0.0) < SETTLING_S
+
+
+def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline) -> Status:
+    """Judge one sensor, as it is now."""
+    seen, lost, silent = pipeline.status(name), pipeline.lost(name), health.silent_s
+    apart_s = pipeline.clock_apart_s(name)
     checks: list[tuple[bool, int, Callable[[], str]]] = [
         (bool(health.wrong_type), ERROR, lambda: health.wrong_type),
         (bool(health.incompatible_qos), ERROR, lambda: health.incompatible_qos),
         (seen.fault is not None, ERROR, lambda: seen.fault or ""),
         (silent is None, ERROR if name == SEAT else WARN, lambda: "no message yet"),
         ((silent or 0.0) > SILENT_AFTER_S, ERROR if name == SEAT else WARN, lambda: f"silent for {silent:.1f} s"),
+        (health.publishers > 1, WARN, lambda: f"{health.publishers} publishers send to it: whose are the samples?"),
+        (bool(health.causes), WARN, lambda: health.causes),
         (seen.rate_hz is None, WARN, lambda: "waiting for rest: gravity and rate are not known yet"),
-        (seen.clipped > 0, WARN, lambda: f"{seen.clipped} samples clipped: doses and peaks are lower bounds"),
-        (health.lost > 0, WARN, lambda: f"{health.lost} messages lost in transport"),
-        (health.errors > 0, WARN, lambda: f"{health.errors} messages refused: {health.last_error}"),
+        ("gaps" in health.growth.by, WARN, lambda: "a gap: figures begin anew behind it"),
+        (apart_s != 0.0, WARN, lambda: f"its clock was set {apart_s:+.1f} s against the others': it is not compared"),
         (bool(seen.warnings), WARN, lambda: seen.warnings[0] if seen.warnings else ""),
+        (is_settling(seen), OK, lambda: "settling behind a gap"),
     ]
     level, message = next(((level, text()) for wrong, level, text in checks if wrong), (OK, "streaming"))
     values = {
@@ -110,34 +169,35 @@ def sensor_status(name: str, health: SensorHealth, seen: SensorStatus) -> Status
         "lost": str(health.lost),
         "refused": str(health.errors),
         "publishers": str(health.publishers),
+        "clock_apart_s": f"{apart_s:.3f}",
+        "missing_s": f"{lost.missing_s:.3f}",
+        "lower_bound": str(pipeline.lower_bound(name)).lower(),
+        "settling": str(is_settling(seen)).lower(),
     }
     return Status(f"biodyn: {name}", level, message, values | {key: f"{getattr(seen, key):g}" for key in COUNTS})
 
 
-def prediction_status(pipeline: Pipeline, seat: SensorHealth, mark: str) -> Status:
-    """Judge the model: it predicts while the seat lives."""
-    seen = pipeline.status(SEAT)
-    silent = seat.silent_s
-    if seen.fault or seat.wrong_type or silent is None or silent > SILENT_AFTER_S:
-        cause = (
-            seen.fault or seat.wrong_type or ("has sent nothing" if silent is None else f"is silent for {silent:.1f} s")
-        )
-        level, message = ERROR, f"predictions stopped: seat {cause}"
-    elif seen.rate_hz is None:
-        level, message = WARN, "waiting for the seat at rest"
-    elif pipeline.divergences:
-        level, message = (
-            ERROR,
-            f"the model left the finite numbers {pipeline.divergences} times and was put back to rest",
-        )
-    else:
-        level, message = OK, "predicting"
+def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: Growth, mark: str) -> Status:
+    """Judge the model, as it is now: it predicts while the seat lives. growth: of how often it left its range."""
+    seen, silent = pipeline.status(SEAT), seat.silent_s
+    stopped = seen.fault or seat.wrong_type or seat.incompatible_qos
+    if silent is None or silent > SILENT_AFTER_S:
+        stopped = stopped or ("has sent nothing" if silent is None else f"is silent for {silent:.1f} s")
+    lost = growth.by.get("divergences", 0)
+    checks: list[tuple[bool, int, Callable[[], str]]] = [
+        (bool(stopped), ERROR, lambda: f"predictions stopped: seat {stopped}"),
+        (seen.rate_hz is None, WARN, lambda: "waiting for the seat at rest"),
+        (lost > 0, ERROR, lambda: f"{MODEL} {left_range(lost)}"),
+        (is_settling(seen), OK, lambda: "settling behind a gap of the seat"),
+    ]
+    level, message = next(((level, text()) for wrong, level, text in checks if wrong), (OK, "predicting"))
     subject = pipeline.subject
     values = {
         "subject": subject.name,
         "mass_matrix": subject.mass_matrix,
         "substeps": str(pipeline.substeps or ""),
         "divergences": str(pipeline.divergences),
+        "settling": str(is_settling(seen)).lower(),
         "last_mark": mark,
     }
     for output, latency in pipeline.latency().items():

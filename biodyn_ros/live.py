@@ -44,7 +44,7 @@ from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import load_subject
 from biodyn_ros import params, topics
 from biodyn_ros.cdr import IMU_TYPE, AccelStampedTemplate, decode_imu, decode_imu_one
-from biodyn_ros.health import SensorHealth, Status, prediction_status, sensor_status
+from biodyn_ros.health import Growth, SensorHealth, Status, prediction_status, sensor_status
 from biodyn_ros.resources import subject_file
 from biodyn_ros.warmup import warm_up
 
@@ -53,7 +53,10 @@ DRAIN_RATE_HZ: Final = 100.0
 """One of the five waiting sensors is drained at each tick, so that no drain holds up the seat for long."""
 
 REFRESH_RATE_HZ: Final = 20.0
-DIAGNOSTICS_RATE_HZ: Final = 1.0
+DIAGNOSTICS_RATE_HZ: Final = 2.0
+LOOK_RATE_HZ: Final = 1.0
+"""How often publishers are looked at, and one of the six clocks, which takes a millisecond or two."""
+
 OUTPUT_DEPTH: Final = 2000
 
 
@@ -85,6 +88,7 @@ class BiodynNode(LifecycleNode):
         self.failure: str | None = None
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._health = {sensor: SensorHealth() for sensor in SENSORS}
+        self._growth = Growth()
         self._mark = ""
         self._marks = 0
         self._pipeline: Pipeline | None = None
@@ -150,6 +154,7 @@ class BiodynNode(LifecycleNode):
                 (REFRESH_RATE_HZ, self._refresh_wanted),
                 (self.settings.exposure_rate_hz, self._publish_exposure),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
+                (LOOK_RATE_HZ, self._look_around),
             )
         ]
         self._refresh_wanted()
@@ -171,6 +176,7 @@ class BiodynNode(LifecycleNode):
         for service in self._services_made:
             self.destroy_service(service)
         self._health = {sensor: SensorHealth() for sensor in SENSORS}
+        self._growth = Growth()
         self._pipeline = None
 
     def _warn_of_slow_kernels(self, rate_hz: float) -> None:
@@ -320,16 +326,18 @@ class BiodynNode(LifecycleNode):
             self._scalars[topic].publish(Float64(data=value))
 
     def _publish_diagnostics(self) -> None:
-        self._look_at_publishers()
-        self._health[next(self._clock_turn)].compare_clock()
-        statuses = [prediction_status(self._pipeline, self._health[SEAT], self._mark)]
-        statuses += [sensor_status(name, self._health[name], self._pipeline.status(name)) for name in SENSORS]
+        self._growth.look({"divergences": self._pipeline.divergences})
+        for sensor, health in self._health.items():
+            health.look(self._pipeline.status(sensor))
+        statuses = [prediction_status(self._pipeline, self._health[SEAT], self._growth, self._mark)]
+        statuses += [sensor_status(name, self._health[name], self._pipeline) for name in SENSORS]
         message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _look_at_publishers(self) -> None:
+    def _look_around(self) -> None:
         """The event for a wrong message type does not fire across processes, so it is polled."""
+        self._health[next(self._clock_turn)].compare_clock()
         if self._health[SEAT].arrived_s is not None:
             self._note_lag(SEAT, self._seat_stamp_ns)
         for sensor, health in self._health.items():

@@ -26,6 +26,7 @@ from biodyn_ros.mapping import sensors_of
 from biodyn_ros.simulate import MADE_BY, MADE_BY_MODEL
 from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
 from biodyn_ros.traces import Traces
+from biodyn_ros.wording import MODEL
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def replay(
     check_seat(pipeline.status(SEAT), str(bag))
     seconds = pipeline.seconds()
     warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.values()]
-    warnings += [line for line in sensor_warnings(pipeline) if line.split(":")[0] in (*sensors.values(), "the model")]
+    warnings += [line for line in sensor_warnings(pipeline) if line.split(":")[0] in (*sensors.values(), MODEL)]
     compared = {sensors[topic]: SensorClock(times[topic], clocks[topic].result()) for topic in sensors}
     warnings += clock_warnings(compared, seconds)
     document = exposure_document(pipeline, str(bag), seconds, warnings, options.project)

@@ -25,6 +25,13 @@ _GROUPS: Final = {
 }
 _RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv_over_aw_t": "VDV/(aw T^1/4)"}
 
+MODEL: Final = "the model"
+
+
+def left_range(samples: int) -> str:
+    """What is said of samples at which the model left its range."""
+    return f"left its range at {samples} sample{'' if samples == 1 else 's'}, none of them predicted: it began at rest"
+
 
 def number(value: float | None) -> str:
     """Three significant digits without an exponent where that is possible; a dash for what is not known."""

@@ -16,7 +16,7 @@ from scipy import signal
 from biodyn_core import kernels
 from biodyn_core.alignment import lagrange_weights
 from biodyn_core.exposure import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, _first_order_hold
-from biodyn_core.kernels import alignment, chain, compiling, exposure, sensor
+from biodyn_core.kernels import alignment, chain, compiling, exposure, guard, sensor
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
@@ -52,7 +52,7 @@ class Uncompiled:
     """Kernels call each other by name: while it lasts those names are plain functions too."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        for module in (kernels, alignment, chain, exposure, sensor):
+        for module in (kernels, alignment, chain, exposure, guard, sensor):
             for name, value in vars(module).items():
                 if hasattr(value, "py_func"):
                     monkeypatch.setattr(module, name, value.py_func)
@@ -193,6 +193,7 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "condition": _condition,
     "level": _level,
     "filter_sections": _filter_sections,
+    "first_lost": lambda kind: [given(kind, 6), 0.1 * given(kind, 12), 2.5],
     "interpolate": _interpolate,
     "dose": _dose,
     "planar_dose": _planar_dose,
@@ -208,7 +209,7 @@ def test_every_kernel_is_compared():
         pytest.skip("without numba there is nothing to compare")
     public = {
         name
-        for module in (alignment, chain, exposure, sensor)
+        for module in (alignment, chain, exposure, guard, sensor)
         for name, value in vars(module).items()
         if hasattr(value, "py_func") and not name.startswith("_")
     }

@@ -9,14 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
-from streams import PERFECT, START_NS, independent_streams, noisy_streams, subject
+from streams import PERFECT, RATE_HZ, START_NS, independent_streams, noisy_streams, subject
 
 from biodyn_core import kernels
+from biodyn_core.conditioning import Conditioner
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import DoseMeter
-from biodyn_core.model import Stepper
+from biodyn_core.model import Chain, Stepper
 from biodyn_core.pipeline import Exposure, Pipeline, PipelineSettings
-from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS
+from biodyn_core.prediction import MOST_STRETCH_M
+from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import ImuStream, SeatMotion, imu_streams, load_case
 from biodyn_ros.warmup import warm_up
 
@@ -382,6 +384,33 @@ def test_a_diverging_model_predicts_nothing_and_starts_anew_for_any_cut(monkeypa
         assert other.pipeline.divergences == runs[0].pipeline.divergences
         np.testing.assert_array_equal(other.predicted, runs[0].predicted)
         assert other.exposure == runs[0].exposure
+
+
+def test_a_model_beyond_its_range_predicts_nothing_and_starts_anew() -> None:
+    """A seat that shakes as no vehicle does: finite all along, and wrong."""
+    streams, t = [], np.arange(3 * 1130) / RATE_HZ
+    shaken = np.where(t > 1.2, 150.0 * np.sin(2.0 * np.pi * 5.0 * (t - 1.2)), 0.0)
+    for stream in independent_streams(3.0):
+        accel = np.zeros((t.size, 3))
+        accel[:, 2] = STANDARD_GRAVITY_MPS2 + shaken
+        stamps = START_NS + np.rint(t * 1e9).astype(np.int64)
+        streams.append(ImuStream(stream.sensor, stamps, accel, np.zeros_like(accel)))
+    runs = [run(tuple(streams), in_turn(tuple(streams), size)) for size in (1, 37, 900)]
+    lost = np.isnan(runs[0].predicted).all(axis=1)
+    assert runs[0].pipeline.divergences == lost.sum() > 0
+    # Where it is first lost, another integration of the whole chain has a joint beyond the range, and not before.
+    block = Chain.of(subject()).simulate(_low_passed(streams[0]), RATE_HZ)
+    stretch = np.abs(np.diff(block.displacement_m, axis=1, prepend=0.0)).max(axis=1)
+    assert abs(int(np.argmax(lost)) - int(np.argmax(stretch > MOST_STRETCH_M))) <= 1
+    for other in runs[1:]:
+        np.testing.assert_array_equal(other.predicted, runs[0].predicted)
+        assert other.exposure == runs[0].exposure
+
+
+def _low_passed(stream: ImuStream) -> np.ndarray:
+    conditioner = Conditioner(SEAT)
+    blocks = [*conditioner.push(stream.stamps_ns, stream.accel_mps2), *conditioner.finish()]
+    return np.concatenate([block.low_passed_mps2 for block in blocks])
 
 
 def test_gravity_at_the_start_never_counts() -> None:

@@ -8,6 +8,7 @@ from biodyn_core.kernels.alignment import interpolate
 from biodyn_core.kernels.chain import integrate_chain
 from biodyn_core.kernels.compiling import COMPILED
 from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual, settle
+from biodyn_core.kernels.guard import first_lost
 from biodyn_core.kernels.sensor import condition, filter_sections, level, regularise
 
 KERNELS = (
@@ -15,6 +16,7 @@ KERNELS = (
     dose,
     dynamic_response,
     filter_sections,
+    first_lost,
     head_injury,
     integrate_chain,
     interpolate,
@@ -33,6 +35,7 @@ __all__ = [
     "dose",
     "dynamic_response",
     "filter_sections",
+    "first_lost",
     "head_injury",
     "integrate_chain",
     "interpolate",

@@ -1,0 +1,144 @@
+"""Statuses tell of now: what is wrong while it is, settling behind a gap, and then that all is well."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from streams import RATE_HZ, noisy_streams, subject
+
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.weighting import CURVES
+from biodyn_ros.health import (
+    CAUSES,
+    ERROR,
+    OK,
+    SETTLING_S,
+    WARN,
+    Growth,
+    SensorHealth,
+    prediction_status,
+    sensor_status,
+)
+
+LOOK_SAMPLES = round(0.5 * RATE_HZ)
+
+
+class Node:
+    """The pipeline fed half a second at a time, with a look behind each, as live has them."""
+
+    def __init__(self, streams) -> None:
+        self.pipeline, self.streams, self.at = Pipeline(subject()), streams, 0
+        self.health = {name: SensorHealth(publishers=1) for name in SENSORS}
+        self.growth = Growth()
+
+    def look(self, looks: int = 1) -> None:
+        """Half a second more, and a look."""
+        for _ in range(looks):
+            for one in self.streams:
+                part = slice(self.at, self.at + LOOK_SAMPLES)
+                self.pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
+                self.health[one.sensor].arrived(LOOK_SAMPLES)
+            self.at += LOOK_SAMPLES
+            self.growth.look({"divergences": self.pipeline.divergences})
+            for name, health in self.health.items():
+                health.look(self.pipeline.status(name))
+
+    def says(self, name: str) -> tuple[int, str]:
+        """Level and message of a sensor."""
+        status = sensor_status(name, self.health[name], self.pipeline)
+        return status.level, status.message
+
+    def predicts(self) -> tuple[int, str]:
+        """Level and message of the model."""
+        status = prediction_status(self.pipeline, self.health[SEAT], self.growth, "")
+        return status.level, status.message
+
+
+def faulty(sensor: str, spoil) -> tuple:
+    """Streams of which one is spoilt by a function of its stamps and samples, from the third second on."""
+    found = []
+    for one in noisy_streams(6.0):
+        stamps_ns, accel = one.stamps_ns.copy(), one.accel_mps2.copy()
+        if one.sensor == sensor:
+            spoil(stamps_ns, accel, slice(6 * LOOK_SAMPLES, 6 * LOOK_SAMPLES + 100))
+        found.append(dataclasses.replace(one, stamps_ns=stamps_ns, accel_mps2=accel))
+    return tuple(found)
+
+
+def nan(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
+    accel[here.start : here.start + 20] = np.nan
+
+
+def clipped(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
+    accel[here, 2] = 157.0
+
+
+def unset(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
+    stamps_ns[here] = 0
+
+
+@pytest.mark.parametrize("sensor", [SEAT, "head"])
+@pytest.mark.parametrize(("spoil", "said"), [(nan, "no numbers"), (clipped, "clipped"), (unset, "never set")])
+def test_a_cause_is_named_while_it_lasts_and_is_no_alarm_two_seconds_later(sensor: str, spoil, said: str) -> None:
+    node = Node(faulty(sensor, spoil))
+    node.look(6)
+    assert node.says(sensor) == (OK, "streaming")
+    node.look()
+    level, message = node.says(sensor)
+    assert level == WARN and said in message
+    assert all(node.says(name) == (OK, "streaming") for name in SENSORS if name != sensor)
+    node.look(4)
+    assert node.says(sensor) == (OK, "streaming") and node.predicts() == (OK, "predicting")
+    values = sensor_status(sensor, node.health[sensor], node.pipeline).values
+    assert values["lower_bound"] == "true" and values["settling"] == "false"
+
+
+def test_what_begins_anew_behind_a_gap_is_settling_and_then_is_not() -> None:
+    node = Node(faulty(SEAT, unset))  # 100 samples without a stamp are a gap
+    node.look(7)
+    assert sensor_status(SEAT, node.health[SEAT], node.pipeline).values["settling"] == "true"
+    node.look()
+    assert node.predicts() == (OK, "settling behind a gap of the seat")
+    node.look(2)
+    assert node.predicts() == (OK, "predicting")
+
+
+def test_settling_takes_as_long_as_the_slowest_filter_of_what_is_shown_at_once() -> None:
+    time_constant_s = 1.0 / (2.0 * np.pi * CURVES["Wk"].f1_hz * np.sqrt(0.5))
+    assert pytest.approx(2.5 * time_constant_s, rel=0.02) == SETTLING_S
+
+
+def test_a_model_that_leaves_its_range_is_an_error_while_it_does() -> None:
+    node = Node(noisy_streams(6.0))
+    node.look(6)
+    node.pipeline._seat.divergences += 3
+    node.look()
+    assert node.predicts() == (
+        ERROR,
+        "the model left its range at 3 samples, none of them predicted: it began at rest",
+    )
+    node.look(2)
+    assert node.predicts() == (OK, "predicting")
+
+
+def test_two_publishers_and_a_clock_set_anew_are_said() -> None:
+    node = Node(noisy_streams(6.0))
+    node.look(4)
+    node.health["neck"].publishers = 2
+    assert node.says("neck") == (WARN, "2 publishers send to it: whose are the samples?")
+
+    def set_ahead(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
+        stamps_ns[here.start :] += 3600 * 10**9
+
+    node = Node(faulty("head", set_ahead))
+    node.look(11)
+    level, message = node.says("head")
+    assert level == WARN and message.startswith("its clock was set +3600.") and "not compared" in message
+
+
+def test_every_cause_is_counted_somewhere() -> None:
+    counted = {"lost", "errors"} | set(vars(Pipeline(subject()).status(SEAT)))
+    assert set(CAUSES) <= counted
