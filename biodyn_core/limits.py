@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import yaml
-
 from biodyn_core.errors import InputError
-from biodyn_core.subject import UniqueKeyLoader
+from biodyn_core.yaml_files import read_yaml
 
 Measure = Literal["a8", "vdv"]
 Kind = Literal["action", "limit"]
@@ -62,13 +60,11 @@ def load_limits(path: str | Path) -> Limits:
 
     Raises InputError naming the file, the set and the key.
     """
+    data = read_yaml(path)
     try:
-        data = yaml.load(Path(path).read_text(encoding="utf-8"), UniqueKeyLoader)  # noqa: S506 - a SafeLoader
         return _limits(data)
-    except InputError as error:
+    except (InputError, RecursionError) as error:
         raise InputError(f"{path}: {error}") from error
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
 
 
 def _limits(data: object) -> Limits:

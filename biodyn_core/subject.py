@@ -19,6 +19,7 @@ from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.errors import InputError
 from biodyn_core.parameters import Parameters
 from biodyn_core.segments import MASS_FRACTION
+from biodyn_core.yaml_files import read_yaml
 
 SCHEMA: Final = 1
 MassMatrix = Literal["segment", "cascade"]
@@ -103,31 +104,11 @@ class Subject:
 
 def load_subject(path: str | Path, unfitted: Parameters | None = None) -> Subject:
     """Read a subject file; raises InputError naming the file and the key. unfitted: see `Subject.from_dict`."""
+    data = read_yaml(path)
     try:
-        text = Path(path).read_text(encoding="utf-8")
-        return Subject.from_dict(yaml.load(text, UniqueKeyLoader), unfitted)  # noqa: S506 - a SafeLoader with one check more
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give a subject file") from error
-    except InputError as error:
+        return Subject.from_dict(data, unfitted)
+    except (InputError, RecursionError) as error:  # an alias may lead back to where it stands
         raise InputError(f"{path}: {error}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # PyYAML lets ValueErrors of a bad date or int out
-        raise InputError(f"{path}: not a YAML file ({_one_line(error)})") from error
-
-
-class UniqueKeyLoader(yaml.SafeLoader):
-    """YAML lets a later key silently replace an earlier one; for parameters of a person and limits that is an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Return a mapping; raises InputError naming a key that is given twice."""
-        keys = [self.construct_object(key, deep=deep) for key, _ in node.value]  # type: ignore[no-untyped-call]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise InputError(f"{key}: given twice")
-        return super().construct_mapping(node, deep=deep)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 _TOP_REQUIRED: Final = ("schema", "name", "body_mass_kg", "stature_m", "mass_matrix", "parameters")

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
 from biodyn_core.errors import InputError
 from biodyn_core.parameters import UNFITTED
-from biodyn_core.subject import Subject, UniqueKeyLoader, load_subject
+from biodyn_core.subject import Subject, load_subject
+from biodyn_core.yaml_files import read_yaml
+from biodyn_ros.files import is_there
 from biodyn_ros.resources import subject_file
 
 _NAME: Final = re.compile(r"[^\W_][\w .+-]{0,99}")
@@ -50,13 +50,11 @@ class Campaign:
 
 def load_campaign(path: str | Path) -> Campaign:
     """Read a campaign file; raises InputError, one line, naming the file and the key, before anything is fitted."""
+    data = read_yaml(path)
     try:
-        data = yaml.load(Path(path).read_text(encoding="utf-8"), UniqueKeyLoader)  # noqa: S506 - a SafeLoader
         return _campaign(data, Path(path))
-    except InputError as error:
+    except (InputError, RecursionError) as error:
         raise InputError(f"{path}: {error}") from error
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
 
 
 def _campaign(data: object, path: Path) -> Campaign:
@@ -77,7 +75,7 @@ def _entry(row: object, where: str, base: Path) -> tuple[Path, Entry]:
     given = _keys(row, where, ("subject", "bags"), ("name", "hold_out", "cases"))
     text = _text(given["subject"], f"{where}.subject")
     try:
-        file = base / text if (base / text).is_file() else subject_file(text)
+        file = path if is_there(path := base / text) and path.is_file() else subject_file(text)
         subject = load_subject(file, UNFITTED)
     except InputError as error:
         raise InputError(f"{where}.subject: {error}") from error
@@ -104,11 +102,18 @@ def _bags(value: object, where: str, base: Path) -> dict[str, str]:
         text = _text(item, f"{where}[{index}]")
         if text in found:
             raise InputError(f"{where}[{index}]: {text} is given twice")
-        path = base / Path(text).expanduser()
-        if not path.exists():
+        path = _from(base, text, f"{where}[{index}]")
+        if not is_there(path):
             raise InputError(f"{where}[{index}]: there is no {path}; paths are relative to the campaign file")
         found[text] = str(path)
     return found
+
+
+def _from(base: Path, text: str, where: str) -> Path:
+    try:
+        return base / Path(text).expanduser()
+    except RuntimeError:
+        raise InputError(f"{where}: {text}: nobody of this name has a home here") from None
 
 
 def _check_once(bags: Sequence[str], where: str) -> None:

@@ -45,6 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         return 0
+    except OSError as error:  # a name that no file can have, a disk that is full: what the machine refuses is told too
+        print(f"biodyn {options.command}: {InputError(f'{error.filename}: {error.strerror}')}", file=sys.stderr)
+        return EXIT_INPUT
 
 
 def _demo(options: argparse.Namespace) -> int:

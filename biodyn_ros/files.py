@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import os
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +18,31 @@ def write_json(path: Path, document: dict[str, Any]) -> None:
     write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file; raises InputError where that cannot be done."""
+def write_text(path: Path, text: str, errors: str = "strict", mode: int = 0o666) -> None:
+    """Write a text file, on the disk before it has its name; raises InputError where that cannot be done.
+
+    errors: as of `open`; mode: its permissions, of which the user's mask is taken off.
+    """
     part = path.with_name(f".{path.name}.part")
     try:
-        part.write_text(text, encoding="utf-8")
+        part.unlink(missing_ok=True)  # one that is left over would keep its permissions
+        with open(part, "w", encoding="utf-8", errors=errors, opener=partial(os.open, mode=mode)) as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
         part.replace(path)
     except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is such a file or directory; a name that none can have is of none."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
 
 
 def make_directory(path: Path) -> None:

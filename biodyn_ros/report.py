@@ -13,6 +13,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.judgement import HORIZONTAL_FACTOR
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros.drawings import envelopes, overlay
+from biodyn_ros.files import write_text
 from biodyn_ros.resources import package_directory
 from biodyn_ros.traces import Traces
 from biodyn_ros.wording import HORIZONTAL, ZONE, bound, duration, number, sentence, shocks, time_left, words
@@ -126,13 +127,5 @@ def render(template: str, **values: Any) -> str:
 
 
 def write_page(path: Path, text: str) -> None:
-    """Write a page under another name and rename it, so that it is never half there."""
-    part = path.with_name(f".{path.name}.part")
-    try:
-        # A file name that is not UTF-8 comes as lone surrogates; the page shows them as escapes.
-        part.write_text(text, encoding="utf-8", errors="backslashreplace")
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
-    finally:
-        part.unlink(missing_ok=True)
+    """Write a page; a file name that is not UTF-8 comes as lone surrogates, which it shows as escapes."""
+    write_text(path, text, errors="backslashreplace")

@@ -5,6 +5,7 @@ They lie in the source tree, or in share/biodyn_ros of wherever pip or colcon pu
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from biodyn_core.errors import InputError
+from biodyn_ros.files import is_there
 
 SHARE: Final = Path("share") / "biodyn_ros"
 
@@ -40,12 +42,13 @@ def subject_names() -> list[str]:
 
 def subject_file(name_or_path: str | Path) -> Path:
     """The subject file at a path, or the bundled one of a bare name such as `subject_1`."""
-    path = Path(name_or_path).expanduser()
-    if path.is_file():
-        return path
-    bundled = _root() / "config" / "subjects" / f"{name_or_path}.yaml"
-    if path.name == str(name_or_path) and bundled.is_file():
-        return bundled
+    with contextlib.suppress(RuntimeError):  # nobody of this name has a home
+        path = Path(name_or_path).expanduser()
+        bundled = _root() / "config" / "subjects" / f"{name_or_path}.yaml"
+        if is_there(path) and path.is_file():
+            return path
+        if path.name == str(name_or_path) and is_there(bundled):
+            return bundled
     raise InputError(f"no subject file {name_or_path}; bundled are {_listed(subject_names())}; give others by path")
 
 

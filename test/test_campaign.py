@@ -107,7 +107,10 @@ GOOD = {"subject": "anna.yaml", "bags": ["anna.mcap"]}
         ([{"subject": "anna.yaml"}], r"subjects\[0\]: key 'bags' is missing"),
         ([GOOD, GOOD | {"subject": "nobody"}], r"subjects\[1\].subject: no subject file nobody; bundled are"),
         ([GOOD | {"subject": 3}], r"subjects\[0\].subject: is 3, expected a text"),
-        ([GOOD | {"subject": "anna.mcap"}], r"subjects\[0\].subject: /.*anna.mcap: not a YAML file"),
+        (
+            [GOOD | {"subject": "anna.mcap"}],
+            r"subjects\[0\].subject: /.*anna.mcap: larger than 1024 KiB, so not a YAML file",
+        ),
         ([GOOD | {"bags": []}], r"subjects\[0\].bags: anna has no bag, give at least one"),
         ([GOOD | {"bags": "anna.mcap"}], r"subjects\[0\].bags: expected a list of bags"),
         ([GOOD | {"bags": ["x.mcap"]}], r"subjects\[0\].bags\[0\]: there is no /.*/x.mcap; paths are relative to the"),
@@ -133,8 +136,8 @@ def test_a_campaign_file_with_a_fault_is_one_line(field: Path, tmp_path: Path, s
     ("text", "fault"),
     [
         ("subjects: []\nsubjects: []", "subjects: given twice"),
-        ("[", "cannot be read as YAML"),
-        ("[" * 5000, "cannot be read as YAML"),
+        ("[", "not a YAML file"),
+        ("[" * 5000, "not a YAML file"),
         ("more: 1\nsubjects: []", "the file: unknown key 'more', known are subjects"),
         ("", "the file: expected keys and values, got NoneType"),
     ],

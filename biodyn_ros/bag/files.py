@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
-
-import yaml
+from typing import Any, cast
 
 from biodyn_core.errors import InputError
+from biodyn_core.yaml_files import read_yaml
 from biodyn_ros.bag import mcap, sqlite
 from biodyn_ros.bag.storage import refuse_foreign
 
@@ -78,11 +77,11 @@ def _named_files(metadata: Path, warnings: list[str]) -> list[Path]:
     if not metadata.is_file():
         return []
     try:
-        info = yaml.safe_load(metadata.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        info = cast(Any, read_yaml(metadata))["rosbag2_bagfile_information"]
         names = [Path(str(name)).name for name in info["relative_file_paths"]]
         formats = [_name_and_format(topic["topic_metadata"]) for topic in info["topics_with_message_count"]]
         mode = str(info.get("compression_mode") or "none").lower()
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError):
+    except (InputError, KeyError, TypeError, AttributeError):
         warnings.append(f"{metadata}: not readable as rosbag2 metadata: the files beside it are taken as they are")
         return []
     if mode != "none":

@@ -400,8 +400,9 @@ def _from_lz4(data: bytes | memoryview, size: int) -> bytes:
     try:
         if lz4.get_frame_info(data)["content_size"] not in (0, size):
             raise _DamagedError("the frame has another size than the chunk")
-        return bytes(lz4.decompress(data))
-    except RuntimeError as error:
+        # A frame need not state its size, so no more is taken out of it than the chunk states, and one byte.
+        return bytes(lz4.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    except (RuntimeError, EOFError) as error:
         raise _DamagedError(f"lz4: {error}") from None
 
 

@@ -1,0 +1,64 @@
+"""YAML files that people write: read safely, no larger than any of them is, every key given once."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from biodyn_core.errors import InputError
+
+LARGEST_BYTES: Final = 2**20
+"""Nobody writes so much; a hundred subjects of a campaign take a twentieth."""
+
+MOST_ALIASES: Final = 32
+"""References to what stands elsewhere in a file: a few are handy, many nested ones stand for more than memory holds."""
+
+
+def read_yaml(path: str | Path) -> object:
+    """What a YAML file holds; raises InputError, naming the file, for what is none, too large, or ambiguous."""
+    try:
+        with Path(path).open("rb") as file:
+            data = file.read(LARGEST_BYTES + 1)
+        if len(data) > LARGEST_BYTES:
+            raise InputError(f"larger than {LARGEST_BYTES // 2**10} KiB, so not a YAML file that anybody wrote")
+        return yaml.load(data.decode("utf-8"), _Loader)  # noqa: S506 - a SafeLoader with checks
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # PyYAML lets ValueErrors of a bad date or int out
+        raise InputError(f"{path}: not a YAML file ({' '.join(str(error).split())})") from error
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML lets a later key silently replace an earlier one; for parameters of a person and limits that is an error."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._aliases = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Return a node; raises InputError where too many stand for others."""
+        if self.check_event(yaml.AliasEvent):  # type: ignore[no-untyped-call]
+            self._aliases += 1
+            if self._aliases > MOST_ALIASES:
+                raise InputError(f"more than {MOST_ALIASES} aliases (*name): write out what they stand for")
+        node: yaml.Node | None = super().compose_node(parent, index)  # type: ignore[no-untyped-call]
+        return node
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping; raises InputError naming a key that is given twice."""
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue  # `<<`: what stands here goes before what is merged
+            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            if not isinstance(key, Hashable):
+                continue  # refused by the loader itself
+            if key in seen:
+                raise InputError(f"{key}: given twice")
+            seen.add(key)
+        return super().construct_mapping(node, deep=deep)
