@@ -37,7 +37,7 @@ EXACT_NS = 1000  # diagnostics give the filter delay in whole microseconds
 PROTOTYPE_RATIO = 15.0 / 10.6
 """The mark over what the prototype without exposure took on the machine the mark was set on."""
 
-NODE = ("-m", "biodyn_ros.cli", "live", "--ros-args", "--log-level", "warn")
+NODE = ("-m", "biodyn_ros.cli", "live", "--ros-args", "-p", "state_file:=none", "--log-level", "warn")
 MEASURED = ("-p", "publish_measured:=true")
 BASELINE = "without mathematics"
 

@@ -6,6 +6,7 @@ off the stamps. Zero-phase for identification: a run is answered once it has end
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
@@ -221,6 +222,17 @@ class Conditioner:
         self._gap_s = 0.0
         self._leap = _NO_LEAP
         self.leapt_s = 0.0
+
+    def begin_known(self, rest: Rest, stamp_ns: int) -> None:
+        """Begin without rest, from a stamp on: gravity, vertical and clock are known from a run just before.
+
+        Raises InputError where they do not fit the settings.
+        """
+        begun = dataclasses.replace(rest, epoch_ns=stamp_ns, last_time_s=0.0)
+        self._start(begun)
+        # As behind a gap: whatever comes first is accepted.
+        self._state[kernel.TIME], self._state[kernel.LAST_STAMP] = math.nan, -math.inf
+        self._rest, self._run_epoch_ns, self.first_ns = begun, stamp_ns, stamp_ns
 
     # --- in and out --------------------------------------------------------------------------------------------------
 

@@ -130,6 +130,18 @@ class _Tally:
         joined[:, : self.sums] = past[:, : self.sums] + now[:, : self.sums]
         return joined
 
+    def kept(self) -> Floats:
+        """What was counted since reset, (c, k), sums by the second: rates differ a little from start to start."""
+        rows = self.since_reset()
+        rows[:, : self.sums] /= self._rate_hz
+        return rows
+
+    def go_on_from(self, rows: Floats) -> None:
+        """Add what was kept; the rolling window knows nothing of it."""
+        earlier = rows.copy()
+        earlier[:, : self.sums] *= self._rate_hz
+        self.total = self._join(self.total, earlier)
+
     def reset(self) -> None:
         """Start "since reset" anew; the rolling window goes on."""
         self.ring[self.position[1] % len(self.ring)] = self.bin
@@ -177,7 +189,25 @@ class _Weighting:
             kernels.settle(self.sos, self.state, channel, level)
 
 
-class DoseMeter:
+class _Meter:
+    """What all meters have: a tally, whose sums since reset can be kept and gone on from."""
+
+    _tally: _Tally
+
+    def reset(self) -> None:
+        """Start "since reset" anew."""
+        self._tally.reset()
+
+    def kept(self) -> Floats:
+        """What was counted since reset, for `go_on_from` of a meter of another run."""
+        return self._tally.kept()
+
+    def go_on_from(self, kept: Floats) -> None:
+        """Count on from what was kept."""
+        self._tally.go_on_from(kept)
+
+
+class DoseMeter(_Meter):
     """aw, MTVV, VDV and peak of channels sharing a clock: `push` blocks (n, c) of m/s^2, unweighted."""
 
     def __init__(self, weighting: WeightingName, rate_hz: float, channels: int, window_s: float) -> None:
@@ -209,10 +239,6 @@ class DoseMeter:
         """One Dose per channel over the last `window_s`."""
         return self._doses(self._tally.rolling())
 
-    def reset(self) -> None:
-        """Start "since reset" anew."""
-        self._tally.reset()
-
     def _doses(self, rows: Floats) -> tuple[Dose, ...]:
         return tuple(
             Dose(
@@ -226,7 +252,7 @@ class DoseMeter:
         )
 
 
-class HorizontalMeter:
+class HorizontalMeter(_Meter):
     """Wd-weighted aw and VDV of the horizontal plane in every direction at once, from the moments of both axes."""
 
     def __init__(self, rate_hz: float, window_s: float) -> None:
@@ -260,10 +286,6 @@ class HorizontalMeter:
         aw = np.sqrt(np.maximum(second, 0.0) / max(row[8], 1.0))
         return aw, (np.maximum(fourth, 0.0) / self._rate_hz) ** 0.25
 
-    def reset(self) -> None:
-        """Start "since reset" anew."""
-        self._tally.reset()
-
 
 class MotionSicknessMeter:
     """Motion sickness dose value of the vertical: root of the integral of the squared Wf-weighted acceleration.
@@ -292,8 +314,16 @@ class MotionSicknessMeter:
         """Start "since reset" anew."""
         self._meter.reset()
 
+    def kept(self) -> Floats:
+        """What was counted since reset."""
+        return self._meter.kept()
 
-class DriMeter:
+    def go_on_from(self, kept: Floats) -> None:
+        """Count on from what was kept."""
+        self._meter.go_on_from(kept)
+
+
+class DriMeter(_Meter):
     """The DRI oscillator driven by the seat's vertical acceleration, gravity-free, exact between samples.
 
     Behind a break it starts at rest. The level a body's lean leaves in the vertical is of second order, 0.15 m/s^2 at
@@ -329,15 +359,27 @@ class DriMeter:
 
     def reset(self) -> None:
         """Start "since reset" anew."""
-        self._tally.reset()
+        super().reset()
         self._seen[:] = 0
+
+    def kept(self) -> Floats:
+        """As of every meter, with the seconds that passed and when it was largest, (1, 4)."""
+        return np.column_stack([super().kept(), self._seen[None] / self._rate_hz])
+
+    def go_on_from(self, kept: Floats) -> None:
+        """Count on from what was kept."""
+        largest, before = self._tally.since_reset()[0, 0], np.rint(kept[0, 2:] * self._rate_hz).astype(np.int64)
+        self._seen += before[0]
+        if kept[0, 0] >= largest:
+            self._seen[1] = before[1]
+        super().go_on_from(np.ascontiguousarray(kept[:, :2]))
 
     def _dri(self, rows: Floats) -> Dri:
         scale = DRI_OMEGA_RAD_PER_S**2 / STANDARD_GRAVITY_MPS2
         return Dri(float(rows[0, 0] * scale), float(rows[0, 1] * scale), float(self._seen[1] / self._rate_hz))
 
 
-class HicMeter:
+class HicMeter(_Meter):
     """HIC of the head over all windows up to `length_s`; `push` gravity-free levelled acceleration (n, 3), z up."""
 
     def __init__(self, rate_hz: float, length_s: float, window_s: float) -> None:
@@ -371,16 +413,12 @@ class HicMeter:
         """The largest over the last `window_s`."""
         return self._hic(self._tally.rolling())
 
-    def reset(self) -> None:
-        """Start "since reset" anew."""
-        self._tally.reset()
-
     def _hic(self, rows: Floats) -> Hic:
         as_printed, vertical, resultant = (rows[:, 0] ** 2.5).tolist()
         return Hic(as_printed, vertical, resultant, self._rate_hz / 2.0)
 
 
-class ResidualMeter:
+class ResidualMeter(_Meter):
     """Rms of predicted minus measured per channel: `push` both (n, c) m/s^2; rows with NaN are left out."""
 
     def __init__(self, rate_hz: float, channels: int, window_s: float) -> None:
@@ -402,10 +440,6 @@ class ResidualMeter:
     def rolling(self) -> tuple[Floats, Floats]:
         """The same over the last `window_s`."""
         return self._rms(self._tally.rolling())
-
-    def reset(self) -> None:
-        """Start "since reset" anew."""
-        self._tally.reset()
 
     @staticmethod
     def _rms(rows: Floats) -> tuple[Floats, Floats]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.conditioning import Block
+from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, DoseMeter, Dri, DriMeter, Hic, HicMeter, HorizontalMeter, MotionSicknessMeter
 from biodyn_core.segments import HEAD, SEAT
 from biodyn_core.weighting import WeightingName
@@ -18,6 +20,22 @@ BATCH: Final = 128
 """Exposure is counted in batches of at least so many samples, predictions come first. No figure depends on it."""
 
 HIC_LENGTHS_S: Final = (0.015, 0.036)
+
+
+class Meter(Protocol):
+    """What can be told to skip, to begin anew, and to go on from what was kept."""
+
+    def skip(self, seconds: float) -> None:
+        """Nothing was measured for that long."""
+
+    def reset(self) -> None:
+        """Start "since reset" anew."""
+
+    def kept(self) -> Floats:
+        """What was counted since reset."""
+
+    def go_on_from(self, kept: Floats) -> None:
+        """Count on from it."""
 
 
 class Batch:
@@ -54,15 +72,20 @@ class SensorMeters:
         self._dri = DriMeter(rate_hz, window_s) if sensor == SEAT else None
         self._sickness = MotionSicknessMeter(rate_hz) if sensor == SEAT else None
         self._hics = [HicMeter(rate_hz, length, window_s) for length in HIC_LENGTHS_S] if sensor == HEAD else []
+        hics = {f"hic{round(1000 * h)}": meter for h, meter in zip(HIC_LENGTHS_S, self._hics, strict=False)}
+        named = {
+            "vertical": self._vertical, "plane": self._plane, "dri": self._dri, "sickness": self._sickness, **hics,
+            **{f"also {name}": meter for name, meter in self._also.items()},
+        }  # fmt: skip
+        self._named: dict[str, Meter] = {name: meter for name, meter in named.items() if meter is not None}
         upward = (self._vertical, *self._also.values(), self._dri, self._sickness)
         self._upward = [meter for meter in upward if meter is not None]
-        self._all = [*self._upward, *self._hics, *([self._plane] if self._plane else [])]
 
     def push(self, block: Block) -> None:
         """Count a block; nothing integrates across a break."""
         if block.begins_run:
             self._settle()
-            for meter in self._all:
+            for meter in self._named.values():
                 meter.skip(block.gap_s)
         self._digest(self._batch.add(block.levelled_mps2))
 
@@ -116,5 +139,25 @@ class SensorMeters:
     def reset(self) -> None:
         """Start "since reset" anew."""
         self._settle()
-        for meter in self._all:
+        for meter in self._named.values():
             meter.reset()
+
+    def kept(self) -> dict[str, Floats]:
+        """What was counted since reset, by meter."""
+        self._settle()
+        return {name: meter.kept() for name, meter in self._named.items()}
+
+    def go_on_from(self, kept: Mapping[str, Floats], gap_s: float) -> None:
+        """Count on from what was kept, so long ago; raises InputError for rows that no meter of this name has."""
+        self._settle()
+        for name, meter in self._named.items():
+            if name in kept:
+                go_on(meter, kept[name], name)
+            meter.skip(gap_s)
+
+
+def go_on(meter: Meter, kept: Floats, name: str) -> None:
+    """Let a meter go on from what was kept; raises InputError where its rows are another meter's."""
+    if kept.shape != meter.kept().shape:
+        raise InputError(f"{name}: kept as {kept.shape}, {meter.kept().shape} are needed")
+    meter.go_on_from(kept)

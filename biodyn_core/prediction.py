@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -12,7 +13,7 @@ from biodyn_core import kernels
 from biodyn_core.comparison import Comparison
 from biodyn_core.conditioning import Block
 from biodyn_core.exposure import Dose, DoseMeter
-from biodyn_core.metering import Batch
+from biodyn_core.metering import Batch, Meter, go_on
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 
@@ -94,3 +95,20 @@ class SeatSide:
         rms, percent = meter.rolling() if rolling else meter.since_reset()
         pairs = zip(MEASURED_SEGMENTS, rms.tolist(), percent.tolist(), strict=True)
         return {name: (value, share) for name, value, share in pairs if not math.isnan(value)}
+
+    def kept(self) -> dict[str, Floats]:
+        """What was counted since reset, by meter."""
+        self._digest(self._batch.take())
+        return {name: meter.kept() for name, meter in self._meters.items()}
+
+    def go_on_from(self, kept: Mapping[str, Floats], gap_s: float) -> None:
+        """Count on from what was kept, so long ago."""
+        self._digest(self._batch.take())
+        for name, meter in self._meters.items():
+            if name in kept:
+                go_on(meter, kept[name], name)
+            meter.skip(gap_s)
+
+    @property
+    def _meters(self) -> dict[str, Meter]:
+        return {"predicted": self.doses, "measured": self.comparison.doses, "residual": self.comparison.residual}

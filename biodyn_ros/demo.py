@@ -74,7 +74,9 @@ def demo(out: Path, subject_name: str) -> int:
     subject = load_subject(subject_path)
     print(f"playing {bag.name} onto six topics; the live node answers for {subject.name}\n{MADE_BY_MODEL}\n")
     rclpy.init()
-    live = _child("live", "--ros-args", "-p", f"subject_file:={subject_path}", "--log-level", "warn")
+    live = _child(
+        "live", "--ros-args", "-p", f"subject_file:={subject_path}", "-p", "state_file:=none", "--log-level", "warn"
+    )
     player = None
     try:
         observer = _Observer()

@@ -18,6 +18,7 @@ from biodyn_core.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning import SensorStatus
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT
+from biodyn_ros.state import Keeper
 from biodyn_ros.wording import MODEL, left_range
 
 SILENT_AFTER_S: Final = 0.5
@@ -132,8 +133,9 @@ class SensorHealth:
 
 
 def is_settling(seen: SensorStatus) -> bool:
-    """Whether filters still ring from the gap before this run; those of the first run began in steady state."""
-    return seen.runs > 1 and (seen.run_s or 0.0) < SETTLING_S
+    """Whether filters still ring from how the run began; those that began at rest did so in steady state."""
+    rested = seen.runs == 1 and seen.uncounted_s > 0.0
+    return seen.run_s is not None and not rested and seen.run_s < SETTLING_S
 
 
 def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline) -> Status:
@@ -203,6 +205,13 @@ def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: Growth, ma
     for output, latency in pipeline.latency().items():
         values[f"{output}_latency_ms"] = " + ".join(f"{1e3 * part:.3f}" for part in latency)
     return Status("biodyn: prediction", level, message, values)
+
+
+def keeping_status(keeper: Keeper) -> Status:
+    """Judge whether exposure would survive a restart."""
+    level, message = (WARN, keeper.failed) if keeper.failed else (OK, "kept across restarts")
+    values = {"state_file": str(keeper.path), "went_on": str(keeper.went_on).lower()}
+    return Status("biodyn: exposure", level, message, values)
 
 
 def _number(value: float | None, form: str) -> str:

@@ -41,11 +41,12 @@ from biodyn_core.limits import EU_LIMITS, load_limits
 from biodyn_core.pipeline import Frames, Pipeline, PipelineSettings
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
-from biodyn_core.subject import load_subject
+from biodyn_core.subject import Subject, load_subject
 from biodyn_ros import params, topics
 from biodyn_ros.cdr import IMU_TYPE, AccelStampedTemplate, decode_imu, decode_imu_one
-from biodyn_ros.health import Growth, SensorHealth, Status, prediction_status, sensor_status
+from biodyn_ros.health import Growth, SensorHealth, Status, keeping_status, prediction_status, sensor_status
 from biodyn_ros.resources import subject_file
+from biodyn_ros.state import BELIEVED, Keeper, StateFile, belongs_to, state_path
 from biodyn_ros.warmup import warm_up
 
 NODE_NAME: Final = "biodyn"
@@ -54,6 +55,9 @@ DRAIN_RATE_HZ: Final = 100.0
 
 REFRESH_RATE_HZ: Final = 20.0
 DIAGNOSTICS_RATE_HZ: Final = 2.0
+KEEP_RATE_HZ: Final = 0.5
+"""How often exposure is kept: what a node that is killed loses of it, and says is missing."""
+
 LOOK_RATE_HZ: Final = 1.0
 """How often publishers are looked at, and one of the six clocks, which takes a millisecond or two."""
 
@@ -70,6 +74,11 @@ class LiveSettings:
     queue_depth: int = setting(2000, "subscription queue of every sensor, in messages", "", 200, 10_000_000)
     publish_measured: bool = setting(False, "publish the conditioned measurements too")
     exposure_rate_hz: float = setting(2.0, "how often exposure is published", "Hz", 1.0, 10.0)
+    state_file: str = setting(
+        "", "file that keeps exposure across restarts; empty: where users keep state; none: nowhere"
+    )
+    kept_exposure: str = setting("fitting", "which exposure that was kept is gone on from", choices=BELIEVED)
+    exposure_max_age_h: float = setting(12.0, "how old, by its stamps, it may be to be gone on from", "h", 0.0, 8760.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -92,6 +101,7 @@ class BiodynNode(LifecycleNode):
         self._mark = ""
         self._marks = 0
         self._pipeline: Pipeline | None = None
+        self._keeper: Keeper | None = None
         self.add_on_set_parameters_callback(self._on_parameters)
 
     # --- lifecycle ---------------------------------------------------------------------------------------------------
@@ -109,7 +119,7 @@ class BiodynNode(LifecycleNode):
         return self._transition("deactivate", self._deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget subject, filters and exposure."""
+        """Forget subject and filters; exposure is kept in its file."""
         return self._transition("clean up", self._cleanup)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -134,6 +144,7 @@ class BiodynNode(LifecycleNode):
         conditioning, pipeline = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
         self._warn_of_slow_kernels(warm_up(subject))
         self._pipeline = Pipeline(subject, conditioning, pipeline, limits)
+        self._keeper = self._new_keeper(subject)
         self._publishers_of = {name: self._accel_outputs(name) for name in ("predicted", "measured")}
         self._scalars = {topic: self.create_publisher(Float64, topic, 10) for topic in topics.SCALARS}
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
@@ -155,6 +166,7 @@ class BiodynNode(LifecycleNode):
                 (self.settings.exposure_rate_hz, self._publish_exposure),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (LOOK_RATE_HZ, self._look_around),
+                (KEEP_RATE_HZ, self._keep),
             )
         ]
         self._refresh_wanted()
@@ -168,6 +180,7 @@ class BiodynNode(LifecycleNode):
         self._subscriptions_made, self._timers_made = [], []
 
     def _cleanup(self) -> None:
+        self._leave()
         for output in self._publishers_of.values():
             for publisher, _ in output:
                 self.destroy_publisher(publisher)
@@ -178,6 +191,36 @@ class BiodynNode(LifecycleNode):
         self._health = {sensor: SensorHealth() for sensor in SENSORS}
         self._growth = Growth()
         self._pipeline = None
+
+    def _new_keeper(self, subject: Subject) -> Keeper | None:
+        """Where exposure is kept; a place that cannot be written to is told, and costs nobody the ride."""
+        path = state_path(self.settings.state_file, self.get_fully_qualified_name())
+        if path is None:
+            return None
+        mapping = {sensor: self.resolve_topic_name(topic) for sensor, topic in topics.INPUT.items()}
+        belongs, s = belongs_to(subject, mapping), self.settings
+        try:
+            return Keeper(StateFile(path), belongs, s.exposure_max_age_h, s.kept_exposure)
+        except InputError as error:
+            if s.state_file:
+                raise
+            self.get_logger().warning(f"exposure is not kept across restarts: {error}")
+            return None
+
+    def _keep(self) -> None:
+        if self._keeper is not None:
+            self._keeper.keep(self._pipeline)
+
+    def _leave(self) -> None:
+        """Keep exposure for the last time."""
+        keeper, self._keeper = self._keeper, None
+        if keeper is not None and self._pipeline is not None:
+            self._guarded(keeper.close)(self._pipeline)
+
+    def destroy_node(self) -> None:
+        """Leave nothing behind but the exposure that is kept."""
+        self._leave()
+        super().destroy_node()
 
     def _warn_of_slow_kernels(self, rate_hz: float) -> None:
         if not kernels.COMPILED:
@@ -217,6 +260,8 @@ class BiodynNode(LifecycleNode):
 
     def _on_seat(self, message: bytes) -> None:
         stamp_ns, accel = decode_imu_one(message)
+        if self._keeper is not None and self._keeper.waits:
+            self._begin(stamp_ns)
         self._publish(self._pipeline.push(SEAT, np.array([stamp_ns]), np.array([accel])))
         self._health[SEAT].arrived()
         self._seat_stamp_ns = stamp_ns
@@ -237,8 +282,15 @@ class BiodynNode(LifecycleNode):
         except InputError:
             block = decode_imu([message for message in messages if self._readable(sensor, message)])
         if len(block):
+            if self._keeper is not None and self._keeper.waits:
+                self._begin(int(block.stamps_ns[0]))
             self._publish(self._pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
             self._note_lag(sensor, int(block.stamps_ns[-1]))
+
+    def _begin(self, stamp_ns: int) -> None:
+        """Go on with an exposure that was kept, unless the stamp was never set."""
+        if stamp_ns != 0:
+            self.get_logger().warning(self._keeper.begin(self._pipeline, stamp_ns))
 
     def _readable(self, sensor: str, message: bytes) -> bool:
         """Whether a message can be decoded; one that cannot is counted and costs nothing but itself."""
@@ -330,6 +382,7 @@ class BiodynNode(LifecycleNode):
         for sensor, health in self._health.items():
             health.look(self._pipeline.status(sensor))
         statuses = [prediction_status(self._pipeline, self._health[SEAT], self._growth, self._mark)]
+        statuses += [keeping_status(self._keeper)] if self._keeper is not None else []
         statuses += [sensor_status(name, self._health[name], self._pipeline) for name in SENSORS]
         message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
         message.header.stamp = self.get_clock().now().to_msg()

@@ -36,3 +36,9 @@ def shared_data() -> Path:
     if not directory.is_dir():
         pytest.skip(f"the shared recordings are neither in {directory} nor where BIODYN_DATA says")
     return directory
+
+
+@pytest.fixture(autouse=True)
+def _state_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No live node of a test goes on with the exposure of another, or of whoever runs the tests."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))

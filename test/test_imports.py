@@ -28,6 +28,7 @@ LAYERS = (
         "flags",
         "heading",
         "judgement",
+        "keeping",
         "limits",
         "metering",
         "prediction",

@@ -1,0 +1,150 @@
+"""Keeping: exposure since reset as plain data that outlives a process, and what it is to be gone on from for.
+
+Another subject, other sensors or other settings are another exposure. What passed between two runs is missing, so
+figures that go on are lower bounds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_core.rest import Rest
+from biodyn_core.segments import SENSORS
+
+Floats = NDArray[np.float64]
+
+STILL_AT_REST_S: Final = 60.0
+"""A sensor that comes back so soon has the gravity and vertical that it had; later somebody may have taken it off."""
+
+
+class Lost(NamedTuple):
+    """What makes a sensor's figures lower bounds: samples clipped, seconds missing, and those of them that are flat."""
+
+    clipped: int
+    missing_s: float
+    flat_s: float
+
+    def since(self, before: Lost) -> Lost:
+        """What was lost since then."""
+        missing_s = max(0.0, self.missing_s - before.missing_s)
+        return Lost(self.clipped - before.clipped, missing_s, self.flat_s - before.flat_s)
+
+    def and_before(self, before: Lost) -> Lost:
+        """What was lost by now and before."""
+        return Lost(self.clipped + before.clipped, self.missing_s + before.missing_s, self.flat_s + before.flat_s)
+
+
+NOTHING_LOST: Final = Lost(0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class KeptSensor:
+    """One sensor: its newest stamp, what it lost, its rest, its rate, and what each of its meters counted."""
+
+    newest_ns: int
+    lost: Lost
+    rest: Rest
+    meters: Mapping[str, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """Exposure since reset: of whom, by sensor, and beside the sensors that of the model and of comparisons."""
+
+    belongs: Mapping[str, str]
+    sensors: Mapping[str, KeptSensor]
+    beside: Mapping[str, Floats]
+
+    @property
+    def newest_ns(self) -> int:
+        """The newest stamp of all."""
+        return max(one.newest_ns for one in self.sensors.values())
+
+    def foreign_to(self, belongs: Mapping[str, str]) -> str:
+        """What tells it from an exposure that belongs so; empty where nothing does."""
+        return ", ".join(name for name in belongs if self.belongs.get(name) != belongs[name])
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data for JSON."""
+        return {
+            "belongs": dict(self.belongs),
+            "sensors": {
+                name: {
+                    "newest_ns": one.newest_ns,
+                    "lost": list(one.lost),
+                    "rest": dataclasses.asdict(one.rest),
+                    "meters": _lists(one.meters),
+                }
+                for name, one in self.sensors.items()
+            },
+            "beside": _lists(self.beside),
+        }
+
+    @classmethod
+    def from_dict(cls, document: object) -> Kept:
+        """Raises InputError for what `to_dict` never wrote."""
+        try:
+            top = _mapping(document)
+            sensors = {name: _sensor(_mapping(one)) for name, one in _mapping(top["sensors"]).items()}
+            if not sensors or not set(sensors) <= set(SENSORS):
+                raise ValueError("no sensors, or unknown ones")
+            belongs = {str(key): str(value) for key, value in _mapping(top["belongs"]).items()}
+            return cls(belongs, sensors, _arrays(top["beside"]))
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise InputError(f"no exposure that was kept ({' '.join(str(error).split())})") from None
+
+
+def digest(document: object) -> str:
+    """A short hash of plain data, the same for the same content."""
+    return hashlib.sha256(json.dumps(document, sort_keys=True, default=str).encode()).hexdigest()[:16]
+
+
+def _lists(meters: Mapping[str, Floats]) -> dict[str, Any]:
+    return {name: rows.tolist() for name, rows in meters.items()}
+
+
+def _sensor(document: Mapping[str, Any]) -> KeptSensor:
+    clipped, missing_s, flat_s = (_number(value) for value in document["lost"])
+    given = dict(_mapping(document["rest"]))
+    for name in ("mean_mps2", "last_mps2"):
+        x, y, z = (_number(value) for value in given[name])
+        given[name] = x, y, z
+    for name in ("period_s", "last_time_s", "jitter_s"):
+        given[name] = _number(given[name])
+    rest = Rest(**given)
+    if not (0.0 < rest.period_s < 1.0 and rest.jitter_s >= 0.0 and isinstance(rest.samples, int)):
+        raise ValueError("a rest that is none")
+    newest_ns = document["newest_ns"]
+    if not (isinstance(newest_ns, int) and 0 <= newest_ns < 2**63):
+        raise ValueError("newest_ns is no stamp")
+    return KeptSensor(newest_ns, Lost(int(clipped), missing_s, flat_s), rest, _arrays(document["meters"]))
+
+
+def _mapping(value: object) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise TypeError("a list or a value where names are expected")
+    return value
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+        raise ValueError(f"{str(value)[:40]} is no finite number")
+    return float(value)
+
+
+def _arrays(value: object) -> dict[str, Floats]:
+    """Rows of finite numbers, none of them below zero but what is a product of two axes."""
+    found = {name: np.array(rows, dtype=np.float64) for name, rows in _mapping(value).items()}
+    for name, rows in found.items():
+        if rows.ndim != 2 or not np.isfinite(rows).all():
+            raise ValueError(f"{name}: expected rows of finite numbers")
+    return found

@@ -1,0 +1,149 @@
+"""Exposure that outlives its process: two runs with a break are one run with a gap, and what passed is missing."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from streams import RATE_HZ, noisy_streams, subject
+from test_pipeline import in_turn, run
+
+from biodyn_core.errors import InputError
+from biodyn_core.keeping import Kept, digest
+from biodyn_core.pipeline import Pipeline, PipelineSettings
+from biodyn_core.segments import SEAT, SENSORS
+
+BELONGS = {"subject": "a", "sensors": "b"}
+ALSO = PipelineSettings(also_weighted="Wb", yaw_deg=0.0)
+
+
+def parted(begin: int, end: int, held_out: tuple[str, ...] = ()) -> tuple[Pipeline, Pipeline]:
+    """The same ride twice: in one pipeline with a gap, and in two with exposure kept as text in between."""
+    streams, cuts = noisy_streams(8.0), in_turn(noisy_streams(8.0), 140)
+    before = [cut for cut in cuts if cut[1] < begin]
+    after = [cut for cut in cuts if cut[1] >= end and cut[0] not in held_out]
+    whole = run(streams, before + after, finish=False, pipeline=Pipeline(subject(), settings=ALSO)).pipeline
+    first = run(streams, before, finish=False, pipeline=Pipeline(subject(), settings=ALSO)).pipeline
+    text = json.dumps(first.kept(BELONGS).to_dict())
+    second = Pipeline(subject(), settings=ALSO)
+    second.go_on_from(Kept.from_dict(json.loads(text)))
+    return whole, run(streams, after, finish=False, pipeline=second).pipeline
+
+
+def test_a_run_that_goes_on_is_one_run_with_a_gap() -> None:
+    whole, second = parted(40 * 140, 48 * 140)
+    one, other = whole.exposure(), second.exposure()
+    for name in SENSORS:
+        assert other.sensors[name].vdv_mps175 == pytest.approx(one.sensors[name].vdv_mps175, rel=2e-3)
+        assert other.sensors[name].aw_mps2 == pytest.approx(one.sensors[name].aw_mps2, rel=2e-3)
+        assert other.sensors[name].seconds == pytest.approx(one.sensors[name].seconds, abs=0.01)
+        assert second.missing_s(name) == pytest.approx(whole.missing_s(name), abs=0.01) and second.lower_bound(name)
+        assert second.missing_s(name) == pytest.approx(8 * 140 / RATE_HZ, abs=0.01)
+        assert other.also["Wb"][name].vdv_mps175 == pytest.approx(one.also["Wb"][name].vdv_mps175, rel=2e-3)
+    for name, dose in one.predicted.items():
+        assert other.predicted[name].vdv_mps175 == pytest.approx(dose.vdv_mps175, rel=5e-3), name
+    for name, (rms, _) in one.residual.items():
+        assert other.residual[name][0] == pytest.approx(rms, rel=0.02), name
+    assert (other.dri.compression, other.dri.as_printed) == pytest.approx(
+        (one.dri.compression, one.dri.as_printed), rel=1e-3
+    )
+    assert other.dri.time_s == pytest.approx(one.dri.time_s, abs=0.01)
+    assert other.hic15.vertical == pytest.approx(one.hic15.vertical, rel=1e-3)
+    seat, twin = second.seat(), whole.seat()
+    assert seat.vdv_weighted_mps175 == pytest.approx(twin.vdv_weighted_mps175, rel=5e-3)
+    assert seat.lower_bound and seat.time_to_action_value_s is None  # more than 1 % is missing
+
+
+def test_gravity_is_known_behind_a_restart_and_counting_goes_on_at_once() -> None:
+    """It restarts in the middle of the ride, where nothing rests."""
+    _, second = parted(40 * 140, 41 * 140)
+    for name in SENSORS:
+        status = second.status(name)
+        assert status.uncounted_s == status.unrested_s == 0.0 and not status.warnings
+
+
+def test_after_a_minute_rest_is_looked_for_anew() -> None:
+    streams = noisy_streams(8.0)
+    first = run(streams, in_turn(streams, 140), finish=False).pipeline
+    late = [(one.sensor, one.stamps_ns + 70 * 10**9 + 10**10, one.accel_mps2) for one in streams]
+    second = Pipeline(subject())
+    second.go_on_from(first.kept(BELONGS))
+    for at in range(0, 8000, 140):
+        for sensor, stamps_ns, accel in late:
+            second.push(sensor, stamps_ns[at : at + 140], accel[at : at + 140])
+    assert second.status(SEAT).uncounted_s == pytest.approx(0.8, abs=0.01)
+    assert second.missing_s(SEAT) == pytest.approx(70.0 + 10.0 - len(streams[0].stamps_ns) / RATE_HZ, abs=0.05)
+
+
+def test_a_sensor_that_does_not_come_back_keeps_its_figures_and_is_missing() -> None:
+    whole, second = parted(40 * 140, 48 * 140, ("neck",))
+    one, other = whole.exposure().sensors["neck"], second.exposure().sensors["neck"]
+    assert other.vdv_mps175 == pytest.approx(one.vdv_mps175, rel=1e-9)
+    assert second.missing_s("neck") == pytest.approx(whole.missing_s("neck"), abs=0.01)
+    # And the next run but one knows it still.
+    again = second.kept(BELONGS).sensors["neck"]
+    np.testing.assert_allclose(again.meters["vertical"], whole.kept(BELONGS).sensors["neck"].meters["vertical"])
+
+
+def test_reset_forgets_what_was_before_the_restart_too() -> None:
+    _, second = parted(40 * 140, 48 * 140)
+    second.reset()
+    assert second.missing_s(SEAT) == 0.0 and second.exposure().sensors[SEAT].seconds == 0.0
+    waiting = Pipeline(subject())
+    waiting.go_on_from(second.kept(BELONGS))
+    waiting.reset()
+    assert waiting.exposure().sensors == {} and waiting.kept(BELONGS) is None
+
+
+def test_before_anything_counts_there_is_nothing_to_keep() -> None:
+    assert Pipeline(subject()).kept(BELONGS) is None
+
+
+def test_what_tells_two_exposures_apart_is_named() -> None:
+    kept = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline.kept(BELONGS)
+    assert kept.foreign_to(BELONGS) == ""
+    assert kept.foreign_to({"subject": "a", "sensors": "c"}) == "sensors"
+    assert digest({"x": 1, "y": [1.5]}) == digest({"y": [1.5], "x": 1}) != digest({"x": 1, "y": [1.6]})
+
+
+def spoilt() -> dict:
+    """Documents that `to_dict` never wrote."""
+    good = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline.kept(BELONGS).to_dict()
+
+    def with_(*path: str, value: object) -> dict:
+        document = json.loads(json.dumps(good))
+        where = document
+        for key in path[:-1]:
+            where = where[key]
+        where[path[-1]] = value
+        return document
+
+    seat = ("sensors", "seat")
+    return {
+        "a list": [],
+        "nothing": {},
+        "no sensors": with_("sensors", value={}),
+        "a knee": with_("sensors", value={"knee": good["sensors"]["seat"]}),
+        "not a number": with_(*seat, "meters", "vertical", value=[[float("nan")] * 5]),
+        "a text": with_(*seat, "meters", "vertical", value="x"),
+        "an endless number": with_(*seat, "lost", value=[0, 1e999, 0]),
+        "too few": with_(*seat, "lost", value=[0]),
+        "a stamp that is none": with_(*seat, "newest_ns", value=-1),
+        "a period of zero": with_(*seat, "rest", value=good["sensors"]["seat"]["rest"] | {"period_s": 0.0}),
+        "a rest of another kind": with_(*seat, "rest", value={"x": 1}),
+    }
+
+
+@pytest.mark.parametrize("name", spoilt())
+def test_what_was_never_kept_is_refused_in_one_line(name: str) -> None:
+    with pytest.raises(InputError, match="no exposure that was kept") as caught:
+        Kept.from_dict(spoilt()[name])
+    assert "\n" not in str(caught.value)
+
+
+def test_rows_of_another_meter_are_refused() -> None:
+    document = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline.kept(BELONGS).to_dict()
+    document["sensors"]["seat"]["meters"]["plane"] = [[1.0, 2.0]]
+    with pytest.raises(InputError, match=r"plane: kept as \(1, 2\), \(1, 9\) are needed"):
+        Pipeline(subject()).go_on_from(Kept.from_dict(document))
