@@ -417,8 +417,6 @@ class Conditioner:
             if self._state[kernel.JITTER] > JITTER_TOLERATED * self._rest.period_s and not self._rest.coarse:
                 jitter_ms = 1e3 * float(self._state[kernel.JITTER])
                 lines.append(f"stamps jitter by {jitter_ms:.2g} ms, too much to tell lost samples: some may hide")
-        if self._counts[kernel.FLAT]:
-            lines.append(f"{self._counts[kernel.FLAT]} samples of an unchanging reading count as missing: stuck?")
         return lines
 
     # --- runs --------------------------------------------------------------------------------------------------------

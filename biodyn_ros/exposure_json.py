@@ -12,7 +12,7 @@ from biodyn_core.limits import Limits
 from biodyn_core.pipeline import Exposure, Pipeline
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros import __version__
-from biodyn_ros.wording import MODEL, left_range
+from biodyn_ros.wording import MODEL, left_range, stuck
 
 
 def exposure_document(
@@ -68,6 +68,8 @@ def sensor_warnings(pipeline: Pipeline) -> list[str]:
         elif status.rate_hz is None:
             lines.append(f"{name}: nothing counted, gravity never became known")
         lines += [f"{name}: {text}" for text in status.warnings]
+        if status.flat:
+            lines.append(f"{name}: {stuck(status.flat)}")
         if clipped := pipeline.clipped(name):
             lines.append(f"{name}: {clipped} samples clipped: doses and peaks are lower bounds")
         missing = pipeline.missing_s(name)

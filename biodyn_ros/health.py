@@ -91,16 +91,17 @@ class SensorHealth:
     clock: ClockComparison = field(default_factory=ClockComparison)
     drift: ClockDrift | None = None
     growth: Growth = field(default_factory=Growth)
+    now: Callable[[], float] = time.monotonic
     _offsets_s: deque[tuple[float, float]] = field(default_factory=deque)
 
     def arrived(self, count: int = 1) -> None:
         """Note that messages came just now."""
-        self.arrived_s = time.monotonic()
+        self.arrived_s = self.now()
         self.messages += count
 
     def offset(self, arrival_minus_stamp_s: float, window_s: float) -> None:
         """Note how far a message's arrival lies behind its stamp."""
-        now = time.monotonic()
+        now = self.now()
         while self._offsets_s and self._offsets_s[0][0] < now - window_s:
             self._offsets_s.popleft()
         # Ascending from the left: what a later, smaller offset makes useless is dropped.
@@ -129,7 +130,7 @@ class SensorHealth:
     @property
     def silent_s(self) -> float | None:
         """Seconds since the last message, None before the first."""
-        return None if self.arrived_s is None else time.monotonic() - self.arrived_s
+        return None if self.arrived_s is None else self.now() - self.arrived_s
 
 
 def is_settling(seen: SensorStatus) -> bool:

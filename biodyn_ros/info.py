@@ -18,7 +18,7 @@ from biodyn_ros.cdr import IMU_TYPE
 from biodyn_ros.mapping import SensorMap, imu_topics, map_sensors
 from biodyn_ros.replay import check_seat
 from biodyn_ros.stamps import SensorClock, TimeChoice, choose_times, clock_warnings
-from biodyn_ros.wording import number
+from biodyn_ros.wording import number, stuck
 
 CAUSES: Final = ("unset", "non_finite", "duplicate", "late", "stray")
 UNEVEN_S: Final = 0.005
@@ -134,7 +134,8 @@ class _Survey:
                 f"{self.name}: stamps are {1e3 * status.jitter_s:.0f} ms off an even clock on average: sampling is"
                 " uneven, or the driver stamps late"
             )
-        return lines + [f"{self.name}: {text}" for text in status.warnings]
+        told = [*status.warnings, *([stuck(status.flat)] if status.flat else [])]
+        return lines + [f"{self.name}: {text}" for text in told]
 
 
 class _Steps:

@@ -28,6 +28,11 @@ _RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv
 MODEL: Final = "the model"
 
 
+def stuck(samples: int) -> str:
+    """What is said of samples of a reading that never changed."""
+    return f"{samples} samples of an unchanging reading count as missing: stuck?"
+
+
 def left_range(samples: int) -> str:
     """What is said of samples at which the model left its range."""
     return f"left its range at {samples} sample{'' if samples == 1 else 's'}, none of them predicted: it began at rest"

@@ -1,0 +1,66 @@
+"""A ride driven through the pipeline in order of arrival, with a look at its health every half second, as live does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.pipeline import Frames, Pipeline, _joined
+from biodyn_core.segments import SEAT, SENSORS
+from biodyn_ros.health import Growth, SensorHealth, Status, prediction_status, sensor_status
+from faults.ride import SECONDS, START_NS, Arriving, subject
+
+SLOT_S: Final = 0.02
+LOOK_S: Final = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What the diagnostics said at an instant of the ride, by sensor, and of `prediction`."""
+
+    time_s: float
+    statuses: Mapping[str, Status]
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """All that a ride brought: the pipeline, its frames, when each prediction was there, and the looks."""
+
+    pipeline: Pipeline
+    frames: Frames
+    looks: tuple[Look, ...]
+
+
+def drive(ride: Mapping[str, Arriving]) -> Driven:
+    """Push what has arrived, slot by slot."""
+    pipeline, growth, clock = Pipeline(subject()), Growth(), [0.0]
+    health = {name: SensorHealth(publishers=1, now=lambda: clock[0]) for name in SENSORS}
+    done, frames, looks = dict.fromkeys(SENSORS, 0), [], []
+    for slot in range(1, round(SECONDS / SLOT_S) + 1):
+        clock[0] = slot * SLOT_S
+        for name, one in ride.items():
+            end = int(np.searchsorted(one.arrival_s, clock[0]))
+            part = slice(done[name], end)
+            done[name] = end
+            if part.start < part.stop:
+                frames.append(pipeline.push(name, one.stamps_ns[part], one.accel_mps2[part]))
+                health[name].arrived(part.stop - part.start)
+        if slot % round(LOOK_S / SLOT_S) == 0:
+            looks.append(_look(clock[0], pipeline, health, growth))
+    return Driven(pipeline, _joined(frames), tuple(looks))
+
+
+def _look(time_s: float, pipeline: Pipeline, health: Mapping[str, SensorHealth], growth: Growth) -> Look:
+    growth.look({"divergences": pipeline.divergences})
+    for name, one in health.items():
+        one.look(pipeline.status(name))
+    statuses = {name: sensor_status(name, health[name], pipeline) for name in SENSORS}
+    return Look(time_s, statuses | {"prediction": prediction_status(pipeline, health[SEAT], growth, "")})
+
+
+def seconds_of(stamps_ns: np.ndarray) -> np.ndarray:
+    """Seconds of the ride by stamps."""
+    return np.asarray(1e-9 * (stamps_ns - START_NS))
