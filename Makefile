@@ -1,10 +1,10 @@
-# make demo | test | lint | bench | conformance | blind | clean
+# make demo | test | lint | bench | conformance | blind | faults | clean
 #
 # Needs make and a Python from 3.10 to 3.13; everything else, ROS 2 Jazzy included, comes from PyPI into .venv.
 # PYTHON=python3.12 chooses the interpreter, VENV=.venv312 keeps its environment beside others,
 # PIP_CONSTRAINT=FILE pins versions, WORKERS=1 runs tests one after the other, ARGS='-k name' goes to pytest or to the
-# benchmarks, ARGS='tracing --count 2' to the blind studies: without it, both of them, of which that of tracing takes
-# some six hours on two cores.
+# benchmarks, ARGS=stamps or ARGS=dds to the fault bench (four minutes), ARGS='tracing --count 2' to the blind studies:
+# without it, both of them, of which that of tracing takes some five hours on two cores.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -34,7 +34,7 @@ unexport FASTRTPS_DEFAULT_PROFILES_FILE FASTDDS_DEFAULT_PROFILES_FILE
 # These three send pip's files elsewhere than into the environment.
 unexport PIP_USER PIP_TARGET PIP_PREFIX
 
-.PHONY: demo test lint bench conformance blind clean
+.PHONY: demo test lint bench conformance blind faults clean
 .DEFAULT_GOAL := test
 
 demo: $(INSTALLED)
@@ -55,6 +55,9 @@ conformance: $(INSTALLED)
 
 blind: $(INSTALLED)
 	@exec $(IN_ENVIRONMENT) python -m blind $(ARGS)
+
+faults: $(INSTALLED)
+	@exec $(IN_ENVIRONMENT) python -m faults $(ARGS)
 
 clean:
 	rm -rf $(VENV) build install log out *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

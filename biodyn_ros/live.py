@@ -27,7 +27,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import HistoryPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.task import Future
 from sensor_msgs.msg import Imu
@@ -157,7 +157,7 @@ class BiodynNode(LifecycleNode):
         self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS if sensor != SEAT}
         self._turn = itertools.cycle(self._inbox)
         self._clock_turn = itertools.cycle(SENSORS)
-        self._subscriptions_made = [self._subscribe(sensor) for sensor in SENSORS]
+        self._subscriptions_made = {sensor: self._subscribe(sensor) for sensor in SENSORS}
         self._timers_made = [
             self.create_timer(1.0 / rate_hz, self._guarded(callback), clock=self._steady)
             for rate_hz, callback in (
@@ -173,11 +173,11 @@ class BiodynNode(LifecycleNode):
         self.get_logger().info(f"predicting for {self._pipeline.subject.name}, listening to {len(SENSORS)} sensors")
 
     def _deactivate(self) -> None:
-        for subscription in getattr(self, "_subscriptions_made", []):
+        for subscription in getattr(self, "_subscriptions_made", {}).values():
             self.destroy_subscription(subscription)
         for timer in getattr(self, "_timers_made", []):
             self.destroy_timer(timer)
-        self._subscriptions_made, self._timers_made = [], []
+        self._subscriptions_made, self._timers_made = {}, []
 
     def _cleanup(self) -> None:
         self._leave()
@@ -400,7 +400,15 @@ class BiodynNode(LifecycleNode):
             text = f"{topic}: a publisher sends {wrong[0]}, {IMU_TYPE} is needed" if wrong else ""
             if text and text != health.wrong_type:
                 self.get_logger().error(text)
+            heard = [self._hears(sensor, info) for info in found if info.topic_type == IMU_TYPE]
             health.publishers, health.wrong_type = len(found), text
+            if all(heard):
+                health.incompatible_qos = ""  # whoever offered it has gone
+
+    def _hears(self, sensor: str, publisher: Any) -> bool:
+        """Whether a publisher's QoS is compatible with ours, as far as both are known."""
+        ours = self._subscriptions_made[sensor].qos_profile
+        return qos_check_compatible(publisher.qos_profile, ours)[0] != QoSCompatibility.ERROR
 
     # --- services ----------------------------------------------------------------------------------------------------
 

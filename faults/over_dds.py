@@ -1,0 +1,319 @@
+"""Faults of DDS, of processes and of the disk, each over real DDS and in real time; a row says what came of it."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu
+
+from biodyn_ros import topics
+from biodyn_ros.resources import bag_file, subject_file
+from faults.rig import Rig, command, ended, rig
+
+BEGIN_S, END_S, UNTIL_S = 3.0, 8.0, 12.0
+"""Long enough for another process to start and to be found."""
+
+WITHIN_S: Final = 2.5
+"""Two seconds, and the half of one between two diagnostics."""
+
+HEAD: Final = topics.INPUT["head"]
+OK: Final = DiagnosticStatus.OK
+
+
+@dataclass(frozen=True)
+class Result:
+    """One row: what was injected, what was said of it, how long it took until all was normal, what was wrong."""
+
+    fault: str
+    said: str
+    recovered_s: float | None
+    wrong: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class OverDds:
+    """A fault that begins and ends while the ride is sent; says: what the diagnostics of its sensor must hold."""
+
+    name: str
+    begin: Callable[[Rig], None]
+    end: Callable[[Rig], None]
+    of: str = "head"
+    says: str = ""
+    parameters: tuple[str, ...] = ()
+
+    def run(self) -> Result:
+        """Drive it."""
+        with rig(*self.parameters) as one:
+            one.play(UNTIL_S, {BEGIN_S: self.begin, END_S: self.end})
+            return Result(self.name, *_judged(one, self))
+
+
+def _judged(one: Rig, fault: OverDds) -> tuple[str, float | None, tuple[str, ...]]:
+    wrong = []
+    told = [(at, name, status) for at, found in one.heard.statuses for name, status in found.items() if at > 2.0]
+    mine = [status.message for _, name, status in told if name == f"biodyn: {fault.of}"]
+    said = next((message for message in mine if fault.says and fault.says in message), "")
+    if fault.says and not said:
+        wrong.append(f"nothing said of {fault.says}: {sorted(set(mine))}")
+    others = {
+        f"{name}: {status.message}" for _, name, status in told if name != f"biodyn: {fault.of}" and status.level != OK
+    }
+    if others:
+        wrong.append(f"others are blamed: {sorted(others)}")
+    last = max((at for at, _, status in told if status.level != OK), default=0.0)
+    recovered = max(0.0, last - END_S)
+    if recovered > WITHIN_S:
+        wrong.append(f"not normal {recovered:.1f} s after it")
+    wrong += _silences(one)
+    return said, recovered, tuple(wrong)
+
+
+def _silences(one: Rig) -> list[str]:
+    """Predictions and diagnostics go on throughout."""
+    found = []
+    predicted = [at for at in one.heard.predicted_s if at > 2.0]
+    gaps = [b - a for a, b in pairwise(predicted)]
+    if not predicted or max(gaps, default=9.0) > 1.0 or predicted[-1] < UNTIL_S - 1.0:
+        found.append(f"predictions pause for {max(gaps, default=9.0):.1f} s")
+    times = [at for at, _ in one.heard.statuses]
+    if not times or times[-1] < UNTIL_S - 1.5:
+        found.append("diagnostics stop")
+    if one.live.poll() is not None:
+        found.append(f"the node ended with {one.live.returncode}")
+    return found
+
+
+# --- what is done to the node ----------------------------------------------------------------------------------------
+
+_KEPT: dict[str, Any] = {}
+"""What a fault begins with and ends."""
+
+
+def _nothing(_: Rig) -> None:
+    """No deed."""
+
+
+def _aside(name: str, code: str) -> Callable[[Rig], None]:
+    """Another process on the graph, until `_ended`."""
+
+    def begin(_: Rig) -> None:
+        _KEPT[name] = subprocess.Popen([sys.executable, "-c", f"import rclpy; rclpy.init(); {code}; rclpy.spin(n)"])
+
+    return begin
+
+
+def _killed(name: str) -> Callable[[Rig], None]:
+    def end(_: Rig) -> None:
+        process = _KEPT.pop(name)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+
+    return end
+
+
+def _left(name: str) -> Callable[[Rig], None]:
+    def end(_: Rig) -> None:
+        process = _KEPT.pop(name)
+        process.send_signal(signal.SIGINT)
+
+    return end
+
+
+OF_ANOTHER_TYPE: Final = (
+    f"from std_msgs.msg import String; n = rclpy.create_node('other'); p = n.create_publisher(String, '{HEAD}', 10)"
+)
+LISTENER: Final = (
+    "from geometry_msgs.msg import AccelStamped; n = rclpy.create_node('listener');"
+    f"n.create_subscription(AccelStamped, '{topics.absolute(topics.PREDICTED['head'])}', lambda m: None, 10)"
+)
+
+
+def _unreliable(one: Rig) -> None:
+    """Ours is asked to be reliable by an override; this one is not."""
+    qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    _KEPT["publisher"] = one.node.create_publisher(Imu, HEAD, qos)
+
+
+def _second(one: Rig) -> None:
+    _KEPT["publisher"] = one.node.create_publisher(Imu, HEAD, 10)
+
+
+def _gone(one: Rig) -> None:
+    one.node.destroy_publisher(_KEPT.pop("publisher"))
+
+
+def _garbage(one: Rig) -> None:
+    """Messages that end too early, or claim a frame_id longer than they are.
+
+    None is shorter than the four bytes that every message of ROS has: behind an empty one a reliable reader of Fast DDS
+    waits for seconds.
+    """
+    for message in (
+        b"\0\1\0\0",
+        b"\0\1\0\0" + b"\xff" * 40,
+        b"\0\1\0\0" + b"\0" * 8 + b"\xff\xff\xff\x7f" + b"a" * 300,
+    ):
+        one.outputs["head"].publish(message)
+
+
+def _framed(length: int) -> Callable[[Rig], None]:
+    def begin(one: Rig) -> None:
+        one.frame_id = "f" * length
+
+    return begin
+
+
+def _named_again(one: Rig) -> None:
+    one.frame_id = "imu"
+
+
+def _clock(one: Rig) -> None:
+    """Time that somebody simulates, and then does not any more."""
+    publisher = _KEPT["clock"] = one.node.create_publisher(Clock, "/clock", 10)
+    for second in range(5):
+        message = Clock()
+        message.clock.sec = 1_767_225_600 + second
+        publisher.publish(message)
+
+
+def _clock_gone(one: Rig) -> None:
+    one.node.destroy_publisher(_KEPT.pop("clock"))
+
+
+STREAMED: Final = (
+    OverDds(
+        "a publisher of another type", _aside("other", OF_ANOTHER_TYPE), _left("other"),
+        says="a publisher sends std_msgs/msg/String",
+    ),
+    OverDds(
+        "a publisher of incompatible QoS", _unreliable, _gone, says="incompatible QoS",
+    ),
+    OverDds("two publishers on one topic", _second, _gone, says="2 publishers"),
+    OverDds("messages that are cut, or lie about their length", _garbage, _nothing, says="messages refused"),
+    OverDds("frame_id empty", _framed(0), _named_again),
+    OverDds("frame_id of 4,000 characters", _framed(4000), _named_again),
+    OverDds("a subscriber killed with -9", _aside("listener", LISTENER), _killed("listener")),
+    OverDds("simulated time that stops", _clock, _clock_gone, parameters=("use_sim_time:=true",)),
+)  # fmt: skip
+
+
+# --- faults of another kind ------------------------------------------------------------------------------------------
+
+
+def _service(one: Rig, kind: Any, name: str, request: Any) -> Any:
+    client = one.node.create_client(kind, f"/biodyn/{name}")
+    one.wait(client.service_is_ready, f"{name} is there", 20.0)
+    future = client.call_async(request)
+    one.wait(future.done, f"{name} answers", 60.0)
+    return future.result()
+
+
+def _transition(one: Rig, which: int) -> bool:
+    request = ChangeState.Request(transition=Transition(id=which))
+    return bool(_service(one, ChangeState, "change_state", request).success)
+
+
+def subject_spoilt_at_run_time() -> Result:
+    """The subject's file becomes nonsense: what runs goes on, a new start fails, and once mended works again."""
+    wrong = []
+    with tempfile.TemporaryDirectory() as directory:
+        path = Path(directory) / "anna.yaml"
+        shutil.copy(subject_file("subject_1"), path)
+        with rig(f"subject_file:={path}") as one:
+            one.play(UNTIL_S, {BEGIN_S: lambda _: path.write_text("not: a subject\n")})
+            wrong += _silences(one)
+            value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=50.0)
+            request = SetParameters.Request(parameters=[Parameter(name="cutoff_hz", value=value)])
+            answer = _service(one, SetParameters, "set_parameters", request).results[0]
+            if answer.successful or "clean up first" not in answer.reason:
+                wrong.append("a parameter that is read on configure was taken")
+            steps = [
+                _transition(one, which) for which in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+            ]
+            if not all(steps):
+                wrong.append("it cannot be deactivated and cleaned up")
+            if _transition(one, Transition.TRANSITION_CONFIGURE):
+                wrong.append("it was configured with nonsense")
+            shutil.copy(subject_file("subject_1"), path)
+            steps = [
+                _transition(one, which) for which in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+            ]
+            if not all(steps):
+                wrong.append("once mended it cannot be configured and activated")
+            one.wait(one.matched, "it listens again", 20.0)
+    return Result("subject file made invalid at run time", answer.reason, 0.0, tuple(wrong))
+
+
+def disk_full() -> Result:
+    """A replay meets a full disk: one line, exit code 2, and the earlier results stay as they were."""
+    bag, wrong, said = str(bag_file("subject_1.mcap")), [], ""
+    with tempfile.TemporaryDirectory() as directory:
+        out = Path(directory) / "out"
+        given = ("replay", bag, "--subject", "subject_1", "-o", str(out))
+        if command(*given).returncode != 0:
+            wrong.append("the replay before failed")
+        before = {path.name: path.read_bytes() for path in out.iterdir()}
+        for limit in (200_000, 20_000, 1_000):
+            full = command(*given, file_limit=limit)
+            said = full.stderr.strip().splitlines()[-1] if full.stderr.strip() else ""
+            if full.returncode != 2 or "Traceback" in full.stderr:
+                wrong.append(f"{limit} bytes: exit code {full.returncode}: {full.stderr[-300:]}")
+            left = {path.name: path.read_bytes() for path in out.iterdir()}
+            if left != before:
+                wrong.append(f"{limit} bytes: what was there has changed: {sorted(left)}")
+    return Result("the disk full while a replay writes", said, None, tuple(wrong))
+
+
+def looping_bag() -> Result:
+    """A bag that is played again and again with its own stamps: exposure goes on, and the loop is no lasting alarm."""
+    wrong: list[str] = []
+    with rig() as one:
+        one.wait(one.matched, "the node listens")
+        for output in one.outputs.values():
+            one.node.destroy_publisher(output)
+        words = [
+            sys.executable,
+            "-m",
+            "biodyn_ros.cli",
+            "play",
+            str(bag_file("subject_1.mcap")),
+            "--loop",
+            "--keep-stamps",
+        ]
+        player = subprocess.Popen(words, text=True, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+        try:
+            one._begun = 1e-9
+            one.heard.vdv.clear()
+            one.wait(lambda: len(one.heard.vdv) > 60, "half a minute of exposure", 90.0)
+        finally:
+            ended(player)
+        values = [value for _, value in one.heard.vdv]
+        if any(b < a - 1e-12 for a, b in pairwise(values)) or not values[-1] > values[10] > 0.0:
+            wrong.append(f"exposure does not go on: {values[:2]} ... {values[-2:]}")
+        levels = [found["biodyn: prediction"].level for _, found in one.heard.statuses]
+        if levels.count(DiagnosticStatus.ERROR) > 0.2 * len(levels):
+            wrong.append("predictions are an error more often than not")
+    return Result("a looping bag", "", 0.0, tuple(wrong))
+
+
+OTHERS: Final[Mapping[str, Callable[[], Result]]] = {
+    "subject": subject_spoilt_at_run_time,
+    "disk": disk_full,
+    "loop": looping_bag,
+}

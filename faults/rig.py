@@ -1,0 +1,166 @@
+"""A rig for faults over DDS: the live node in a process of its own, six sensors in real time, and what it answers."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import AccelStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64
+
+from biodyn_core.segments import SENSORS
+from biodyn_ros import topics
+from biodyn_ros.cdr import encode_imu
+from faults.ride import ride
+
+START_WITHIN_S: Final = 120.0
+"""A cold cache compiles every kernel first."""
+
+SLOT_S: Final = 0.01
+RELIABLE: Final = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=20_000, reliability=ReliabilityPolicy.RELIABLE)
+
+
+@dataclass
+class Heard:
+    """What the node answered, with when it came, seconds since the ride began."""
+
+    statuses: list[tuple[float, Mapping[str, Any]]] = field(default_factory=list)
+    predicted_s: list[float] = field(default_factory=list)
+    vdv: list[tuple[float, float]] = field(default_factory=list)
+
+
+class Rig:
+    """The node under test, a tester node, and the ride that is sent; made by `rig`."""
+
+    def __init__(self, live: subprocess.Popen[str], node: Any, executor: Any) -> None:
+        self.live, self.node, self._executor = live, node, executor
+        self.outputs = {name: node.create_publisher(Imu, topics.INPUT[name], RELIABLE) for name in SENSORS}
+        self.heard, self._begun, self.frame_id = Heard(), 0.0, "imu"
+        node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 50)
+        predicted = topics.absolute(topics.PREDICTED["head"])
+        node.create_subscription(AccelStamped, predicted, self._on_predicted, RELIABLE, raw=True)
+        node.create_subscription(Float64, "/biodyn/exposure/seat/vdv", self._on_vdv, 10)
+
+    def wait(self, condition: Any, what: str, within_s: float = START_WITHIN_S) -> None:
+        """Spin until it holds; TimeoutError naming what did not come."""
+        deadline = time.monotonic() + within_s
+        while not condition():
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"not within {within_s:g} s: {what}")
+            if self.live.poll() is not None:
+                raise TimeoutError(f"the live node ended with {self.live.returncode}: {what}")
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def matched(self) -> bool:
+        """Whether the node listens to all sensors."""
+        return all(output.get_subscription_count() > 0 for output in self.outputs.values())
+
+    @property
+    def now_s(self) -> float:
+        """Seconds since the ride began."""
+        return time.monotonic() - self._begun
+
+    def play(self, until_s: float, deeds: Mapping[float, Any]) -> None:
+        """Send the ride in real time; each deed is done once at its second."""
+        self.wait(self.matched, "the node listens")
+        streams = {
+            name: (one.arrival_s, encode_imu(one.stamps_ns, one.accel_mps2, np.zeros_like(one.accel_mps2), "imu"))
+            for name, one in ride().items()
+        }
+        done, left = dict.fromkeys(SENSORS, 0), sorted(deeds.items(), key=lambda item: item[0])
+        self._begun = time.monotonic()
+        while (now_s := self.now_s) < until_s:
+            while left and left[0][0] <= now_s:
+                left.pop(0)[1](self)
+            for name, (arrival_s, messages) in streams.items():
+                end = int(np.searchsorted(arrival_s, now_s))
+                for i in range(done[name], end):
+                    self.outputs[name].publish(self._framed(name, i, messages))
+                done[name] = end
+            slot_end = time.monotonic() + SLOT_S
+            while time.monotonic() < slot_end:
+                self._executor.spin_once(timeout_sec=0.002)
+
+    def _framed(self, name: str, i: int, messages: Any) -> bytes:
+        if self.frame_id == "imu":
+            return bytes(messages[i])
+        one, part = ride()[name], slice(i, i + 1)
+        return bytes(encode_imu(one.stamps_ns[part], one.accel_mps2[part], np.zeros((1, 3)), self.frame_id)[0])
+
+    def _on_diagnostics(self, message: Any) -> None:
+        if self._begun:
+            self.heard.statuses.append((self.now_s, {one.name: one for one in message.status}))
+
+    def _on_predicted(self, message: bytes) -> None:
+        self.heard.predicted_s.append(self.now_s)
+
+    def _on_vdv(self, message: Any) -> None:
+        self.heard.vdv.append((self.now_s, message.data))
+
+
+@contextlib.contextmanager
+def rig(*parameters: str) -> Iterator[Rig]:
+    """A rig whose node has these parameters (`name:=value`); everything it started is ended with it."""
+    # Nothing is lost for want of time on a busy machine: rows are about what is done to the node.
+    whole = [f"qos_overrides./{topic}.subscription.reliability:=reliable" for topic in topics.INPUT.values()]
+    given = [word for one in ("state_file:=none", *whole, *parameters) for word in ("-p", one)]
+    live = subprocess.Popen(
+        [sys.executable, "-m", "biodyn_ros.cli", "live", "--ros-args", "--log-level", "fatal", *given],
+        text=True, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(os.environ.get("ROS_DOMAIN_ID", "0")))
+    node = rclpy.create_node("faults", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        yield Rig(live, node, executor)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+        ended(live)
+
+
+def ended(process: subprocess.Popen[str]) -> str:
+    """End a process of ours as Ctrl-C would, and only it; returns what it said."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        _, said = process.communicate(timeout=20)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        _, said = process.communicate()
+    return said or ""
+
+
+LIMITED: Final = """
+import resource, runpy, signal, sys
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+limit = int(sys.argv.pop(1))
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+sys.argv[0] = "biodyn"
+runpy.run_module("biodyn_ros.cli", run_name="__main__")
+"""
+"""Runs a command with a limit on the size of its files, which stands in for a full disk."""
+
+
+def command(*arguments: str, file_limit: int | None = None) -> subprocess.CompletedProcess[str]:
+    """Run one of our commands; file_limit: bytes that no file of it may exceed."""
+    words = ["-m", "biodyn_ros.cli"] if file_limit is None else ["-c", LIMITED, str(file_limit)]
+    return subprocess.run(
+        [sys.executable, *words, *arguments], text=True, capture_output=True, check=False, timeout=300
+    )
