@@ -29,6 +29,7 @@ EXTRAS = {
     "cluster": ["dask[distributed]>=2024.1"],
 }
 EXTRAS["all"] = sorted(requirement for extra in EXTRAS.values() for requirement in extra)
+EXTRAS["fuzz"] = ["atheris>=3.0; python_version >= '3.11'"]
 EXTRAS["dev"] = [
     "colcon-common-extensions",
     "colcon-ros",

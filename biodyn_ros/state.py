@@ -56,9 +56,11 @@ class StateFile:
         if not is_there(self.path):
             return None
         try:
-            document = keys_of(read_json(self.path), "the file", ("schema", "version", "kept"))
+            document = keys_of(read_json(self.path), "the file", ("schema", "version", "digest", "kept"))
             if document["schema"] != SCHEMA:
                 raise InputError(f"schema is {str(document['schema'])[:40]}, this version reads {SCHEMA}")
+            if document["digest"] != digest(document["kept"]):
+                raise InputError("is damaged, its digest is of another content")
             return Kept.from_dict(document["kept"])
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
@@ -90,7 +92,7 @@ class StateFile:
             writing.result()
 
     def _write(self, kept: Mapping[str, Any]) -> None:
-        document = {"schema": SCHEMA, "version": __version__, "kept": kept}
+        document = {"schema": SCHEMA, "version": __version__, "digest": digest(kept), "kept": kept}
         write_text(self.path, json.dumps(document, allow_nan=False) + "\n", mode=MODE)
 
 

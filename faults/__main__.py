@@ -1,4 +1,7 @@
-"""`python -m faults [stamps] [dds]`: the fault bench, a row for each fault; 1 where anything is wrong."""
+"""`python -m faults [stamps] [dds]`: the fault bench, a row for each fault; 1 where anything is wrong.
+
+`python -m faults fuzz [SECONDS]`: every reader under a coverage-guided fuzzer, so long each (60 s).
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,13 @@ from faults.stamps import EVERY, OTHERS
 
 def main(asked: list[str]) -> int:
     """Print the tables asked for, both without a name."""
+    if asked[:1] == ["fuzz"]:
+        from faults import fuzz  # an extra of its own
+
+        return fuzz.every(int(asked[1]) if len(asked) > 1 else 60)
     unknown = [name for name in asked if name not in ("stamps", "dds")]
     if unknown:
-        print(f"faults: {', '.join(unknown)} is unknown, known are stamps, dds", file=sys.stderr)
+        print(f"faults: {', '.join(unknown)} is unknown, known are stamps, dds, fuzz", file=sys.stderr)
         return 2
     tables = [table for name, table in (("stamps", _stamps), ("dds", _dds)) if name in asked or not asked]
     wrong = 0

@@ -17,7 +17,7 @@ from test_pipeline import in_turn, run
 from test_two_processes import STARTUP_S, child
 
 from biodyn_core.errors import InputError
-from biodyn_core.keeping import Kept
+from biodyn_core.keeping import Kept, digest
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_core.subject import load_subject
@@ -77,15 +77,22 @@ def test_a_keeper_goes_on_and_what_it_keeps_adds_up(tmp_path: Path) -> None:
     assert pipeline.exposure().sensors[SEAT].vdv_mps175 == pytest.approx(counted().exposure().sensors[SEAT].vdv_mps175)
 
 
+def signed(text: str) -> str:
+    """The file with the digest of what it holds."""
+    document = json.loads(text)
+    return json.dumps(document | {"digest": digest(document["kept"])})
+
+
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
         (lambda text: text[:100], "is damaged, it is no JSON"),
         (lambda text: text.replace('"schema": 1', '"schema": 7'), "schema is 7, this version reads 1"),
         (lambda text: "{}", "has the keys "),
-        (lambda text: text.replace(BELONGS["subject"], "somebody"), "it is of other subject"),
-        (lambda text: text.replace(BELONGS["sensors"], "others"), "it is of other sensors"),
-        (lambda text: text.replace('"pelvis"', '"knee"'), "no exposure that was kept"),
+        (lambda text: signed(text.replace(BELONGS["subject"], "somebody")), "it is of other subject"),
+        (lambda text: signed(text.replace(BELONGS["sensors"], "others")), "it is of other sensors"),
+        (lambda text: text.replace('"clipped": 0', '"clipped": 1').replace("0.", "1."), "is damaged, its digest"),
+        (lambda text: signed(text.replace('"pelvis"', '"knee"')), "no exposure that was kept"),
     ],
 )
 def test_what_is_not_believed_is_set_aside_and_nothing_is_lost(tmp_path: Path, spoil, why: str) -> None:

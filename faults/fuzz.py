@@ -1,0 +1,63 @@
+"""Every reader under Atheris, which follows what code new bytes reach; a process each, bounded in time and memory."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Final
+
+NAMES: Final = ("mcap", "cdr", "subject", "limits", "campaign", "checkpoint", "state", "parts of a trace")
+MOST_MB: Final = 2048
+LONGEST_INPUT: Final = 16_384
+
+
+def every(seconds: int) -> int:
+    """Fuzz every reader so long; 1 where anything but InputError came of it, 2 where Atheris is missing."""
+    if importlib.util.find_spec("atheris") is None:
+        print("faults: fuzzing needs Atheris: pip install 'biodyn_ros[fuzz]'", file=sys.stderr)
+        return 2
+    failed = []
+    for name in NAMES:
+        with tempfile.TemporaryDirectory() as directory:
+            words = [sys.executable, "-m", "faults.fuzz", name, str(seconds), directory]
+            done = subprocess.run(words, text=True, capture_output=True, check=False, timeout=seconds + 300)
+            last = [line for line in done.stderr.splitlines() if "DONE" in line or "cov:" in line]
+            print(f"{name:18s} {'clean' if done.returncode == 0 else 'FAILED'}  {last[-1] if last else ''}", flush=True)
+            if done.returncode != 0:
+                failed.append(name)
+                print(done.stderr[-3000:])
+    return 1 if failed else 0
+
+
+def one(name: str, seconds: int, directory: Path) -> None:
+    """Fuzz one reader in this process, which the fuzzer ends."""
+    import atheris  # an extra
+
+    import biodyn_core.wiring  # noqa: F401 - what is compiled is loaded before, as it cannot be followed
+
+    with atheris.instrument_imports(include=["biodyn_core", "biodyn_ros", "yaml"]):
+        from biodyn_core.errors import InputError
+        from faults.readers import READERS, as_file
+    reader, corpus = READERS[name], directory / "corpus"
+    corpus.mkdir()
+    for number, data in enumerate(reader.good(directory)):
+        (corpus / str(number)).write_bytes(data)
+    with as_file(reader) as read:
+
+        def judge(data: bytes) -> None:
+            try:
+                read(data)
+            except InputError as error:
+                if "\n" in str(error):
+                    raise AssertionError(f"more than one line: {error}") from error
+
+        limits = [f"-max_total_time={seconds}", f"-rss_limit_mb={MOST_MB}", f"-max_len={LONGEST_INPUT}", "-timeout=10"]
+        atheris.Setup([sys.argv[0], *limits, str(corpus)], judge)
+        atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    one(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]))

@@ -1,0 +1,140 @@
+"""Everything that is read from a disk or a wire, as functions of bytes, with a small corpus of good ones each."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.identification.phase1 import Search
+from biodyn_core.keeping import digest
+from biodyn_core.limits import load_limits
+from biodyn_core.parameters import LOWER, UPPER
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.segments import SENSORS
+from biodyn_core.subject import load_subject
+from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
+from biodyn_ros.campaign_file import load_campaign
+from biodyn_ros.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, frame_id_of
+from biodyn_ros.checkpoint import Checkpoint
+from biodyn_ros.kept import Kept as KeptParts
+from biodyn_ros.resources import config_file, subject_file
+from biodyn_ros.state import StateFile, belongs_to
+from faults.ride import ride, subject
+
+TOPIC: Final = "/imu/seat/data"
+
+
+@dataclass(frozen=True)
+class Reader:
+    """read: takes a file of these bytes, and raises InputError or nothing; good: what it reads without a word."""
+
+    suffix: str
+    read: Callable[[Path], object]
+    good: Callable[[Path], list[bytes]]
+
+
+def _bag(path: Path) -> None:
+    with open_bag(path) as bag:
+        for _, block in imu_blocks(bag, [topic.name for topic in bag.topics if topic.type == IMU_TYPE]):
+            assert len(block.stamps_ns) == len(block.accel_mps2)
+        str(bag.warnings), bag.metadata("biodyn")
+
+
+def _messages(count: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    one = ride()["seat"]
+    stamps_ns = one.stamps_ns[:count]
+    return stamps_ns, encode_imu(stamps_ns, one.accel_mps2[:count], np.zeros((count, 3)), "imu")
+
+
+def _bags(directory: Path) -> list[bytes]:
+    found = []
+    for compression in ("none", "lz4", "zstd"):
+        path = directory / f"{compression}.mcap"
+        with BagWriter(path, compression=compression, chunk_bytes=4096) as writer:
+            writer.add_topic(TOPIC, IMU_TYPE)
+            writer.add_metadata("biodyn", {"made_by": "faults"})
+            stamps_ns, messages = _messages()
+            writer.write(TOPIC, stamps_ns, messages)
+        found.append(path.read_bytes())
+    return found
+
+
+def _cdr(path: Path) -> None:
+    message = path.read_bytes()
+    decode_imu([message])
+    decode_imu_one(message)
+    frame_id_of(message)
+
+
+def _checkpoint(path: Path) -> None:
+    Checkpoint(path, "a problem", resume=True)
+
+
+def _checkpoints(directory: Path) -> list[bytes]:
+    checkpoint = Checkpoint(directory / "good.json", "a problem")
+    theta = np.array([0.9 * LOWER[:13] + 0.1 * UPPER[:13], 0.5 * (LOWER[:13] + UPPER[:13])])
+    checkpoint.add("road", Search(theta, np.array([0.1, 0.2]), 100, Counter(infinite=3)))
+    return [(directory / "good.json").read_bytes()]
+
+
+def _states(directory: Path) -> list[bytes]:
+    pipeline = Pipeline(subject())
+    for name in SENSORS:
+        one = ride()[name]
+        pipeline.push(name, one.stamps_ns[:2000], one.accel_mps2[:2000])
+    file = StateFile(directory / "good.json")
+    file.close(pipeline.kept(belongs_to(subject(), {})))
+    return [file.path.read_bytes()]
+
+
+def _state(path: Path) -> None:
+    """As the node reads it, its digest made right: whoever means harm can do that too."""
+    try:
+        document = json.loads(path.read_bytes())
+        if isinstance(document, dict):
+            path.write_text(json.dumps(document | {"digest": digest(document.get("kept"))}))
+    except (ValueError, RecursionError):
+        pass
+    kept = StateFile(path).read()
+    assert kept is not None
+    Pipeline(subject()).go_on_from(kept)
+
+
+def _campaigns(_: Path) -> list[bytes]:
+    return [b"subjects:\n  - {subject: subject_1, bags: [.], hold_out: [..], name: anna, cases: {.: road}}\n"]
+
+
+READERS: Final = {
+    "mcap": Reader(".mcap", _bag, _bags),
+    "cdr": Reader(".cdr", _cdr, lambda _: [bytes(_messages(1)[1][0])]),
+    "subject": Reader(".yaml", load_subject, lambda _: [subject_file("subject_1").read_bytes()]),
+    "limits": Reader(".yaml", load_limits, lambda _: [config_file("limits.yaml").read_bytes()]),
+    "campaign": Reader(".yaml", load_campaign, _campaigns),
+    "checkpoint": Reader(".json", _checkpoint, _checkpoints),
+    "state": Reader(".json", _state, _states),
+    "parts of a trace": Reader(
+        ".json", lambda path: dict(KeptParts(path)),
+        lambda _: [json.dumps({"schema": 1, "version": "0", "parts": {"glance a": [1, 2.5, {"b": None}]}}).encode()],
+    ),
+}  # fmt: skip
+
+
+@contextmanager
+def as_file(reader: Reader) -> Iterator[Callable[[bytes], object]]:
+    """The reader as a function of bytes, by way of a file that is gone afterwards."""
+    with TemporaryDirectory() as directory:
+        path = Path(directory) / f"given{reader.suffix}"
+
+        def read(data: bytes) -> object:
+            path.write_bytes(data)
+            return reader.read(path)
+
+        yield read
