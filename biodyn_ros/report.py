@@ -5,6 +5,7 @@ jinja2 and matplotlib come late: whoever wants no report needs neither.
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -49,10 +50,8 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
 def check_reports() -> None:
     """Raise InputError where a report could not be drawn, so that a long replay can say so before it begins."""
     for name in ("jinja2", "matplotlib"):
-        try:
-            __import__(name)
-        except ImportError:
-            raise InputError(f"reports need {name}: pip install 'biodyn_ros[reports]'") from None
+        if importlib.util.find_spec(name) is None:
+            raise InputError(f"reports need {name}: pip install 'biodyn_ros[reports]'")
 
 
 @dataclass(frozen=True)

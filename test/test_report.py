@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import builtins
 import copy
 import html
 import re
+import sys
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -512,14 +512,7 @@ def test_a_directory_that_is_not_there_is_one_clear_line(tmp_path):
 
 @pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])
 def test_a_missing_library_is_named_with_its_remedy(tmp_path, monkeypatch, missing):
-    real = builtins.__import__
-
-    def without(name: str, *arguments: object, **more: object) -> object:
-        if name.partition(".")[0] == missing:
-            raise ImportError(name)
-        return real(name, *arguments, **more)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(InputError, match=rf"reports need {missing}: pip install 'biodyn_ros\[reports\]'"):
         write_replay_report(tmp_path / "report.html", document(), Traces())
     assert list(tmp_path.iterdir()) == []
