@@ -23,7 +23,7 @@ MOST_STRETCH_M: Final = 0.2
 """No joint of a seated body gives way so far; a chain beyond it has left the range that its laws are for."""
 
 BEHIND_LOSS: Final = 64
-"""Samples that are predicted at once behind one that was lost: where many are, a long block would take for ever."""
+"""Samples that are predicted at once behind one that was lost."""
 
 
 class SeatSide:
@@ -52,21 +52,18 @@ class SeatSide:
 
         Sample by sample the same as in blocks.
         """
-        accel, begin, end = np.empty((seat_mps2.size, N_SEGMENTS)), 0, seat_mps2.size
-        reach = end
-        while begin < end:
-            part = slice(begin, min(end, begin + reach))
-            size = part.stop - begin
-            motion = np.empty((size, 2 * N_SEGMENTS))
-            accel[part] = self.stepper.push(seat_mps2[part], motion)
-            held = int(kernels.first_lost(accel[part], motion, MOST_STRETCH_M))
-            begin += held
-            if held < size:
-                accel[begin] = np.nan
-                self.stepper.reset()
-                self.divergences += 1
-                begin += 1
-                reach = BEHIND_LOSS  # what follows is integrated anew for every loss
+        motion = np.empty((seat_mps2.size, 2 * N_SEGMENTS))
+        accel = self.stepper.push(seat_mps2, motion)
+        held = kernels.first_lost(accel, motion, MOST_STRETCH_M)
+        if held == seat_mps2.size:
+            return accel
+        accel[held] = np.nan
+        self.stepper.reset()
+        self.divergences += 1
+        # What follows is integrated anew for every loss, so not too much of it at once.
+        for begin in range(held + 1, seat_mps2.size, BEHIND_LOSS):
+            part = slice(begin, begin + BEHIND_LOSS)
+            accel[part] = self._predict(seat_mps2[part])
         return accel
 
     def _digest(self, rows: Floats | None) -> None:
