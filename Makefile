@@ -1,4 +1,4 @@
-# make demo | test | lint | bench | conformance | blind | faults | clean
+# make demo | test | lint | bench | conformance | blind | faults | soak | clean
 #
 # Needs make and a Python from 3.10 to 3.13; everything else, ROS 2 Jazzy included, comes from PyPI into .venv.
 # PYTHON=python3.12 chooses the interpreter, VENV=.venv312 keeps its environment beside others,
@@ -34,7 +34,7 @@ unexport FASTRTPS_DEFAULT_PROFILES_FILE FASTDDS_DEFAULT_PROFILES_FILE
 # These three send pip's files elsewhere than into the environment.
 unexport PIP_USER PIP_TARGET PIP_PREFIX
 
-.PHONY: demo test lint bench conformance blind faults clean
+.PHONY: demo test lint bench conformance blind faults soak clean
 .DEFAULT_GOAL := test
 
 demo: $(INSTALLED)
@@ -58,6 +58,9 @@ blind: $(INSTALLED)
 
 faults: $(INSTALLED)
 	@exec $(IN_ENVIRONMENT) python -m faults $(ARGS)
+
+soak: $(INSTALLED)
+	@exec $(IN_ENVIRONMENT) python -m bench.soak $(ARGS)
 
 clean:
 	rm -rf $(VENV) build install log out *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -27,11 +27,11 @@ def main(asked: list[str]) -> int:
         print(f"bench: measuring {name}", file=sys.stderr, flush=True)
         rows += importlib.import_module(f"bench.{name}").rows()
     print(render(rows))
-    print(_setting())
+    print(setting())
     return 0
 
 
-def _setting() -> str:
+def setting() -> str:
     """Where and when this was measured; ratios travel, absolute times do not."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []

@@ -13,6 +13,7 @@ import json
 import struct
 import sys
 import time
+from array import array
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +31,12 @@ from sensor_msgs.msg import Imu
 
 from biodyn_core.segments import SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_ros import topics
-from biodyn_ros.cdr import AccelStampedTemplate, decode_accel_stamped, encode_imu
+from biodyn_ros.cdr import AccelStampedTemplate, encode_imu
 
 REST_S = 1.5
 PATIENCE_S = 180.0  # a cold cache compiles every kernel before the node listens
 FLUSH_S = 5.0
 STAMP = struct.Struct("<iI")
-
-Messages = list[tuple[int, bytes]]
 
 
 def _qos(depth: int, reliable: bool) -> QoSProfile:
@@ -72,7 +71,7 @@ def publisher(rate_hz: float, seconds: float, path: Path) -> None:
 
 def _stream(outputs: list[Any], rest: list[bytes], motion: list[list[bytes]], period_ns: float, ticks: int) -> Any:
     """All six sensors at every tick: the stamps, when the seat's message left, and how late that was, ns."""
-    stamps_ns, sent_ns, late_ns = [], [], []
+    stamps_ns, sent_ns, late_ns = array("q"), array("q"), array("q")
     resting = round(REST_S * 1e9 / period_ns)
     begin_ns, wall_ns = time.monotonic_ns(), time.time_ns()
     for tick in range(ticks):
@@ -125,21 +124,29 @@ def _wait(node: Node, outputs: list[Any]) -> None:
 def subscriber(kind: str, path: Path) -> None:
     """Keep every answer with the time of its arrival until SIGINT, then save them and the last diagnostics."""
     node, outputs = Node("bench_subscriber"), _outputs(kind)
-    got: dict[str, Messages] = {name: [] for name in outputs}
+    got = {name: _Answers() for name in outputs}
     statuses: dict[str, dict[str, str]] = {}
     for name, topic in outputs.items():
-        keep = functools.partial(_keep, got[name])
-        node.create_subscription(AccelStamped, topic, keep, _qos(50_000, reliable=True), raw=True)
+        node.create_subscription(AccelStamped, topic, got[name].keep, _qos(50_000, reliable=True), raw=True)
     node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, functools.partial(_note, statuses), 10)
     _spin(node)
-    arrays = {f"{name}/arrived_ns": np.array([at for at, _ in kept]) for name, kept in got.items()}
-    arrays |= {f"{name}/stamps_ns": decode_accel_stamped([data for _, data in kept])[0] for name, kept in got.items()}
+    arrays = {f"{name}/arrived_ns": np.array(kept.arrived_ns) for name, kept in got.items()}
+    arrays |= {f"{name}/stamps_ns": np.array(kept.stamps_ns) for name, kept in got.items()}
     np.savez(path, diagnostics=json.dumps(statuses), **arrays)
     node.destroy_node()
 
 
-def _keep(kept: Messages, message: bytes) -> None:
-    kept.append((time.time_ns(), message))
+class _Answers:
+    """The stamps of answers and when they came, small enough for hours."""
+
+    def __init__(self) -> None:
+        self.arrived_ns, self.stamps_ns = array("q"), array("q")
+
+    def keep(self, message: bytes) -> None:
+        """Note one."""
+        self.arrived_ns.append(time.time_ns())
+        seconds, nanoseconds = STAMP.unpack_from(message, 4)
+        self.stamps_ns.append(seconds * 10**9 + nanoseconds)
 
 
 def _note(statuses: dict[str, dict[str, str]], message: DiagnosticArray) -> None:

@@ -6,22 +6,18 @@ the baseline take turns before the same publisher and subscriber. CPU is the nod
 
 from __future__ import annotations
 
-import json
 import os
-import signal
 import statistics
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.processes import ENDING_S, answered, cpu_s, resident_mb, running, stop
 from bench.table import Row, render
 from biodyn_core.synthesis import NATIVE_RATE_HZ
 from biodyn_ros.environment import settle
@@ -31,8 +27,6 @@ SETTLE_S = 3.0  # rest, first predictions, discovery
 MEASURE_S = 10.0
 TAIL_S = 2.0  # measurements wait a second for the slowest sensor: the last ones are not owed yet
 MARGIN_S = 1.0  # between the last message and the end of who receives it
-ENDING_S = 30.0
-EXACT_NS = 1000  # diagnostics give the filter delay in whole microseconds
 
 PROTOTYPE_RATIO = 15.0 / 10.6
 """The mark over what the prototype without exposure took on the machine the mark was set on."""
@@ -40,8 +34,6 @@ PROTOTYPE_RATIO = 15.0 / 10.6
 NODE = ("-m", "biodyn_ros.cli", "live", "--ros-args", "-p", "state_file:=none", "--log-level", "warn")
 MEASURED = ("-p", "publish_measured:=true")
 BASELINE = "without mathematics"
-
-Arrays = dict[str, NDArray[np.int64]]
 
 
 @dataclass(frozen=True)
@@ -126,88 +118,26 @@ def _run(node: tuple[str, ...], kind: str = "predicted", rate_hz: float = NATIVE
     seconds = SETTLE_S + MEASURE_S + TAIL_S
     with TemporaryDirectory() as directory, ExitStack() as started:
         sent, got = Path(directory, "sent.npz"), Path(directory, "got.npz")
-        pid = started.enter_context(_process(*node)).pid
-        subscriber = started.enter_context(_process("-m", "bench.graph", "subscriber", kind, str(got)))
+        pid = started.enter_context(running(*node)).pid
+        subscriber = started.enter_context(running("-m", "bench.graph", "subscriber", kind, str(got)))
         publisher = started.enter_context(
-            _process("-m", "bench.graph", "publisher", str(rate_hz), str(seconds), str(sent))
+            running("-m", "bench.graph", "publisher", str(rate_hz), str(seconds), str(sent))
         )
         if publisher.stdout is None or not publisher.stdout.readline():
             raise RuntimeError("the publisher found nobody to listen")
         time.sleep(SETTLE_S)
-        cpu_s, begin_s, resident_mb = _cpu_s(pid), time.monotonic(), _resident_mb(pid)
+        before_s, begin_s, before_mb = cpu_s(pid), time.monotonic(), resident_mb(pid)
         time.sleep(MEASURE_S)
-        cpu_percent = 100.0 * (_cpu_s(pid) - cpu_s) / (time.monotonic() - begin_s)
-        growth_mb = _resident_mb(pid) - resident_mb
+        cpu_percent = 100.0 * (cpu_s(pid) - before_s) / (time.monotonic() - begin_s)
+        growth_mb = resident_mb(pid) - before_mb
         publisher.wait(TAIL_S + ENDING_S)
         time.sleep(MARGIN_S)
-        _end(subscriber)
-        answered = _answered(dict(np.load(sent)), dict(np.load(got)))
-    run = Run(cpu_percent, resident_mb + growth_mb, growth_mb, *answered)
+        stop(subscriber)
+        found = answered(dict(np.load(sent)), dict(np.load(got)), SETTLE_S, SETTLE_S + MEASURE_S)
+    run = Run(cpu_percent, before_mb + growth_mb, growth_mb, **asdict(found))
     told = ", ".join(f"{name} {value:.4g}" for name, value in asdict(run).items())
     print(f"  {node[-1]}, {rate_hz:.0f} Hz: {told}", file=sys.stderr, flush=True)
     return run
-
-
-def _answered(sent: Arrays, got: Arrays) -> tuple[int, int, int, float, float, float]:
-    """Owed, lost, lost as counted, latency p50 and p99, the publisher's lateness p99, for the measured seconds."""
-    diagnostics = json.loads(str(got.pop("diagnostics")))
-    delay_ns = round(1e6 * float(diagnostics.get("biodyn: seat", {}).get("filter_delay_ms") or 0.0))
-    stamps_ns = sent["stamps_ns"]
-    owed = (stamps_ns > stamps_ns[0] + SETTLE_S * 1e9) & (stamps_ns < stamps_ns[0] + (SETTLE_S + MEASURE_S) * 1e9)
-    names = [name.removesuffix("/stamps_ns") for name in got if name.endswith("/stamps_ns")]
-    lost, latencies = 0, []
-    for name in names:
-        which, latency_ms = _latencies(sent, got[f"{name}/stamps_ns"] + delay_ns, got[f"{name}/arrived_ns"])
-        lost += int(owed.sum()) - np.unique(which[owed[which]]).size
-        if name.startswith("predicted"):  # measurements wait for the slowest sensor, so theirs is no mark
-            latencies.append(latency_ms[owed[which]])
-    counted = sum(int(values.get("lost", 0)) for values in diagnostics.values())
-    p50, p99 = np.percentile(np.concatenate(latencies), [50, 99]).tolist()
-    return int(owed.sum()) * len(names), lost, counted, p50, p99, 1e-6 * float(np.percentile(sent["late_ns"], 99))
-
-
-def _latencies(
-    sent: Arrays, answered_ns: NDArray[np.int64], arrived_ns: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Which sample each answer belongs to, and ms from that sample's leaving to the answer's arrival.
-
-    An answer that belongs to no sample is an interpolated one, for which nothing was sent: it is left out.
-    """
-    stamps_ns = sent["stamps_ns"]
-    which = np.minimum(np.searchsorted(stamps_ns, answered_ns - EXACT_NS), stamps_ns.size - 1)
-    known = np.abs(stamps_ns[which] - answered_ns) <= EXACT_NS
-    return which[known], 1e-6 * (arrived_ns - sent["sent_ns"][which])[known]
-
-
-@contextmanager
-def _process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        _end(process)
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    """As Ctrl-C would: a process killed at once leaves its shared memory to slow down the others."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(ENDING_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-
-def _cpu_s(pid: int) -> float:
-    """User and system time of all threads of a process."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _resident_mb(pid: int) -> float:
-    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
-    return int(next(line.split()[1] for line in lines if line.startswith("VmRSS"))) / 1024.0
 
 
 if __name__ == "__main__":

@@ -1,0 +1,101 @@
+"""What the benchmarks of the live node share: processes, what they cost, and which answer belongs to which sample."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+ENDING_S = 30.0
+EXACT_NS = 1000  # diagnostics give the filter delay in whole microseconds
+
+Arrays = dict[str, NDArray[np.int64]]
+
+
+@contextmanager
+def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A Python process with these arguments, stopped at the end."""
+    process = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        stop(process)
+
+
+def stop(process: subprocess.Popen[str]) -> None:
+    """As Ctrl-C would: a process killed at once leaves its shared memory to slow down the others."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(ENDING_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def cpu_s(pid: int) -> float:
+    """User and system time of all threads of a process."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def resident_mb(pid: int) -> float:
+    """Resident memory of a process."""
+    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith("VmRSS"))) / 1024.0
+
+
+@dataclass(frozen=True)
+class Answered:
+    """Answers owed and lost over some seconds, lost as the node counts since its start, how late they and sending were.
+
+    Times are beyond the filter's delay.
+    """
+
+    owed: int
+    lost: int
+    counted_lost: int
+    p50_ms: float
+    p99_ms: float
+    late_p99_ms: float
+
+
+def answered(sent: Arrays, got: Arrays, begin_s: float, end_s: float) -> Answered:
+    """What became of the samples that were sent from one second up to another."""
+    diagnostics = json.loads(str(got["diagnostics"]))
+    delay_ns = round(1e6 * float(diagnostics.get("biodyn: seat", {}).get("filter_delay_ms") or 0.0))
+    stamps_ns = sent["stamps_ns"]
+    owed = (stamps_ns > stamps_ns[0] + begin_s * 1e9) & (stamps_ns < stamps_ns[0] + end_s * 1e9)
+    names = [name.removesuffix("/stamps_ns") for name in got if name.endswith("/stamps_ns")]
+    lost, latencies = 0, []
+    for name in names:
+        which, latency_ms = _latencies(sent, got[f"{name}/stamps_ns"] + delay_ns, got[f"{name}/arrived_ns"])
+        lost += int(owed.sum()) - np.unique(which[owed[which]]).size
+        if name.startswith("predicted"):  # measurements wait for the slowest sensor, so theirs is no mark
+            latencies.append(latency_ms[owed[which]])
+    counted = sum(int(values.get("lost", 0)) for values in diagnostics.values())
+    p50, p99 = np.percentile(np.concatenate(latencies), [50, 99]).tolist()
+    late_p99_ms = 1e-6 * float(np.percentile(sent["late_ns"][owed], 99))
+    return Answered(int(owed.sum()) * len(names), lost, counted, p50, p99, late_p99_ms)
+
+
+def _latencies(
+    sent: Arrays, answered_ns: NDArray[np.int64], arrived_ns: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Which sample each answer belongs to, and ms from that sample's leaving to the answer's arrival.
+
+    An answer that belongs to no sample is an interpolated one, for which nothing was sent: it is left out.
+    """
+    stamps_ns = sent["stamps_ns"]
+    which = np.minimum(np.searchsorted(stamps_ns, answered_ns - EXACT_NS), stamps_ns.size - 1)
+    known = np.abs(stamps_ns[which] - answered_ns) <= EXACT_NS
+    return which[known], 1e-6 * (arrived_ns - sent["sent_ns"][which])[known]
