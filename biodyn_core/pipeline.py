@@ -7,6 +7,7 @@ sensors within that bound gives the same frames.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import deque
 from collections.abc import Mapping
@@ -214,7 +215,7 @@ class Pipeline:
         return Exposure(
             sensors={name: meters.vertical(rolling) for name, meters in counted.items()},
             predicted=side.predicted(rolling) if side else {},
-            measured_low_passed=side.measured(rolling, tuple(self._meters)) if side else {},
+            measured_low_passed=side.measured(rolling, tuple(counted)) if side else {},
             dri=seat.dri(rolling) if seat else None,
             hic15=head.hic(0, rolling) if head else None,
             hic36=head.hic(1, rolling) if head else None,
@@ -327,11 +328,17 @@ class Pipeline:
         """At how many samples the model left its range, was put back to rest, and predicted nothing."""
         return self._seat.divergences if self._seat else 0
 
+    @property
+    def unpredicted_s(self) -> float:
+        """Seconds since reset, or since the node began where that is later, for which the model predicted nothing."""
+        return self._seat.unpredicted / self._conditioners[SEAT].rate_hz if self._seat else 0.0
+
     def _begin_known(self, sensor: str, stamps_ns: Integers) -> None:
         """Take gravity and vertical over from a run that ended just now; a body in a vehicle seldom rests."""
         before, (given,) = self._earlier[sensor], np.nonzero(stamps_ns)
         if given.size and 0.0 <= 1e-9 * (int(stamps_ns[given[0]]) - before.newest_ns) <= STILL_AT_REST_S:
-            self._conditioners[sensor].begin_known(before.rest, int(stamps_ns[given[0]]))
+            with contextlib.suppress(InputError):  # other settings: rest is looked for as ever
+                self._conditioners[sensor].begin_known(before.rest, int(stamps_ns[given[0]]))
 
     def _begin_counting(self, sensor: str) -> None:
         """Meters at the rate that the sensor has, which go on from those of an earlier run, where there was one."""

@@ -32,6 +32,7 @@ class SeatSide:
     def __init__(self, chain: Chain, rate_hz: float, wait_s: float, window_s: float) -> None:
         self.stepper = Stepper(chain, rate_hz)
         self.divergences = 0
+        self.unpredicted = 0
         self.comparison = Comparison(rate_hz, wait_s, window_s)
         self.doses = DoseMeter("Wk", rate_hz, N_SEGMENTS, window_s)
         self._batch = Batch()
@@ -60,6 +61,7 @@ class SeatSide:
         accel[held] = np.nan
         self.stepper.reset()
         self.divergences += 1
+        self.unpredicted += 1
         # What follows is integrated anew for every loss, so not too much of it at once.
         for begin in range(held + 1, seat_mps2.size, BEHIND_LOSS):
             part = slice(begin, begin + BEHIND_LOSS)
@@ -75,6 +77,7 @@ class SeatSide:
         self._digest(self._batch.take())
         self.doses.reset()
         self.comparison.reset()
+        self.unpredicted = 0
 
     def predicted(self, rolling: bool) -> dict[str, Dose]:
         """Doses of the predictions by segment."""

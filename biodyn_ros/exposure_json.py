@@ -35,7 +35,7 @@ def exposure_document(
         # Predicted from the seat alone, whose losses are theirs. Held-out errors come with the fit of a subject, but
         # nothing ties them to this vehicle and seat, so no prediction is validated.
         "predicted": {
-            name: _sensor(pipeline, SEAT, dose) | {"status": "not_validated"} for name, dose in since.predicted.items()
+            name: _predicted(pipeline, dose) | {"status": "not_validated"} for name, dose in since.predicted.items()
         },
         "measured_low_passed": {
             name: _sensor(pipeline, name, dose) for name, dose in since.measured_low_passed.items()
@@ -96,6 +96,12 @@ def _sensor(pipeline: Pipeline, name: str, dose: Dose) -> dict[str, Any]:
         "missing_s": pipeline.missing_s(name),
         "lower_bound": pipeline.lower_bound(name),
     }
+
+
+def _predicted(pipeline: Pipeline, dose: Dose) -> dict[str, Any]:
+    """A prediction's figures: what the seat lost, and what the model itself did not answer, is missing."""
+    found, own_s = _sensor(pipeline, SEAT, dose), pipeline.unpredicted_s
+    return found | {"missing_s": found["missing_s"] + own_s, "lower_bound": found["lower_bound"] or own_s > 0.0}
 
 
 def _seat(seat: SeatExposure, since: Exposure) -> dict[str, Any]:

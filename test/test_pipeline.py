@@ -20,6 +20,7 @@ from biodyn_core.pipeline import Exposure, Pipeline, PipelineSettings
 from biodyn_core.prediction import MOST_STRETCH_M
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import ImuStream, SeatMotion, imu_streams, load_case
+from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.warmup import warm_up
 
 
@@ -398,6 +399,9 @@ def test_a_model_beyond_its_range_predicts_nothing_and_starts_anew() -> None:
     runs = [run(tuple(streams), in_turn(tuple(streams), size)) for size in (1, 37, 900)]
     lost = np.isnan(runs[0].predicted).all(axis=1)
     assert runs[0].pipeline.divergences == lost.sum() > 0
+    assert runs[0].pipeline.unpredicted_s == pytest.approx(lost.sum() / RATE_HZ, rel=1e-3)
+    document = exposure_document(runs[0].pipeline, "a bag", 3.0, [])
+    assert all(one["lower_bound"] and one["missing_s"] > 0.0 for one in document["predicted"].values())
     # Where it is first lost, another integration of the whole chain has a joint beyond the range, and not before.
     block = Chain.of(subject()).simulate(_low_passed(streams[0]), RATE_HZ)
     stretch = np.abs(np.diff(block.displacement_m, axis=1, prepend=0.0)).max(axis=1)
