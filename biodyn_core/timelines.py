@@ -7,6 +7,7 @@ nothing was recorded meanwhile.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
@@ -42,13 +43,25 @@ class Timelines:
         self._leapt_s = dict.fromkeys(conditioners, 0.0)
         self._apart = {name: [_TOGETHER] for name in conditioners}
         self._began_s: dict[str, float] = {}
+        self._sent_ns: dict[str, int] = {}
+        self._front_s = -math.inf
+        self._behind_s = dict.fromkeys(conditioners, 0.0)
 
     def note(self, sensor: str) -> None:
-        """Look at a sensor that has joined, or whose stamps have leapt."""
-        conditioner, joins = self._conditioners[sensor], sensor not in self._began_s
-        if conditioner.leapt_s == self._leapt_s[sensor] and not joins:
-            return
-        own_s = self._newest_s(sensor)
+        """A sensor has sent: see whether it joins, whether its stamps have leapt, and where it is beside the others."""
+        joins = sensor not in self._began_s
+        if joins or self._conditioners[sensor].leapt_s != self._leapt_s[sensor]:
+            self._look(sensor, joins)
+        newest_ns = self._conditioners[sensor].newest_ns
+        if newest_ns is not None and newest_ns != self._sent_ns.get(sensor):
+            self._sent_ns[sensor] = newest_ns
+            own_s = 1e-9 * newest_ns - self._apart[sensor][-1].by_s
+            self._front_s = max(self._front_s, own_s)
+            self._behind_s[sensor] = self._front_s - own_s
+
+    def _look(self, sensor: str, joins: bool) -> None:
+        """Look at a sensor that joins, or whose stamps have leapt."""
+        conditioner, own_s = self._conditioners[sensor], self._newest_s(sensor)
         if own_s is None:
             return
         leapt_s = conditioner.leapt_s - self._leapt_s[sensor]
@@ -81,11 +94,14 @@ class Timelines:
         return late_s if late_s > self._wait_s else 0.0
 
     def silent_s(self, sensor: str) -> float:
-        """How far a sensor's newest stamp lies behind the newest of all, once that is longer than `wait_s`."""
+        """How far the others went on since a sensor sent, once that is longer than `wait_s`.
+
+        What it lay behind them as it sent is its clock or its way here, and no silence: over hours clocks drift apart.
+        """
         own_s = self._newest_s(sensor)
         if own_s is None:
             return 0.0
-        silent_s = max(s for name in self._conditioners if (s := self._newest_s(name)) is not None) - own_s
+        silent_s = self._front_s - own_s - self._behind_s[sensor]
         return silent_s if silent_s > self._wait_s else 0.0
 
     def _newest_s(self, sensor: str) -> float | None:
@@ -115,6 +131,7 @@ class Timelines:
         for name in self._conditioners:
             self._set(name, self.apart_s(name) - by_s, 0.0)
         self._began_s = {name: began_s + by_s for name, began_s in self._began_s.items()}
+        self._front_s += by_s
 
     def _alike(self, sensor: str, sending: list[str]) -> int:
         return sum(self._near(sensor, other) for other in sending)

@@ -22,8 +22,13 @@ from biodyn_ros.state import Keeper
 from biodyn_ros.wording import MODEL, left_range
 
 SILENT_AFTER_S: Final = 0.5
+CLOCK_OFF_S: Final = 0.02
+"""Stamps that lie further off the seat's, by their arrival, leave nothing of a residual from 12 Hz on."""
+
 SETTLING_S: Final = 1.4
 """2.5 time constants of the slowest filter, Wk's high-pass: 8 % is left of any step that a run begins with."""
+
+OFF: Final = "by clock or transport: its residual tells of that"
 
 LOOKS: Final = 2
 """A count is growing that has grown within so many looks."""
@@ -128,6 +133,12 @@ class SensorHealth:
         self.drift = self.clock.result()
 
     @property
+    def offset_s(self) -> float | None:
+        """By how much arrivals lie behind stamps now, by the least delay; None while that is not known."""
+        drift = self.drift
+        return None if drift is None else drift.offset_s - 1e-6 * (drift.ppm or 0.0) * drift.seconds
+
+    @property
     def silent_s(self) -> float | None:
         """Seconds since the last message, None before the first."""
         return None if self.arrived_s is None else self.now() - self.arrived_s
@@ -139,8 +150,8 @@ def is_settling(seen: SensorStatus) -> bool:
     return seen.run_s is not None and not rested and seen.run_s < SETTLING_S
 
 
-def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline) -> Status:
-    """Judge one sensor, as it is now."""
+def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: float = 0.0) -> Status:
+    """Judge one sensor, as it is now; off_s: by how much its stamps lie ahead of the seat's, by their arrival."""
     seen, lost, silent = pipeline.status(name), pipeline.lost(name), health.silent_s
     apart_s = pipeline.clock_apart_s(name)
     checks: list[tuple[bool, int, Callable[[], str]]] = [
@@ -154,6 +165,7 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline) -> Status
         (seen.rate_hz is None, WARN, lambda: "waiting for rest: gravity and rate are not known yet"),
         ("gaps" in health.growth.by, WARN, lambda: "a gap: figures begin anew behind it"),
         (apart_s != 0.0, WARN, lambda: f"its clock was set {apart_s:+.1f} s against the others': it is not compared"),
+        (abs(off_s) > CLOCK_OFF_S, WARN, lambda: f"its stamps lie {1e3 * off_s:+.0f} ms off the seat's, {OFF}"),
         (bool(seen.warnings), WARN, lambda: seen.warnings[0] if seen.warnings else ""),
         (is_settling(seen), OK, lambda: "settling behind a gap"),
     ]
@@ -173,6 +185,7 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline) -> Status
         "refused": str(health.errors),
         "publishers": str(health.publishers),
         "clock_apart_s": f"{apart_s:.3f}",
+        "clock_off_ms": f"{1e3 * off_s:.3f}",
         "missing_s": f"{lost.missing_s:.3f}",
         "lower_bound": str(pipeline.lower_bound(name)).lower(),
         "settling": str(is_settling(seen)).lower(),

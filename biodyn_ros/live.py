@@ -383,10 +383,20 @@ class BiodynNode(LifecycleNode):
             health.look(self._pipeline.status(sensor))
         statuses = [prediction_status(self._pipeline, self._health[SEAT], self._growth, self._mark)]
         statuses += [keeping_status(self._keeper)] if self._keeper is not None else []
-        statuses += [sensor_status(name, self._health[name], self._pipeline) for name in SENSORS]
+        statuses += [sensor_status(name, self._health[name], self._pipeline, self._off_s(name)) for name in SENSORS]
         message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+
+    def _off_s(self, sensor: str) -> float:
+        """By how much a sensor's stamps lie ahead of the seat's, as far as arrivals tell; 0 while they do not.
+
+        A simulated clock moves in steps, and stops: it times no arrival.
+        """
+        if self.get_clock().ros_time_is_active:
+            return 0.0
+        own_s, seat_s = self._health[sensor].offset_s, self._health[SEAT].offset_s
+        return 0.0 if own_s is None or seat_s is None else seat_s - own_s
 
     def _look_around(self) -> None:
         """The event for a wrong message type does not fire across processes, so it is polled."""

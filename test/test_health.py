@@ -139,6 +139,26 @@ def test_two_publishers_and_a_clock_set_anew_are_said() -> None:
     assert level == WARN and message.startswith("its clock was set +3600.") and "not compared" in message
 
 
+def test_stamps_that_lie_off_the_seat_s_are_warned_of() -> None:
+    node = Node(noisy_streams(6.0))
+    node.look(6)
+    for off_s, level in ((0.019, OK), (-0.021, WARN)):
+        status = sensor_status("head", node.health["head"], node.pipeline, off_s)
+        assert status.level == level and status.values["clock_off_ms"] == f"{1e3 * off_s:.3f}"
+    assert status.message == "its stamps lie -21 ms off the seat's, by clock or transport: its residual tells of that"
+
+
+def test_the_offset_of_a_clock_that_drifts_is_that_of_now() -> None:
+    health, second = SensorHealth(), 10**9
+    for number in range(60):
+        stamp = number * second
+        arrived = stamp + 5_000_000 - round(stamp * 100e-6)  # its clock gains 100 us in every second
+        health.clock.push(np.array([stamp]), np.array([arrived]))
+    assert health.offset_s is None
+    health.compare_clock()
+    assert health.offset_s == pytest.approx(0.005 - 59 * 100e-6, abs=1e-4)
+
+
 def test_every_cause_is_counted_somewhere() -> None:
     counted = {"lost", "errors"} | set(vars(Pipeline(subject()).status(SEAT)))
     assert set(CAUSES) <= counted

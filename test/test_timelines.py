@@ -114,6 +114,18 @@ def test_sensors_whose_clocks_are_hours_apart_from_the_start_are_neither_late_no
         assert pipeline.missing_s(name) == 0.0, name
 
 
+def test_clocks_that_drift_apart_for_hours_are_no_silence() -> None:
+    """Two seconds in eight, as 50 ppm do in eleven hours; behind it a sensor that does fall silent is."""
+    streams = []
+    for one in noisy_streams(SECONDS):
+        slow_ns = np.rint((one.stamps_ns - one.stamps_ns[0]) * (0.2 if one.sensor == "head" else 0.0)).astype(np.int64)
+        streams.append(dataclasses.replace(one, stamps_ns=one.stamps_ns - slow_ns))
+    pipeline, *_ = pushed(streams)
+    assert [pipeline.missing_s(name) for name in SENSORS] == [0.0] * 6
+    pipeline, *_ = pushed(without(streams, ["head"], 6.0, 99.0))
+    assert pipeline.missing_s("head") == pytest.approx(len(streams[0].stamps_ns) / RATE_HZ - 6.0, abs=0.3)
+
+
 def test_a_looping_bag_with_one_dead_sensor_misses_that_one_for_good() -> None:
     one = noisy_streams(4.0)
     dead = without(one, ["neck"], 2.0, 99.0)
