@@ -66,7 +66,7 @@ class Timelines:
             return
         leapt_s = conditioner.leapt_s - self._leapt_s[sensor]
         self._leapt_s[sensor] = conditioner.leapt_s
-        others = [newest_s for name in self._began_s if name != sensor and (newest_s := self._newest_s(name))]
+        others = [s for name in self._began_s if name != sensor and (s := self._newest_s(name)) is not None]
         if others:
             ahead_s = own_s - max(others)
             # Where it was ahead of all others before it leapt, they have stopped and tell nothing.

@@ -194,13 +194,11 @@ class BiodynNode(LifecycleNode):
 
     def _new_keeper(self, subject: Subject) -> Keeper | None:
         """Where exposure is kept; a place that cannot be written to is told, and costs nobody the ride."""
-        path = state_path(self.settings.state_file, self.get_fully_qualified_name())
-        if path is None:
-            return None
         mapping = {sensor: self.resolve_topic_name(topic) for sensor, topic in topics.INPUT.items()}
         belongs, s = belongs_to(subject, mapping), self.settings
         try:
-            return Keeper(StateFile(path), belongs, s.exposure_max_age_h, s.kept_exposure)
+            path = state_path(s.state_file, self.get_fully_qualified_name())
+            return None if path is None else Keeper(StateFile(path), belongs, s.exposure_max_age_h, s.kept_exposure)
         except InputError as error:
             if s.state_file:
                 raise

@@ -6,6 +6,7 @@ health. One that is not gone on from is set aside, never overwritten.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -31,12 +32,18 @@ BELIEVED: Final = ("fitting", "any", "none")
 
 
 def state_path(given: str, node: str) -> Path | None:
-    """The file that is meant: a path, nowhere, or where nothing is given, of the node's name where users keep state."""
+    """The file that is meant: a path, nowhere, or where nothing is given, of the node's name where users keep state.
+
+    Raises InputError where whoever runs the node has no home.
+    """
     if given == NOWHERE:
         return None
-    if given:
-        return Path(given).expanduser()
-    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    try:
+        if given:
+            return Path(given).expanduser()
+        base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    except RuntimeError:
+        raise InputError(f"state_file {given!r}: there is no home here, give a place") from None
     return Path(base) / "biodyn" / f"{node.strip('/').replace('/', '.')}.json"
 
 
@@ -66,8 +73,9 @@ class StateFile:
             raise InputError(f"{self.path}: {error}") from None
 
     def set_aside(self) -> Path:
-        """Give what is there another name, so that nothing is lost by what is written next; returns it."""
-        aside = self.path.with_name(f"{self.path.name}{ASIDE}")
+        """Give what is there a name that nothing has, so that nothing is lost by what is written next; returns it."""
+        names = (f"{self.path.name}{ASIDE}{number or ''}" for number in itertools.count())
+        aside = next(path for name in names if not is_there(path := self.path.with_name(name)))
         self.path.replace(aside)
         return aside
 

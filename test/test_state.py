@@ -54,6 +54,8 @@ def test_the_place_is_given_or_the_user_s_own_by_the_name_of_the_node(monkeypatc
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", "/home/anna")
     assert state_path("", "/biodyn") == Path("/home/anna/.local/state/biodyn/biodyn.json")
+    with pytest.raises(InputError, match="there is no home here, give a place"):
+        state_path("~nobody_of_this_name/x", "/biodyn")
 
 
 def test_what_is_saved_is_read_by_its_owner_alone(tmp_path: Path) -> None:
@@ -104,6 +106,10 @@ def test_what_is_not_believed_is_set_aside_and_nothing_is_lost(tmp_path: Path, s
     assert why in said and "begins anew" in said and "\n" not in said and not again.went_on
     assert pipeline.exposure().sensors == {}
     assert path.with_name("state.json.before").read_text() == text and not path.exists()
+    path.write_text("another")
+    keeper(path).begin(pipeline, 1)
+    assert path.with_name("state.json.before").read_text() == text
+    assert path.with_name("state.json.before1").read_text() == "another"
 
 
 @pytest.mark.parametrize(
