@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -118,6 +119,12 @@ def _aside(name: str, code: str) -> Callable[[Rig], None]:
     return begin
 
 
+def _hanging(one: Rig) -> None:
+    """Somebody who listens, reliably, and after two seconds takes nothing any more, and does not leave either."""
+    _aside("hanging", LISTENER)(one)
+    threading.Timer(2.0, _KEPT["hanging"].send_signal, (signal.SIGSTOP,)).start()
+
+
 def _killed(name: str) -> Callable[[Rig], None]:
     def end(_: Rig) -> None:
         process = _KEPT.pop(name)
@@ -209,6 +216,7 @@ STREAMED: Final = (
     OverDds("frame_id empty", _framed(0), _named_again),
     OverDds("frame_id of 4,000 characters", _framed(4000), _named_again),
     OverDds("a subscriber killed with -9", _aside("listener", LISTENER), _killed("listener")),
+    OverDds("a subscriber that hangs", _hanging, _killed("hanging")),
     OverDds("simulated time that stops", _clock, _clock_gone, parameters=("use_sim_time:=true",)),
 )  # fmt: skip
 
