@@ -7,7 +7,6 @@ sensors within that bound gives the same frames.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections import deque
 from collections.abc import Mapping
@@ -20,10 +19,11 @@ from numpy.typing import NDArray
 
 from biodyn_core.comparison import NO_MEASURED, MeasuredFrames
 from biodyn_core.conditioning import Block, Conditioner, ConditioningSettings, Mode, SensorStatus, Vector
+from biodyn_core.earlier import Earlier
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, Dri, Hic
 from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
-from biodyn_core.keeping import NOTHING_LOST, STILL_AT_REST_S, Kept, KeptSensor, Lost
+from biodyn_core.keeping import NOTHING_LOST, Kept, KeptSensor, Lost
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.metering import SensorMeters
 from biodyn_core.model import Chain
@@ -151,16 +151,14 @@ class Pipeline:
         self._seat: SeatSide | None = None
         self._early: dict[str, deque[Block]] = {name: deque() for name in SENSORS}
         self._at_reset = dict.fromkeys(SENSORS, NOTHING_LOST)
-        self._held: dict[str, SensorMeters] = {}
-        self._earlier: dict[str, KeptSensor] = {}
-        self._beside: Kept | None = None
+        self._earlier = Earlier.none(self._conditioners)
 
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
         if sensor not in self._conditioners:
             raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
-        if sensor in self._earlier and self._conditioners[sensor].first_ns is None:
-            self._begin_known(sensor, stamps_ns)
+        if self._earlier.sensors:
+            self._earlier.begin(sensor, stamps_ns)
         blocks = self._conditioners[sensor].push(stamps_ns, samples_mps2)
         self._timelines.note(sensor)
         return self._take(sensor, blocks)
@@ -179,7 +177,7 @@ class Pipeline:
             meters.reset()
         if self._seat:
             self._seat.reset()
-        self._held, self._earlier, self._beside = {}, {}, None
+        self._earlier = Earlier.none(self._conditioners)
         self._at_reset = {name: self._lost(name) for name in SENSORS}
 
     def go_on_from(self, kept: Kept) -> None:
@@ -187,30 +185,27 @@ class Pipeline:
 
         Raises InputError where it does not fit.
         """
-        held = {}
-        for sensor, one in kept.sensors.items():
-            rate_hz = 1.0 / one.rest.period_s
-            held[sensor] = SensorMeters(sensor, rate_hz, self.settings.window_s, self.settings.weightings())
-            held[sensor].go_on_from(one.meters, 0.0)
-            if sensor == SEAT:  # whether the rest fits is to be known now, not in the middle of the ride
-                self._new_seat_side(rate_hz).go_on_from(kept.beside, 0.0)
-        self._held, self._earlier, self._beside = held, dict(kept.sensors), kept
+        meters = {name: self._new_meters(name, 1.0 / one.rest.period_s) for name, one in kept.sensors.items()}
+        earlier = Earlier.of(kept, self._conditioners, meters)
+        if SEAT in meters:  # whether the rest fits is to be known now, not in the middle of the ride
+            self._new_seat_side(meters[SEAT].rate_hz).go_on_from(kept.beside, 0.0)
+        self._earlier = earlier
 
     def kept(self, belongs: Mapping[str, str]) -> Kept | None:
         """Exposure since reset as plain data, None while nothing was counted; belongs: see `Kept`."""
-        sensors = dict(self._earlier)
+        sensors = dict(self._earlier.sensors)
         for name, meters in self._meters.items():
             conditioner = self._conditioners[name]
             newest_ns = conditioner.newest_ns or conditioner.first_ns
             if conditioner.rest is not None and newest_ns is not None:
-                lost = self._lost(name).since(self._at_reset[name]).and_before(self._lost_before(name))
+                lost = self._lost(name).since(self._at_reset[name]).and_before(self._earlier.lost(name))
                 sensors[name] = KeptSensor(newest_ns, lost, conditioner.rest, meters.kept())
-        beside = self._seat.kept() if self._seat else self._beside.beside if self._beside else {}
+        beside = self._seat.kept() if self._seat else self._earlier.beside
         return Kept(belongs, sensors, beside) if sensors else None
 
     def exposure(self, rolling: bool = False) -> Exposure:
         """The figures since reset, or over the last `window_s`."""
-        counted, side = self._held | self._meters, self._seat
+        counted, side = self._counted, self._seat
         seat, head = counted.get(SEAT), counted.get(HEAD)
         return Exposure(
             sensors={name: meters.vertical(rolling) for name, meters in counted.items()},
@@ -225,7 +220,7 @@ class Pipeline:
         )
 
     def _also(self, rolling: bool) -> dict[str, dict[str, Dose]]:
-        doses = {name: meters.also(rolling) for name, meters in (self._held | self._meters).items()}
+        doses = {name: meters.also(rolling) for name, meters in self._counted.items()}
         return {w: {name: by[w] for name, by in doses.items()} for w in self.settings.weightings()}
 
     def seat(self, project: bool = False) -> SeatExposure | None:
@@ -233,7 +228,7 @@ class Pipeline:
 
         project: to eight hours from less than 20 minutes too.
         """
-        meters = self._meters.get(SEAT) or self._held.get(SEAT)
+        meters = self._counted.get(SEAT)
         if meters is None:
             return None
         yaw = None if self.settings.yaw_deg is None else -math.radians(self.settings.yaw_deg)
@@ -258,7 +253,7 @@ class Pipeline:
         Missing is what was interpolated, lies in gaps, is flat, or passed before it joined the others, in motion before
         it had been at rest, or since it fell silent.
         """
-        return self._lost(sensor).since(self._at_reset[sensor]).and_before(self._lost_before(sensor))
+        return self._lost(sensor).since(self._at_reset[sensor]).and_before(self._earlier.lost(sensor))
 
     def clipped(self, sensor: str) -> int:
         """Samples at the end of the sensor's range, since reset."""
@@ -276,20 +271,6 @@ class Pipeline:
     def seconds(self) -> float:
         """Length of the record by the samples that were accepted: one wild stamp does not count."""
         return max(conditioner.status().recorded_s for conditioner in self._conditioners.values())
-
-    def _lost_before(self, sensor: str) -> Lost:
-        """What a sensor lost in the run that this one goes on from, and between both."""
-        if sensor not in self._earlier:
-            return NOTHING_LOST
-        before = self._earlier[sensor]
-        return before.lost._replace(missing_s=before.lost.missing_s + self._between_s(sensor))
-
-    def _between_s(self, sensor: str) -> float:
-        """What passed from a sensor's newest stamp of an earlier run to its first, or while it has none, to now."""
-        own, before = self._conditioners[sensor], self._earlier[sensor]
-        newest = [stamp for c in self._conditioners.values() if (stamp := c.newest_ns) is not None]
-        reached_ns = own.first_ns if own.rest is not None else max(newest, default=None)
-        return 0.0 if reached_ns is None else max(0.0, 1e-9 * (reached_ns - before.newest_ns))
 
     def _lost(self, sensor: str) -> Lost:
         status, timelines = self.status(sensor), self._timelines
@@ -333,27 +314,18 @@ class Pipeline:
         """Seconds since reset, or since the node began where that is later, for which the model predicted nothing."""
         return self._seat.unpredicted / self._conditioners[SEAT].rate_hz if self._seat else 0.0
 
-    def _begin_known(self, sensor: str, stamps_ns: Integers) -> None:
-        """Take gravity and vertical over from a run that ended just now; a body in a vehicle seldom rests."""
-        before, (given,) = self._earlier[sensor], np.nonzero(stamps_ns)
-        if given.size and 0.0 <= 1e-9 * (int(stamps_ns[given[0]]) - before.newest_ns) <= STILL_AT_REST_S:
-            with contextlib.suppress(InputError):  # other settings: rest is looked for as ever
-                self._conditioners[sensor].begin_known(before.rest, int(stamps_ns[given[0]]))
-
-    def _begin_counting(self, sensor: str) -> None:
-        """Meters at the rate that the sensor has, which go on from those of an earlier run, where there was one."""
-        rate_hz = self._conditioners[sensor].rate_hz
-        meters = SensorMeters(sensor, rate_hz, self.settings.window_s, self.settings.weightings())
-        if sensor in self._held:
-            meters.go_on_from(self._held.pop(sensor).kept(), self._between_s(sensor))
-        self._meters[sensor] = meters
+    @property
+    def _counted(self) -> dict[str, SensorMeters]:
+        """The meters of all sensors, those of an earlier run that have not come back among them."""
+        return self._earlier.held | self._meters
 
     def _take(self, sensor: str, blocks: list[Block]) -> Frames:
         """Count what a sensor's conditioning brought forth; the seat's is predicted from, the others' compared."""
         if not blocks:
             return NO_FRAMES
         if sensor not in self._meters:
-            self._begin_counting(sensor)
+            meters = self._new_meters(sensor, self._conditioners[sensor].rate_hz)
+            self._meters[sensor] = self._earlier.taken_up(sensor, meters)
         for block in blocks:
             self._meters[sensor].push(block)
         return self._predict(blocks) if sensor == SEAT else Frames(NO_PREDICTED, self._compare(sensor, blocks))
@@ -363,8 +335,7 @@ class Pipeline:
         if self._seat is None:
             rate_hz = self._conditioners[SEAT].rate_hz
             self._seat = self._new_seat_side(rate_hz)
-            if self._beside is not None:
-                self._seat.go_on_from(self._beside.beside, self._between_s(SEAT) if SEAT in self._earlier else 0.0)
+            self._seat.go_on_from(self._earlier.beside, self._earlier.between_s(SEAT))
             for sensor, early in self._early.items():
                 if early:
                     self._seat.comparison.sensor(sensor, list(early))
@@ -376,6 +347,9 @@ class Pipeline:
             return Frames(PredictedFrames(blocks[0].stamps_ns, accel[0]), measured)
         stamps = np.concatenate([block.stamps_ns for block in blocks])
         return Frames(PredictedFrames(stamps, np.concatenate(accel)), measured)
+
+    def _new_meters(self, sensor: str, rate_hz: float) -> SensorMeters:
+        return SensorMeters(sensor, rate_hz, self.settings.window_s, self.settings.weightings())
 
     def _new_seat_side(self, rate_hz: float) -> SeatSide:
         return SeatSide(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s)

@@ -24,6 +24,7 @@ LAYERS = (
         "clocks",
         "comparison",
         "conditioning",
+        "earlier",
         "exposure",
         "flags",
         "heading",
