@@ -23,7 +23,7 @@ class Fault:
     spoil: the stream with it. says: any of these words must stand in the diagnostics while it lasts; none where nothing
     can be seen, or nothing is wrong. missing_s: what is lost at most, and what must be said to be missing at least.
     lasts: nothing recovers, as the fault goes on to the end. compared: whether the sensor is compared again. exact:
-    whether what is counted is as good as without the fault, but for what is missing.
+    whether what is counted is as good as without the fault, but for what is missing. over_s: when it ends.
     """
 
     name: str
@@ -33,6 +33,7 @@ class Fault:
     lasts: bool = False
     compared: bool = True
     exact: bool = True
+    over_s: float = END_S
 
 
 def dead(one: Arriving) -> Arriving:
@@ -200,9 +201,9 @@ OTHERS: Final = (
     Fault("readings infinite", _reading(float("inf")), ("no numbers",), (0.015, 0.02)),
     Fault("readings of 1e300", _reading(1e300), ("no numbers",), (0.015, 0.02)),
     Fault("saturated", _reading(156.9), ("clipped",), exact=False),
-    Fault("unchanging", flat, ("never changes",), (1.0, 3.1), exact=False),
+    Fault("unchanging", flat, ("never changes",), (1.0, 3.1), exact=False, over_s=BEGIN_S + 3.0),
     Fault("gravity missing", _gravity(0.0), ("without gravity",), lasts=True, compared=False, exact=False),
-    Fault("gravity doubled", _gravity(2.0), ("gravity at rest reads",), lasts=True),
+    Fault("gravity doubled", _gravity(2.0), ("gravity at rest reads",), lasts=True, exact=False),
     Fault("ten times the rate", ten_times, ("late", "twice", "rate is"), (0.0, 1.1), exact=False),
     Fault("two sensors on one topic", two_sources, ("late", "jitter", "interpolated"), (0.0, 1.1), exact=False),
 )
