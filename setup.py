@@ -35,6 +35,8 @@ EXTRAS["dev"] = [
     "colcon-ros",
     "hypothesis>=6.80",
     "mypy>=1.8",
+    # Drives the Chromium that is there: a browser itself is on no package index for Python.
+    "playwright>=1.40",
     "pytest>=7.4",
     "pytest-timeout>=2.1",
     "pytest-xdist>=3.5",

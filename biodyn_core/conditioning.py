@@ -437,7 +437,7 @@ class Conditioner:
                 self._undecided = stamps_ns[done:], samples[done:]
                 break
             if why == kernel.NEW_RUN:
-                blocks += self._end_run(stamps_ns[done])
+                blocks += self._end_run(int(stamps_ns[done]))
         return blocks
 
     def _advance(self, stamps_ns: Integers, samples: Floats, final: bool) -> tuple[int, Block | None, int]:

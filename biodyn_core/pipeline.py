@@ -169,7 +169,7 @@ class Pipeline:
         frames = [self._take(name, [block]) for name, block in _in_turns(held)]
         if self._seat:
             frames.append(Frames(NO_PREDICTED, self._seat.comparison.release(give_up=True)))
-        return _joined(frames)
+        return joined(frames)
 
     def reset(self) -> None:
         """Start exposure "since reset" anew; filters, model and rolling figures go on."""
@@ -377,7 +377,8 @@ def _in_turns(held: list[tuple[str, Block]]) -> list[tuple[str, Block]]:
     return [(name, part) for _, name, part in sorted(parts, key=lambda item: item[0])]
 
 
-def _joined(frames: list[Frames]) -> Frames:
+def joined(frames: list[Frames]) -> Frames:
+    """What several pushes in a row brought forth, as if it had been one."""
     predicted = [f.predicted for f in frames if f.predicted.stamps_ns.size]
     measured = [f.measured for f in frames if f.measured.stamps_ns.size]
     return Frames(

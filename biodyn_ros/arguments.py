@@ -24,6 +24,7 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--subject", default="subject_1", help="subject file or bundled name")
 
     commands.add_parser("live", help="the live node; takes --ros-args", add_help=True)
+    _add_page(commands)
 
     _add_simulate(commands)
     _add_info(commands)
@@ -34,6 +35,15 @@ def parser() -> argparse.ArgumentParser:
     _add_validate(commands)
     _add_trace(commands)
     return whole
+
+
+def _add_page(commands: Any) -> None:
+    from biodyn_ros.dashboard.settings import ServingSettings
+
+    command = commands.add_parser("page", help="the page of a live node", description="the page of a live node")
+    command.add_argument("--node", default="/biodyn", metavar="NAME", help="full name of the node (default /biodyn)")
+    command.add_argument("--until-input-ends", action="store_true", help="stop when standard input ends, too")
+    _add_settings(command, "serving", ServingSettings)
 
 
 def _add_simulate(commands: Any) -> None:

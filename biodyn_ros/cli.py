@@ -56,6 +56,19 @@ def _demo(options: argparse.Namespace) -> int:
     return demo(Path(options.out), options.subject)
 
 
+def _page(options: argparse.Namespace) -> int:
+    from biodyn_ros.dashboard.settings import ServingSettings, check_page
+
+    check_page()
+    from biodyn_ros.dashboard.site import serve  # an extra of its own
+
+    def told(link: str) -> None:
+        print(f"the page of {options.node}: {link}", flush=True)
+
+    serve(options.node, settings_of(options, ServingSettings), told, options.until_input_ends)
+    return 0
+
+
 def _simulate(options: argparse.Namespace) -> int:
     from biodyn_core.subject import load_subject
     from biodyn_core.synthesis import SensorSettings
@@ -333,6 +346,7 @@ def _print(options: argparse.Namespace, document: dict[str, Any], text: str) -> 
 
 HANDLERS: Final[dict[str, Handler]] = {
     "demo": _demo,
+    "page": _page,
     "simulate": _simulate,
     "play": _play,
     "info": _info,

@@ -8,9 +8,12 @@ import math
 import os
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from biodyn_core.errors import InputError
+
+OWNER_ALONE: Final = 0o600
+"""Permissions of what tells of a person, or opens a door."""
 
 
 def write_json(path: Path, document: dict[str, Any]) -> None:
@@ -43,6 +46,12 @@ def is_there(path: Path) -> bool:
         return path.exists()
     except (OSError, ValueError):
         return False
+
+
+def state_directory() -> Path:
+    """Where users keep state; raises RuntimeError where whoever runs this has no home."""
+    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return Path(base) / "biodyn"
 
 
 def make_directory(path: Path) -> None:

@@ -228,5 +228,11 @@ def keeping_status(keeper: Keeper) -> Status:
     return Status("biodyn: exposure", level, message, values)
 
 
+def page_status(address: str, failure: str) -> Status:
+    """Judge whether the live page is served."""
+    level, message = (WARN, f"the page is not served: {failure}") if failure else (OK, "the page is served")
+    return Status("biodyn: page", level, message, {"address": address})
+
+
 def _number(value: float | None, form: str) -> str:
     return "" if value is None else format(value, form)

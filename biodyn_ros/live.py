@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gc
 import itertools
+import json
 import math
 import sys
 from collections.abc import Callable
@@ -31,7 +32,7 @@ from rclpy.qos import HistoryPolicy, QoSCompatibility, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.task import Future
 from sensor_msgs.msg import Imu
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from biodyn_core import kernels
@@ -44,8 +45,19 @@ from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject, load_subject
 from biodyn_ros import params, topics
 from biodyn_ros.cdr import IMU_TYPE, AccelStampedTemplate, decode_imu, decode_imu_one
-from biodyn_ros.health import Growth, SensorHealth, Status, keeping_status, prediction_status, sensor_status
+from biodyn_ros.dashboard.child import PageChild
+from biodyn_ros.dashboard.settings import ServingSettings
+from biodyn_ros.health import (
+    Growth,
+    SensorHealth,
+    Status,
+    keeping_status,
+    page_status,
+    prediction_status,
+    sensor_status,
+)
 from biodyn_ros.resources import subject_file
+from biodyn_ros.showing import Showing
 from biodyn_ros.state import BELIEVED, Keeper, StateFile, belongs_to, state_path
 from biodyn_ros.warmup import warm_up
 
@@ -55,6 +67,7 @@ DRAIN_RATE_HZ: Final = 100.0
 
 REFRESH_RATE_HZ: Final = 20.0
 DIAGNOSTICS_RATE_HZ: Final = 2.0
+SNAPSHOT_RATE_HZ: Final = 4.0
 KEEP_RATE_HZ: Final = 0.5
 """How often exposure is kept: what a node that is killed loses of it, and says is missing."""
 
@@ -79,13 +92,15 @@ class LiveSettings:
     )
     kept_exposure: str = setting("fitting", "which exposure that was kept is gone on from", choices=BELIEVED)
     exposure_max_age_h: float = setting(12.0, "how old, by its stamps, it may be to be gone on from", "h", 0.0, 8760.0)
+    dashboard: bool = setting(False, "serve the live page while the node is active")
+    shock_mps2: float = setting(5.0, "acceleration of the seat from which the page lists a shock", "m/s^2", 0.5, 1000.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
 
 
 _OVERRIDES: Final = QoSOverridingOptions.with_default_policies()
-SETTINGS: Final = (LiveSettings, ConditioningSettings, PipelineSettings)
+SETTINGS: Final = (LiveSettings, ServingSettings, ConditioningSettings, PipelineSettings)
 
 
 class BiodynNode(LifecycleNode):
@@ -102,6 +117,8 @@ class BiodynNode(LifecycleNode):
         self._marks = 0
         self._pipeline: Pipeline | None = None
         self._keeper: Keeper | None = None
+        self._page: PageChild | None = None
+        self._statuses: list[Status] = []
         self.add_on_set_parameters_callback(self._on_parameters)
 
     # --- lifecycle ---------------------------------------------------------------------------------------------------
@@ -145,9 +162,11 @@ class BiodynNode(LifecycleNode):
         self._warn_of_slow_kernels(warm_up(subject))
         self._pipeline = Pipeline(subject, conditioning, pipeline, limits)
         self._keeper = self._new_keeper(subject)
+        self._showing = Showing(self.settings.shock_mps2)
         self._publishers_of = {name: self._accel_outputs(name) for name in ("predicted", "measured")}
         self._scalars = {topic: self.create_publisher(Float64, topic, 10) for topic in topics.SCALARS}
         self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
+        self._snapshots = self.create_publisher(String, topics.SNAPSHOT, 10)
         self._services_made = [
             self.create_service(Trigger, topics.RESET, self._on_reset),
             self.create_service(Trigger, topics.MARK, self._on_mark),
@@ -165,14 +184,20 @@ class BiodynNode(LifecycleNode):
                 (REFRESH_RATE_HZ, self._refresh_wanted),
                 (self.settings.exposure_rate_hz, self._publish_exposure),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
+                (SNAPSHOT_RATE_HZ, self._publish_snapshot),
                 (LOOK_RATE_HZ, self._look_around),
                 (KEEP_RATE_HZ, self._keep),
             )
         ]
         self._refresh_wanted()
+        if self.settings.dashboard:
+            name, domain_id = self.get_fully_qualified_name(), self.context.get_domain_id()
+            self._page = PageChild(name, domain_id, params.read(self, ServingSettings))
+            self.get_logger().info(f"the page: {self._page.link}")
         self.get_logger().info(f"predicting for {self._pipeline.subject.name}, listening to {len(SENSORS)} sensors")
 
     def _deactivate(self) -> None:
+        self._end_page()
         for subscription in getattr(self, "_subscriptions_made", {}).values():
             self.destroy_subscription(subscription)
         for timer in getattr(self, "_timers_made", []):
@@ -184,7 +209,7 @@ class BiodynNode(LifecycleNode):
         for output in self._publishers_of.values():
             for publisher, _ in output:
                 self.destroy_publisher(publisher)
-        for publisher in (*self._scalars.values(), self._diagnostics):
+        for publisher in (*self._scalars.values(), self._diagnostics, self._snapshots):
             self.destroy_publisher(publisher)
         for service in self._services_made:
             self.destroy_service(service)
@@ -215,8 +240,14 @@ class BiodynNode(LifecycleNode):
         if keeper is not None and self._pipeline is not None:
             self._guarded(keeper.close)(self._pipeline)
 
+    def _end_page(self) -> None:
+        page, self._page = self._page, None
+        if page is not None:
+            page.end()
+
     def destroy_node(self) -> None:
         """Leave nothing behind but the exposure that is kept."""
+        self._end_page()
         self._leave()
         super().destroy_node()
 
@@ -358,6 +389,7 @@ class BiodynNode(LifecycleNode):
         }
 
     def _publish(self, frames: Frames) -> None:
+        self._showing.add(frames)
         for kind, wanted in self._wanted.items():
             frame = frames.predicted if kind == "predicted" else frames.measured
             if wanted and frame.stamps_ns.size:
@@ -381,10 +413,19 @@ class BiodynNode(LifecycleNode):
             health.look(self._pipeline.status(sensor))
         statuses = [prediction_status(self._pipeline, self._health[SEAT], self._growth, self._mark)]
         statuses += [keeping_status(self._keeper)] if self._keeper is not None else []
+        statuses += [page_status(self._page.address, self._page.failure)] if self._page is not None else []
         statuses += [sensor_status(name, self._health[name], self._pipeline, self._off_s(name)) for name in SENSORS]
+        self._statuses = statuses
         message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+
+    def _publish_snapshot(self) -> None:
+        """What the page shows, for whoever looks; shocks are found whether anybody does or not."""
+        self._showing.gather()
+        if self._statuses and self._snapshots.get_subscription_count() > 0:
+            snapshot = self._showing.snapshot(self._pipeline, self._statuses, self._marks)
+            self._snapshots.publish(String(data=json.dumps(snapshot, allow_nan=False)))
 
     def _off_s(self, sensor: str) -> float:
         """By how much a sensor's stamps lie ahead of the seat's, as far as arrivals tell; 0 while they do not.

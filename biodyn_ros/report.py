@@ -6,18 +6,18 @@ jinja2 and matplotlib come late: whoever wants no report needs neither.
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from biodyn_core.errors import InputError
 from biodyn_core.judgement import HORIZONTAL_FACTOR
-from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
+from biodyn_core.segments import SEGMENTS, SENSORS
 from biodyn_ros.drawings import envelopes, overlay
 from biodyn_ros.files import write_text
 from biodyn_ros.resources import package_directory
 from biodyn_ros.traces import Traces
-from biodyn_ros.wording import HORIZONTAL, ZONE, bound, duration, number, sentence, shocks, time_left, words
+from biodyn_ros.verdict import judge
+from biodyn_ros.wording import ZONE, bound, duration, number, sentence, shocks, words
 
 
 def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) -> None:
@@ -52,37 +52,6 @@ def check_reports() -> None:
     for name in ("jinja2", "matplotlib"):
         if importlib.util.find_spec(name) is None:
             raise InputError(f"reports need {name}: pip install 'biodyn_ros[reports]'")
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """The seat against its limits: tone (good, warn, bad or none), headline, and the reasons, a sentence each."""
-
-    tone: str
-    headline: str
-    reasons: tuple[str, ...]
-
-
-_TONE: Final = {"below_action_value": "good", "above_action_value": "warn", "above_limit_value": "bad"}
-"""No colour of judgement for anything else, and green for nothing but the first."""
-
-
-def judge(document: dict[str, Any]) -> Verdict:
-    """Say how the seat stands against action and limit values, as the pipeline has judged it."""
-    seat = document["seat"]
-    if seat is None:
-        return Verdict("none", "Undecided: nothing counted at the seat", ())
-    reasons = [sentence(seat["zone_reason"]), HORIZONTAL[seat["horizontal"]], *_bound_reasons(document)]
-    times = [time_left(kind, seat) for kind in ("action", "limit")]
-    return Verdict(_TONE.get(seat["zone"], "none"), ZONE[seat["zone"]], (*reasons, *times))
-
-
-def _bound_reasons(document: dict[str, Any]) -> list[str]:
-    seat = document["sensors"].get(SEAT, {"lower_bound": False})
-    if not seat["lower_bound"]:
-        return []
-    missing, clipped = seat["missing_s"], seat["clipped_samples"]
-    return [f"At least so much: {missing:.3f} s are missing and {clipped} samples are clipped at the seat."]
 
 
 def _flagged(seat: dict[str, Any] | None) -> bool:

@@ -20,10 +20,9 @@ from biodyn_core.pipeline import Pipeline
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
 from biodyn_ros.checkpoint import keys_of, read_json
-from biodyn_ros.files import is_there, make_directory, write_text
+from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
 
 SCHEMA: Final = 1
-MODE: Final = 0o600
 ASIDE: Final = ".before"
 NOWHERE: Final = "none"
 
@@ -41,10 +40,9 @@ def state_path(given: str, node: str) -> Path | None:
     try:
         if given:
             return Path(given).expanduser()
-        base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+        return state_directory() / f"{node.strip('/').replace('/', '.')}.json"
     except RuntimeError:
         raise InputError(f"state_file {given!r}: there is no home here, give a place") from None
-    return Path(base) / "biodyn" / f"{node.strip('/').replace('/', '.')}.json"
 
 
 class StateFile:
@@ -101,7 +99,7 @@ class StateFile:
 
     def _write(self, kept: Mapping[str, Any]) -> None:
         document = {"schema": SCHEMA, "version": __version__, "digest": digest(kept), "kept": kept}
-        write_text(self.path, json.dumps(document, allow_nan=False) + "\n", mode=MODE)
+        write_text(self.path, json.dumps(document, allow_nan=False) + "\n", mode=OWNER_ALONE)
 
 
 class Keeper:

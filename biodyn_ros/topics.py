@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from biodyn_core.judgement import SeatExposure
-from biodyn_core.pipeline import Exposure
 from biodyn_core.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
+
+if TYPE_CHECKING:
+    from biodyn_core.judgement import SeatExposure
+    from biodyn_core.pipeline import Exposure
 
 INPUT: Final = {sensor: f"imu/{sensor}/data" for sensor in SENSORS}
 PREDICTED: Final = {segment: f"~/predicted/{segment}/accel" for segment in SEGMENTS}
@@ -14,6 +16,9 @@ MEASURED: Final = {sensor: f"~/measured/{sensor}/accel" for sensor in SENSORS}
 RESIDUAL: Final = {segment: f"~/residual/{segment}" for segment in MEASURED_SEGMENTS}
 EXPOSURE: Final = "~/exposure"
 ROLLING: Final = "~/exposure/rolling"
+SNAPSHOT: Final = "~/snapshot"
+"""What the live page shows, as JSON in a std_msgs/String; sent while somebody listens."""
+
 RESET: Final = "~/reset"
 MARK: Final = "~/mark"
 DIAGNOSTICS: Final = "/diagnostics"

@@ -177,12 +177,12 @@ class _Stream:
 def _widened(envelope: Envelope, stamps_ns: Integers, accel_mps2: Floats) -> Envelope:
     """The envelope with more samples in it, its bins doubled until there are few enough."""
     width = envelope.width_ns
-    begins, low, high = _binned(stamps_ns, accel_mps2, accel_mps2, width)
+    begins, low, high = binned(stamps_ns, accel_mps2, accel_mps2, width)
     begins, low, high = (np.concatenate(p) for p in zip(_columns(envelope), (begins, low, high), strict=True))
-    begins, low, high = _binned(begins, low, high, width)
+    begins, low, high = binned(begins, low, high, width)
     while begins.size > ENVELOPE_BINS:
         width *= 2
-        begins, low, high = _binned(begins, low, high, width)
+        begins, low, high = binned(begins, low, high, width)
     return Envelope(width, begins, low, high)
 
 
@@ -190,7 +190,7 @@ def _columns(envelope: Envelope) -> tuple[Integers, Floats, Floats]:
     return envelope.begins_ns, envelope.low_mps2, envelope.high_mps2
 
 
-def _binned(stamps_ns: Integers, low: Floats, high: Floats, width_ns: int) -> tuple[Integers, Floats, Floats]:
+def binned(stamps_ns: Integers, low: Floats, high: Floats, width_ns: int) -> tuple[Integers, Floats, Floats]:
     """Join the rows of each bin: begins_ns (m,) ascending, smallest of `low` and largest of `high`, each (m, 6)."""
     bins = stamps_ns // width_ns
     if np.any(bins[1:] < bins[:-1]):  # stamps may jump back, as those of a looped bag do

@@ -81,17 +81,26 @@ def sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('?') else '.'}"
 
 
-def time_left(kind: str, seat: dict[str, Any]) -> str:
-    """How long until the `kind` (action or limit) value, from the seat's mapping."""
-    name, seconds = f"{kind.capitalize()} value", seat[f"time_to_{kind}_value_s"]
+def left(kind: str, seat: dict[str, Any]) -> str:
+    """How long until the `kind` (action or limit) value, from the seat's mapping, in a few words."""
     if seat["zone"] in ("above_limit_value", f"above_{kind}_value"):  # a lower bound is enough to know that
-        return f"{name}: reached."
+        return "reached"
     if seat["withheld"]:
-        return f"{name}: time left withheld, because {seat['withheld']}."
+        return "withheld"
+    seconds = seat[f"time_to_{kind}_value_s"]
     if seconds is None:
-        return f"{name}: never reached at this rate."
-    most = "at most " if seat["lower_bound"] else ""
-    return f"{name}: {most}{duration(seconds)} left, if exposure goes on as in this recording."
+        return "never reached at this rate"
+    return f"{'at most ' if seat['lower_bound'] else ''}{duration(seconds)} left"
+
+
+def time_left(kind: str, seat: dict[str, Any]) -> str:
+    """How long until the `kind` (action or limit) value, from the seat's mapping, as a sentence."""
+    name, said = f"{kind.capitalize()} value", left(kind, seat)
+    if said == "withheld":
+        return f"{name}: time left withheld, because {seat['withheld']}."
+    if seat[f"time_to_{kind}_value_s"] is None or said == "reached":
+        return f"{name}: {said}."
+    return f"{name}: {said}, if exposure goes on as so far."
 
 
 def shocks(seat: dict[str, Any]) -> str:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,6 +26,7 @@ from biodyn_ros.environment import hold_domain
 from biodyn_ros.live import BiodynNode, make_executor
 
 DEADLINE_S = 30.0
+STARTUP_S = 120.0  # a cold cache compiles every kernel first
 DEEP = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200_000, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -132,3 +137,22 @@ class Sensors:
                 for _ in range(100):
                     self.graph.executor.spin_once(timeout_sec=0.0)
         return sent
+
+
+@contextmanager
+def child(graph: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """One of our commands as a process of its own, in the graph's domain; ended by Ctrl-C at the latest."""
+    environment = os.environ | {"ROS_DOMAIN_ID": str(graph.context.get_domain_id())}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "biodyn_ros.cli", *arguments], env=environment, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()

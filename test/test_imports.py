@@ -43,6 +43,7 @@ LAYERS = (
         "worn",
     ),
     ("pipeline",),
+    ("shocks",),
     ("identification",),
     ("tracing",),
 )
@@ -68,6 +69,9 @@ ROS_FREE = (
     "executors",
     "progress",
     "work",
+    "showing",
+    "strip",
+    "verdict",
 )
 ROS = {
     "rclpy",

@@ -21,9 +21,10 @@ from biodyn_core.limits import EU_LIMITS
 from biodyn_core.pipeline import NO_PREDICTED, Frames, PredictedFrames
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_ros import traces as traces_of_replay
-from biodyn_ros.report import judge, write_replay_report
+from biodyn_ros.report import write_replay_report
 from biodyn_ros.summary import summary
 from biodyn_ros.traces import DIGEST_SAMPLES, ENVELOPE_BIN_NS, ENVELOPE_BINS, RECENT_SAMPLES, Envelope, Traces
+from biodyn_ros.verdict import judge
 from biodyn_ros.wording import bound, duration, number, sentence, shocks, time_left
 
 START_NS = 1_767_225_600 * 10**9 + 37

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from ros import Sensors, ros_graph
+from ros import STARTUP_S, Sensors, child, ros_graph
 from std_msgs.msg import Float64
 from streams import RATE_HZ, noisy_streams, subject
 from test_pipeline import in_turn, run
-from test_two_processes import STARTUP_S, child
 
 from biodyn_core.errors import InputError
 from biodyn_core.keeping import Kept, digest

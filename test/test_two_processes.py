@@ -6,8 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
-from ros import Graph, ros_graph
+from ros import STARTUP_S, child, ros_graph
 from std_msgs.msg import Float64
 from streams import subject
 
@@ -26,26 +24,6 @@ from biodyn_ros.replay import replay
 from biodyn_ros.resources import bag_file
 
 BAG_DEPTH = 200_000
-STARTUP_S = 120.0  # a cold cache compiles every kernel first
-
-
-@contextmanager
-def child(graph: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """One of our commands as a process of its own, in the graph's domain; ended by Ctrl-C at the latest."""
-    environment = os.environ | {"ROS_DOMAIN_ID": str(graph.context.get_domain_id())}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "biodyn_ros.cli", *arguments], env=environment, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        try:
-            process.communicate(timeout=20)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.communicate()
 
 
 def reliable(*inputs: str) -> list[str]:

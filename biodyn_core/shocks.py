@@ -1,0 +1,136 @@
+"""Shocks: where the seat jolts, and how hard every sensor and predicted segment was hit by it; live, from frames."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.comparison import MeasuredFrames
+from biodyn_core.pipeline import PredictedFrames
+from biodyn_core.segments import SEAT, SENSORS
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+APART_NS: Final = 500_000_000
+"""What exceeds the threshold again within this is the same shock: two periods of the body's lowest mode."""
+
+KEPT: Final = 5
+
+NOTHING: Final = np.full(len(SENSORS), np.nan)
+"""Six channels of which nothing is known yet, by sensor as by segment."""
+
+
+@dataclass(frozen=True)
+class Shock:
+    """One shock: when the seat peaked, and the largest |vertical acceleration| of every channel while it lasted.
+
+    measured_mps2 (6,) by sensor and predicted_mps2 (6,) by segment; NaN where a channel gave nothing.
+    """
+
+    peak_ns: int
+    begin_ns: int
+    last_ns: int
+    measured_mps2: Floats
+    predicted_mps2: Floats
+
+    @property
+    def seat_mps2(self) -> float:
+        """The largest |acceleration| of the seat."""
+        return float(self.measured_mps2[SENSORS.index(SEAT)])
+
+
+class _Rows(NamedTuple):
+    """Stamps (n,), and |vertical acceleration| by sensor and by segment, (n, 6) each."""
+
+    stamps_ns: Integers
+    measured_mps2: Floats
+    predicted_mps2: Floats
+
+    def part(self, begin: int, end: int) -> _Rows:
+        part = slice(begin, end)
+        return _Rows(self.stamps_ns[part], self.measured_mps2[part], self.predicted_mps2[part])
+
+
+class Shocks:
+    """`push` frames in the pipeline's order; `latest` are the last five shocks, the newest first.
+
+    A shock begins where the seat's low-passed vertical reaches `threshold_mps2`, and lasts until APART_NS after it last
+    did, so that what the body still does is part of it. Block cuts change nothing.
+    """
+
+    def __init__(self, threshold_mps2: float) -> None:
+        self._threshold_mps2 = threshold_mps2
+        self._waiting: deque[PredictedFrames] = deque()
+        self._done: deque[Shock] = deque(maxlen=KEPT)
+        self._open: Shock | None = None
+
+    def push(self, predicted: PredictedFrames, measured: MeasuredFrames) -> None:
+        """Take what one push of the pipeline, or several in a row, brought forth."""
+        if predicted.stamps_ns.size:
+            self._waiting.append(predicted)
+        if not measured.stamps_ns.size:
+            return
+        rows = _Rows(measured.stamps_ns, np.abs(measured.accel_mps2), np.abs(self._predicted(measured.stamps_ns.size)))
+        hit = rows.measured_mps2[:, SENSORS.index(SEAT)] >= self._threshold_mps2
+        at = 0
+        while at < hit.size:
+            at = self._go_on(at, rows, hit) if self._open else self._begin(at, rows, hit)
+
+    def latest(self) -> list[Shock]:
+        """The last shocks, the newest first; one that still lasts is the first of them."""
+        return [*([self._open] if self._open else []), *reversed(self._done)][:KEPT]
+
+    def _predicted(self, count: int) -> Floats:
+        """The predictions of the next instants: each that is predicted is released once, in the same order."""
+        parts: list[Floats] = []
+        while count > 0:
+            stamps_ns, accel = self._waiting.popleft()
+            parts.append(accel[:count])
+            if stamps_ns.size > count:
+                self._waiting.appendleft(PredictedFrames(stamps_ns[count:], accel[count:]))
+            count -= stamps_ns.size
+        return np.concatenate(parts)
+
+    def _begin(self, at: int, rows: _Rows, hit: Flags) -> int:
+        """Open a shock at the next hit; returns its row, or the end."""
+        found = np.flatnonzero(hit[at:])
+        if not found.size:
+            return hit.size
+        first = at + int(found[0])
+        begin_ns = int(rows.stamps_ns[first])
+        self._open = Shock(begin_ns, begin_ns, begin_ns, NOTHING, NOTHING)
+        return first
+
+    def _go_on(self, at: int, rows: _Rows, hit: Flags) -> int:
+        """Carry the open shock as far as it goes; returns the first row behind it, or the end."""
+        shock = self._open
+        assert shock is not None
+        stamps_ns = rows.stamps_ns[at:]
+        last_ns = np.maximum.accumulate(np.concatenate([[shock.last_ns], np.where(hit[at:], stamps_ns, 0)]))
+        behind = (stamps_ns > last_ns[:-1] + APART_NS) | (stamps_ns < shock.begin_ns)  # stamps may leap back
+        length = int(behind.argmax()) if behind.any() else stamps_ns.size
+        self._open = replace(_grown(shock, rows.part(at, at + length)), last_ns=int(last_ns[length]))
+        if length < stamps_ns.size:
+            self._done.append(self._open)
+            self._open = None
+        return at + length
+
+
+def _grown(shock: Shock, rows: _Rows) -> Shock:
+    """The shock with more rows in it."""
+    if not rows.stamps_ns.size:
+        return shock
+    seat = rows.measured_mps2[:, SENSORS.index(SEAT)]
+    row = int(seat.argmax())
+    return replace(
+        shock,
+        peak_ns=shock.peak_ns if seat[row] <= shock.seat_mps2 else int(rows.stamps_ns[row]),
+        measured_mps2=np.fmax(shock.measured_mps2, np.fmax.reduce(rows.measured_mps2)),
+        predicted_mps2=np.fmax(shock.predicted_mps2, np.fmax.reduce(rows.predicted_mps2)),
+    )

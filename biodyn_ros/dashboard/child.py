@@ -1,0 +1,60 @@
+"""The page's process as the node's child: it ends with the node, however that ends, and its failure costs nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+
+from biodyn_ros.dashboard.settings import ServingSettings, address_of, check_page, page_token
+
+ENDS_WITHIN_S = 3.0
+
+
+class PageChild:
+    """Serves the page of a node by its full name until `end`, in the node's domain.
+
+    Raises InputError where aiohttp is missing.
+    """
+
+    def __init__(self, node: str, domain_id: int, serving: ServingSettings) -> None:
+        check_page()
+        self.link = address_of(serving.page_host, serving.page_port, page_token())
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the child lives
+        # Standard input ends when this process does, even by kill -9: then the page ends too.
+        self._process = subprocess.Popen(
+            [
+                sys.executable, "-m", "biodyn_ros.cli", "page", "--node", node, "--until-input-ends",
+                "--page-host", serving.page_host, "--page-port", str(serving.page_port),
+            ],
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._said,
+            env=os.environ | {"ROS_DOMAIN_ID": str(domain_id)},
+        )  # fmt: skip
+
+    @property
+    def address(self) -> str:
+        """Where it is served, without the token."""
+        return self.link.partition("#")[0]
+
+    @property
+    def failure(self) -> str:
+        """Why it is not served any more; empty while it is."""
+        if self._process.poll() is None:
+            return ""
+        self._said.seek(0)
+        lines = self._said.read().decode("utf-8", "replace").strip().splitlines()
+        return lines[-1] if lines else f"its process ended with {self._process.returncode}"
+
+    def end(self) -> None:
+        """End it, and wait for that."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        try:
+            self._process.wait(ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._said.close()

@@ -1,0 +1,73 @@
+"""Where the page is served, and the token without which nobody may reset or mark."""
+
+from __future__ import annotations
+
+import importlib.util
+import ipaddress
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from biodyn_core.errors import InputError
+from biodyn_core.settings import check_settings, setting
+from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
+
+TOKEN_BYTES: Final = 16
+
+
+@dataclass(frozen=True)
+class ServingSettings:
+    """Where the page is served."""
+
+    page_host: str = setting("127.0.0.1", "address at which the page is served; 0.0.0.0 lets other machines look on")
+    page_port: int = setting(8765, "port of the page; 0 takes any that is free", "", 0, 65535)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        try:
+            ipaddress.ip_address(self.page_host)
+        except ValueError:
+            raise InputError(
+                f"page_host is {self.page_host!r}, an address is needed: 127.0.0.1, ::1, 0.0.0.0"
+            ) from None
+
+    @property
+    def loopback(self) -> bool:
+        """Whether nobody but this machine reaches it."""
+        return ipaddress.ip_address(self.page_host).is_loopback
+
+
+def check_page() -> None:
+    """Raise InputError where the page cannot be served at all."""
+    if importlib.util.find_spec("aiohttp") is None:
+        raise InputError("the page needs aiohttp: pip install 'biodyn_ros[page]'")
+
+
+def address_of(host: str, port: int, token: str) -> str:
+    """What a person opens. The token stands behind the #, which browsers keep to themselves."""
+    bare = ipaddress.ip_address(host)
+    name = "127.0.0.1" if host == "0.0.0.0" else "::1" if host == "::" else host  # noqa: S104 - it is read, not bound to
+    return f"http://{f'[{name}]' if bare.version == 6 else name}:{port}/#token={token}"
+
+
+def page_token() -> str:
+    """The token of this user's pages, made once and kept, readable by its owner alone; else one for this time."""
+    try:
+        path = state_directory() / "page.token"
+        if not is_there(path):
+            make_directory(path.parent)
+            write_text(path, secrets.token_urlsafe(TOKEN_BYTES) + "\n", mode=OWNER_ALONE)
+        return _read(path)
+    except (InputError, RuntimeError):
+        return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+def _read(path: Path) -> str:
+    try:
+        token = path.read_text(encoding="ascii").strip()
+    except (OSError, ValueError):
+        token = ""
+    if len(token) < TOKEN_BYTES or not all(c.isalnum() or c in "-_" for c in token):
+        raise InputError(f"{path}: holds no token")
+    return token

@@ -1,0 +1,373 @@
+// The live page: places what snapshots say. Words come from the node; texts are set as text, never as markup.
+"use strict";
+
+const STALE_MS = 1500; // six snapshots late
+const MINUTE_S = 60;
+const BIN_S = 0.1;
+const SIGN = { good: "✓", warn: "!", bad: "✕", none: "?" };
+const DOT = [["●", "streaming"], ["▲", "warning"], ["✖", "error"]];
+const $ = (id) => document.getElementById(id);
+
+let snapshot = null;
+let cameAt = 0;
+let minute = {};
+
+// --- words -------------------------------------------------------------------------------------------------------
+
+function number(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  if (size === 0 || size < 0.001 || size >= 1e6) return value.toPrecision(3);
+  return value.toFixed(Math.max(0, 2 - Math.floor(Math.log10(size))));
+}
+
+function short(value) {
+  return value === null ? "–" : value.toFixed(value < 10 ? 2 : 1);
+}
+
+function clock(seconds) {
+  return seconds > 1e9 ? new Date(1000 * seconds).toLocaleTimeString() : `${seconds.toFixed(1)} s`;
+}
+
+function element(tag, kind, text) {
+  const made = document.createElement(tag);
+  if (kind) made.className = kind;
+  if (text !== undefined) made.textContent = text;
+  return made;
+}
+
+// --- band --------------------------------------------------------------------------------------------------------
+
+function band(of) {
+  const tone = of.verdict.tone in SIGN ? of.verdict.tone : "none";
+  document.body.dataset.tone = tone;
+  $("sign").textContent = SIGN[tone];
+  $("headline").textContent = of.verdict.headline;
+  $("reason").textContent = of.verdict.reasons[0] ?? "";
+  $("left-action").textContent = of.seat ? of.seat.left.action : "–";
+  $("left-limit").textContent = of.seat ? of.seat.left.limit : "–";
+  $("figures").replaceChildren(...(of.seat ? of.seat.figures.map((each) => figure(each, of.seat.lower_bound)) : []));
+}
+
+function figure(of, lower) {
+  const made = element("div", "figure");
+  const value = element("p", "value", `${of.name} ${lower ? "≥ " : ""}${number(of.so_far)} `);
+  value.append(element("small", "", `${of.unit} so far, ${of.axis} `));
+  if (of.governs) value.append(element("i", "", "governs"));
+  made.append(value);
+  if (of.limit !== null) made.append(gauge(of));
+  return made;
+}
+
+function gauge(of) {
+  const end = 1.15 * of.limit;
+  const made = element("div", "gauge");
+  const fill = element("span");
+  fill.style.width = `${100 * Math.min(1, of.so_far / end)}%`;
+  made.append(fill);
+  for (const [name, value] of [["action", of.action], ["limit", of.limit]]) {
+    const tick = element("em");
+    tick.style.left = `${(100 * value) / end}%`;
+    tick.append(element("span", "", `${name} ${value}`));
+    made.append(tick);
+  }
+  return made;
+}
+
+// --- body --------------------------------------------------------------------------------------------------------
+
+function rows(of) {
+  const most = Math.max(0.05, ...of.rows.flatMap((row) => [row.measured_mps2 ?? 0, row.predicted_mps2 ?? 0]));
+  $("rows").replaceChildren(...of.rows.map((row) => segment(row, most)));
+  for (const part of document.querySelectorAll(".part")) {
+    const row = of.rows.find((each) => each.name === part.dataset.row);
+    part.dataset.level = row && row.sensor ? row.sensor.level : "none";
+  }
+}
+
+function segment(of, most) {
+  const made = element("div", "row");
+  made.dataset.name = of.name;
+  const [dot, meaning] = of.sensor ? DOT[of.sensor.level] : ["○", "no sensor"];
+  const sign = element("span", "dot", dot);
+  sign.dataset.level = of.sensor ? of.sensor.level : "none";
+  sign.title = meaning;
+  const name = element("span", "name", of.name);
+  name.append(element("small", "", of.sensor ? of.sensor.message : "predicted alone"));
+  name.title = of.sensor ? of.sensor.message : "";
+  const bars = element("span", "bars");
+  for (const [kind, value] of [["bar", of.measured_mps2], ["bar model", of.predicted_mps2]]) {
+    const bar = element("div", kind);
+    bar.style.width = `${(100 * (value ?? 0)) / most}%`;
+    bars.append(bar);
+  }
+  const values = element("span", "values");
+  values.append(element("span", "", short(of.measured_mps2)));
+  values.append(element("span", "model", of.name === "seat" ? "" : short(of.predicted_mps2)));
+  const shares = of.name === "seat" ? "" : `T ${short(of.measured_ratio)} / ${short(of.predicted_ratio)}`;
+  made.append(sign, name, bars, values, element("span", "ratio", shares));
+  return made;
+}
+
+// --- ride --------------------------------------------------------------------------------------------------------
+
+function facts(of) {
+  const dri = of.dri;
+  $("dri").textContent = dri ? `${dri.lower_bound ? "≥ " : ""}${number(dri.compression)}` : "–";
+  const sensors = of.rows.filter((row) => row.sensor);
+  $("rates").textContent = span(sensors.map((row) => row.sensor.rate_hz), "Hz");
+  const late = sensors.reduce((a, b) => ((b.sensor.lag_ms ?? 0) > (a.sensor.lag_ms ?? 0) ? b : a));
+  $("lags").textContent = `${number(late.sensor.lag_ms)} ms at most, ${late.name}`;
+  $("threshold").textContent = number(of.shock_mps2);
+  $("shocks").replaceChildren(...(of.shocks.length ? of.shocks.map(shock) : [noShock()]));
+  const row = chosen();
+  const percent = row && row.residual_percent !== null ? `, ${number(row.residual_percent)} %` : "";
+  $("residual").textContent = row ? `residual ${number(row.residual_mps2)} m/s² rms${percent}` : "";
+}
+
+function span(values, unit) {
+  const known = values.filter((value) => value !== null);
+  if (!known.length) return "not known yet";
+  const [least, most] = [Math.min(...known).toFixed(1), Math.max(...known).toFixed(1)];
+  return `${least === most ? least : `${least} to ${most}`} ${unit}, ${known.length} of ${values.length} sensors`;
+}
+
+function shock(of) {
+  const made = element("tr");
+  made.append(element("td", "", clock(of.at_s)));
+  for (const value of [of.seat_mps2, of.head_measured_mps2, of.head_predicted_mps2]) {
+    made.append(element("td", "", number(value)));
+  }
+  return made;
+}
+
+function noShock() {
+  const made = element("tr");
+  made.append(element("td", "", "none"));
+  return made;
+}
+
+function chosen() {
+  return snapshot ? snapshot.rows.find((row) => row.name === $("channel").value) : undefined;
+}
+
+function channels(of) {
+  if ($("channel").options.length) return;
+  for (const row of of.rows) $("channel").append(element("option", "", row.name));
+}
+
+// --- strip -------------------------------------------------------------------------------------------------------
+
+function remember(strip) {
+  for (const [name, bins] of Object.entries(strip)) {
+    const kept = minute[name] ?? (minute[name] = []);
+    bins.begin_s.forEach((begin, at) => {
+      const last = kept.length ? kept[kept.length - 1].begin : begin - BIN_S;
+      if (!(begin > last && begin - last <= MINUTE_S)) kept.length = 0; // another clock, or a bag that began anew
+      kept.push({ begin, low: bins.low[at], high: bins.high[at] });
+    });
+    const end = kept.length ? kept[kept.length - 1].begin : 0;
+    while (kept.length && kept[0].begin < end - MINUTE_S) kept.shift();
+  }
+}
+
+function draw() {
+  const canvas = $("strip");
+  const scale = window.devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
+    canvas.width = Math.round(width * scale);
+    canvas.height = Math.round(height * scale);
+  }
+  const pen = canvas.getContext("2d");
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  const row = chosen();
+  if (!row) return;
+  const measured = line(minute.measured ?? [], row.measured_column);
+  const predicted = line(minute.predicted ?? [], row.predicted_column);
+  const all = [...measured, ...predicted];
+  if (!all.length) return;
+  const end = Math.max(...all.map((bin) => bin.begin)) + BIN_S;
+  // The measurement decides the height: a model that runs away may leave the picture.
+  const felt = measured.length ? measured : predicted;
+  const most = 1.1 * Math.max(0.2, ...felt.flatMap((bin) => [Math.abs(bin.low), Math.abs(bin.high)]));
+  const place = { x: (s) => width * (1 - (end - s) / MINUTE_S), y: (a) => height * (0.5 - a / (2 * most)), width, height };
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name);
+  axes(pen, place, most, colour);
+  pen.fillStyle = colour("--area");
+  for (const bin of measured) bar(pen, place, bin);
+  pen.strokeStyle = colour("--predicted");
+  pen.lineWidth = 1.6;
+  for (const side of ["low", "high"]) trace(pen, place, predicted, side);
+}
+
+function line(bins, column) {
+  if (column === null) return [];
+  return bins.filter((bin) => bin.low[column] !== null).map((bin) => ({ begin: bin.begin, low: bin.low[column], high: bin.high[column] }));
+}
+
+function axes(pen, place, most, colour) {
+  pen.strokeStyle = colour("--line");
+  pen.fillStyle = colour("--soft");
+  pen.font = "13px sans-serif";
+  pen.lineWidth = 1;
+  const step = 10 ** Math.floor(Math.log10(most));
+  const level = most / step >= 5 ? 5 * step : most / step >= 2 ? 2 * step : step;
+  for (const value of [-level, 0, level]) {
+    stroke(pen, 0, place.y(value), place.width, place.y(value));
+    pen.fillText(`${number(value)} m/s²`, 4, place.y(value) - 3);
+  }
+  for (const past of [50, 40, 30, 20, 10]) {
+    const x = place.width * (1 - past / MINUTE_S);
+    stroke(pen, x, 0, x, place.height);
+    pen.fillText(`−${past} s`, x + 3, place.height - 4);
+  }
+}
+
+function stroke(pen, x0, y0, x1, y1) {
+  pen.beginPath();
+  pen.moveTo(x0, y0);
+  pen.lineTo(x1, y1);
+  pen.stroke();
+}
+
+function bar(pen, place, bin) {
+  const [left, right, top] = [place.x(bin.begin), place.x(bin.begin + BIN_S), place.y(bin.high)];
+  pen.fillRect(left, top, right - left + 0.5, Math.max(1, place.y(bin.low) - top));
+}
+
+function trace(pen, place, bins, side) {
+  pen.beginPath();
+  let before = -Infinity;
+  for (const bin of bins) {
+    const [x, y] = [place.x(bin.begin + BIN_S / 2), place.y(bin[side])];
+    if (bin.begin - before > 1.5 * BIN_S) pen.moveTo(x, y);
+    else pen.lineTo(x, y);
+    before = bin.begin;
+  }
+  pen.stroke();
+}
+
+// --- the whole ---------------------------------------------------------------------------------------------------
+
+function show(of) {
+  band(of);
+  channels(of);
+  rows(of);
+  facts(of);
+  draw();
+  for (const window of document.querySelectorAll(".window")) window.textContent = `${of.window_s} s`;
+  $("terms").textContent = terms(of);
+}
+
+function terms(of) {
+  const limits = of.limits;
+  const pair = (measure, unit) => (limits[`action_${measure}`] === null ? "none stated"
+    : `${limits[`action_${measure}`]} / ${limits[`limit_${measure}`]} ${unit}`);
+  const kept = of.exposure ? ` Exposure: ${of.exposure.message}.` : "";
+  const model = of.prediction.validated ? "" : " They are not validated for this vehicle and seat.";
+  const mark = of.mark ? ` Last: ${of.mark}.` : "";
+  const why = of.verdict.reasons.slice(1).join(" ");
+  return `${why} Subject ${of.subject} (${of.mass_matrix}). Rolling window ${of.window_s} s. Limits of ${limits.source}, action / limit: `
+    + `A(8) ${pair("a8_mps2", "m/s²")}, VDV ${pair("vdv_mps175", "m/s^1.75")}; judged by the seat alone, since reset`
+    + `${of.seat ? `, ${number(of.seat.counted_s)} s counted, ${number(of.seat.missing_s)} s missing` : ""}. `
+    + `Predictions are a model's, not measurements.${model} Model: ${of.prediction.message}.${kept}${mark} biodyn ${of.version}.`;
+}
+
+function watch() {
+  const silent = performance.now() - cameAt;
+  const stale = !snapshot || silent > STALE_MS;
+  document.body.classList.toggle("stale", stale);
+  if (!stale) return;
+  document.body.dataset.tone = "none";
+  $("sign").textContent = SIGN.none;
+  if (!snapshot) return;
+  $("headline").textContent = `No data for ${Math.floor(silent / 1000)} s`;
+  $("reason").textContent = "The node, or the way to it, is silent. What stands below is what was known last.";
+}
+
+function listen() {
+  const events = new EventSource("events");
+  events.addEventListener("history", (event) => {
+    minute = {};
+    remember(JSON.parse(event.data));
+    draw();
+  });
+  events.addEventListener("snapshot", (event) => {
+    snapshot = JSON.parse(event.data);
+    cameAt = performance.now();
+    remember(snapshot.strip);
+    show(snapshot);
+  });
+  events.onerror = () => {
+    if (events.readyState !== EventSource.CLOSED) return; // else the browser tries again by itself
+    setTimeout(listen, 2000);
+  };
+}
+
+// --- buttons -----------------------------------------------------------------------------------------------------
+
+function token() {
+  const given = new URLSearchParams(location.hash.slice(1)).get("token");
+  return given ?? "";
+}
+
+async function ask(what) {
+  $("said").textContent = "…";
+  try {
+    const answer = await fetch(what, { method: "POST", headers: { "X-Biodyn-Token": token() } });
+    const said = await answer.text();
+    $("said").textContent = answer.ok ? JSON.parse(said).message : said.trim();
+  } catch {
+    $("said").textContent = `${what}: the page's server does not answer`;
+  }
+}
+
+function buttons() {
+  const allowed = token() !== "";
+  for (const name of ["mark", "reset"]) $(name).disabled = !allowed;
+  if (!allowed) $("said").textContent = "To mark or reset, open the link that the node told, with its token.";
+  $("mark").addEventListener("click", () => ask("mark"));
+  let armed = 0;
+  $("reset").addEventListener("click", () => {
+    const button = $("reset"); // a lost exposure does not come back: ask twice
+    if (button.classList.contains("armed")) {
+      disarm();
+      ask("reset");
+      return;
+    }
+    button.classList.add("armed");
+    button.textContent = "Press again to reset";
+    armed = setTimeout(disarm, 4000);
+  });
+  function disarm() {
+    clearTimeout(armed);
+    $("reset").classList.remove("armed");
+    $("reset").textContent = "Reset";
+  }
+}
+
+function theme() {
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  let own = localStorage.getItem("biodyn-theme");
+  const put = () => {
+    document.documentElement.dataset.theme = own ?? (dark.matches ? "dark" : "light");
+    draw();
+  };
+  dark.addEventListener("change", put);
+  $("theme").addEventListener("click", () => {
+    own = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    localStorage.setItem("biodyn-theme", own);
+    put();
+  });
+  put();
+}
+
+theme();
+buttons();
+$("channel").addEventListener("change", () => { facts(snapshot); draw(); });
+addEventListener("resize", draw);
+addEventListener("hashchange", () => location.reload());
+setInterval(watch, 250);
+listen();

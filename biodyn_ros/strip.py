@@ -1,0 +1,52 @@
+"""The strip: smallest and largest of every channel in bins of a tenth of a second, handed out as they are complete."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_ros.traces import binned
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BIN_NS: Final = 100_000_000
+
+
+class Bins(NamedTuple):
+    """begins_ns (m,), low_mps2 and high_mps2 (m, channels), NaN where a channel gave nothing."""
+
+    begins_ns: Integers
+    low_mps2: Floats
+    high_mps2: Floats
+
+
+class Strip:
+    """One stream: `add` blocks as they come, `take` the bins that no later sample can change.
+
+    Bins are whole tenths of a second of stamp time. The newest bin is held back until a sample lies outside it. Where
+    stamps leap, the bins of a block come in the order of their stamps. Block cuts change nothing otherwise.
+    """
+
+    def __init__(self, channels: int) -> None:
+        self._held: list[tuple[Integers, Floats]] = []
+        self._none = Bins(np.empty(0, dtype=np.int64), np.empty((0, channels)), np.empty((0, channels)))
+
+    def add(self, stamps_ns: Integers, accel_mps2: Floats) -> None:
+        """Add a block: stamps (n,) and acceleration (n, channels)."""
+        if stamps_ns.size:
+            self._held.append((stamps_ns, accel_mps2))
+
+    def take(self) -> Bins:
+        """The bins that are complete, and that were not taken before."""
+        if not self._held:
+            return self._none
+        stamps_ns, accel = (np.concatenate(part) for part in zip(*self._held, strict=True))
+        outside = np.flatnonzero(stamps_ns // BIN_NS != stamps_ns[-1] // BIN_NS)
+        end = int(outside[-1]) + 1 if outside.size else 0
+        self._held = [(stamps_ns[end:], accel[end:])]
+        if end == 0:
+            return self._none
+        return Bins(*binned(stamps_ns[:end], accel[:end], accel[:end], BIN_NS))

@@ -1,0 +1,368 @@
+"""The page's server without ROS: who is let in, what is sent, and visitors that are slow, huge, many or hostile."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Awaitable, Callable
+from contextlib import asynccontextmanager
+
+import aiohttp
+import pytest
+from aiohttp import web
+
+from biodyn_core.errors import InputError
+from biodyn_ros.dashboard import door, hub, settings, site
+from biodyn_ros.dashboard.door import Door
+from biodyn_ros.dashboard.hub import Hub
+from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token
+from biodyn_ros.dashboard.site import Site
+
+TOKEN = "right-token-0123456789"  # noqa: S105 - of these tests
+
+
+class Asked:
+    """In the node's place: notes what it is asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    async def ask(self, name: str) -> str:
+        """Do it."""
+        self.asked.append(name)
+        return f"done: {name}"
+
+
+class Served:
+    """A site that is up."""
+
+    def __init__(self, port: int, hub: Hub, feed: Asked, server: Door) -> None:
+        self.port, self.hub, self.feed, self.server = port, hub, feed, server
+
+    def url(self, path: str = "/") -> str:
+        """Where it is."""
+        return f"http://127.0.0.1:{self.port}{path}"
+
+
+@asynccontextmanager
+async def served(host: str = "127.0.0.1"):
+    """The site on a free port, with a node that answers."""
+    told, feed = Hub(), Asked()
+    page = Site(ServingSettings(page_host=host), TOKEN, told)
+    page.feed = feed
+    server = Door(page.handle)
+    runner = web.ServerRunner(server, shutdown_timeout=0.2)
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, host, 0).start()
+        yield Served(runner.addresses[0][1], told, feed, server)
+    finally:
+        await runner.cleanup()
+
+
+def visit(steps: Callable[[Served, aiohttp.ClientSession], Awaitable[None]], host: str = "127.0.0.1") -> None:
+    """Run the steps against a site."""
+
+    async def run() -> None:
+        async with served(host) as page, aiohttp.ClientSession() as client:
+            await asyncio.wait_for(steps(page, client), 60.0)
+
+    asyncio.run(run())
+
+
+def snapshot(begin_s: float = 0.0, count: int = 2, text: str = "") -> str:
+    strip = {"begin_s": [begin_s + 0.1 * k for k in range(count)], "low": [[-1.0]] * count, "high": [[1.0]] * count}
+    return json.dumps({"strip": {"measured": strip}, "text": text})
+
+
+# --- what is sent ----------------------------------------------------------------------------------------------------
+
+
+def test_files_come_with_headers_that_let_nothing_else_in():
+    async def steps(page, client):
+        for path, kind in (("/", "text/html"), ("/page.js", "text/javascript"), ("/page.css", "text/css")):
+            async with client.get(page.url(path)) as answer:
+                assert (answer.status, answer.content_type) == (200, kind)
+                assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+                assert answer.headers["X-Content-Type-Options"] == "nosniff"
+                source = await answer.text()
+                assert "http://" not in source.replace("http://www.w3.org", "")
+                assert "https://" not in source
+                assert TOKEN not in source
+
+    visit(steps)
+
+
+async def read_event(stream: aiohttp.StreamReader) -> tuple[str, dict]:
+    """The next event that is one."""
+    while True:
+        lines = (await stream.readuntil(b"\n\n")).decode().strip().splitlines()
+        parts = dict(line.split(": ", 1) for line in lines if not line.startswith(":"))
+        if "event" in parts:
+            return parts["event"], json.loads(parts["data"])
+
+
+def test_a_newcomer_is_sent_the_last_minute_and_then_what_comes():
+    async def steps(page, client):
+        for k in range(20):
+            page.hub.take(snapshot(0.2 * k))
+        async with client.get(page.url("/events")) as answer:
+            kind, minute = await read_event(answer.content)
+            assert kind == "history"
+            assert len(minute["measured"]["begin_s"]) == 40
+            page.hub.take(snapshot(4.0, text="now"))
+            kind, now = await read_event(answer.content)
+            assert (kind, now["text"]) == ("snapshot", "now")
+
+    visit(steps)
+
+
+def test_the_minute_is_a_minute_and_begins_anew_where_time_leaps():
+    told = Hub()
+    for k in range(100):
+        told.take(snapshot(1.0 * k, count=10))
+    minute = json.loads(told.events(-2)[0].split("data: ")[1])["measured"]
+    assert (minute["begin_s"][0], len(minute["begin_s"])) == (40.0, hub.HISTORY_BINS)
+    for leap_s in (5.0, 5000.0):
+        told.take(snapshot(leap_s))
+        minute = json.loads(told.events(-2)[0].split("data: ")[1])["measured"]
+        assert minute["begin_s"] == [leap_s, leap_s + 0.1]
+
+
+def test_a_stream_that_falls_far_behind_is_sent_the_minute_anew():
+    told = Hub()
+    for k in range(hub.RECENT):
+        told.take(snapshot(float(k)))
+    assert [event.split("\n")[0] for event in told.events(told.number - 2)] == ["event: snapshot"] * 2
+    told.take(snapshot(99.0))
+    assert [event.split("\n")[0] for event in told.events(0)] == ["event: history"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "no json", "[1]", '{"strip": 3}', '{"strip": {"a": {"begin_s": [1], "low": [], "high": []}}}', "[" * 100_000,
+     '{"strip": {"a": {"begin_s": ["x"], "low": [1], "high": [1]}}}'],
+)  # fmt: skip
+def test_what_is_no_snapshot_is_left_out(text):
+    told = Hub()
+    told.take(text)
+    assert told.number == 0
+
+
+def test_a_snapshot_cannot_bring_an_event_of_its_own():
+    told = Hub()
+    told.take(snapshot(text="\n\nevent: reset\ndata: {}\n\n"))
+    (event,) = told.events(0)
+    assert event.count("\n\n") == 1
+    assert json.loads(event.split("data: ", 1)[1])["text"].startswith("\n\nevent")
+
+
+# --- who is let in ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "status"),
+    [("127.0.0.1:8765", 200), ("localhost:8765", 200), ("[::1]:8765", 200), ("evil.example", 403), ("10.1.2.3", 403),
+     ("127.0.0.1.evil.example", 403), ("localhost.evil.example:80", 403), ("[evil]", 403)],
+)  # fmt: skip
+def test_a_name_that_may_be_anybodys_is_refused(name, status):
+    async def steps(page, client):
+        async with client.get(page.url(), headers={"Host": name}) as answer:
+            assert answer.status == status
+
+    visit(steps)
+
+
+def test_served_to_others_it_answers_to_addresses_but_to_no_strangers_name():
+    async def steps(page, client):
+        for name, status in (("192.168.1.20:8765", 200), ("evil.example", 403)):
+            async with client.get(page.url(), headers={"Host": name}) as answer:
+                assert answer.status == status
+
+    visit(steps, "0.0.0.0")  # noqa: S104 - on a free port, for the length of this test
+
+
+def test_another_page_is_not_answered():
+    async def steps(page, client):
+        for path in ("/", "/events"):
+            async with client.get(page.url(path), headers={"Origin": "http://evil.example"}) as answer:
+                assert answer.status == 403
+        foreign = {"Origin": "http://evil.example", door.TOKEN_HEADER: TOKEN}
+        async with client.post(page.url("/reset"), headers=foreign) as answer:
+            assert answer.status == 403
+        assert page.feed.asked == []
+
+    visit(steps)
+
+
+def test_writing_needs_the_token_and_a_post():
+    async def steps(page, client):
+        for headers in ({}, {door.TOKEN_HEADER: ""}, {door.TOKEN_HEADER: TOKEN[:-1]}, {door.TOKEN_HEADER: "ä"}):
+            async with client.post(page.url("/reset"), headers=headers) as answer:
+                assert answer.status == 403
+        async with client.get(page.url("/reset"), headers={door.TOKEN_HEADER: TOKEN}) as answer:
+            assert answer.status == 405
+        assert page.feed.asked == []
+        for name in ("reset", "mark"):
+            async with client.post(page.url(f"/{name}"), headers={door.TOKEN_HEADER: TOKEN}) as answer:
+                assert (answer.status, await answer.json()) == (200, {"message": f"done: {name}"})
+        assert page.feed.asked == ["reset", "mark"]
+
+    visit(steps)
+
+
+@pytest.mark.parametrize(
+    "path", ["/../page.js", "/page/../index.html", "/etc/passwd", "//", "/%2e%2e/setup.py", "/ask"]
+)
+def test_nothing_else_is_served(path):
+    async def steps(page, client):
+        assert (await told_raw(page.port, f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())).startswith(
+            "HTTP/1.1 404"
+        )
+
+    visit(steps)
+
+
+# --- visitors that mean no good --------------------------------------------------------------------------------------
+
+
+async def told_raw(port: int, sent: bytes) -> str:
+    """What comes back first for these bytes."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    try:
+        writer.write(sent)
+        return (await asyncio.wait_for(reader.read(200), 20.0)).decode("latin-1")
+    except ConnectionError:
+        return ""
+    finally:
+        writer.close()
+
+
+async def is_well(page: Served, client: aiohttp.ClientSession) -> bool:
+    async with client.get(page.url()) as answer:
+        return answer.status == 200
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 100_000 + b"\r\n\r\n",
+        b"GET /" + b"a" * 100_000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 50_000 + b"\r\n",
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + b"\x00" * 300,
+        b"POST /reset HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999999999\r\n\r\n" + b"x" * 65536,
+        b"POST /reset HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nFFFFFFFFFF\r\n",
+        b"\x00" * 1000 + b"\r\n\r\n",
+    ],
+)
+def test_a_huge_or_broken_request_costs_nobody_else(sent):
+    async def steps(page, client):
+        assert "200" not in (await told_raw(page.port, sent))[:15]
+        assert await is_well(page, client)
+
+    visit(steps)
+
+
+def test_who_says_nothing_is_shown_out(monkeypatch):
+    monkeypatch.setattr(door, "GREETING_S", 0.3)
+
+    async def steps(page, client):
+        for said in (b"", b"GET / HT"):
+            reader, writer = await asyncio.open_connection("127.0.0.1", page.port)
+            writer.write(said)
+            with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
+                await asyncio.wait_for(reader.readexactly(1), 5.0)
+            writer.close()
+        assert await is_well(page, client)
+
+    visit(steps)
+
+
+def test_many_at_once_are_turned_away_and_there_is_room_again_when_they_leave(monkeypatch):
+    monkeypatch.setattr(door, "MOST_CONNECTIONS", 10)
+
+    async def steps(page, client):
+        crowd = [await asyncio.open_connection("127.0.0.1", page.port) for _ in range(50)]
+        await asyncio.sleep(0.2)
+        assert len(page.server.connections) <= 10
+        for _, writer in crowd:
+            writer.close()
+        for _ in range(50):
+            await asyncio.sleep(0.1)
+            with contextlib.suppress(aiohttp.ClientError):
+                if await is_well(page, client):
+                    return
+        pytest.fail("no room again")
+
+    visit(steps)
+
+
+def test_streams_are_few_and_end_with_their_visitors(monkeypatch):
+    monkeypatch.setattr(site, "MOST_STREAMS", 2)
+    monkeypatch.setattr(site, "BEAT_S", 0.1)
+
+    async def steps(page, client):
+        held = [await client.get(page.url("/events")) for _ in range(2)]
+        async with client.get(page.url("/events")) as answer:
+            assert answer.status == 503
+        for stream in held:
+            stream.close()
+        for _ in range(50):
+            await asyncio.sleep(0.1)
+            async with client.get(page.url("/events")) as answer:
+                if answer.status == 200:
+                    return
+        pytest.fail("no room again")
+
+    visit(steps)
+
+
+def test_a_stream_that_is_not_read_is_dropped_and_holds_up_nobody(monkeypatch):
+    monkeypatch.setattr(site, "ANSWER_S", 0.5)
+
+    async def steps(page, client):
+        _, writer = await asyncio.open_connection("127.0.0.1", page.port, limit=1)
+        writer.write(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        gone = False
+        for k in range(300):
+            page.hub.take(snapshot(0.2 * k, text="x" * 200_000))
+            await asyncio.sleep(0.01)
+            gone = not any(c.transport is not None and not c.transport.is_closing() for c in page.server.connections)
+            if gone:
+                break
+        assert gone, "it is still there"
+        writer.close()
+        assert await is_well(page, client)
+
+    visit(steps)
+
+
+# --- where it is served ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [({"page_host": "everywhere"}, "page_host is 'everywhere', an address is needed"),
+     ({"page_port": 70_000}, "page_port is 70000, allowed are 0 to 65535")],
+)  # fmt: skip
+def test_a_place_that_is_none_is_refused_in_one_line(given, said):
+    with pytest.raises(InputError, match=said):
+        ServingSettings(**given)
+
+
+def test_the_link_carries_the_token_where_browsers_keep_it_to_themselves():
+    assert address_of("127.0.0.1", 80, "t") == "http://127.0.0.1:80/#token=t"
+    assert address_of("0.0.0.0", 80, "t") == "http://127.0.0.1:80/#token=t"  # noqa: S104 - read, not bound to
+    assert address_of("::1", 80, "t") == "http://[::1]:80/#token=t"
+
+
+def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    token, file = page_token(), tmp_path / "biodyn" / "page.token"
+    assert (page_token(), file.stat().st_mode & 0o777) == (token, 0o600)
+    assert len(token) >= settings.TOKEN_BYTES
+    file.write_text("short\n")
+    assert page_token() not in ("short", token)
+    monkeypatch.setenv("XDG_STATE_HOME", "/proc/none")
+    assert page_token() != page_token()

@@ -1,0 +1,298 @@
+"""The page as a person sees it: a bag played over DDS, the live node, its page, and a real Chromium that looks on."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+import yaml
+from ros import STARTUP_S, Graph, child, ros_graph
+from streams import noisy_streams, subject
+
+from biodyn_core.synthesis import ImuStream
+from biodyn_ros import topics
+from biodyn_ros.bag import BagWriter
+from biodyn_ros.cdr import IMU_TYPE, encode_imu
+
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+# Continuous integration installs one (.ci/run): there its absence is a failure, and no reason to skip.
+pytestmark = pytest.mark.skipif(CHROMIUM is None and "CI" not in os.environ, reason="no Chromium here")
+
+SECONDS = 24.0
+HEAD_DIES_S = 14.0
+SIZES = {"desk": (1280, 800), "tablet": (1024, 768), "phone": (390, 844)}
+EVIL = "<img src=x onerror=\"document.title='owned'\"> & co"
+
+
+def ride() -> list[ImuStream]:
+    """A road whose head sensor dies on the way."""
+    return [
+        ImuStream(s.sensor, *(c[: round(HEAD_DIES_S * 1129.3)] for c in (s.stamps_ns, s.accel_mps2, s.gyro_radps)))
+        if s.sensor == "head"
+        else s
+        for s in noisy_streams(SECONDS, "road", 4)
+    ]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path: Path = tmp_path_factory.mktemp("page") / "ride.mcap"
+    with BagWriter(path) as writer:
+        for stream in ride():
+            writer.add_topic(topics.INPUT[stream.sensor], IMU_TYPE)
+            messages = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "imu")
+            writer.write(topics.INPUT[stream.sensor], stream.stamps_ns, messages)
+    return path
+
+
+@pytest.fixture(scope="module")
+def subject_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Somebody whose name is markup."""
+    path: Path = tmp_path_factory.mktemp("subject") / "evil.yaml"
+    path.write_text(yaml.safe_dump(subject().to_dict() | {"name": EVIL}))
+    return path
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@dataclass
+class Browser:
+    """A page in Chromium, what it printed, and where it wanted to go."""
+
+    page: Any
+    complaints: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+
+    def text(self, selector: str) -> str:
+        """What stands there."""
+        return str(self.page.inner_text(selector))
+
+    def until(self, condition: str, seconds: float = STARTUP_S) -> None:
+        """Wait for a condition in the page, asked from outside: it lets no text become code within it."""
+        end = time.monotonic() + seconds
+        while not self.page.evaluate(condition):
+            assert time.monotonic() < end, f"not within {seconds:g} s: {condition}; {self.text('body')}"
+            self.page.wait_for_timeout(50)
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        # Without a sandbox of its own, because tests may run as root, and look at our own page alone.
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield Browser(chromium.new_page(viewport=dict(zip(("width", "height"), SIZES["desk"], strict=True))))
+        chromium.close()
+
+
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    with ros_graph() as made:
+        yield made
+
+
+def node_arguments(port: int, subject_file: Path, yaw: str = "0.0") -> list[str]:
+    given = {"dashboard": "true", "page_port": str(port), "subject_file": str(subject_file), "yaw_deg": yaw}
+    return ["live", "--ros-args", *(part for name, value in given.items() for part in ("-p", f"{name}:={value}"))]
+
+
+def link(process: subprocess.Popen[str]) -> str:
+    """The link that the node tells."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        if found := re.search(r"the page: (http\S+)", line):
+            return found.group(1)
+    raise AssertionError("the node told no link")
+
+
+def reached(browser: Browser, address: str) -> None:
+    """Open the page; its process may still be on its way."""
+    place = urlsplit(address)
+    for _ in range(300):
+        with socket.socket() as probe:
+            if probe.connect_ex((place.hostname, place.port)) == 0:
+                browser.page.goto(address)
+                return
+        browser.page.wait_for_timeout(100)
+    raise AssertionError("the page is not served")
+
+
+def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
+    port = free_port()
+    with child(graph, *node_arguments(port, subject_file)) as node:
+        address = link(node)
+        reached(browser, address)
+        assert browser.text("#headline") == "Waiting for the node" or "Undecided" in browser.text("#headline")
+        with child(graph, "play", str(bag)):
+            it_updates(browser)
+            it_is_green_and_says_whose_it_is(browser)
+            for name, (width, height) in SIZES.items():
+                it_fits(browser, width, height, tmp_path / f"{name}.png")
+            it_survives_a_reload(browser)
+            it_shows_a_dead_sensor(browser)
+            marks_and_resets(browser)
+        it_says_that_the_seat_is_silent(browser)
+        it_goes_stale_when_the_node_is_killed(browser, node)
+    with child(graph, *node_arguments(port, subject_file)) as node:
+        assert link(node) == address, "the link goes on being good"
+        it_comes_back(browser)
+    assert browser.page.title() == "biodyn live", "names are text"
+    leaving = [url for url in browser.requests if not url.startswith((f"http://127.0.0.1:{port}/", "data:"))]
+    assert leaving == []
+    # While the node is away the browser itself says that the stream of events cannot be opened; nothing else is wrong.
+    assert [
+        said for said in browser.complaints if "ERR_CONNECTION_REFUSED" not in said and "INCOMPLETE" not in said
+    ] == []
+
+
+def it_updates(browser: Browser) -> None:
+    browser.until("document.querySelectorAll('.figure').length == 2")
+    browser.until("snapshot.rows[0].predicted_mps2 > 0 && snapshot.rows[0].measured_mps2 > 0")
+    before = browser.page.evaluate("snapshot.seconds")
+    browser.until(f"snapshot.seconds > {before} + 0.9", 10.0)
+    told = browser.page.evaluate("snapshot")
+    head = told["rows"][0]
+    # What stands there is what was told.
+    browser.until(
+        "document.querySelector('.row .values').innerText.startsWith(snapshot.rows[0].measured_mps2.toFixed(2))"
+    )
+    assert browser.text('.row[data-name="head"] .name').startswith("head\n")
+    assert head["sensor"]["rate_hz"] == pytest.approx(1129.3, rel=1e-3)
+    assert browser.complaints == []
+    pixels = "$('strip').getContext('2d').getImageData(0, 0, $('strip').width, $('strip').height).data"
+    assert browser.page.evaluate(f"[...{pixels}].filter(value => value).length") > 2000, "the strip is drawn"
+
+
+def it_is_green_and_says_whose_it_is(browser: Browser) -> None:
+    browser.until("document.body.dataset.tone == 'good'")
+    assert browser.text("#headline") == "Below the action values so far"
+    assert browser.page.evaluate("getComputedStyle($('band')).backgroundColor") == "rgb(23, 102, 58)"
+    terms = browser.text("#terms")
+    for said in (
+        f"Subject {EVIL}", "Rolling window 10 s", "2002/44/EC", "A(8) 0.5 / 1.15 m/s²", "VDV 9.1 / 21 m/s^1.75",
+        "Predictions are a model's, not measurements", "not validated",
+    ):  # fmt: skip
+        assert said in terms
+    assert "governs" in browser.text("#figures")
+    assert "left" in browser.text("#left-action")
+
+
+def it_fits(browser: Browser, width: int, height: int, picture: Path) -> None:
+    browser.page.set_viewport_size({"width": width, "height": height})
+    for scheme in ("light", "dark"):
+        browser.page.emulate_media(color_scheme=scheme)
+        browser.page.wait_for_timeout(300)
+        assert browser.page.evaluate("document.documentElement.dataset.theme") == scheme
+        assert browser.page.evaluate("document.documentElement.scrollWidth") <= width, "nothing sticks out"
+        cells = "[...document.querySelectorAll('.row > *, .row, .figure, #left')]"
+        wide = f"{cells}.filter(cell => cell.scrollWidth > cell.clientWidth + 1).map(cell => cell.className)"
+        assert browser.page.evaluate(wide) == []
+        # At arm's length, some 70 cm, 6 mm are read well: the headline has 23 px and more, the figures 25.
+        for selector, least in (("#headline", 22.0), (".figure .value", 25.0), (".row .values", 18.0)):
+            assert (
+                float(
+                    browser.page.evaluate(
+                        f"parseFloat(getComputedStyle(document.querySelector('{selector}')).fontSize)"
+                    )
+                )
+                >= least
+            )
+    browser.page.screenshot(path=str(picture), full_page=True)
+    assert picture.stat().st_size > 20_000
+    browser.page.set_viewport_size(dict(zip(("width", "height"), SIZES["desk"], strict=True)))
+
+
+def it_survives_a_reload(browser: Browser) -> None:
+    browser.page.reload()
+    browser.until("minute.measured && minute.measured.length > 20", 10.0)
+    browser.until("snapshot && document.querySelectorAll('.row').length == 7", 10.0)
+
+
+def it_shows_a_dead_sensor(browser: Browser) -> None:
+    browser.until("document.querySelector('.row[data-name=\"head\"] .dot').dataset.level == '1'")
+    assert "silent for" in browser.text('.row[data-name="head"] .name')
+    assert browser.page.evaluate("document.querySelector('.part[data-row=\"head\"]').dataset.level") == "1"
+    others = browser.page.evaluate("[...document.querySelectorAll('.row .dot')].map(dot => dot.dataset.level)")
+    assert others[1:] == ["0", "0", "none", "0", "0", "0"]
+    assert browser.page.evaluate("document.body.dataset.tone") == "good", "the seat is judged by itself"
+
+
+def marks_and_resets(browser: Browser) -> None:
+    browser.page.click("#mark")
+    browser.until("$('said').innerText.startsWith('mark 1 at')", 10.0)
+    counted = browser.page.evaluate("snapshot.seat.counted_s")
+    browser.page.click("#reset")
+    assert browser.text("#reset") == "Press again to reset"
+    browser.page.wait_for_timeout(600)
+    assert browser.page.evaluate("snapshot.seat.counted_s") > counted, "once is not enough"
+    browser.page.click("#reset")
+    browser.until(f"snapshot.seat.counted_s < {counted}", 10.0)
+    assert "starts anew" in browser.text("#said")
+
+
+def it_says_that_the_seat_is_silent(browser: Browser) -> None:
+    browser.until("document.body.dataset.tone == 'none' && $('reason').innerText.includes('silent for')", 60.0)
+    assert browser.text("#headline") == "Undecided: no verdict on the seat"
+
+
+def it_goes_stale_when_the_node_is_killed(browser: Browser, node: subprocess.Popen[str]) -> None:
+    node.send_signal(signal.SIGKILL)
+    browser.until(
+        "document.body.classList.contains('stale') && $('headline').innerText.startsWith('No data for')", 10.0
+    )
+    assert browser.page.evaluate("document.body.dataset.tone") == "none"
+
+
+def it_comes_back(browser: Browser) -> None:
+    browser.until("!document.body.classList.contains('stale')")
+
+
+def test_without_the_token_one_may_look_but_not_touch(graph, browser):
+    port = free_port()
+    with child(graph, "page", "--node", "/nobody", "--page-port", str(port)):
+        reached(browser, f"http://127.0.0.1:{port}/")
+        assert browser.page.is_disabled("#mark")
+        assert browser.page.is_disabled("#reset")
+        assert "open the link" in browser.text("#said")
+        browser.page.wait_for_timeout(2000)
+        assert browser.text("#headline") == "Waiting for the node"
+        assert browser.page.evaluate("document.body.dataset.tone") == "none"
+    assert browser.complaints == []
+
+
+def test_the_page_ends_with_its_input_and_a_taken_port_is_one_line(graph):
+    port = free_port()
+    with child(graph, "page", "--page-port", str(port), "--until-input-ends") as first:
+        # The tests' own input ends at once.
+        assert first.wait(30) == 0
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", port))
+        taken.listen()
+        with child(graph, "page", "--page-port", str(port)) as second:
+            assert second.wait(30) == 2
+            said = second.stderr.read()
+    assert said.count("\n") == 1
+    assert f"cannot be served at 127.0.0.1:{port} (" in said

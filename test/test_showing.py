@@ -1,0 +1,178 @@
+"""What the live page is told: figures as the pipeline counts them, and a band that is green for nothing doubtful."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from streams import START_NS, noisy_streams, subject
+
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.segments import SEAT, SENSORS
+from biodyn_ros.exposure_json import exposure_document
+from biodyn_ros.health import Growth, SensorHealth, prediction_status, sensor_status
+from biodyn_ros.showing import ROWS, STILL_MPS2, Showing
+
+GENTLE = {"case": "road", "seconds": 6.0, "seed": 3}
+
+
+class Ride:
+    """A pipeline driven as the node drives it, with the health of its sensors, and what the page is told of it."""
+
+    def __init__(self, **pipeline):
+        self.pipeline, self.showing = Pipeline(subject(), **pipeline), Showing(5.0)
+        self.clock_s = 0.0
+        self.health = {name: SensorHealth(now=lambda: self.clock_s) for name in SENSORS}
+        self.snapshots = []
+
+    def drive(self, streams, block=280, without=()):
+        """Push the streams side by side and look four times a second."""
+        length = max(stream.stamps_ns.size for stream in streams)
+        for at in range(0, length, block):
+            self.clock_s += block / 1129.3
+            for stream in streams:
+                if stream.sensor not in without:
+                    part = slice(at, at + block)
+                    self.showing.add(self.pipeline.push(stream.sensor, stream.stamps_ns[part], stream.accel_mps2[part]))
+                    self.health[stream.sensor].arrived()
+            self.look()
+        return self
+
+    def look(self):
+        """Gather and tell, as JSON and back, as the page hears it."""
+        self.showing.gather()
+        for name, health in self.health.items():
+            health.look(self.pipeline.status(name))
+        statuses = [prediction_status(self.pipeline, self.health[SEAT], Growth(), "")]
+        statuses += [sensor_status(name, self.health[name], self.pipeline) for name in SENSORS]
+        snapshot = self.showing.snapshot(self.pipeline, statuses, 0)
+        self.snapshots.append(json.loads(json.dumps(snapshot, allow_nan=False)))
+        return self.snapshots[-1]
+
+
+def changed(streams, sensor, change):
+    return [change(stream) if stream.sensor == sensor else stream for stream in streams]
+
+
+def test_the_rows_are_the_rolling_figures_and_their_ratios():
+    ride = Ride().drive(noisy_streams(**GENTLE))
+    told, rolling = ride.snapshots[-1], ride.pipeline.exposure(rolling=True)
+    rows = {row["name"]: row for row in told["rows"]}
+    assert list(rows) == [name.replace("_", " ") for name in ROWS]
+    seat = rolling.measured_low_passed[SEAT].aw_mps2
+    assert rows["head"]["measured_mps2"] == rolling.measured_low_passed["head"].aw_mps2
+    assert rows["head"]["predicted_mps2"] == rolling.predicted["head"].aw_mps2
+    assert rows["head"]["measured_ratio"] == pytest.approx(rolling.measured_low_passed["head"].aw_mps2 / seat)
+    assert rows["head"]["residual_mps2"] == rolling.residual["head"][0]
+    assert (rows["central torso"]["measured_mps2"], rows["central torso"]["sensor"]) == (None, None)
+    assert rows["central torso"]["predicted_ratio"] == pytest.approx(rolling.predicted["central_torso"].aw_mps2 / seat)
+    assert rows["seat"]["predicted_mps2"] is None
+
+
+def test_the_strip_hands_out_every_bin_once():
+    told = Ride().drive(noisy_streams(**GENTLE)).snapshots
+    begins = [begin for one in told for begin in one["strip"]["measured"]["begin_s"]]
+    assert begins == sorted(set(begins))
+    assert np.diff(begins) == pytest.approx(0.1, abs=1e-3)
+    assert 0.0 <= begins[0] - 1e-9 * START_NS < 2.0
+
+
+def test_a_gentle_ride_with_a_yaw_is_green():
+    from biodyn_core.pipeline import PipelineSettings
+
+    gentle = [replace(stream, accel_mps2=stream.accel_mps2) for stream in noisy_streams(**GENTLE)]
+    told = Ride(settings=PipelineSettings(yaw_deg=0.0)).drive(gentle).snapshots[-1]
+    assert told["verdict"]["tone"] == "good", told["verdict"]
+
+
+def clipped(stream):
+    accel = stream.accel_mps2.copy()
+    accel[4000:4003, 2] = 160.0
+    return replace(stream, accel_mps2=accel)
+
+
+def vertical_only(stream):
+    up = np.array([0.0, 0.0, 1.0])
+    return replace(stream, accel_mps2=np.outer(np.linalg.norm(stream.accel_mps2, axis=1), up))
+
+
+def stuck(stream):
+    accel = stream.accel_mps2.copy()
+    accel[3000:] = accel[3000]
+    return replace(stream, accel_mps2=accel)
+
+
+@pytest.mark.parametrize("spoil", [clipped, vertical_only, stuck])
+def test_a_seat_that_is_clipped_vertical_only_or_stuck_is_not_green(spoil):
+    told = Ride().drive(changed(noisy_streams(**GENTLE), SEAT, spoil)).snapshots[-1]
+    assert told["verdict"]["tone"] == "none"
+    assert told["verdict"]["reasons"]
+
+
+def test_a_seat_that_has_stopped_is_not_green_even_when_everybody_else_has_stopped_too():
+    ride = Ride().drive(noisy_streams(**GENTLE))
+    assert ride.snapshots[-1]["verdict"]["tone"] == "good"
+    ride.clock_s += 0.8
+    told = ride.look()
+    assert told["verdict"]["tone"] == "none"
+    assert "silent for 0.8 s" in told["verdict"]["reasons"][0]
+
+
+def test_two_publishers_on_the_seat_are_not_green():
+    ride = Ride().drive(noisy_streams(**GENTLE))
+    ride.health[SEAT].publishers = 2
+    assert ride.look()["verdict"]["tone"] == "none"
+
+
+def test_a_seat_alone_is_predicted_from_and_what_is_not_measured_is_not_zero():
+    streams = noisy_streams(**GENTLE)
+    told = Ride().drive(streams, without=set(SENSORS) - {SEAT}).snapshots[-1]
+    head = told["rows"][0]
+    assert head["measured_mps2"] is None
+    assert head["residual_mps2"] is None
+    assert head["predicted_mps2"] > 0.1
+    assert head["sensor"]["message"] == "no message yet"
+
+
+def test_before_anything_has_come_the_page_waits():
+    told = Ride().look()
+    assert (told["seat"], told["dri"], told["shocks"]) == (None, None, [])
+    assert told["verdict"]["tone"] == "none"
+    assert "no message yet" in told["verdict"]["reasons"][0]
+
+
+def test_a_seat_at_rest_has_no_transmissibility():
+    still = [at_rest(stream) for stream in noisy_streams(**GENTLE)]
+    head = Ride().drive(still).snapshots[-1]["rows"][0]
+    assert head["measured_mps2"] < STILL_MPS2
+    assert (head["measured_ratio"], head["predicted_ratio"]) == (None, None)
+
+
+def at_rest(stream):
+    noise = np.random.default_rng(SENSORS.index(stream.sensor)).normal(0.0, 0.01, (4000, 3))
+    return replace(stream, stamps_ns=stream.stamps_ns[:4000], accel_mps2=stream.accel_mps2[:600].mean(axis=0) + noise)
+
+
+def test_shocks_are_listed_with_seat_and_head():
+    streams = noisy_streams(3.0)
+    told = Ride().drive(streams).snapshots[-1]
+    assert told["shocks"]
+    seat = next(stream for stream in streams if stream.sensor == SEAT).accel_mps2
+    strongest = max(shock["seat_mps2"] for shock in told["shocks"])
+    # Low-passed at 100 Hz and along the vertical: not more than the raw reading, and most of it.
+    raw = np.abs(np.linalg.norm(seat, axis=1) - 9.81).max()
+    assert 0.6 * raw < strongest < 1.1 * raw
+
+
+@pytest.mark.parametrize("leap_s", [-6.0, 1.0])
+def test_runs_that_begin_anew_and_a_sensor_that_dies_leave_plain_numbers(leap_s):
+    ride, streams = Ride(), noisy_streams(**GENTLE)
+    for lap in range(3):
+        shift_ns = round(1e9 * lap * (6.0 + leap_s))
+        shifted = [replace(stream, stamps_ns=stream.stamps_ns + shift_ns) for stream in streams]
+        ride.drive(shifted, without={"head"} if lap == 2 else ())
+    assert ride.snapshots[-1]["seat"]["counted_s"] > 15.0
+    assert ride.pipeline.missing_s("head") > 3.0
+    json.dumps(exposure_document(ride.pipeline, "", 1.0, []), allow_nan=False)
