@@ -466,7 +466,11 @@ def spin(executor: Any, until: Callable[[], bool]) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the live node until SIGINT or SIGTERM; exit code 2, with one line, when it cannot start."""
-    rclpy.init(args=sys.argv if args is None else ["biodyn_live", *args])
+    try:
+        rclpy.init(args=sys.argv if args is None else ["biodyn_live", *args])
+    except RCLError as error:  # arguments that ROS cannot read; behind ", at /" it says where in its own source
+        print(f"biodyn live: {str(error).partition(', at /')[0]}", file=sys.stderr)
+        return 2
     node = None
     try:
         node = BiodynNode()
