@@ -268,7 +268,12 @@ def _add_held_out(command: CommandParser, text: str) -> None:
 
 
 def _add_vertical(command: CommandParser) -> None:
-    command.add_argument("--vertical", default="", metavar="TEXT", help="where sensors' axes see up if not by gravity")
+    command.add_argument(
+        "--vertical",
+        default="",
+        metavar="TEXT",
+        help="which way is up along sensors' axes, where gravity shall not tell, such as 'seat=0,0,1'",
+    )
 
 
 def _add_settings(command: CommandParser, title: str, kind: type[Any], everyday: Iterable[str] = ()) -> None:
