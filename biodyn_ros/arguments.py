@@ -40,7 +40,9 @@ def _add_demo(commands: Any) -> None:
 
 def _add_live(commands: Any) -> None:
     # Everything behind its name belongs to ROS, and is not parsed here.
-    _command(commands, "live", json=False)
+    command = _command(commands, "live", json=False)
+    command.usage = "biodyn live [--ros-args ...]"
+    command.description += "\nIts parameters with ranges: python -m biodyn_ros.parameters_yaml > live.yaml"
 
 
 def _add_completion(commands: Any) -> None:

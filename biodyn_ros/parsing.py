@@ -107,7 +107,9 @@ class CommandParser(Parser):
         return f"{self._usage()}\n\n{self.description}\n\n{formatter.format_help()}\n{end}"
 
     def _usage(self) -> str:
-        """What must be given, in the order in which it is typed."""
+        """What must be given, in the order in which it is typed, unless usage says it in words of its own."""
+        if self.usage:
+            return f"usage: {self.usage}"
         return "\n".join(_folded(["usage:", *self.prog.split(), *self._needed(), "[option ...]"], " " * 9))
 
     def _needed(self) -> Iterator[str]:

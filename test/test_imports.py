@@ -68,6 +68,12 @@ ROS_FREE = (
     "executors",
     "progress",
     "work",
+    "arguments",
+    "completion",
+    "help_texts",
+    "layouts",
+    "nearby",
+    "parsing",
 )
 ROS = {
     "rclpy",
