@@ -17,7 +17,7 @@ from biodyn_ros.help_texts import GROUPS, HELP, PURPOSE
 from biodyn_ros.nearby import did_you_mean
 
 EXIT_INPUT: Final = 2
-_WIDEST: Final = 100
+_NARROWEST, _WIDEST = 40, 100
 """Longer lines are hard to read, however wide the terminal is."""
 
 
@@ -153,7 +153,7 @@ class _Formatter(argparse.RawDescriptionHelpFormatter):
 
 
 def _width() -> int:
-    return min(shutil.get_terminal_size().columns - 2, _WIDEST)
+    return max(_NARROWEST, min(shutil.get_terminal_size().columns - 2, _WIDEST))
 
 
 def _rank(action: argparse.Action) -> int:

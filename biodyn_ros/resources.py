@@ -51,7 +51,7 @@ def subject_file(name_or_path: str | Path) -> Path:
         if path.name == str(name_or_path) and is_there(bundled):
             return bundled
     there = subject_names()
-    near = did_you_mean(str(name_or_path), there)
+    near = did_you_mean(Path(name_or_path).stem, there)
     raise InputError(f"no subject file {name_or_path};{near} bundled are {_listed(there)}; give others by path")
 
 
