@@ -42,7 +42,7 @@ HELP: Final[dict[str, Help]] = {
         ),
     ),
     "demo": Help(
-        "the bundled bag through the live node, and offline",
+        "the bundled bag live, and the same offline",
         ("biodyn demo --out demo_results",),
     ),
     "live": Help(

@@ -70,6 +70,7 @@ def test_the_help_fits_a_screen_and_lists_every_command_once(capsys: pytest.Capt
     assert max(map(len, lines)) <= 80
     listed = [name for names_of in GROUPS.values() for name in names_of]
     assert sorted(listed) == sorted(ADDERS) == sorted(HELP)
+    assert max(len(command.line) for command in HELP.values()) <= 48  # beside a name as long as import-blue-trident
     rows = [match[1] for match in re.finditer(r"^  .{8}([a-z-]+) +\S", out, re.MULTILINE)]
     assert rows == listed
     assert out == said(capsys, "help")[1]
