@@ -27,6 +27,8 @@ EXTRAS = {
     "page": ["aiohttp>=3.9"],
     "reports": ["jinja2>=3.0", "matplotlib>=3.6"],
     "cluster": ["dask[distributed]>=2024.1"],
+    # The version whose scripts for bash, zsh and fish were tried.
+    "completion": ["shtab>=1.13"],
 }
 EXTRAS["all"] = sorted(requirement for extra in EXTRAS.values() for requirement in extra)
 EXTRAS["fuzz"] = ["atheris>=3.0; python_version >= '3.11'"]

@@ -76,7 +76,11 @@ class ConditioningSettings:
     )
     flat_s: float = setting(2.0, "seconds of one unchanging reading that count as a stuck sensor", "s", 0.05, 3600.0)
     gravity_tracker_s: float | None = setting(
-        None, "time constant of a slow level taken off the low-passed channel, never off exposure", "s", 40.0, 3600.0
+        None,
+        "time constant of a slow level taken off predictions and comparisons, never off exposure",
+        "s",
+        40.0,
+        3600.0,
     )
 
     def __post_init__(self) -> None:

@@ -47,8 +47,12 @@ class PipelineSettings:
 
     window_s: float = setting(10.0, "length of the rolling window", "s", 0.5, 3600.0)
     wait_s: float = setting(1.0, "how long measurements wait for the slowest sensor, in stamp time", "s", 0.3, 10.0)
-    yaw_deg: float | None = setting(None, "angle from forward to the seat sensor's first axis", "deg", -360.0, 360.0)
-    vertical: str = setting("", "where sensors' axes see up if not by gravity, such as 'seat=0,0,1 head=-1,0,0'")
+    yaw_deg: float | None = setting(
+        None, "angle from the vehicle's forward direction to the seat sensor's first axis", "deg", -360.0, 360.0
+    )
+    vertical: str = setting(
+        "", "which way is up along sensors' axes, where gravity shall not tell, such as 'seat=0,0,1 head=-1,0,0'"
+    )
     also_weighted: str = setting("", "further weightings of every sensor's vertical, such as 'Wb Wj'")
 
     def __post_init__(self) -> None:

@@ -4,52 +4,67 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable
+from typing import Any, Final, TypeVar
 
 from biodyn_core.settings import Range, described
+from biodyn_ros.help_texts import HELP
+from biodyn_ros.parsing import CommandParser, Parser, WholeParser
 
 T = TypeVar("T")
 
+SHELLS: Final = ("bash", "zsh", "fish")
 
-def parser() -> argparse.ArgumentParser:
-    """All subcommands; which one was given is `command` of what it parses."""
+
+def parser(names: Iterable[str] | None = None) -> Parser:
+    """These subcommands, or all; which one was given is `command` of what it parses.
+
+    Each costs what its settings import, so whoever knows which one is asked for names it.
+    """
     from biodyn_ros import __version__
 
-    whole = argparse.ArgumentParser(prog="biodyn", description="Six IMUs on a seated person: model, exposure, replay.")
-    whole.add_argument("--version", action="version", version=f"biodyn {__version__}")
-    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    demo = _command(commands, "demo", "the main job on the bundled bag")
-    demo.add_argument("--out", default="out", help="directory of report and predicted bag (default: out)")
-    demo.add_argument("--subject", default="subject_1", help="subject file or bundled name")
-
-    commands.add_parser("live", help="the live node; takes --ros-args", add_help=True)
-    _add_page(commands)
-
-    _add_simulate(commands)
-    _add_info(commands)
-    _add_play(commands)
-    _add_replay(commands)
-    _add_fit(commands)
-    _add_compare(commands)
-    _add_validate(commands)
-    _add_trace(commands)
+    whole = WholeParser()
+    whole.add_argument("--version", action="version", version=f"biodyn {__version__}", help="show the version")
+    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=CommandParser)
+    for name in ADDERS if names is None else names:
+        ADDERS[name](commands)
     return whole
+
+
+def _add_demo(commands: Any) -> None:
+    # Without --json: it is for looking at while it runs; `biodyn replay --json` has its figures.
+    command = _command(commands, "demo", json=False)
+    command.add_argument("--out", default="out", metavar="DIR", help="directory of report and bag (default out)")
+    command.add_argument("--subject", default="subject_1", metavar="S", help="subject file or bundled name")
+
+
+def _add_live(commands: Any) -> None:
+    # Everything behind its name belongs to ROS, and is not parsed here.
+    command = _command(commands, "live", json=False)
+    command.usage = "biodyn live [--ros-args ...]"
+    command.description += "\nIts parameters with ranges: python -m biodyn_ros.parameters_yaml > live.yaml"
 
 
 def _add_page(commands: Any) -> None:
     from biodyn_ros.dashboard.settings import ServingSettings
 
-    command = commands.add_parser("page", help="the page of a live node", description="the page of a live node")
+    # Without --json: it serves, and has no result.
+    command = _command(commands, "page", json=False)
     command.add_argument("--node", default="/biodyn", metavar="NAME", help="full name of the node (default /biodyn)")
     command.add_argument("--until-input-ends", action="store_true", help="stop when standard input ends, too")
-    _add_settings(command, "serving", ServingSettings)
+    _add_settings(command, "serving", ServingSettings, ("page_host", "page_port"))
+
+
+def _add_completion(commands: Any) -> None:
+    # Without --json: a script for a shell is text by its nature.
+    command = _command(commands, "completion", json=False)
+    command.add_argument("shell", choices=SHELLS, help="the shell that is to run the script")
 
 
 def _add_simulate(commands: Any) -> None:
     from biodyn_core.synthesis import CASES, SensorSettings
 
-    command = _command(commands, "simulate", "a six-IMU bag from a subject and a seat motion")
+    command = _command(commands, "simulate")
     _add_subject(command)
     source = command.add_mutually_exclusive_group(required=True)
     source.add_argument("--seat", metavar="FILE", help="measured seat motion: CSV, or a bag")
@@ -69,8 +84,8 @@ def _add_simulate(commands: Any) -> None:
 def _add_info(commands: Any) -> None:
     from biodyn_core.conditioning import ConditioningSettings
 
-    command = _command(commands, "info", "topics, rates, clocks, gaps, clipping, gravity; what replay would say")
-    command.add_argument("bag", metavar="BAG")
+    command = _command(commands, "info")
+    _add_bag(command)
     _add_map(command)
     _add_time(command)
     _add_settings(command, "conditioning", ConditioningSettings)
@@ -79,17 +94,17 @@ def _add_info(commands: Any) -> None:
 def _add_play(commands: Any) -> None:
     from biodyn_ros.playback import PlayerSettings
 
-    command = _command(commands, "play", "publishes a bag, stamps rebased to now")
-    command.add_argument("bag", metavar="BAG")
-    _add_settings(command, "playing", PlayerSettings)
+    command = _command(commands, "play")
+    _add_bag(command)
+    _add_settings(command, "playing", PlayerSettings, ("rate", "loop", "clock", "keep_stamps", "wait_s"))
 
 
 def _add_replay(commands: Any) -> None:
     from biodyn_core.conditioning import ConditioningSettings
     from biodyn_core.pipeline import PipelineSettings
 
-    command = _command(commands, "replay", "the pipeline over a bag, as fast as it goes")
-    command.add_argument("bag", metavar="BAG")
+    command = _command(commands, "replay")
+    _add_bag(command)
     _add_subject(command)
     _add_map(command)
     _add_time(command)
@@ -101,7 +116,7 @@ def _add_replay(commands: Any) -> None:
     command.add_argument("--no-predicted", action="store_true", help="leave out predicted.mcap")
     command.add_argument("--no-report", action="store_true", help="leave out report.html")
     _add_settings(command, "conditioning", ConditioningSettings)
-    _add_settings(command, "pipeline", PipelineSettings)
+    _add_settings(command, "pipeline", PipelineSettings, ("yaw_deg", "vertical", "also_weighted", "window_s"))
     command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
 
 
@@ -115,7 +130,7 @@ def _add_fit(commands: Any) -> None:
     from biodyn_core.recording import RecordingSettings
     from biodyn_core.response import SpectrumSettings
 
-    command = _command(commands, "fit", "recorded events to a subject, with how sure every number is")
+    command = _command(commands, "fit")
     command.add_argument("bag", nargs="*", metavar="BAG", help="one or more of each loading condition")
     command.add_argument(
         "--subject", metavar="S", help="who it is: a subject file, whose parameters may be missing, or a bundled name"
@@ -154,7 +169,7 @@ def _add_fit(commands: Any) -> None:
 def _add_compare(commands: Any) -> None:
     from biodyn_core.identification.compare import THRESHOLD_PERCENT
 
-    command = _command(commands, "compare", "which parameters two subjects share, and which are their own")
+    command = _command(commands, "compare")
     command.add_argument("first", metavar="A", help="subject file or bundled name; deviations are from it")
     command.add_argument("second", metavar="B", help="the other subject")
     command.add_argument(
@@ -169,8 +184,8 @@ def _add_validate(commands: Any) -> None:
     from biodyn_core.response import SpectrumSettings
     from biodyn_ros.validation_findings import ValidationSettings
 
-    command = _command(commands, "validate", "forward prediction of an event that was not fitted to")
-    command.add_argument("bag", metavar="BAG")
+    command = _command(commands, "validate")
+    _add_bag(command)
     _add_subject(command)
     _add_map(command)
     _add_time(command)
@@ -201,7 +216,7 @@ def _add_trace(commands: Any) -> None:
     from biodyn_core.tracing.rows import WeightSettings
     from biodyn_core.tracing.settings import TraceSettings
 
-    command = _command(commands, "trace", "recorded events to the effect that a subject's model lacks")
+    command = _command(commands, "trace")
     command.add_argument("bag", nargs="*", metavar="BAG", help="several of each loading condition")
     command.add_argument(
         "--subject", required=True, metavar="S", help="who it is: a subject file, fitted or not, or a bundled name"
@@ -230,41 +245,55 @@ def _add_trace(commands: Any) -> None:
     command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
 
 
-def _command(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
-    command: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text)
-    command.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
+def _command(commands: Any, name: str, json: bool = True) -> CommandParser:
+    line = HELP[name].line
+    command: CommandParser = commands.add_parser(name, help=line, description=line[0].upper() + line[1:] + ".")
+    if json:
+        command.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
     return command
 
 
-def _add_subject(command: argparse.ArgumentParser) -> None:
+def _add_bag(command: CommandParser) -> None:
+    command.add_argument("bag", metavar="BAG", help="a .mcap or .db3 file, or the directory of a recording")
+
+
+def _add_subject(command: CommandParser) -> None:
     command.add_argument("--subject", required=True, metavar="S", help="subject file, or the name of a bundled one")
 
 
-def _add_map(command: argparse.ArgumentParser) -> None:
+def _add_map(command: CommandParser) -> None:
     command.add_argument(
         "--map", action="append", default=[], metavar="SENSOR=TOPIC", help="which topic is which sensor"
     )
 
 
-def _add_time(command: argparse.ArgumentParser) -> None:
+def _add_time(command: CommandParser) -> None:
     text = "whose stamps count; log also where the header's are zero (default header)"
     command.add_argument("--time", choices=("header", "log"), default="header", help=text)
 
 
-def _add_held_out(command: argparse.ArgumentParser, text: str) -> None:
+def _add_held_out(command: CommandParser, text: str) -> None:
     command.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="BAG", help=text)
     command.add_argument(
         "--case", action="append", default=[], metavar="BAG=CASE", help="a bag's loading condition (default: its name)"
     )
 
 
-def _add_vertical(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--vertical", default="", metavar="TEXT", help="where sensors' axes see up if not by gravity")
+def _add_vertical(command: CommandParser) -> None:
+    command.add_argument(
+        "--vertical",
+        default="",
+        metavar="TEXT",
+        help="which way is up along sensors' axes, where gravity shall not tell, such as 'seat=0,0,1'",
+    )
 
 
-def _add_settings(command: argparse.ArgumentParser, title: str, kind: type[Any]) -> None:
-    """One option per field of a settings dataclass, described as the field describes itself; absent unless given."""
-    group = command.add_argument_group(title)
+def _add_settings(command: CommandParser, title: str, kind: type[Any], everyday: Iterable[str] = ()) -> None:
+    """One option per field of a settings dataclass, described as the field describes itself; absent unless given.
+
+    everyday: the fields whose options stand among those that -h shows.
+    """
+    often, group = set(everyday), None
     for item in described(kind):
         allowed: Range = item.metadata["range"]
         default = "none" if item.default is None else f"{item.default:g}" if _is_number(item.default) else item.default
@@ -280,7 +309,10 @@ def _add_settings(command: argparse.ArgumentParser, title: str, kind: type[Any])
                 "%", "%%"
             )
             how = {"type": float if item.default is None else type(item.default), "metavar": "N", "help": text}
-        group.add_argument("--" + item.name.replace("_", "-"), default=argparse.SUPPRESS, **how)
+        if item.name not in often and group is None:
+            group = command.tuning(title)
+        place = command if item.name in often else group
+        place.add_argument("--" + item.name.replace("_", "-"), default=argparse.SUPPRESS, **how)
 
 
 def _is_number(value: object) -> bool:
@@ -291,3 +323,20 @@ def settings_of(options: argparse.Namespace, kind: type[T], base: T | None = Non
     """The settings that were given, over the base's or the defaults."""
     given = {item.name: getattr(options, item.name) for item in described(kind) if hasattr(options, item.name)}
     return kind(**given) if base is None else dataclasses.replace(base, **given)  # type: ignore[type-var]
+
+
+ADDERS: Final[dict[str, Callable[[Any], None]]] = {
+    "info": _add_info,
+    "simulate": _add_simulate,
+    "demo": _add_demo,
+    "live": _add_live,
+    "page": _add_page,
+    "play": _add_play,
+    "replay": _add_replay,
+    "fit": _add_fit,
+    "compare": _add_compare,
+    "validate": _add_validate,
+    "trace": _add_trace,
+    "completion": _add_completion,
+}
+"""What adds each subcommand, with the imports that its settings cost."""

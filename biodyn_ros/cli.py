@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from biodyn_core.errors import InputError
-from biodyn_ros.arguments import parser, settings_of
+from biodyn_ros.arguments import ADDERS, parser, settings_of
 from biodyn_ros.environment import ONE_THREAD
+from biodyn_ros.nearby import did_you_mean
+from biodyn_ros.parsing import EXIT_INPUT
 from biodyn_ros.progress import Progress
 
 if TYPE_CHECKING:
@@ -23,18 +25,19 @@ if TYPE_CHECKING:
 
 Handler = Callable[[argparse.Namespace], int]
 
-EXIT_INPUT, EXIT_INTERRUPTED = 2, 130
+EXIT_INTERRUPTED: Final = 130
+TOP_LEVEL: Final = ("-h", "--help", "--version")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one subcommand and return its exit code."""
     os.environ.update(ONE_THREAD)  # before numpy loads
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if given[:1] == ["live"] and given[1:] not in (["-h"], ["--help"]):
-        from biodyn_ros.live import main as live  # ROS reads its own arguments
-
-        return live(given[1:])
-    options = parser().parse_args(given)
+    if given[:1] == ["help"]:
+        given = [*given[1:2], "-h"]
+    if given[:1] == ["live"] and given[1:2] not in (["-h"], ["--help"], ["--help-all"]):
+        return _live(given[1:])
+    options = _parsed(given)
     try:
         return HANDLERS[options.command](options)
     except InputError as error:
@@ -48,6 +51,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:  # a name that no file can have, a disk that is full: what the machine refuses is told too
         print(f"biodyn {options.command}: {InputError(f'{error.filename}: {error.strerror}')}", file=sys.stderr)
         return EXIT_INPUT
+
+
+def _parsed(given: list[str]) -> argparse.Namespace:
+    """What was asked for; only the subcommand that was named is built, because its settings cost imports."""
+    name = given[0] if given else ""
+    asked = parser([name] if name in ADDERS else [])
+    if not name:
+        asked.error("what to do is missing")
+    if name not in ADDERS and name not in TOP_LEVEL:
+        kind = "option" if name.startswith("-") else "command"
+        near = did_you_mean(name, ADDERS)
+        asked.error(f"there is no {kind} {name}{';' if near else ''}{near}")
+    return asked.parse_args(given)
+
+
+def _live(arguments: list[str]) -> int:
+    """The live node, whose arguments ROS reads; what ROS would pass over without a word is refused."""
+    if arguments[:1] not in ([], ["--ros-args"]):
+        parser(["live"]).parse_args(["live", *arguments])
+    from biodyn_ros.live import main as live
+
+    return live(arguments)
+
+
+def _completion(options: argparse.Namespace) -> int:
+    from biodyn_ros.completion import script
+
+    print(script(options.shell))
+    return 0
 
 
 def _demo(options: argparse.Namespace) -> int:
@@ -83,9 +115,11 @@ def _simulate(options: argparse.Namespace) -> int:
         motion = read_seat_motion(options.seat, options.seat_rate, mapping, options.time).first(options.seconds)
     else:
         motion = motion_of_cases(options.case.split(","), options.seconds or 10.0, options.seed)
-    result = simulate_bag(
-        Path(options.output), subject, motion, options.seed, settings_of(options, SensorSettings), options.compression
-    )
+    sensors = settings_of(options, SensorSettings)
+    with Progress("writing") as progress:
+        result = simulate_bag(
+            Path(options.output), subject, motion, options.seed, sensors, options.compression, progress
+        )
     _print(
         options,
         dataclasses.asdict(result),
@@ -99,7 +133,8 @@ def _play(options: argparse.Namespace) -> int:
     from biodyn_ros.player import play
 
     try:
-        played = play(Path(options.bag), settings_of(options, PlayerSettings))
+        with Progress("playing") as progress:
+            played = play(Path(options.bag), settings_of(options, PlayerSettings), progress)
     except KeyboardInterrupt:
         return 0
     count, topics = sum(played.messages.values()), len(played.messages)
@@ -200,7 +235,7 @@ def _fit(options: argparse.Namespace) -> int:
     from biodyn_ros.work import Work
 
     if not (options.bag and options.subject):
-        raise InputError("BAG... and --subject are needed, or --campaign")
+        raise InputError("BAG... and --subject are needed, or --campaign; biodyn fit -h shows how")
     output = Path(options.output)
     check_output(output)
     how = _fit_options(options)
@@ -345,6 +380,7 @@ def _print(options: argparse.Namespace, document: dict[str, Any], text: str) -> 
 
 
 HANDLERS: Final[dict[str, Handler]] = {
+    "completion": _completion,
     "demo": _demo,
     "page": _page,
     "simulate": _simulate,

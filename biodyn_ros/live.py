@@ -82,16 +82,20 @@ class LiveSettings:
     """What the live node itself may be told; the pipeline's settings are parameters beside these."""
 
     subject_file: str = setting("subject_1", "path of a subject file, or the name of a bundled subject")
-    limits_file: str = setting("", "path of a limits file; empty: 2002/44/EC")
+    limits_file: str = setting("", "path of a file with action and limit values; empty: those of 2002/44/EC")
     autostart: bool = setting(True, "configure and activate at start")
     queue_depth: int = setting(2000, "subscription queue of every sensor, in messages", "", 200, 10_000_000)
     publish_measured: bool = setting(False, "publish the conditioned measurements too")
     exposure_rate_hz: float = setting(2.0, "how often exposure is published", "Hz", 1.0, 10.0)
     state_file: str = setting(
-        "", "file that keeps exposure across restarts; empty: where users keep state; none: nowhere"
+        "", "file that keeps exposure across restarts; empty: in the user's state directory; none: nowhere"
     )
-    kept_exposure: str = setting("fitting", "which exposure that was kept is gone on from", choices=BELIEVED)
-    exposure_max_age_h: float = setting(12.0, "how old, by its stamps, it may be to be gone on from", "h", 0.0, 8760.0)
+    kept_exposure: str = setting(
+        "fitting", "which kept exposure a new start continues: a fitting one, any, or none", choices=BELIEVED
+    )
+    exposure_max_age_h: float = setting(
+        12.0, "how old, by its stamps, a kept exposure may be to be continued", "h", 0.0, 8760.0
+    )
     dashboard: bool = setting(False, "serve the live page while the node is active")
     shock_mps2: float = setting(5.0, "acceleration of the seat from which the page lists a shock", "m/s^2", 0.5, 1000.0)
 
@@ -507,7 +511,11 @@ def spin(executor: Any, until: Callable[[], bool]) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the live node until SIGINT or SIGTERM; exit code 2, with one line, when it cannot start."""
-    rclpy.init(args=sys.argv if args is None else ["biodyn_live", *args])
+    try:
+        rclpy.init(args=sys.argv if args is None else ["biodyn_live", *args])
+    except RCLError as error:  # arguments that ROS cannot read; behind ", at /" it says where in its own source
+        print(f"biodyn live: {str(error).partition(', at /')[0]}", file=sys.stderr)
+        return 2
     node = None
     try:
         node = BiodynNode()

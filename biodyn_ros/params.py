@@ -7,7 +7,6 @@ an error naming it, which rclpy alone ignores.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from typing import Any, Final, TypeVar
 
@@ -17,6 +16,7 @@ from rclpy.node import Node
 
 from biodyn_core.errors import InputError
 from biodyn_core.settings import Range
+from biodyn_ros.nearby import did_you_mean
 
 T = TypeVar("T")
 
@@ -40,9 +40,8 @@ def declare(node: Node, kinds: tuple[type[Any], ...]) -> None:
     known = names(kinds)
     for name in node._parameter_overrides:  # rclpy offers no public list of what was given but never declared
         if name not in known and name not in _OF_RCLPY and not name.startswith("qos_overrides."):
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(sorted(known))}"
-            raise InputError(f"parameter {name} is unknown; {hint}")
+            near = did_you_mean(name, known) or f" known are {', '.join(sorted(known))}"
+            raise InputError(f"parameter {name} is unknown;{near}")
 
 
 def read(node: Node, kind: type[T]) -> T:

@@ -26,16 +26,28 @@ from biodyn_core.errors import InputError
 from biodyn_ros.bag import open_bag
 from biodyn_ros.cdr import shift_stamp
 from biodyn_ros.playback import Played, PlayerSettings, in_order
+from biodyn_ros.progress import Tell
 
 CLOCK_STEP_NS: Final = 10_000_000
+TOLD_STEP_NS: Final = 100_000_000
 PATIENCE_S: Final = 0.05
 
 
 class Player(Node):
-    """A node that publishes a bag's topics: `wait_for_subscribers`, then `play`."""
+    """A node that publishes a bag's topics: `wait_for_subscribers`, then `play`.
 
-    def __init__(self, bag: str | Path, settings: PlayerSettings | None = None, **kwargs: Any) -> None:
+    `tell` hears (milliseconds played, milliseconds in all) ten times a second of the bag, unless it loops.
+    """
+
+    def __init__(
+        self,
+        bag: str | Path,
+        settings: PlayerSettings | None = None,
+        tell: Tell = lambda done, total: None,
+        **kwargs: Any,
+    ) -> None:
         super().__init__("biodyn_player", **kwargs)
+        self._tell = (lambda done, total: None) if settings and settings.loop else tell
         self.settings = settings or PlayerSettings()
         self.bag = Path(bag)
         with open_bag(bag) as reader:
@@ -83,10 +95,14 @@ class Player(Node):
     def _play_once(self, sent: dict[str, int], going: Callable[[], bool]) -> None:
         with open_bag(self.bag) as reader:
             start_ns = reader.start_ns or 0
+            total_ms = ((reader.end_ns or 0) - start_ns) // 10**6
             rebase_ns = 0 if self.settings.keep_stamps else ROSClock().now().nanoseconds - start_ns
-            begin_s, next_clock_ns = time.monotonic(), 0
+            begin_s, next_clock_ns, next_told_ns = time.monotonic(), 0, 0
             for log_ns, name, message in in_order(reader, list(self._outputs)):
                 elapsed_ns = log_ns - start_ns
+                if elapsed_ns >= next_told_ns:
+                    self._tell(elapsed_ns // 10**6, total_ms)
+                    next_told_ns = elapsed_ns + TOLD_STEP_NS
                 due_s = begin_s + elapsed_ns * 1e-9 / self.settings.rate
                 if due_s > time.monotonic() + 0.0005:
                     time.sleep(max(0.0, due_s - time.monotonic()))
@@ -98,6 +114,7 @@ class Player(Node):
                 moves = rebase_ns and name in self._stamped
                 self._outputs[name].publish(shift_stamp(message, rebase_ns) if moves else message)
                 sent[name] += 1
+            self._tell(total_ms, total_ms)
 
     def _publish_clock(self, now_ns: int) -> None:
         assert self._clock_output is not None
@@ -118,12 +135,12 @@ def _has_header(cls: Any) -> bool:
     return bool(fields) and fields[0] == "std_msgs/Header"
 
 
-def play(bag: Path, settings: PlayerSettings) -> Played:
+def play(bag: Path, settings: PlayerSettings, tell: Tell = lambda done, total: None) -> Played:
     """Play a bag as a process of its own until its end, SIGINT or SIGTERM."""
     rclpy.init()
     player = None
     try:
-        player = Player(bag, settings)
+        player = Player(bag, settings, tell)
         for topic in player.wait_for_subscribers(rclpy.ok):
             player.get_logger().warning(f"nobody listens to {topic}")
         played = player.play(rclpy.ok)

@@ -14,6 +14,7 @@ from typing import Final
 
 from biodyn_core.errors import InputError
 from biodyn_ros.files import is_there
+from biodyn_ros.nearby import did_you_mean
 
 SHARE: Final = Path("share") / "biodyn_ros"
 
@@ -49,7 +50,9 @@ def subject_file(name_or_path: str | Path) -> Path:
             return path
         if path.name == str(name_or_path) and is_there(bundled):
             return bundled
-    raise InputError(f"no subject file {name_or_path}; bundled are {_listed(subject_names())}; give others by path")
+    there = subject_names()
+    near = did_you_mean(Path(name_or_path).stem, there)
+    raise InputError(f"no subject file {name_or_path};{near} bundled are {_listed(there)}; give others by path")
 
 
 def package_directory(name: str) -> Path:

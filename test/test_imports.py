@@ -72,6 +72,12 @@ ROS_FREE = (
     "showing",
     "strip",
     "verdict",
+    "arguments",
+    "completion",
+    "help_texts",
+    "layouts",
+    "nearby",
+    "parsing",
 )
 ROS = {
     "rclpy",

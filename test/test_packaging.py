@@ -1,6 +1,7 @@
 """pip and colcon install the package, and what they install finds its files from anywhere."""
 
 import ast
+import dataclasses
 import os
 import re
 import runpy
@@ -11,39 +12,28 @@ import sys
 from collections.abc import Callable
 from configparser import ConfigParser
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
+import yaml
 
 import biodyn_ros
 from biodyn_core.errors import InputError
 from biodyn_ros import resources
+from biodyn_ros.arguments import parser
 from biodyn_ros.environment import clean_environment
 
 ROOT = Path(__file__).resolve().parents[1]
-
-# Keys that rosdep resolves on Ubuntu 24.04 for Jazzy: ROS packages of ros-base, and apt packages.
-ROSDEP_KEYS = {
-    "rclpy",
-    "sensor_msgs",
-    "geometry_msgs",
-    "std_msgs",
-    "std_srvs",
-    "diagnostic_msgs",
-    "lifecycle_msgs",
-    "rosgraph_msgs",
-    "python3-numpy",
-    "python3-scipy",
-    "python3-yaml",
-    "python3-pytest",
-}
 
 # Prints every file that resources finds; run where neither the source tree nor its tests can be seen by accident.
 FIND_ALL = """
 import biodyn_ros, biodyn_core
 from biodyn_ros import resources
+from biodyn_ros.arguments import parser
 print(biodyn_ros.__file__)
 print(biodyn_core.__file__)
 print(resources.launch_file("biodyn.launch.py"))
@@ -119,10 +109,13 @@ def test_everything_beside_the_code_is_installed(installed: Installed) -> None:
     assert (share / "ament_index/resource_index/packages/biodyn_ros").is_file()
     assert (share / "biodyn_ros/package.xml").read_bytes() == (ROOT / "package.xml").read_bytes()
     # `ros2 launch` refuses a launch file that it finds twice.
-    assert list(share.rglob("*.launch.py")) == [share / "biodyn_ros/launch/biodyn.launch.py"]
-    configured = {path.relative_to(ROOT / "config") for path in (ROOT / "config").rglob("*.yaml")}
-    assert configured == {path.relative_to(share / "biodyn_ros/config") for path in share.rglob("config/**/*.yaml")}
-    assert configured
+    launched = {path.name for path in (ROOT / "config/launch").iterdir() if path.suffix == ".py"}
+    assert sorted(share.rglob("*.launch.py")) == sorted(share / "biodyn_ros/launch" / name for name in launched)
+    for kind in ("yaml", "xml", "json"):
+        configured = {path.relative_to(ROOT / "config") for path in (ROOT / "config").rglob(f"*.{kind}")}
+        there = share.rglob(f"config/**/*.{kind}")
+        assert configured == {path.relative_to(share / "biodyn_ros/config") for path in there}
+        assert configured
 
 
 def test_what_is_installed_finds_its_files_from_anywhere(installed: Installed, tmp_path: Path) -> None:
@@ -165,7 +158,23 @@ def test_the_manifest_names_only_keys_that_resolve() -> None:
     assert re.fullmatch(r"\d+\.\d+\.\d+", manifest.findtext("version", ""))
     depends = [child.text for child in manifest if child.tag.endswith("depend")]
     assert len(depends) == len(set(depends))
-    assert set(depends) == ROSDEP_KEYS
+    rosdep = yaml.safe_load((ROOT / "test/data/rosdep_noble.yaml").read_text(encoding="utf-8"))
+    resolved = {*rosdep["python"]["keys"], *chain.from_iterable(rosdep["jazzy"]["packages"].values())}
+    assert set(depends) == resolved
+    assert not resolved & set(rosdep["python"]["not_on_noble"])
+
+
+def test_the_code_of_the_live_node_imports_no_ros_package_that_the_manifest_does_not_name() -> None:
+    depends = {child.text for child in ET.parse(ROOT / "package.xml").getroot() if child.tag.endswith("depend")}
+    imported = {
+        (node.module or "").split(".")[0]
+        for path in (ROOT / "biodyn_ros").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and not node.level
+    }
+    # These two come with rclpy and the messages, which depend on them.
+    ros = {name for name in imported if name == "rclpy" or name.endswith(("_msgs", "_srvs", "_interfaces"))}
+    assert ros - {"builtin_interfaces", "rcl_interfaces"} <= depends
 
 
 def test_manifest_code_and_changelog_have_one_version() -> None:
@@ -199,10 +208,23 @@ class Said:
         return context[str(self.places[0])]
 
 
+Loader = Callable[[str], dict[str, Callable[..., list[Said]]]]
+
+
 @pytest.fixture
-def launch(monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..., list[Said]]]:
-    """What the launch file defines, over stand-ins for ROS's launch, which has no wheel."""
-    path = ROOT / "config/launch/biodyn.launch.py"
+def load(monkeypatch: pytest.MonkeyPatch) -> Loader:
+    """Gives what a launch file defines, over stand-ins for ROS's launch, which has no wheel."""
+    return lambda name: loaded(ROOT / "config/launch" / name, monkeypatch)
+
+
+@pytest.fixture
+def launch(load: Loader) -> dict[str, Callable[..., list[Said]]]:
+    """What the launch file of the live node defines."""
+    return load("biodyn.launch.py")
+
+
+def loaded(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..., list[Said]]]:
+    """What a launch file defines, with every import of it replaced."""
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             assert node.module.split(".")[0] in {"launch", "launch_ros"}
@@ -228,9 +250,61 @@ def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Calla
     (entities,) = launch["generate_launch_description"]().places
     arguments = {entity.places[0] for entity in entities if type(entity).__name__ == "DeclareLaunchArgument"}
     assert arguments == {"params_file", "namespace", *launch["TEXTS"], *launch["VALUES"]}
-    (parameters,) = (ROOT / "config").glob("live.yaml")
-    declared = set(re.findall(r"^\s+#?\s*(\w+):", parameters.read_text(encoding="utf-8"), re.MULTILINE))
-    assert arguments - {"params_file", "namespace", "use_sim_time"} <= declared
+    assert arguments - {"params_file", "namespace", "use_sim_time"} <= declared()
+
+
+def declared() -> set[str]:
+    """The parameters that the live node declares."""
+    from biodyn_ros.live import SETTINGS
+
+    return {item.name for kind in SETTINGS for item in dataclasses.fields(kind)}
+
+
+def test_the_bag_s_launch_file_plays_it_to_the_node(load: Loader) -> None:
+    launch = load("replay_bag.launch.py")
+    (entities,) = launch["generate_launch_description"]().places
+    arguments = {e.places[0]: e.words for e in entities if type(e).__name__ == "DeclareLaunchArgument"}
+    assert set(arguments) == set(launch["ARGUMENTS"])
+    assert [name for name, words in arguments.items() if "default_value" not in words] == ["bag"]
+    given = {name: words.get("default_value", "drive.mcap") for name, words in arguments.items()}
+    for loop, more in (("false", []), ("True", ["--loop"])):
+        player, node = launch["player_and_node"]({**given, "loop": loop})
+        executable, *words = player.words["cmd"]
+        assert executable.words == {"package": "biodyn_ros", "executable": "biodyn"}
+        assert words == ["play", "drive.mcap", "--rate", "1.0", *more]
+        assert parser(["play"]).parse_args(words).bag == "drive.mcap"
+        assert (node.words["package"], node.words["executable"]) == ("biodyn_ros", "biodyn_live")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "biodyn.launch.py",
+        "replay_bag.launch.py",
+    ],
+)
+def test_every_parameter_that_a_launch_file_gives_is_declared(load: Loader, name: str) -> None:
+    launch = load(name)
+    made = "live_node" if "live_node" in launch else "player_and_node"
+    configured = dict.fromkeys([key for table in tables(launch) for key in table], "1")
+    (node,) = (e for e in launch[made](configured) if type(e).__name__ == "LifecycleNode")
+    given = node.words["parameters"][-1]
+    assert given
+    assert set(given) - {"use_sim_time"} <= declared()
+
+
+def tables(launch: dict[str, Any]) -> list[dict[str, Any]]:
+    """The tables of arguments of a launch file."""
+    return [launch[name] for name in ("TEXTS", "VALUES", "ARGUMENTS") if name in launch]
+
+
+def test_launch_files_start_what_setup_installs(tmp_path: Path) -> None:
+    scripts = set(re.findall(r'^\s+"(\w+) = biodyn_ros', (ROOT / "setup.py").read_text(encoding="utf-8"), re.MULTILINE))
+    for path in (ROOT / "config/launch").glob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        started = set(re.findall(r'executable="(\w+)"', text))
+        assert started
+        assert started <= scripts
 
 
 @pytest.fixture
@@ -270,7 +344,7 @@ def test_a_subject_by_path_goes_before_a_bundled_one(elsewhere: Path) -> None:
     ("find", "name", "message"),
     [
         (resources.subject_file, "short", "no subject file short; bundled are tall; give others by path"),
-        (resources.subject_file, "no/tall", "no subject file no/tall; bundled are tall"),
+        (resources.subject_file, "no/tall", r"no subject file no/tall; did you mean tall\? bundled are tall"),
         (resources.config_file, "live.yaml", "no live.yaml in .*config; there is limits.yaml, subjects"),
         (resources.bag_file, "long.mcap", "no long.mcap in .*bags; there is short.mcap"),
         (resources.launch_file, "other.launch.py", "no other.launch.py in .*launch; there is nothing"),

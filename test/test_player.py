@@ -98,6 +98,18 @@ def test_a_loop_starts_again(graph: Graph, bag: Path) -> None:
     assert played.messages["imu/seat/data"] >= COUNT
 
 
+@pytest.mark.parametrize(("loop", "told"), [(False, [(0, 299), (100, 299), (200, 299), (299, 299)]), (True, [])])
+def test_how_far_it_is_is_told_of_a_bag_that_ends(
+    graph: Graph, bag: Path, loop: bool, told: list[tuple[int, int]]
+) -> None:
+    heard: list[tuple[int, int]] = []
+    settings = PlayerSettings(wait_s=0.0, loop=loop)
+    player = graph.add(Player(bag, settings, lambda done, total: heard.append((done, total)), context=graph.context))
+    turns = iter(range(2 * COUNT))  # a loop ends in its second round
+    player.play(lambda: not loop or next(turns, None) is not None)
+    assert heard == told
+
+
 def test_topics_without_listener_are_named_after_the_wait(graph: Graph, bag: Path) -> None:
     player = graph.add(Player(bag, PlayerSettings(wait_s=0.2), context=graph.context))
     assert sorted(player.wait_for_subscribers()) == ["imu/head/data", "imu/seat/data"]

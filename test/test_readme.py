@@ -7,6 +7,8 @@ import math
 import re
 from pathlib import Path
 
+import pytest
+
 from biodyn_ros import topics
 from biodyn_ros.arguments import parser
 from biodyn_ros.live import SETTINGS
@@ -46,6 +48,35 @@ def test_every_topic_is_named() -> None:
         assert f"`{name}`" in README
 
 
-def test_every_file_it_points_to_exists() -> None:
-    for path in re.findall(r"\]\(([^)#:]+)\)", README):
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "QUALITY.md", "CHANGELOG.md"])
+def test_every_file_it_points_to_exists(page: str) -> None:
+    links = re.findall(r"\]\(([^)#:]+)\)", (ROOT / page).read_text(encoding="utf-8"))
+    assert links
+    for path in links:
         assert (ROOT / path).exists(), path
+
+
+def test_the_quality_that_is_claimed_names_every_policy_of_rep_2004() -> None:
+    text = (ROOT / "QUALITY.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([1-7])\.[iv-]+ \| ([^|]+) \| ([^|]+) \| ([^|]*) \|$", text, re.MULTILINE)
+    assert {number for number, *_ in rows} == set("1234567")
+    # What is claimed to be there is shown by something; only what is not there may stand alone.
+    assert all(shown.strip() or re.match(r"(no|none|not)\b", state) for _, _, state, shown in rows)
+    assert re.search(r"\*\*Quality Level 4\*\*", text)
+
+
+def test_what_contributors_are_told_to_change_is_there() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    told = {
+        "cutoff_hz": "biodyn_core/conditioning.py",
+        "MotionSicknessMeter": "biodyn_core/exposure.py",
+        "EFFECT = Effect(": "biodyn_core/effects/gain.py",
+        "SENSORS": "biodyn_core/segments.py",
+        "BagWriter": "biodyn_ros/simulate.py",
+        "encode_imu": "biodyn_ros/simulate.py",
+        "everyday": "biodyn_ros/arguments.py",
+    }
+    for name, path in told.items():
+        assert name in text
+        assert f"]({path})" in text
+        assert name in (ROOT / path).read_text(encoding="utf-8")

@@ -1,0 +1,49 @@
+"""The live node's parameters as a file for `--params-file`, from the fields that declare them.
+
+python -m biodyn_ros.parameters_yaml > config/live.yaml
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import sys
+from typing import Any, Final
+
+from biodyn_core.settings import Range, described
+from biodyn_ros.live import SETTINGS
+
+HEAD: Final = """\
+# The live node's parameters with their defaults. Ranges and meanings are those the node declares;
+# made by `python -m biodyn_ros.parameters_yaml`, and a test keeps this file and the code the same.
+/**:
+  ros__parameters:
+"""
+
+
+def parameters_yaml() -> str:
+    """Every parameter with its default, and what it means behind it."""
+    lines = [
+        f"    {item.name}: {_value(item.default)}  # {_meaning(item)}" for kind in SETTINGS for item in described(kind)
+    ]
+    return HEAD + "\n".join(lines) + "\n"
+
+
+def _value(default: Any) -> str:
+    """A default as YAML that ROS reads with the type that the node declares."""
+    if default is None:
+        return ".nan"
+    return json.dumps(default)
+
+
+def _meaning(item: dataclasses.Field[Any]) -> str:
+    allowed: Range = item.metadata["range"]
+    unit = f" [{allowed.unit}]" if allowed.unit else ""
+    span = f", {allowed.lower:g} to {allowed.upper:g}" if math.isfinite(allowed.lower) else ""
+
+    return f"{allowed.meaning}{unit}{span}"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(parameters_yaml())

@@ -1,0 +1,344 @@
+"""What a person meets at the prompt: help that fits, examples that run, errors that say what next, completion."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from streams import noisy_streams
+
+from biodyn_core.segments import SEAT
+from biodyn_ros import cli, topics
+from biodyn_ros.arguments import ADDERS, parser
+from biodyn_ros.bag import BagWriter
+from biodyn_ros.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.cli import main
+from biodyn_ros.completion import script
+from biodyn_ros.help_texts import GROUPS, HELP
+from biodyn_ros.params import names
+from biodyn_ros.parsing import CommandParser
+from biodyn_ros.resources import config_file, subject_file, subject_names
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = [example for command in HELP.values() for example in command.examples]
+TOO_LONG = ("fit", "trace", "demo", "play", "live", "page")
+"""Commands whose examples are parsed, not run: they take minutes, or never end."""
+
+WITHOUT_JSON = {"demo", "live", "page", "completion"}
+
+
+@pytest.fixture(autouse=True)
+def _terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    """What a command ends with, prints and complains of."""
+    code = 0
+    try:
+        code = main(list(arguments))
+    except SystemExit as end:
+        code = int(end.code or 0)
+    told = capsys.readouterr()
+    return code, told.out, told.err
+
+
+def command_parser(name: str) -> CommandParser:
+    """The parser of one subcommand."""
+    (action,) = (a for a in parser([name])._actions if isinstance(a, argparse._SubParsersAction))
+    return action.choices[name]
+
+
+# --- help ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_help_fits_a_screen_and_lists_every_command_once(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = said(capsys, "--help")
+    lines = out.rstrip("\n").split("\n")
+    assert code == 0
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 80
+    listed = [name for names_of in GROUPS.values() for name in names_of]
+    assert sorted(listed) == sorted(ADDERS) == sorted(HELP)
+    assert max(len(command.line) for command in HELP.values()) <= 48  # beside a name as long as import-blue-trident
+    rows = [match[1] for match in re.finditer(r"^  .{8}([a-z-]+) +\S", out, re.MULTILINE)]
+    assert rows == listed
+    assert out == said(capsys, "help")[1]
+
+
+@pytest.mark.parametrize("name", ADDERS)
+def test_a_command_s_help_is_everyday_and_all_of_it_is_there_on_request(
+    capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    code, short, _ = said(capsys, name, "-h")
+    assert code == 0
+    code, whole, _ = said(capsys, name, "--help-all")
+    assert code == 0
+    command = command_parser(name)
+    tuning = {
+        option for group in command._tuning for action in group._group_actions for option in action.option_strings
+    }
+    options = {option for action in command._actions for option in action.option_strings}
+    shown = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", short.partition("\nexamples:")[0]))
+    assert options - tuning <= shown
+    assert not tuning & shown
+    assert options <= set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", whole))
+    assert max(map(len, (short + whole).split("\n"))) <= 80
+    assert len(short.split("\n")) <= 60
+    count = len([action for group in command._tuning for action in group._group_actions])
+    assert (f"{count} more setting" in short) == bool(count)
+    assert 1 <= len(HELP[name].examples) <= 3
+    unfolded = re.sub(r" \\\n +", " ", short)
+    assert unfolded.endswith("examples:\n" + "".join(f"  {example}\n" for example in HELP[name].examples))
+
+
+def test_every_tuning_setting_states_its_range_or_choices(capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ADDERS:
+        for group in command_parser(name)._tuning:
+            for action in group._group_actions:
+                stated = action.nargs == 0 or action.choices or action.metavar == "TEXT" or " to " in action.help
+                assert stated, (name, action.dest)
+
+
+def test_json_is_everywhere_but_where_it_would_say_nothing() -> None:
+    without = {name for name in ADDERS if "--json" not in command_parser(name)._option_string_actions}
+    assert without == WITHOUT_JSON
+
+
+# --- examples --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with the files that the examples name."""
+    at = tmp_path_factory.mktemp("examples")
+    write_bag(at / "drive.mcap")
+    for name in ("road", "road_2", "pothole", "rail", "rail_2"):
+        (at / f"{name}.mcap").symlink_to(at / "drive.mcap")
+    for name in ("anna", "anna_fitted"):
+        shutil.copy(subject_file("subject_1"), at / f"{name}.yaml")
+    shutil.copy(config_file("limits.yaml"), at / "limits.yaml")
+    shutil.copy(config_file("live.yaml"), at / "live.yaml")
+    (at / "subjects.yaml").write_text("subjects: []\n", encoding="utf-8")
+    motion = np.random.default_rng(1).normal([0.0, 0.0, 9.81], 1.0, (1500, 3))
+    np.savetxt(at / "seat.csv", motion, delimiter=",", header="x,y,z", comments="")
+    return at
+
+
+def write_bag(path: Path) -> None:
+    """The noisy streams on their topics, the seat on one that has to be mapped too."""
+    with BagWriter(path) as writer:
+        for stream in noisy_streams():
+            payload = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "imu")
+            for topic in (topics.INPUT[stream.sensor], *(["/car/floor/imu"] if stream.sensor == SEAT else [])):
+                writer.add_topic(topic, IMU_TYPE)
+                writer.write(topic, stream.stamps_ns, payload)
+
+
+def words_of(example: str) -> list[str]:
+    """The arguments of an example, without where a shell would send what it prints."""
+    words = shlex.split(example.partition(" > ")[0])
+    assert words[0] == "biodyn"
+    return words[1:]
+
+
+@pytest.mark.parametrize("example", [e for e in EXAMPLES if words_of(e)[0] not in TOO_LONG])
+def test_the_example_runs(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, place: Path, example: str
+) -> None:
+    monkeypatch.chdir(place)
+    words = words_of(example)
+    if words[0] == "simulate" and "--case" in words:
+        words[words.index("--seconds") + 1] = "2"
+    code, out, errors = said(capsys, *words)
+    assert code == 0, errors
+    assert errors == ""
+    if "--json" in words:
+        assert json.loads(out)
+    if "-o" in words:
+        assert Path(words[words.index("-o") + 1]).exists()
+
+
+@pytest.mark.parametrize("example", [e for e in EXAMPLES if words_of(e)[0] in TOO_LONG and words_of(e)[0] != "live"])
+def test_the_example_is_understood(monkeypatch: pytest.MonkeyPatch, place: Path, example: str) -> None:
+    monkeypatch.chdir(place)
+    words = words_of(example)
+    options = parser([words[0]]).parse_args(words)
+    assert all(Path(word).exists() for word in words if word.endswith(".mcap"))
+    settings: dict[str, Callable[[Any], Any]] = {"fit": cli._fit_options, "trace": cli._trace_options}
+    if words[0] in settings:
+        how = settings[words[0]](options)
+        assert list(how.held_out) == options.hold_out
+
+
+def test_the_examples_of_the_live_node_name_what_it_has(place: Path) -> None:
+    from biodyn_ros.live import SETTINGS
+
+    for example in HELP["live"].examples:
+        words = words_of(example)
+        assert words[:2] == ["live", "--ros-args"]
+        for flag, value in zip(words[2::2], words[3::2], strict=True):
+            known = {"-p": names(SETTINGS), "-r": set(topics.INPUT.values()), "--params-file": {"live.yaml"}}[flag]
+            assert value.partition(":=")[0] in known
+
+
+# --- errors ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("", "biodyn: what to do is missing; biodyn -h shows how"),
+        ("replya drive.mcap", "biodyn: there is no command replya; did you mean replay? biodyn -h shows how"),
+        ("simluate", "did you mean simulate?"),
+        ("xyzzy", "biodyn: there is no command xyzzy; biodyn -h shows how"),
+        ("--json replay", "biodyn: there is no option --json; biodyn -h shows how"),
+        ("replay", "biodyn replay: the following arguments are required: BAG, --subject, -o/--output; "),
+        ("replay drive.mcap --sbject subject_1 -o x", "there is no option --sbject; did you mean --subject?"),
+        ("replay drive.mcap --subject=subject_1 --zerophase -o x", "no option --zerophase; did you mean --zero-phase?"),
+        (
+            "replay drive.mcap --subject subject_1 -o x --cutoff 50",
+            "there is no option --cutoff; did you mean --cutoff-hz",
+        ),
+        ("replay drive.mcap more.mcap --subject subject_1 -o x", "more.mcap: nothing of that kind is expected here"),
+        ("replay drive.mcap --subject subject_1 -o", "argument -o/--output: expected one argument; biodyn replay -h"),
+        ("replay drive.mcap --subject subjet_2 -o x", "no subject file subjet_2; did you mean subject_2? bundled are"),
+        ("replay drive.mcap --subject subject_1 -o x --time lgo", "'lgo' is none of header, log; did you mean log?"),
+        ("replay drive.mcap --subject subject_1 -o x --window-s ten", "argument --window-s: 'ten' is no number;"),
+        ("simulate --subject subject_1 --case road --seed 1.5 -o x", "argument --seed: '1.5' is no whole number;"),
+        ("simulate --subject subject_1 -o x.mcap", "one of the arguments --seat --case is required"),
+        ("replay nothere.mcap --subject subject_1 -o x", "nothere.mcap: cannot be read (No such file or directory)"),
+        ("replay seat.csv --subject subject_1 -o x", "seat.csv: "),
+        ("replay drive.mcap --subject seat.csv -o x", "seat.csv: "),
+        ("replay drive.mcap --subject subject_1 -o seat.csv", "seat.csv: is a file, a directory is needed"),
+        ("replay drive.mcap --subject subject_1 -o /dev/null/x", "/dev/null/x: cannot be made a directory"),
+        ("simulate --subject subject_1 --case road -o nowhere/x.mcap", "nowhere/x.mcap: cannot be written"),
+        ("fit drive.mcap --subject subject_1 -o seat.csv", "seat.csv: a subject file ends in .yaml"),
+        ("fit drive.mcap -o x.yaml", "BAG... and --subject are needed, or --campaign; biodyn fit -h shows how"),
+        ("compare subject_1", "the following arguments are required: B; biodyn compare -h shows how"),
+        ("completion bahs", "'bahs' is none of bash, zsh, fish; did you mean bash?"),
+        ("demo --json", "biodyn demo: there is no option --json; biodyn demo -h shows how"),
+        ("live anna.yaml", "biodyn live: anna.yaml: nothing of that kind is expected here; biodyn live -h shows how"),
+        ("live --subject anna", "biodyn live: there is no option --subject; biodyn live -h shows how"),
+    ],
+)
+def test_a_wrong_command_is_one_line_that_says_what_next(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, place: Path, line: str, told: str
+) -> None:
+    monkeypatch.chdir(place)
+    before = sorted(path.name for path in place.iterdir())
+    code, out, errors = said(capsys, *shlex.split(line))
+    assert (code, out) == (2, "")
+    assert told in errors
+    assert errors.count("\n") == 1
+    assert sorted(path.name for path in place.iterdir()) == before
+
+
+def test_arguments_that_ros_cannot_read_are_told_without_a_traceback() -> None:
+    ended = started("live", "--ros-args", "-p", "foo")
+    assert ended.returncode == 2
+    assert "Couldn't parse parameter override rule: '-p foo'" in ended.stderr.splitlines()[-1]
+    assert "Traceback" not in ended.stderr
+
+
+# --- start -----------------------------------------------------------------------------------------------------------
+
+
+def started(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """A command as a process of its own."""
+    command = [sys.executable, "-m", "biodyn_ros.cli", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["-h"], ["replya"], ["demo", "-h"], ["completion", "-h"]])
+def test_what_computes_nothing_does_not_wait_for_numpy(arguments: list[str]) -> None:
+    code = (
+        "import contextlib, sys\nfrom biodyn_ros.cli import main\n"
+        f"with contextlib.suppress(SystemExit):\n    main({arguments!r})\n"
+        "print(sorted({'numpy', 'scipy', 'numba', 'rclpy'} & set(sys.modules)))"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert ended.stdout.splitlines()[-1] == "[]"
+
+
+# --- completion ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scripts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scripts of all shells, in files."""
+    at = tmp_path_factory.mktemp("completion")
+    for shell in ("bash", "zsh", "fish"):
+        (at / shell).write_text(script(shell), encoding="utf-8")
+    return at
+
+
+COMPLETED = [
+    ("biodyn re", {"replay"}),
+    ("biodyn replay drive.mcap --time ", {"header", "log"}),
+    ("biodyn fit --refine ", {"least-squares", "nelder-mead"}),
+    ("biodyn simulate --case ", {"road", "pothole", "rail"}),
+    ("biodyn completion ", {"bash", "zsh", "fish"}),
+    ("biodyn replay ", {"drive.mcap", "directory"}),
+    ("biodyn replay drive.mcap --subject ", {*subject_names(), "anna.yaml", "directory"}),
+    ("biodyn compare subject_1 subject_2 --thr", {"--threshold"}),
+]
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    """A directory with a bag, a subject, a text and a directory."""
+    for name in ("drive.mcap", "anna.yaml", "notes.txt"):
+        (tmp_path / name).touch()
+    (tmp_path / "directory").mkdir()
+    return tmp_path
+
+
+@pytest.mark.parametrize(("line", "offered"), COMPLETED)
+def test_bash_completes(scripts: Path, files: Path, line: str, offered: set[str]) -> None:
+    words = [*line.split(), *([""] if line.endswith(" ") else [])]
+    ask = (
+        f"source {shlex.quote(str(scripts / 'bash'))}\nCOMP_WORDS=({shlex.join(words)})\n"
+        f'COMP_CWORD={len(words) - 1}\n_shtab_biodyn\nprintf "%s\\n" "${{COMPREPLY[@]}}"'
+    )
+    ended = subprocess.run(["bash", "-c", ask], cwd=files, capture_output=True, text=True, check=True)
+    assert set(ended.stdout.split()) == offered
+
+
+@pytest.mark.parametrize(("line", "offered"), COMPLETED)
+def test_fish_completes(scripts: Path, files: Path, line: str, offered: set[str]) -> None:
+    if shutil.which("fish") is None:
+        pytest.skip("fish is not installed")
+    ask = f"source {shlex.quote(str(scripts / 'fish'))}; complete -C {shlex.quote(line)}"
+    environment = {"HOME": str(files.parent), "PATH": "/usr/bin:/bin"}
+    ended = subprocess.run(["fish", "-c", ask], cwd=files, env=environment, capture_output=True, text=True, check=True)
+    found = {text.partition("\t")[0].rstrip("/") for text in ended.stdout.splitlines()}
+    assert offered <= found  # fish itself offers other files behind them
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_is_read_by_its_shell_and_starts_no_python(scripts: Path, shell: str) -> None:
+    text = (scripts / shell).read_text(encoding="utf-8")
+    assert "python" not in text.lower()
+    assert all(name in text for name in (*ADDERS, *subject_names()))
+    if shutil.which(shell):
+        subprocess.run([shell, "-n", str(scripts / shell)], check=True)
+
+
+def test_without_shtab_it_says_what_to_install(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    code, out, errors = said(capsys, "completion", "bash")
+    assert (code, out) == (2, "")
+    assert errors == "biodyn completion: completion needs shtab: pip install 'biodyn_ros[completion]'\n"

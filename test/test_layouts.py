@@ -1,0 +1,163 @@
+"""The viewers' layouts name topics that the live node has, fields that their messages have, and panels that exist."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import AccelStamped
+from std_msgs.msg import Float64
+
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS
+from biodyn_ros import topics
+from biodyn_ros.health import SensorHealth, sensor_status
+from biodyn_ros.layouts import lichtblick, plotjuggler
+from biodyn_ros.live import NODE_NAME
+from biodyn_ros.player import message_class
+from biodyn_ros.resources import config_file
+
+LAYOUTS = config_file("layouts")
+TYPES: dict[str, type] = {
+    **{topics.absolute(topic): AccelStamped for topic in (*topics.PREDICTED.values(), *topics.MEASURED.values())},
+    **{topics.absolute(topic): Float64 for topic in topics.SCALARS},
+    topics.DIAGNOSTICS: DiagnosticArray,
+}
+"""Every topic that the live node publishes, as the live node publishes it."""
+
+
+def xml() -> ET.Element:
+    """PlotJuggler's layout."""
+    return ET.parse(LAYOUTS / "biodyn.xml").getroot()
+
+
+def panels() -> dict[str, Any]:
+    """The panels of the layout for Lichtblick and Foxglove."""
+    return json.loads((LAYOUTS / "biodyn.json").read_text(encoding="utf-8"))["configById"]
+
+
+def has_number(kind: type, fields: list[str]) -> bool:
+    """Whether a message type has these fields one inside the other, the last of them a number."""
+    for name in fields[:-1]:
+        inner = kind.get_fields_and_field_types().get(name)  # type: ignore[attr-defined]
+        found = message_class(inner.replace("/", "/msg/")) if inner and "/" in inner else None
+        if found is None:
+            return False
+        kind = found
+    return kind.get_fields_and_field_types().get(fields[-1]) in ("double", "float")  # type: ignore[attr-defined]
+
+
+def split(series: str) -> tuple[str, list[str]]:
+    """A PlotJuggler series as a topic of ours and the fields behind it."""
+    (topic,) = (name for name in TYPES if series.startswith(f"{name}/"))
+    return topic, series.removeprefix(f"{topic}/").split("/")
+
+
+@pytest.mark.parametrize(("name", "made"), [("biodyn.xml", plotjuggler), ("biodyn.json", lichtblick)])
+def test_the_file_is_the_one_that_is_made(name: str, made: Any) -> None:
+    # What makes it again: python -m biodyn_ros.layouts config/layouts
+    assert (LAYOUTS / name).read_text(encoding="utf-8") == made()
+
+
+def test_what_is_no_field_is_seen() -> None:
+    assert has_number(AccelStamped, ["accel", "linear", "z"])
+    for wrong in (["accel", "linear"], ["accel", "linear", "w"], ["twist", "linear", "z"], ["header", "stamp", "sec"]):
+        assert not has_number(AccelStamped, wrong)
+
+
+def test_every_curve_of_plotjuggler_is_a_field_of_a_topic() -> None:
+    series = [curve.attrib["name"] for curve in xml().iter("curve")]
+    assert len(series) == len(set(series))
+    for topic, fields in map(split, series):
+        if topic == topics.DIAGNOSTICS:
+            hardware, status, key = fields
+            assert hardware == NODE_NAME
+            sensor = status.removeprefix("biodyn: ")
+            assert key in sensor_status(sensor, SensorHealth(), a_pipeline()).values
+        else:
+            assert has_number(TYPES[topic], fields), (topic, fields)
+
+
+def a_pipeline() -> Pipeline:
+    """One that has seen nothing yet."""
+    from streams import subject
+
+    return Pipeline(subject())
+
+
+def test_plotjuggler_subscribes_to_what_it_draws() -> None:
+    drawn = {split(curve.attrib["name"])[0] for curve in xml().iter("curve")}
+    (selected,) = (element.attrib["value"].split(";") for element in xml().iter("selected_topics"))
+    assert set(selected) == drawn
+    (streamer,) = xml().iter("previouslyLoaded_Streamer")
+    assert streamer.attrib["name"] in {plugin.attrib["ID"] for plugin in xml().iter("plugin")}
+
+
+def test_plotjuggler_s_splitters_count_what_is_in_them() -> None:
+    # As PlotDocker::restoreSplitter reads them: one size a child, and nothing but areas and splitters inside.
+    splitters = list(xml().iter("DockSplitter"))
+    assert splitters
+    for splitter in splitters:
+        assert splitter.attrib["orientation"] in ("-", "|")
+        sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]
+        assert len(splitter) == int(splitter.attrib["count"]) == len(sizes)
+        assert sum(sizes) == pytest.approx(1.0, abs=1e-4)
+        assert {child.tag for child in splitter} <= {"DockSplitter", "DockArea"}
+    assert all([child.tag for child in area] == ["plot"] for area in xml().iter("DockArea"))
+
+
+def test_every_path_of_lichtblick_is_a_field_of_a_topic_or_a_level() -> None:
+    plots = {name: panel for name, panel in panels().items() if name.startswith("Plot!")}
+    assert plots
+    for panel in plots.values():
+        for path in panel["paths"]:
+            if re.fullmatch(r"[\d.]+", path["value"]):
+                continue  # a reference line
+            topic, *fields = path["value"].split(".")
+            assert has_number(TYPES[topic], fields), path
+            stamped = TYPES[topic].get_fields_and_field_types().get("header") is not None
+            assert path["timestampMethod"] == ("headerStamp" if stamped else "receiveTime")
+    for name in ("DiagnosticSummary!all", "DiagnosticStatusPanel!seat"):
+        assert TYPES[panels()[name]["topicToRender"]] is DiagnosticArray
+
+
+def test_lichtblick_s_tree_shows_every_panel_once() -> None:
+    document = json.loads((LAYOUTS / "biodyn.json").read_text(encoding="utf-8"))
+    assert set(document) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    shown = [document["layout"]]
+    for tab in panels()[document["layout"]]["tabs"]:
+        shown += leaves(tab["layout"])
+    assert sorted(shown) == sorted(panels())
+
+
+def leaves(tree: Any) -> Iterator[str]:
+    """The panels of a tree of halves."""
+    if isinstance(tree, str):
+        yield tree
+        return
+    assert set(tree) == {"direction", "first", "second", "splitPercentage"}
+    assert tree["direction"] in ("row", "column")
+    assert 0.0 < tree["splitPercentage"] < 100.0
+    yield from leaves(tree["first"])
+    yield from leaves(tree["second"])
+
+
+@pytest.mark.parametrize("text", ["biodyn.xml", "biodyn.json"])
+def test_each_shows_all_that_is_asked_of_it(text: str) -> None:
+    told = (LAYOUTS / text).read_text(encoding="utf-8")
+    wanted = [
+        *topics.PREDICTED.values(),
+        *(topics.MEASURED[name] for name in (SEAT, *MEASURED_SEGMENTS)),
+        *topics.RESIDUAL.values(),
+        f"{topics.EXPOSURE}/seat/vdv",
+        f"{topics.EXPOSURE}/seat/a8",
+        f"{topics.EXPOSURE}/dri",
+    ]
+    assert all(topics.absolute(topic) in told for topic in wanted)
+    assert topics.DIAGNOSTICS in told
+    assert set(SENSORS) >= {SEAT, *MEASURED_SEGMENTS}
