@@ -26,6 +26,7 @@ def parser() -> argparse.ArgumentParser:
     commands.add_parser("live", help="the live node; takes --ros-args", add_help=True)
 
     _add_simulate(commands)
+    _add_import(commands)
     _add_info(commands)
     _add_play(commands)
     _add_replay(commands)
@@ -53,6 +54,31 @@ def _add_simulate(commands: Any) -> None:
     _add_map(command)
     _add_time(command)
     _add_settings(command, "sensors", SensorSettings)
+    command.add_argument("-o", "--output", required=True, metavar="BAG", help="FILE.mcap, or a directory")
+
+
+def _add_import(commands: Any) -> None:
+    from biodyn_core.dual_range import DualRangeSettings
+
+    command = _command(
+        commands, "import-blue-trident", "exports of Capture.U or Nexus to one bag, high-g for clipped low-g"
+    )
+    command.add_argument("exports", metavar="DIR", help="directory of one recording's CSV files, or one file")
+    command.add_argument(
+        "--map", action="append", default=[], metavar="SENSOR=SERIAL", help="which sensor it is, such as seat=TS-02374"
+    )
+    command.add_argument(
+        "--map-file", metavar="FILE.yaml", help="the same from a file of lines such as 'seat: TS-02374'"
+    )
+    command.add_argument("--take", metavar="TAKE", help="which one of several: date (Capture.U) or file name (Nexus)")
+    command.add_argument(
+        "--start",
+        metavar="TIME",
+        help="of the first row of Nexus: ISO 8601 with its zone, or Unix seconds (default: none)",
+    )
+    command.add_argument("--no-high-g", action="store_true", help="leave clipped samples clipped")
+    command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the bag's chunks")
+    _add_settings(command, "two ranges", DualRangeSettings)
     command.add_argument("-o", "--output", required=True, metavar="BAG", help="FILE.mcap, or a directory")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final, Literal
 
@@ -18,6 +18,11 @@ def bag_sha256(path: str | Path) -> str:
     """SHA-256 of a bag's storage files, one after the other; the same bag by another name has the same."""
     with open_bag(path) as reader:
         files = reader.files
+    return sha256_of(files)
+
+
+def sha256_of(files: Iterable[Path]) -> str:
+    """SHA-256 of some files, one after the other."""
     digest = hashlib.sha256()
     for file in files:
         with file.open("rb") as stream:
