@@ -1,9 +1,9 @@
 """Dual range: where a 16 g channel is at its rail, a 200 g channel beside it takes over, set right against the first.
 
 The second channel is coarse: its bias is large and wanders with temperature, its scale is off by a few percent, its
-clock or its filter may lie a little off. All of that is measured on the spot, over the seconds around each saturation in
-which the first channel is to be trusted (a *stretch*), by least squares with the fine channel as the regressor, so that
-the noise of the coarse one does not shrink its gain:
+clock or its filter may lie a little off. All of that is measured on the spot, over the seconds around saturations in
+which the first channel is to be trusted (a *stretch*), by least squares with the fine channel as the regressor, so
+that the noise of the coarse one does not shrink its gain:
 
     high(t) = gain low(t - delay) + bias
 

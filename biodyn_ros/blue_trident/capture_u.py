@@ -1,4 +1,4 @@
-"""Exports of Capture.U: a file per sensor and channel, `<subject>_TS-02374_<date>_lowg.csv`, with stamps of Unix time."""
+"""Exports of Capture.U: a file per sensor and channel, `<subject>_TS-02374_<date>_lowg.csv`, stamps of Unix time."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class CaptureU:
     width: int
     kind: Kind = "Capture.U"
 
-    def parts(self, damage: Damage, start_ns: int, most_bytes: int | None) -> Iterator[tuple[int, list[Part]]]:
+    def parts(self, damage: Damage, start_ns: int, most_bytes: int) -> Iterator[tuple[int, list[Part]]]:
         """(bytes read, samples read) over and over; start_ns is not used: the stamps are Unix time."""
         (held,) = self.held
         accel = scale_of(held.accel_unit, ACCEL_UNITS, str(self.path))

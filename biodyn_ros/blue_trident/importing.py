@@ -1,4 +1,4 @@
-"""Exports of Blue Trident sensors to one bag: a look through all of them, high-g where low-g is at its rail, the bag."""
+"""Exports of Blue Trident sensors to one bag: a survey of all, high-g where low-g is at its rail, then the bag."""
 
 from __future__ import annotations
 
@@ -67,16 +67,26 @@ def import_blue_trident(
 
 def _imported(found: Found, chosen: Chosen, writer: BagWriter, options: ImportOptions, tell: _Telling) -> Outcome:
     start_ns = options.start_ns or 0
-    read = survey(chosen, options.settings, start_ns, tell)
+    read = survey(chosen, options.settings, tell.sizes, start_ns, tell)
     _check(chosen, read)
     damage = dict(read.damage)
     taken = _compared(chosen, read, options, damage, tell) if options.high_g else {}
     for sensor in chosen.sensors.values():
         writer.add_topic(INPUT[sensor], IMU_TYPE)
     marked = _written(chosen, read, taken, writer, options, tell)
-    hashes = {export: sha256_of([export.path]) for export in chosen.exports}
+    hashes = {export: sha256_of([export.path], tell.sizes[export]) for export in chosen.exports}
     return Outcome(
-        found, chosen, read, taken, marked, damage, hashes, options.start_ns, options.settings, options.high_g
+        found,
+        chosen,
+        read,
+        taken,
+        marked,
+        damage,
+        tell.sizes,
+        hashes,
+        options.start_ns,
+        options.settings,
+        options.high_g,
     )
 
 
@@ -116,7 +126,7 @@ def _compared(
             exports |= {low: None, high: None}
     tell.expect(exports)
     again = {export: Damage() for export in exports}
-    for parts in in_time_order(list(exports), again, read.bytes, options.start_ns or 0, tell):
+    for parts in in_time_order(list(exports), again, tell.sizes, options.start_ns or 0, tell):
         for part in parts:
             if part.serial in comparisons:
                 comparisons[part.serial].push(part.channel, part.samples)
@@ -131,7 +141,7 @@ def _written(
     lows = dict.fromkeys(export for export in chosen.exports if any(held.channel == "low" for held in export.held))
     cleaners = {serial: Cleaner() for serial in chosen.sensors}
     turns = _Turns(chosen, taken, writer, options.settings)
-    for parts in in_time_order(list(lows), {}, read.bytes, options.start_ns or 0, tell):
+    for parts in in_time_order(list(lows), {}, tell.sizes, options.start_ns or 0, tell):
         for part in parts:
             if part.channel == "low" and part.serial in cleaners:
                 turns.add(part.serial, cleaners[part.serial].push(part.samples))
@@ -211,15 +221,19 @@ def _tell_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outco
 
 
 class _Telling:
-    """Adds up bytes for a `Progress`; every file is read twice, those that are compared once more."""
+    """Adds up bytes for a `Progress`; every file is read twice, those that are compared once more.
+
+    sizes: how long the files were at first: one that is still being written is read as far in every pass.
+    """
 
     def __init__(self, chosen: Chosen, progress: Callable[[int, int], None]) -> None:
-        lows = {export for export in chosen.exports if any(held.channel == "low" for held in export.held)}
-        self._total, self._done, self._progress = 2 * sum(export.path.stat().st_size for export in lows), 0, progress
+        self.sizes = {export: export.path.stat().st_size for export in chosen.exports}
+        lows = [export for export in chosen.exports if any(held.channel == "low" for held in export.held)]
+        self._total, self._done, self._progress = 2 * sum(self.sizes[export] for export in lows), 0, progress
 
     def expect(self, exports: Iterable[Export]) -> None:
         """These are to be read once more."""
-        self._total += sum(export.path.stat().st_size for export in exports)
+        self._total += sum(self.sizes[export] for export in exports)
 
     def __call__(self, read: int) -> None:
         self._done += read

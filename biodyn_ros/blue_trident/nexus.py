@@ -52,7 +52,7 @@ class Nexus:
     width: int
     kind: Kind = "Nexus"
 
-    def parts(self, damage: Damage, start_ns: int, most_bytes: int | None) -> Iterator[tuple[int, list[Part]]]:
+    def parts(self, damage: Damage, start_ns: int, most_bytes: int) -> Iterator[tuple[int, list[Part]]]:
         """(bytes read, samples read) over and over; start_ns is the time of the first row, or 0: frames then count."""
         firsts = [triplet.first for found in self.triplets.values() for triplet in found.values()]
         columns = [0, 1, *(first + axis for first in firsts for axis in range(3))]

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,11 +27,11 @@ LOST_BY_NEXUS: Final = 0.5
 """From this share of the rail on a reading that Nexus resampled may hide clipped ones."""
 
 _LEFT_OUT: Final = {
-    "late_start": "rows of zeros before it started",
-    "dropouts": "rows of zeros amid the recording, left as gaps",
-    "early_end": "rows of zeros after it ended",
-    "faded": "rows that Nexus faded into such zeros or into an end",
-    "unreadable": "rows without a readable acceleration",
+    "late_start": "of zeros before it started",
+    "dropouts": "of zeros amid the recording, now gaps",
+    "early_end": "of zeros after it ended",
+    "faded": "that Nexus faded into zeros or into an end",
+    "unreadable": "without a readable acceleration",
 }
 
 
@@ -45,7 +46,7 @@ class Marked:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """All that an import came to know; marked and taken are by serial, damage of both passes and hashes by file."""
+    """All that an import came to know; marked and taken are by serial, damage, bytes and their hashes by file."""
 
     found: Found
     chosen: Chosen
@@ -53,6 +54,7 @@ class Outcome:
     taken: Mapping[str, Taken]
     marked: Mapping[str, Marked]
     damage: Mapping[Export, Damage]
+    sizes: Mapping[Export, int]
     hashes: Mapping[Export, str]
     start_ns: int | None
     settings: DualRangeSettings
@@ -78,7 +80,7 @@ def document_of(outcome: Outcome) -> dict[str, Any]:
 
 
 def ranges(taken: Taken) -> str:
-    """Which stamps carry high-g, as JSON: [first_ns, last_ns, axes] each; only their number where there are too many."""
+    """Which stamps carry high-g, as JSON: [first_ns, last_ns, axes] each; only their number if they are too many."""
     if len(taken.taken) > MOST_RANGES:
         return json.dumps({"ranges": len(taken.taken)})
     axes = taken.share > 0.0
@@ -86,7 +88,7 @@ def ranges(taken: Taken) -> str:
     edges = [0, *cuts.tolist(), len(axes)]
     found = [
         [int(taken.stamps_ns[lo]), int(taken.stamps_ns[hi - 1]), "".join(np.array(["x", "y", "z"])[axes[lo]])]
-        for lo, hi in zip(edges, edges[1:], strict=False)
+        for lo, hi in pairwise(edges)
         if hi > lo
     ]
     return json.dumps(found)
@@ -143,6 +145,7 @@ def _file(outcome: Outcome, export: Export) -> dict[str, Any]:
     damage = outcome.damage.get(export)
     return {
         "path": str(export.path),
+        "bytes": outcome.sizes[export],
         "sha256": outcome.hashes[export],
         "read": damage is not None,
         "holds": [
@@ -199,7 +202,7 @@ def _warnings(outcome: Outcome, ordered: list[str], by_sensor: Mapping[str, str]
         serial = by_sensor[sensor]
         name = f"{sensor} ({serial})"
         seen = outcome.read.sensors[serial]
-        lines += [f"{name}: {line}" for line in _left_out_lines(seen.cleaner.left_out)]
+        lines += [f"{name}: rows left out: {line}" for line in _left_out_lines(seen.cleaner.left_out)]
         lines += [f"{name}: {line}" for line in _sensor_lines(outcome, serial, seen)]
     return lines
 
@@ -208,9 +211,9 @@ def _damage_lines(path: Path, damage: Damage) -> list[str]:
     lines = []
     where = f", the first in line {damage.first_line}" if damage.first_line else ""
     if damage.ragged:
-        lines.append(f"{path.name}: {damage.ragged} rows with a wrong number of cells left out{where}")
+        lines.append(f"{path.name}: rows of a wrong number of cells, left out: {damage.ragged}{where}")
     if damage.no_number:
-        lines.append(f"{path.name}: {damage.no_number} cells are no number that can be{where}")
+        lines.append(f"{path.name}: cells that are no number that can be: {damage.no_number}{where}")
     if damage.cut:
         lines.append(
             f"{path.name}: the last line has no end, so it may be cut: left out; is the file still being written?"
@@ -219,7 +222,8 @@ def _damage_lines(path: Path, damage: Damage) -> list[str]:
 
 
 def _left_out_lines(left_out: LeftOut) -> list[str]:
-    return [f"{count} {_LEFT_OUT[name]}" for name, count in asdict(left_out).items() if count]
+    told = [f"{count} {_LEFT_OUT[name]}" for name, count in asdict(left_out).items() if count]
+    return [", ".join(told)] if told else []
 
 
 def _sensor_lines(outcome: Outcome, serial: str, seen: Surveyed) -> list[str]:

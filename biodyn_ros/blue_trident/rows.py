@@ -1,4 +1,4 @@
-"""Rows of numbers in a text file of any length, a block at a time: what is clean goes fast, what is not cell by cell."""
+"""Rows of numbers in a text file of any length, by blocks: what is clean goes fast, what is not cell by cell."""
 
 from __future__ import annotations
 
@@ -64,12 +64,12 @@ def lines_of(head: bytes) -> list[str]:
 
 
 def number_rows(
-    path: Path, skip_lines: int, columns: Sequence[int], width: int, damage: Damage, most_bytes: int | None = None
+    path: Path, skip_lines: int, columns: Sequence[int], width: int, damage: Damage, most_bytes: int
 ) -> Iterator[tuple[int, Floats]]:
     """(bytes read since the block before, rows (n, k)) of a file, below its first lines, these columns of `width`.
 
     A cell that is empty or no number is NaN. A row of another width is left out, as is a last line without its end,
-    which may be cut within a number. The rows end with the file, with `most_bytes` of it, or with a line of words,
+    which may be cut within a number. The rows end with the file, after `most_bytes` of it, or with a line of words,
     which begins another section. `damage` hears what was left out. InputError for a line longer than a block.
     """
     line = skip_lines
@@ -81,13 +81,13 @@ def number_rows(
             return
 
 
-def _blocks(path: Path, skip_lines: int, damage: Damage, most_bytes: int | None) -> Iterator[tuple[int, bytes]]:
+def _blocks(path: Path, skip_lines: int, damage: Damage, most_bytes: int) -> Iterator[tuple[int, bytes]]:
     """Whole lines of a file, some megabytes at a time, with the bytes read for them."""
     try:
         with path.open("rb") as file:
             for _ in range(skip_lines):
                 file.readline(HEAD_BYTES)
-            read, rest, left = file.tell(), b"", (most_bytes or 2**62) - file.tell()
+            read, rest, left = file.tell(), b"", most_bytes - file.tell()
             while data := file.read(min(BLOCK_BYTES, max(left, 0))):
                 read, left = read + len(data), left - len(data)
                 end = data.rfind(b"\n") + 1
@@ -128,8 +128,8 @@ def _fast(block: bytes, columns: Sequence[int]) -> Floats:
 def _cell_by_cell(block: bytes, line: int, columns: Sequence[int], width: int, damage: Damage) -> tuple[Floats, bool]:
     """The same one line after the other, with what is no number counted; whether another section began."""
     rows = []
-    for number, text in enumerate(block.split(b"\n")[:-1], start=line + 1):
-        text = text.strip()
+    for number, whole in enumerate(block.split(b"\n")[:-1], start=line + 1):
+        text = whole.strip()
         if not text.strip(b","):
             continue
         cells = text.split(b",")

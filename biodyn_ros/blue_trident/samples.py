@@ -72,7 +72,7 @@ class Export(Protocol):
     take: str
     held: tuple[Held, ...]
 
-    def parts(self, damage: Damage, start_ns: int, most_bytes: int | None) -> Iterator[tuple[int, list[Part]]]:
+    def parts(self, damage: Damage, start_ns: int, most_bytes: int) -> Iterator[tuple[int, list[Part]]]:
         """(bytes read, samples read) over and over; start_ns is for files that know no time of day."""
 
 

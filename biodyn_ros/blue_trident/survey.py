@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -92,24 +92,21 @@ class Surveyed:
 
 @dataclass(eq=False)
 class Read:
-    """What a survey brought: by serial what was seen, by file what was damaged and how many bytes were read."""
+    """What a survey brought: by serial what was seen, by file what was damaged."""
 
     sensors: dict[str, Surveyed]
     damage: dict[Export, Damage]
-    bytes: dict[Export, int]
 
 
-def survey(chosen: Chosen, settings: DualRangeSettings, start_ns: int, tell: Tell) -> Read:
-    """Read every low-g channel once; `tell` hears the bytes read."""
+def survey(chosen: Chosen, settings: DualRangeSettings, sizes: Mapping[Export, int], start_ns: int, tell: Tell) -> Read:
+    """Read every low-g channel once, so many bytes of each file; `tell` hears the bytes read."""
     sensors = {serial: Surveyed() for serial in chosen.sensors}
     damage: dict[Export, Damage] = {}
-    sizes: dict[Export, int] = {}
     for export in chosen.exports:
         if all(held.channel == "high" for held in export.held):
             continue
-        damage[export], sizes[export] = Damage(), 0
-        for read, parts in export.parts(damage[export], start_ns, None):
-            sizes[export] += read
+        damage[export] = Damage()
+        for read, parts in export.parts(damage[export], start_ns, sizes[export]):
             for part in parts:
                 if part.channel == "low" and part.serial in sensors:
                     seen = sensors[part.serial]
@@ -118,16 +115,14 @@ def survey(chosen: Chosen, settings: DualRangeSettings, start_ns: int, tell: Tel
     for seen in sensors.values():
         if (last := seen.cleaner.finish()) is not None:
             seen.push(last, settings)
-    return Read(sensors, damage, sizes)
+    return Read(sensors, damage)
 
 
 def in_time_order(
-    exports: Sequence[Export], damage: dict[Export, Damage], sizes: dict[Export, int], start_ns: int, tell: Tell
+    exports: Sequence[Export], damage: dict[Export, Damage], sizes: Mapping[Export, int], start_ns: int, tell: Tell
 ) -> Iterator[list[Part]]:
     """What several files hold, block by block, always of the one that is furthest behind."""
-    reading = {
-        export: export.parts(damage.setdefault(export, Damage()), start_ns, sizes.get(export)) for export in exports
-    }
+    reading = {export: export.parts(damage.setdefault(export, Damage()), start_ns, sizes[export]) for export in exports}
     upto = dict.fromkeys(exports, -(2**63))
     while reading:
         export = min(reading, key=lambda one: upto[one])

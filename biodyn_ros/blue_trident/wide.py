@@ -32,7 +32,7 @@ LONGEST_SPAN_S: Final = 1.0
 
 GROUP_S: Final = 60.0
 COMPARED_S: Final = 60.0
-"""Gain and delay are measured on the first stretches, so many seconds of them: memory is bounded, bias is always local."""
+"""Gain and delay are measured on so many seconds of the first stretches, for bounded memory; bias is always local."""
 
 BESIDE_S: Final = 0.1
 """Of both channels around a saturation that is kept: more than delay, margins and the reader's width together."""
