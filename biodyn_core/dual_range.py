@@ -53,6 +53,7 @@ AGREES: Final = 0.8
 """Where one channel is at its rail the other must reach this share of it, or they do not tell of the same motion."""
 
 _STEP_S: Final = 0.001
+_BASE: Final = 8
 _HALF: Final = 16
 _SHAPE: Final = 5.65
 """Of the Kaiser window: 60 dB beside a band edge that 32 samples make 180 Hz wide at 1600 Hz."""
@@ -151,16 +152,22 @@ def read_at(times_s: Floats, values: Floats, at_s: Floats, slower_hz: float) -> 
     first = np.where(inside, after - _HALF, 0)
     whole = inside & (times_s[first + 2 * _HALF - 1] - times_s[first] < (2 * _HALF - 0.5) * period)
     which = np.flatnonzero(whole)
-    edge_hz = _EDGE * min(slower_hz, 1.0 / period)
+    kernel = _kernel(_EDGE * min(slower_hz * period, 1.0))
     for begin in range(0, which.size, 1 << 14):
         part = which[begin : begin + (1 << 14)]
         index = first[part, None] + np.arange(2 * _HALF)
         distance = at_s[part, None] - times_s[index]
-        inner = np.clip(1.0 - (distance / (_HALF * period)) ** 2, 0.0, 1.0)
-        weight = np.sinc(2.0 * edge_hz * distance) * np.i0(_SHAPE * np.sqrt(inner))
+        weight = np.interp(np.abs(distance) / period, *kernel)
         weight /= weight.sum(axis=1, keepdims=True)
         out[part] = np.einsum("ij,ijk->ik", weight, values[index])
     return out
+
+
+def _kernel(edge: float) -> tuple[Floats, Floats]:
+    """The reader's weight (n,) by the distance in samples (n,), finely tabulated; edge in cycles per sample."""
+    distance = np.linspace(0.0, _HALF, 1 << 15)
+    window = np.i0(_SHAPE * np.sqrt(np.clip(1.0 - (distance / _HALF) ** 2, 0.0, 1.0)))
+    return distance, np.sinc(2.0 * edge * distance) * window
 
 
 def read_beside(stretch: Stretch, delay_s: float) -> Floats:
@@ -268,6 +275,8 @@ def _three(values: Sequence[float]) -> tuple[float, float, float]:
 
 def _widened(flags: Flags, by: int) -> Flags:
     """The flags with as many neighbours on either side."""
+    if not flags.size:
+        return flags
     ones = np.convolve(flags.astype(np.int64), np.ones(2 * by + 1, dtype=np.int64), mode="full")
     return ones[by : by + flags.size] > 0
 
@@ -285,12 +294,12 @@ def _delay(stretches: Sequence[Stretch], settings: DualRangeSettings) -> tuple[f
         return 0.0, False
     delay_s, error_s = _roughly(stretches, settings), np.inf
     for _ in range(4):
-        slope, residual = _slopes(stretches, delay_s, settings)
-        energy = float((slope * slope).sum())
-        if energy == 0.0:
+        slope, excess, energy = _slopes(stretches, delay_s, settings)
+        if energy <= 0.0:
             return 0.0, False
-        error_s = float(np.std(residual)) / np.sqrt(energy)
-        delay_s += float(np.clip((slope * residual).sum() / energy, -_STEP_S, _STEP_S))
+        error_s = float(np.std(excess)) / np.sqrt(energy)
+        # Read too late, the wide channel is ahead by the slope.
+        delay_s -= float(np.clip((slope * excess).sum() / energy, -_STEP_S, _STEP_S))
     holds = error_s < DELAY_ERROR_S and abs(delay_s) > 3.0 * error_s and abs(delay_s) < LONGEST_DELAY_S
     return (delay_s, True) if holds else (0.0, False)
 
@@ -312,16 +321,24 @@ def _roughly(stretches: Sequence[Stretch], settings: DualRangeSettings) -> float
     return float(grid_s[int(np.argmin(left))]) if left.any() else 0.0
 
 
-def _slopes(stretches: Sequence[Stretch], delay_s: float, settings: DualRangeSettings) -> tuple[Floats, Floats]:
-    """What is left between the channels at a delay, and by how much it would change per second of delay."""
-    slopes, residuals = [np.empty((0, 3))], [np.empty((0, 3))]
+def _slopes(stretches: Sequence[Stretch], delay_s: float, settings: DualRangeSettings) -> tuple[Floats, Floats, float]:
+    """The fine channel's slope (k, 3), the wide one's excess at a delay (k, 3), and the slope's energy without noise.
+
+    A slope spans so many samples that its neighbour shares none with it: their product is the motion's alone.
+    """
+    slopes, excesses, energy = [np.empty((0, 3))], [np.empty((0, 3))], 0.0
     for stretch in stretches:
         high = read_beside(stretch, delay_s)
-        slope = np.gradient(stretch.low_mps2, stretch.low_s, axis=0)
-        good = trusted(stretch.low_mps2, settings) & np.isfinite(high).all(axis=1)
+        slope = np.full(stretch.low_mps2.shape, np.nan)
+        low, low_s = stretch.low_mps2, stretch.low_s
+        if low_s.size > 2 * _BASE:
+            rise = low[2 * _BASE :] - low[: -2 * _BASE]
+            slope[_BASE:-_BASE] = rise / (low_s[2 * _BASE :] - low_s[: -2 * _BASE])[:, None]
+        good = trusted(low, settings) & np.isfinite(high + slope).all(axis=1)
         if good.any():
-            off = high[good] - stretch.low_mps2[good]
-            # A reading ahead of its time is one of later motion: the residual falls by the slope as the delay grows.
+            excess = high[good] - low[good]
             slopes.append(slope[good])
-            residuals.append(-(off - off.mean(axis=0)))
-    return np.concatenate(slopes), np.concatenate(residuals)
+            excesses.append(excess - excess.mean(axis=0))
+            both = good[1:] & good[:-1]
+            energy += float((slope[1:][both] * slope[:-1][both]).sum())
+    return np.concatenate(slopes), np.concatenate(excesses), energy

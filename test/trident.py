@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from biodyn_ros.bag import imu_blocks, open_bag
+from biodyn_ros.blue_trident import ImportOptions, import_blue_trident
+from biodyn_ros.topics import INPUT
 
 Floats = NDArray[np.float64]
 Motion = Callable[[Floats], Floats]
@@ -111,3 +116,28 @@ def nexus_text(
     ]
     lines = [f"Devices{trailing}", f"{rate}{trailing}", names, axes, unit, *rows]
     return (top + "\n".join(lines) + "\n").replace("\n", end)
+
+
+def still(count: int, accel: tuple[float, float, float] = (0.0, 0.0, G), seed: int = 1) -> Floats:
+    """Rows of one sensor of Nexus (n, 15), SI but deg/s: at rest with a little noise, high-g biased."""
+    rng = np.random.default_rng(seed)
+    out = np.zeros((count, 15))
+    out[:, :3] = np.array(accel) + 0.02 * rng.standard_normal((count, 3))
+    out[:, 3:6] = rng.standard_normal((count, 3))
+    out[:, 6:9] = [2e-5, 1e-5, -3e-5]
+    out[:, 9:12] = 10.0
+    out[:, 12:] = out[:, :3] + [1.0, 2.0, 9.0] + 0.5 * rng.standard_normal((count, 3))
+    return out
+
+
+def imported(place: Path, bag: Path, mapping: dict[str, str], **how: Any) -> dict[str, Any]:
+    return import_blue_trident(place, bag, ImportOptions(mapping, **how))
+
+
+def samples(bag: Path, sensor: str) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Stamps, accelerations and angular rates of one sensor, as every other reader of the project sees them."""
+    with open_bag(bag) as reader:
+        blocks = [block for _, block in imu_blocks(reader, [INPUT[sensor]], gyro=True)]
+    parts = [(block.stamps_ns, block.accel_mps2, block.gyro_radps) for block in blocks]
+    stamps, accel, gyro = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return stamps, accel, gyro

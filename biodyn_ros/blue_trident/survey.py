@@ -33,10 +33,10 @@ class Surveyed:
     gaps: int = 0
     back: int = 0
     gyro: bool = False
-    period_s: float = 0.0
     top_mps2: Floats = field(default_factory=lambda: np.zeros((2, 3)))
     tops: Integers = field(default_factory=lambda: np.zeros((2, 3), dtype=np.int64))
-    _even_s: float = 0.0
+    _step_ns: float = 0.0
+    _even_ns: int = 0
     _even: int = 0
     _hits: list[tuple[Any, Any, Any]] = field(default_factory=list)
 
@@ -47,7 +47,7 @@ class Surveyed:
         if not self.count:
             self.first_ns = self.last_ns = int(samples.stamps_ns[0])
         self.gyro = samples.gyro_radps is not None
-        self._look_at_steps(np.diff(samples.stamps_ns, prepend=self.last_ns)[0 if self.count else 1 :] * 1e-9)
+        self._look_at_steps(np.diff(samples.stamps_ns, prepend=self.last_ns)[0 if self.count else 1 :])
         sides = saturated(samples.accel_mps2, settings)
         hit = sides.any(axis=1)
         if hit.any():
@@ -71,7 +71,7 @@ class Surveyed:
 
     def rate_hz(self) -> float | None:
         """Samples per second where none is missing."""
-        return self._even / self._even_s if self._even_s else None
+        return 1e9 * self._even / self._even_ns if self._even_ns else None
 
     def lower_rail_mps2(self, settings: DualRangeSettings) -> float | None:
         """A reading below the limit that looks like a rail; None where there is none."""
@@ -79,15 +79,16 @@ class Surveyed:
         low &= self.top_mps2 > NEAR_RAIL * settings.saturation_mps2
         return float(self.top_mps2[low].min()) if low.any() else None
 
-    def _look_at_steps(self, steps_s: Floats) -> None:
-        ahead = steps_s[steps_s > 0.0]
-        self.back += int((steps_s <= 0.0).sum())
+    def _look_at_steps(self, steps_ns: Integers) -> None:
+        """Add up the steps between samples of which none is missing, in whole nanoseconds: no cut changes the sum."""
+        ahead = steps_ns[steps_ns > 0]
+        self.back += int((steps_ns <= 0).sum())
         if not ahead.size:
             return
-        self.period_s = self.period_s or float(np.median(ahead[:10_000]))
-        even = ahead < GAP_PERIODS * self.period_s
+        self._step_ns = self._step_ns or float(np.median(ahead[:10_000]))
+        even = ahead < GAP_PERIODS * self._step_ns
         self.gaps += int((~even).sum())
-        self._even_s, self._even = self._even_s + float(ahead[even].sum()), self._even + int(even.sum())
+        self._even_ns, self._even = self._even_ns + int(ahead[even].sum()), self._even + int(even.sum())
 
 
 @dataclass(eq=False)

@@ -79,7 +79,7 @@ class Comparison:
 
     def __init__(self, seen: Surveyed, settings: DualRangeSettings, shared: bool) -> None:
         self._settings, self._shared = settings, shared
-        self._epoch_ns, self._period_s, self._rate_hz = seen.first_ns, seen.period_s, seen.rate_hz() or 1.0
+        self._epoch_ns, self._rate_hz = seen.first_ns, seen.rate_hz() or 1.0
         found = seen.spans()
         self._stuck = [span for span in found if span.end_s - span.begin_s > LONGEST_SPAN_S]
         self._groups = _grouped([span for span in found if span.end_s - span.begin_s <= LONGEST_SPAN_S], settings)
@@ -117,7 +117,7 @@ class Comparison:
             for near, value in zip(self._near, biases, strict=True):
                 values = set_right(near.part, alignment, mean if value is None else value)
                 kept = covered(near.spans, near.part, values, self._settings)
-                of_each = shares(near.part.low_s, self._period_s, kept)
+                of_each = shares(near.part.low_s, 1.0 / self._rate_hz, kept)
                 used = of_each.any(axis=1)
                 taken += kept
                 stamps.append(self._epoch_ns + np.rint(1e9 * near.part.low_s[used]).astype(np.int64))
