@@ -168,12 +168,17 @@ class _Turns:
         samples = samples._replace(mag=None)
         old = self._waiting.get(serial)
         self._waiting[serial] = samples if old is None else joined(old, samples)
-        self._upto[serial] = int(samples.stamps_ns[-1])
+        # Stamps may go back; what was waited for once is not waited for again.
+        self._upto[serial] = max(self._upto.get(serial, -(2**63)), int(samples.stamps_ns.max()))
 
     def write(self, read: Read, final: bool) -> None:
         """Write what all sensors that still go on have come past, or everything."""
-        going_on = [serial for serial in self._sensors if self._upto.get(serial) != read.sensors[serial].last_ns]
-        ends = [self._upto.get(serial, -(2**63)) for serial in going_on]
+        ends = []
+        for serial in self._sensors:
+            seen = read.sensors[serial]
+            upto_ns = self._upto.get(serial, seen.first_ns)
+            if upto_ns < seen.last_ns:
+                ends.append(upto_ns)
         end_ns = 2**63 - 1 if final or not ends else min(ends)
         while self._waiting:
             begin_ns = min(int(samples.stamps_ns[0]) for samples in self._waiting.values())

@@ -20,6 +20,9 @@ BLOCK_BYTES: Final = 4 << 20
 HEAD_BYTES: Final = 1 << 16
 """As much as the lines above the numbers may take: six sensors and a few force plates take a twentieth."""
 
+HEADER_BYTES: Final = 1 << 10
+"""A NUL among so many first bytes is no damage: the file is no text."""
+
 _ENDED: Final = re.compile(rb"[A-Za-z \-]{3,}")
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 
@@ -47,20 +50,21 @@ def head_of(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
     if head.startswith(_UTF_16):
         raise InputError(f"{path}: is UTF-16: save it as CSV UTF-8, or export it again")
-    if b"\0" in head:
+    if b"\0" in head[:HEADER_BYTES]:
         raise InputError(f"{path}: holds NUL bytes, so it is no text: export it again")
     return head
 
 
 def lines_of(head: bytes) -> list[str]:
-    """The whole lines of a head as text; Excel saves in a code page of its own."""
-    data = head.removeprefix(b"\xef\xbb\xbf")
-    data = data[: data.rfind(b"\n") + 1]
+    """The whole lines of a head as text, each for itself: Excel saves in a code page of its own."""
+    return [_text(line) for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:-1]]
+
+
+def _text(line: bytes) -> str:
     try:
-        text = data.decode("utf-8")
+        return line.decode("utf-8")
     except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    return text.split("\n")
+        return line.decode("latin-1")
 
 
 def number_rows(
