@@ -1,4 +1,4 @@
-"""Which readings of a bag count as clipped: a bag of sensors with a second, wider range says so itself, by topic."""
+"""Which readings of a bag count as clipped: a bag whose sensors have another range, or a second one, says so itself."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def limits_of(
                 found[sensor] = dataclasses.replace(settings, saturation_mps2=own[topic])
             except InputError:
                 continue
-            lines.append(f"{sensor}: counts as clipped from {own[topic]:.0f} m/s^2 on, as the bag says: a second range")
+            lines.append(f"{sensor}: counts as clipped from {own[topic]:.0f} m/s^2 on, as the bag says")
     return found, lines
 
 

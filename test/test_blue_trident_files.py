@@ -17,9 +17,11 @@ from trident import TAKE, G, capture_u_files, imported, nexus_text, samples, sho
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.dual_range import DualRangeSettings, Stretch, align, bias, levels
 from biodyn_core.errors import LONGEST, InputError
+from biodyn_ros.bag import open_bag
 from biodyn_ros.cli import main
 from biodyn_ros.info import InfoOptions, info
 from biodyn_ros.replay import ReplayOptions, replay
+from biodyn_ros.topics import INPUT
 
 Floats = NDArray[np.float64]
 
@@ -167,6 +169,33 @@ def test_stamps_that_cannot_be_are_left_out(tmp_path: Path) -> None:
     low.write_text("\n".join([*lines, ""]))
     row = imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})["sensors"]["seat"]
     assert row["samples"] == 562 - 5 and row["gaps"] == 1
+
+
+def test_stamps_that_excel_shortened_are_refused(tmp_path: Path) -> None:
+    low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5, None)
+    lines = low.read_text().splitlines()
+    short = [f"{float(line.partition(',')[0]):.5E},{line.partition(',')[2]}" for line in lines[1:]]
+    low.write_text("\n".join([lines[0], *short, ""]))
+    with pytest.raises(InputError, match="stamps stand still or go back: Excel shortens them"):
+        imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
+
+
+def test_a_spoilt_byte_in_a_row_does_not_spoil_the_units(tmp_path: Path) -> None:
+    data = nexus_text({"TS-1": still(60)}).encode().replace(b"\r\n3,1,", b"\r\n3,\xff\0,")
+    (tmp_path / "t.csv").write_bytes(data)
+    document = imported(tmp_path / "t.csv", tmp_path / "b.mcap", {"seat": "TS-1"})
+    assert document["sensors"]["seat"]["samples"] == 59 and document["sensors"]["seat"]["gaps"] == 1
+
+
+def test_sensors_that_start_far_apart_keep_their_order_in_the_bag(tmp_path: Path) -> None:
+    capture_u_files(tmp_path / "csv", "TS-1", shock((99.0,)), 9.0, None)
+    capture_u_files(tmp_path / "csv", "TS-2", shock((99.0,)), 3.0, None, starts_s=7.0)
+    imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1", "head": "TS-2"})
+    with open_bag(tmp_path / "b.mcap") as reader:
+        logged = [(block.log_ns[0], block.log_ns[-1]) for block in reader.blocks([INPUT["seat"], INPUT["head"]])]
+        assert reader.message_count == 9 * 1125 + 3 * 1125
+    begins = np.array([first for first, _ in logged])
+    assert (np.diff(begins) > -1_000_000_000).all()
 
 
 def test_damaged_rows_cost_only_themselves(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.dual_range import HIGH_RAIL_MPS2, DualRangeSettings, saturated
 from biodyn_core.errors import InputError
 from biodyn_ros import __version__
@@ -75,19 +76,8 @@ def _imported(found: Found, chosen: Chosen, writer: BagWriter, options: ImportOp
         writer.add_topic(INPUT[sensor], IMU_TYPE)
     marked = _written(chosen, read, taken, writer, options, tell)
     hashes = {export: sha256_of([export.path], tell.sizes[export]) for export in chosen.exports}
-    return Outcome(
-        found,
-        chosen,
-        read,
-        taken,
-        marked,
-        damage,
-        tell.sizes,
-        hashes,
-        options.start_ns,
-        options.settings,
-        options.high_g,
-    )
+    how = options.start_ns, options.settings, options.high_g
+    return Outcome(found, chosen, read, taken, marked, damage, tell.sizes, hashes, *how)
 
 
 def _check_start(chosen: Chosen, options: ImportOptions) -> None:
@@ -99,11 +89,16 @@ def _check(chosen: Chosen, read: Read) -> None:
     """Raise InputError for a sensor without a sample, and for sensors that were never on at one time."""
     seen = {serial: read.sensors[serial] for serial in chosen.sensors}
     for serial, one in seen.items():
+        file = chosen.file_of(serial, "low")
+        assert file is not None
         if not one.count:
-            file = chosen.file_of(serial, "low")
-            assert file is not None
             raise InputError(
                 f"{file.path}: {serial} ({chosen.sensors[serial]}) has no sample: leave it out of the mapping"
+            )
+        if one.back > one.count // 2:
+            raise InputError(
+                f"{file.path}: {serial} ({chosen.sensors[serial]}): stamps stand still or go back: Excel shortens them "
+                "when it saves, export again"
             )
     last, first = max(seen, key=lambda one: seen[one].first_ns), min(seen, key=lambda one: seen[one].last_ns)
     if seen[first].last_ns < seen[last].first_ns:
@@ -205,6 +200,8 @@ class _Turns:
             samples, share = self._taken[serial].applied(samples)
             at_rail &= share == 0.0
             if share.any():
+                # Imu has no flags, but a covariance, of which 0 is "unknown": it marks every axis of every sample, says
+                # how much less sure that reading is, and stays with the message wherever it goes.
                 variance = np.where(share > 0.0, np.square(self._taken[serial].alignment.noise_mps2), 0.0)
                 marked.from_high_g += int(share.any(axis=1).sum())
         marked.clipped += int(at_rail.any(axis=1).sum())
@@ -215,14 +212,20 @@ class _Turns:
 
 def _tell_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcome) -> None:
     """Tell in the bag where it comes from, what was done to it, and from where on readings in it count as clipped."""
-    rows = document["sensors"]
-    limits = {INPUT[name]: HIGH_RAIL_MPS2 for name, row in rows.items() if row["from_high_g"] and not row["clipped"]}
+    limits = {INPUT[name]: _limit_mps2(row, outcome) for name, row in document["sensors"].items()}
+    usual = ConditioningSettings.saturation_mps2
+    limits = {topic: limit for topic, limit in limits.items() if limit != usual}
     told = {key: document[key] for key in ("format", "take", "start")}
     told |= {key: json.dumps(document[key]) for key in ("files", "sensors", "warnings")}
     writer.add_metadata("biodyn", {"made_by": MADE_BY, "version": __version__, **told, **stated(limits)})
     marks = {outcome.chosen.sensors[serial]: ranges(one) for serial, one in outcome.taken.items() if one.taken}
     if marks:
         writer.add_metadata(FROM_HIGH_G, marks)
+
+
+def _limit_mps2(row: dict[str, Any], outcome: Outcome) -> float:
+    """From where on a sensor's readings count as clipped: high-g's rail, unless any of them is at low-g's still."""
+    return HIGH_RAIL_MPS2 if row["from_high_g"] and not row["clipped"] else outcome.settings.saturation_mps2
 
 
 class _Telling:
