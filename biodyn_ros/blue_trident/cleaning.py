@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,11 @@ from biodyn_ros.blue_trident.samples import Samples, joined
 
 Flags = NDArray[np.bool_]
 
-LARGEST_MPS2 = 1e5
+LARGEST_MPS2: Final = 1e5
 """No accelerometer reads ten thousand g: such a number is no reading."""
 
-FADED = 0.97
-ALIKE = 0.05
+FADED: Final = 0.97
+ALIKE: Final = 0.05
 """A row is faded where field and acceleration shrink by one factor, within this, to less than `FADED` of their
 neighbours: Nexus resamples, and where a sensor begins or ends it mixes its last sample with zeros."""
 

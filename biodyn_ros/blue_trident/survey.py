@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,9 +14,9 @@ from biodyn_ros.blue_trident.found import Chosen
 from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export, Floats, Integers, Part, Samples
 
-GAP_PERIODS = 1.5
-NEAR_RAIL = 0.9
-REPEATED = 4
+GAP_PERIODS: Final = 1.5
+NEAR_RAIL: Final = 0.9
+REPEATED: Final = 4
 """A largest reading that returns so often, close below the limit, is a rail that lies lower than is thought."""
 
 Tell = Callable[[int], None]

@@ -123,7 +123,8 @@ class Comparison:
                 stamps.append(self._epoch_ns + np.rint(1e9 * near.part.low_s[used]).astype(np.int64))
                 share.append(of_each[used])
                 right.append(values[used])
-        left = [*self._stuck, *(span for near in self._near for span in near.spans if span not in set(taken))]
+        done = set(taken)
+        left = [*self._stuck, *(span for near in self._near for span in near.spans if span not in done)]
         return Taken(*_in_order(stamps, share, right), alignment, mean, tuple(taken), tuple(left))
 
     def _keep(self, channel: Channel, samples: Samples) -> None:
