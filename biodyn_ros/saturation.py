@@ -9,6 +9,7 @@ from typing import Final
 
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.errors import InputError
+from biodyn_core.segments import SENSORS
 from biodyn_ros.bag import BagReader
 
 KEY: Final = "saturation_mps2"
@@ -23,13 +24,13 @@ def stated(limits: Mapping[str, float]) -> dict[str, str]:
 def limits_of(
     reader: BagReader, topics: Mapping[str, str], given: ConditioningSettings | None
 ) -> tuple[dict[str, ConditioningSettings], list[str]]:
-    """Settings by sensor for {topic: sensor} of a bag, and a line on every limit that is the bag's own.
+    """Settings by sensor, for {topic: sensor} of a bag and all others, and a line on every limit that is the bag's own.
 
     A limit that was given, so that it is not the default, goes before the bag's. What is no limit is as good as none.
     """
     settings = given or ConditioningSettings()
     own = _stated(reader) if settings.saturation_mps2 == ConditioningSettings.saturation_mps2 else {}
-    found, lines = {}, []
+    found, lines = dict.fromkeys(SENSORS, settings), []
     for topic, sensor in topics.items():
         found[sensor] = settings
         if topic in own:

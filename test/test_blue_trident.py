@@ -33,10 +33,10 @@ from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.dual_range import DualRangeSettings
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SENSORS
-from biodyn_ros.bag import open_bag
+from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, rows, text_of
 from biodyn_ros.blue_trident.starting import parse_start
-from biodyn_ros.cdr import IMU_TYPE
+from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.info import InfoOptions, info
 from biodyn_ros.recordings import read_recordings
 from biodyn_ros.replay import ReplayOptions, replay
@@ -170,6 +170,35 @@ def test_what_high_g_gave_does_not_count_as_clipped(drive: tuple[Path, Path, dic
     # Whoever gives a limit is heard.
     strict = info(bag, InfoOptions(conditioning=ConditioningSettings(saturation_mps2=150.0)))
     assert min(row["clipped"] for row in strict["topics"]) > 5
+
+
+@pytest.mark.parametrize(
+    ("said", "clipped"),
+    [
+        ('{"imu/seat/data": 400.0}', 0),
+        ('{"imu/head/data": 400.0}', 3),
+        ('{"imu/seat/data": 1e9}', 3),
+        ('{"imu/seat/data": NaN}', 3),
+        ('{"imu/seat/data": true}', 3),
+        ('{"imu/seat/data": "400"}', 3),
+        ("[400.0]", 3),
+        ("[" * 5000, 3),
+        ("400", 3),
+        ("", 3),
+    ],
+)
+def test_a_limit_of_a_bag_is_heeded_if_it_is_one(said: str, clipped: int, tmp_path: Path) -> None:
+    stamps = 10**9 + np.arange(2000) * 1_000_000
+    accel = np.tile([0.0, 0.0, G], (2000, 1))
+    accel[1500:1503, 2] = 200.0
+    with BagWriter(tmp_path / "b.mcap") as writer:
+        writer.add_topic(INPUT["seat"], IMU_TYPE)
+        writer.write(INPUT["seat"], stamps, encode_imu(stamps, accel, None, "seat"))
+        writer.add_metadata("biodyn", {"saturation_mps2": said})
+    assert info(tmp_path / "b.mcap")["topics"][0]["clipped"] == clipped
+    # A bag whose topic is another sensor here keeps its own limit.
+    renamed = InfoOptions({"head": INPUT["seat"]})
+    assert info(tmp_path / "b.mcap", renamed)["topics"][0]["clipped"] == clipped
 
 
 def test_without_high_g_it_stays_clipped(drive: tuple[Path, Path, dict[str, Any]], tmp_path: Path) -> None:
