@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
@@ -85,6 +86,15 @@ class ConditioningSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+
+SettingsOf = ConditioningSettings | Mapping[str, ConditioningSettings] | None
+"""Settings of all sensors, or of each by its name; of a sensor that is not named they are the defaults."""
+
+
+def settings_for(sensor: str, conditioning: SettingsOf) -> ConditioningSettings | None:
+    """How one sensor is conditioned."""
+    return conditioning.get(sensor) if isinstance(conditioning, Mapping) else conditioning
 
 
 class Block(NamedTuple):

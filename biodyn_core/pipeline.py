@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.comparison import NO_MEASURED, MeasuredFrames
-from biodyn_core.conditioning import Block, Conditioner, ConditioningSettings, Mode, SensorStatus, Vector
+from biodyn_core.conditioning import Block, Conditioner, Mode, SensorStatus, SettingsOf, Vector, settings_for
 from biodyn_core.earlier import Earlier
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, Dri, Hic
@@ -137,7 +137,7 @@ class Pipeline:
     def __init__(
         self,
         subject: Subject,
-        conditioning: ConditioningSettings | None = None,
+        conditioning: SettingsOf = None,
         settings: PipelineSettings | None = None,
         limits: Limits = EU_LIMITS,
         mode: Mode = "causal",
@@ -149,7 +149,9 @@ class Pipeline:
         _check_effects(subject)
         self._chain = Chain.of(subject)
         verticals = self.settings.verticals()
-        self._conditioners = {name: Conditioner(name, conditioning, mode, verticals.get(name)) for name in SENSORS}
+        self._conditioners = {
+            name: Conditioner(name, settings_for(name, conditioning), mode, verticals.get(name)) for name in SENSORS
+        }
         self._timelines = Timelines(self._conditioners, self.settings.wait_s)
         self._meters: dict[str, SensorMeters] = {}
         self._seat: SeatSide | None = None

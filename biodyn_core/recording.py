@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.alignment import Aligner
 from biodyn_core.channels import Channels
-from biodyn_core.conditioning import Block, Conditioner, ConditioningSettings, Vector
+from biodyn_core.conditioning import Block, Conditioner, SettingsOf, Vector, settings_for
 from biodyn_core.errors import InputError
 from biodyn_core.flags import around, stretches
 from biodyn_core.heading import bend_rates_radps, headings_rad
@@ -109,7 +109,7 @@ class Recorder:
         self,
         case: str,
         name: str,
-        conditioning: ConditioningSettings | None = None,
+        conditioning: SettingsOf = None,
         settings: RecordingSettings | None = None,
         verticals: Mapping[str, Vector] | None = None,
         channels: bool = False,
@@ -120,7 +120,9 @@ class Recorder:
         self._with_channels = channels
         self._sensors = {
             sensor: WornSensor(
-                Conditioner(sensor, conditioning, "zero_phase", given.get(sensor)), channels, self.settings.keep_lean
+                Conditioner(sensor, settings_for(sensor, conditioning), "zero_phase", given.get(sensor)),
+                channels,
+                self.settings.keep_lean,
             )
             for sensor in SENSORS
         }

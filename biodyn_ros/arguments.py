@@ -81,6 +81,29 @@ def _add_simulate(commands: Any) -> None:
     command.add_argument("-o", "--output", required=True, metavar="BAG", help="FILE.mcap, or a directory")
 
 
+def _add_import(commands: Any) -> None:
+    from biodyn_core.dual_range import DualRangeSettings
+
+    command = _command(commands, "import-blue-trident")
+    command.add_argument("exports", metavar="DIR", help="directory of one recording's CSV files, or one file")
+    command.add_argument(
+        "--map", action="append", default=[], metavar="SENSOR=SERIAL", help="which sensor it is, such as seat=TS-02374"
+    )
+    command.add_argument(
+        "--map-file", metavar="FILE.yaml", help="the same from a file of lines such as 'seat: TS-02374'"
+    )
+    command.add_argument("--take", metavar="TAKE", help="which one of several: date (Capture.U) or file name (Nexus)")
+    command.add_argument(
+        "--start",
+        metavar="TIME",
+        help="of the first row of Nexus: ISO 8601 with its zone, or Unix seconds (default: none)",
+    )
+    command.add_argument("--no-high-g", action="store_true", help="leave clipped samples clipped")
+    command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the bag's chunks")
+    _add_settings(command, "two ranges", DualRangeSettings)
+    command.add_argument("-o", "--output", required=True, metavar="BAG", help="FILE.mcap, or a directory")
+
+
 def _add_info(commands: Any) -> None:
     from biodyn_core.conditioning import ConditioningSettings
 
@@ -326,6 +349,7 @@ def settings_of(options: argparse.Namespace, kind: type[T], base: T | None = Non
 
 
 ADDERS: Final[dict[str, Callable[[Any], None]]] = {
+    "import-blue-trident": _add_import,
     "info": _add_info,
     "simulate": _add_simulate,
     "demo": _add_demo,

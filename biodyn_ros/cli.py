@@ -128,6 +128,26 @@ def _simulate(options: argparse.Namespace) -> int:
     return 0
 
 
+def _import_blue_trident(options: argparse.Namespace) -> int:
+    from biodyn_core.dual_range import DualRangeSettings
+    from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
+    from biodyn_ros.blue_trident.found import parse_serials
+    from biodyn_ros.blue_trident.starting import parse_start
+
+    how = ImportOptions(
+        mapping=parse_serials(options.map, options.map_file),
+        take=options.take,
+        start_ns=parse_start(options.start) if options.start else None,
+        high_g=not options.no_high_g,
+        settings=settings_of(options, DualRangeSettings),
+        compression=options.compression,
+    )
+    with Progress("importing") as progress:
+        document = import_blue_trident(Path(options.exports), Path(options.output), how, progress)
+    _print(options, document, text_of(document))
+    return 0
+
+
 def _play(options: argparse.Namespace) -> int:
     from biodyn_ros.playback import PlayerSettings
     from biodyn_ros.player import play
@@ -384,6 +404,7 @@ HANDLERS: Final[dict[str, Handler]] = {
     "demo": _demo,
     "page": _page,
     "simulate": _simulate,
+    "import-blue-trident": _import_blue_trident,
     "play": _play,
     "info": _info,
     "replay": _replay,

@@ -17,7 +17,7 @@ class Help:
 
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
-    "look": ("info", "simulate", "demo"),
+    "look": ("import-blue-trident", "info", "simulate", "demo"),
     "live": ("live", "page", "play"),
     "replay": ("replay",),
     "fit": ("fit", "compare", "validate"),
@@ -27,6 +27,13 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
 """Every command once, in the order in which a person needs them."""
 
 HELP: Final[dict[str, Help]] = {
+    "import-blue-trident": Help(
+        "CSV of Blue Trident sensors to one bag",
+        (
+            "biodyn import-blue-trident exports -o imported.mcap --map seat=TS-02374 --map head=TS-02375",
+            "biodyn import-blue-trident trial.csv -o trial.mcap --map-file sensors.yaml --start 2026-05-12T10:32:00Z",
+        ),
+    ),
     "info": Help(
         "what a bag holds: rates, clocks, gaps, gravity",
         (

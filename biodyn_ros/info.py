@@ -17,6 +17,7 @@ from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.cdr import IMU_TYPE
 from biodyn_ros.mapping import SensorMap, imu_topics, map_sensors
 from biodyn_ros.replay import check_seat
+from biodyn_ros.saturation import limits_of
 from biodyn_ros.stamps import SensorClock, TimeChoice, choose_times, clock_warnings
 from biodyn_ros.wording import number, stuck
 
@@ -51,9 +52,11 @@ def info(
         sensors = map_sensors(reader, options.mapping)
         topics = imu_topics(reader)
         times = choose_times(reader, topics, options.time)
-        surveys = {
-            topic: _Survey(sensors.sensors.get(topic), topic, times[topic], options.conditioning) for topic in topics
-        }
+        names = {topic: sensors.sensors.get(topic) for topic in topics}
+        settings, told = limits_of(
+            reader, {topic: name or topic for topic, name in names.items()}, options.conditioning
+        )
+        surveys = {topic: _Survey(name, topic, times[topic], settings[name or topic]) for topic, name in names.items()}
         total, done = sum(topic.messages for topic in reader.topics if topic.name in surveys), 0
         for topic, block in imu_blocks(reader, topics, {name: choice.time for name, choice in times.items()}):
             surveys[topic].push(block)
@@ -61,7 +64,7 @@ def info(
             progress(done, total)
         for survey in surveys.values():
             survey.finish()
-        return _document(reader, str(bag), sensors, surveys)
+        return _document(reader, str(bag), sensors, surveys, told)
 
 
 class _Survey:
@@ -185,10 +188,12 @@ def _clock_columns(drift: ClockDrift | None) -> dict[str, float | None]:
     }
 
 
-def _document(reader: BagReader, bag: str, sensors: SensorMap, surveys: dict[str, _Survey]) -> dict[str, Any]:
+def _document(
+    reader: BagReader, bag: str, sensors: SensorMap, surveys: dict[str, _Survey], told: list[str]
+) -> dict[str, Any]:
     seconds = 1e-9 * (reader.end_ns - reader.start_ns) if reader.start_ns is not None and reader.end_ns else 0.0
     clocks = {survey.name: survey.clock() for survey in surveys.values()}
-    warnings = [*reader.warnings]
+    warnings = [*reader.warnings, *told]
     warnings += [line for survey in surveys.values() for line in survey.warnings()]
     warnings += clock_warnings(clocks, seconds)
     copied = [name for name, clock in clocks.items() if clock.drift is not None and clock.drift.copied]

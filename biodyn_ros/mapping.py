@@ -20,15 +20,15 @@ class SensorMap:
     refusal: str | None
 
 
-def parse_map(pairs: Iterable[str]) -> dict[str, str]:
-    """Read `sensor=topic` pairs; raises InputError naming the pair."""
+def parse_map(pairs: Iterable[str], kind: str = "topic") -> dict[str, str]:
+    """Read `sensor=topic` pairs, or those of another kind of name; raises InputError naming the pair."""
     mapping: dict[str, str] = {}
     for pair in pairs:
         sensor, equals, topic = pair.partition("=")
         if not equals or not topic or sensor not in SENSORS:
-            raise InputError(f"--map {pair}: expected sensor=topic with a sensor of {', '.join(SENSORS)}")
+            raise InputError(f"--map {pair}: expected sensor={kind} with a sensor of {', '.join(SENSORS)}")
         if sensor in mapping or topic in mapping.values():
-            raise InputError(f"--map {pair}: sensor or topic is given twice")
+            raise InputError(f"--map {pair}: sensor or {kind} is given twice")
         mapping[sensor] = topic
     return mapping
 

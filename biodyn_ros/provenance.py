@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final, Literal
 
@@ -18,11 +18,18 @@ def bag_sha256(path: str | Path) -> str:
     """SHA-256 of a bag's storage files, one after the other; the same bag by another name has the same."""
     with open_bag(path) as reader:
         files = reader.files
+    return sha256_of(files)
+
+
+def sha256_of(files: Iterable[Path], most_bytes: int | None = None) -> str:
+    """SHA-256 of some files, one after the other, or of so many bytes of each."""
     digest = hashlib.sha256()
     for file in files:
         with file.open("rb") as stream:
-            for block in iter(lambda: stream.read(1 << 20), b""):
+            left = 2**62 if most_bytes is None else most_bytes
+            while block := stream.read(min(1 << 20, left)):
                 digest.update(block)
+                left -= len(block)
     return digest.hexdigest()
 
 

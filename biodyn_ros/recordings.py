@@ -15,6 +15,7 @@ from biodyn_core.recording import Recorder, Recording, RecordingSettings
 from biodyn_core.synthesis import CASES
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.mapping import sensors_of
+from biodyn_ros.saturation import limits_of
 from biodyn_ros.simulate import MADE_BY, MADE_BY_MODEL
 from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
 
@@ -49,11 +50,12 @@ def read_recordings(
     options = options or RecordingOptions()
     verticals = PipelineSettings(vertical=options.vertical).verticals()
     with_rates = options.channels or not (options.recording or RecordingSettings()).keep_lean
-    recorder = Recorder(
-        case or case_of(bag), str(bag), options.conditioning, options.recording, verticals, options.channels
-    )
     with open_bag(bag) as reader:
         sensors = sensors_of(reader, options.mapping)
+        conditioning, told = limits_of(reader, sensors, options.conditioning)
+        recorder = Recorder(
+            case or case_of(bag), str(bag), conditioning, options.recording, verticals, options.channels
+        )
         times = choose_times(reader, sensors, options.time)
         clocks = {topic: ClockComparison() for topic in sensors}
         total = sum(topic.messages for topic in reader.topics if topic.name in sensors)
@@ -64,7 +66,7 @@ def read_recordings(
             clocks[topic].push(block.header_ns, block.log_ns)
             done += len(block.stamps_ns)
             progress(done, total)
-        warnings = [str(line) for line in reader.warnings]
+        warnings = [*map(str, reader.warnings), *told]
         if reader.metadata("biodyn").get("made_by") == MADE_BY:
             warnings.insert(0, MADE_BY_MODEL)
     recordings = recorder.finish()

@@ -23,6 +23,7 @@ from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
 from biodyn_ros.files import make_directory, write_json
 from biodyn_ros.mapping import sensors_of
+from biodyn_ros.saturation import limits_of
 from biodyn_ros.simulate import MADE_BY, MADE_BY_MODEL
 from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
 from biodyn_ros.traces import Traces
@@ -63,9 +64,10 @@ def replay(
     gives no prediction, saying why.
     """
     options = options or ReplayOptions()
-    pipeline = Pipeline(subject, options.conditioning, options.pipeline, options.limits, options.mode)
     with open_bag(bag) as reader:
         sensors = sensors_of(reader, options.mapping)
+        conditioning, told = limits_of(reader, sensors, options.conditioning)
+        pipeline = Pipeline(subject, conditioning, options.pipeline, options.limits, options.mode)
         times = choose_times(reader, sensors, options.time)
         clocks = {topic: ClockComparison() for topic in sensors}
         total = sum(topic.messages for topic in reader.topics if topic.name in sensors)
@@ -76,7 +78,7 @@ def replay(
             done += len(block.stamps_ns)
             progress(done, total)
         each(pipeline.finish())
-        warnings = [str(line) for line in reader.warnings]
+        warnings = [*map(str, reader.warnings), *told]
         made_by_model = reader.metadata("biodyn").get("made_by") == MADE_BY
     check_seat(pipeline.status(SEAT), str(bag))
     seconds = pipeline.seconds()

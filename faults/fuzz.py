@@ -9,7 +9,18 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-NAMES: Final = ("mcap", "cdr", "subject", "limits", "campaign", "checkpoint", "state", "parts of a trace")
+NAMES: Final = (
+    "mcap",
+    "cdr",
+    "subject",
+    "limits",
+    "campaign",
+    "checkpoint",
+    "state",
+    "Capture.U",
+    "Nexus",
+    "parts of a trace",
+)
 MOST_MB: Final = 2048
 LONGEST_INPUT: Final = 16_384
 

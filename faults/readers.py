@@ -21,6 +21,8 @@ from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SENSORS
 from biodyn_core.subject import load_subject
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
+from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
+from biodyn_ros.blue_trident.found import find_exports
 from biodyn_ros.campaign_file import load_campaign
 from biodyn_ros.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, frame_id_of
 from biodyn_ros.checkpoint import Checkpoint
@@ -108,6 +110,45 @@ def _state(path: Path) -> None:
     Pipeline(subject()).go_on_from(kept)
 
 
+def _import(path: Path) -> None:
+    """A file as `biodyn import-blue-trident` takes it, every sensor of it."""
+    serials = find_exports(path).serials()
+    mapping = dict(zip(SENSORS, serials, strict=False))
+    with TemporaryDirectory() as directory:
+        document = import_blue_trident(path, Path(directory) / "bag.mcap", ImportOptions(mapping))
+    text_of(document), json.dumps(document, allow_nan=False)
+
+
+def _capture_u(path: Path) -> None:
+    _import(path.rename(path.with_name("anna_TS-02374_2021-05-12_lowg.csv")))
+
+
+def _exports_of_capture_u(_: Path) -> list[bytes]:
+    one = ride()["seat"]
+    names = b"unix_timestamp_microsec,time_s,ax_m/s/s,ay_m/s/s,az_m/s/s,gx_deg/s,gy_deg/s,gz_deg/s\n"
+    rows = [
+        f"{stamp // 1000},{1e-9 * (stamp - one.stamps_ns[0]):.6f},{x:.5f},{y:.5f},{z:.5f},1.5,-2.5,0.25\n".encode()
+        for stamp, (x, y, z) in zip(one.stamps_ns[:60].tolist(), one.accel_mps2[:60].tolist(), strict=True)
+    ]
+    return [names + b"".join(rows)]
+
+
+def _exports_of_nexus(_: Path) -> list[bytes]:
+    """Two sensors side by side, one of which starts late and is at its rail once, as Nexus and as Excel write them."""
+    channels = ("accel", "gyro", "mag", "Global Angle", "HighG")
+    names = ",," + ",".join(f"{serial} - {channel},," for serial in ("TS-01874", "TS-01902") for channel in channels)
+    axes = "Frame,Sub Frame" + ",x,y,z" * 10
+    units = ",," + ",".join([",".join([unit] * 3) for unit in ("mm/s²", "deg/s", "T", "deg", "mm/s²")] * 2)
+    rows = []
+    for k in range(160):
+        z = 170_000.0 if 120 < k < 125 else 9806.65 + 3.0 * np.sin(k)
+        rest = f"1.5,-2.5,.25,2e-05,1e-05,-3e-05,10,20,30,0,1500,{z + 9000:.6g}"
+        one = f"{20.5 * np.sin(k):.4g},-12.25,{min(z, 156_900.0):.6g},{rest}"
+        rows.append(f"{1 + k // 5},{k % 5},{one},{one if k > 20 else ','.join(['0'] * 15)}")
+    text = "\r\n".join(["\ufeff", "", "Devices", "250", names, axes, units, *rows, ""])
+    return [text.encode(), text.replace("\r\n\r\n", "", 1).replace("Devices", "Devices,,,").encode()]
+
+
 def _campaigns(_: Path) -> list[bytes]:
     return [b"subjects:\n  - {subject: subject_1, bags: [.], hold_out: [..], name: anna, cases: {.: road}}\n"]
 
@@ -120,6 +161,8 @@ READERS: Final = {
     "campaign": Reader(".yaml", load_campaign, _campaigns),
     "checkpoint": Reader(".json", _checkpoint, _checkpoints),
     "state": Reader(".json", _state, _states),
+    "Capture.U": Reader(".csv", _capture_u, _exports_of_capture_u),
+    "Nexus": Reader(".csv", _import, _exports_of_nexus),
     "parts of a trace": Reader(
         ".json", lambda path: dict(KeptParts(path)),
         lambda _: [json.dumps({"schema": 1, "version": "0", "parts": {"glance a": [1, 2.5, {"b": None}]}}).encode()],

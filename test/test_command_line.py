@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from streams import noisy_streams
+from trident import capture_u_files, nexus_text, shock, still
 
 from biodyn_core.segments import SEAT
 from biodyn_ros import cli, topics
@@ -130,6 +131,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(config_file("limits.yaml"), at / "limits.yaml")
     shutil.copy(config_file("live.yaml"), at / "live.yaml")
     (at / "subjects.yaml").write_text("subjects: []\n", encoding="utf-8")
+    for serial in ("TS-02374", "TS-02375"):
+        capture_u_files(at / "exports", serial, shock())
+    (at / "trial.csv").write_text(nexus_text({"TS-02374": still(500), "TS-02375": still(500)}), encoding="utf-8")
+    (at / "sensors.yaml").write_text("seat: TS-02374\nhead: TS-02375\n", encoding="utf-8")
     motion = np.random.default_rng(1).normal([0.0, 0.0, 9.81], 1.0, (1500, 3))
     np.savetxt(at / "seat.csv", motion, delimiter=",", header="x,y,z", comments="")
     return at

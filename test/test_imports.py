@@ -24,6 +24,7 @@ LAYERS = (
         "clocks",
         "comparison",
         "conditioning",
+        "dual_range",
         "earlier",
         "exposure",
         "flags",

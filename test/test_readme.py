@@ -72,8 +72,8 @@ def test_what_contributors_are_told_to_change_is_there() -> None:
         "MotionSicknessMeter": "biodyn_core/exposure.py",
         "EFFECT = Effect(": "biodyn_core/effects/gain.py",
         "SENSORS": "biodyn_core/segments.py",
-        "BagWriter": "biodyn_ros/simulate.py",
-        "encode_imu": "biodyn_ros/simulate.py",
+        "BagWriter": "biodyn_ros/blue_trident/importing.py",
+        "encode_imu": "biodyn_ros/blue_trident/importing.py",
         "everyday": "biodyn_ros/arguments.py",
     }
     for name, path in told.items():

@@ -40,7 +40,10 @@ def _instead(file: Path) -> str:
     if name == "metadata.yaml":
         return "the metadata of a recording: give its directory"
     if name.endswith((".csv", ".txt")):
-        return "give a .mcap, a .db3 or a rosbag2 directory (a table of a seat's motion: 'biodyn simulate --seat')"
+        return (
+            "give a .mcap, a .db3 or a rosbag2 directory (a table of a seat's motion: 'biodyn simulate --seat'; "
+            "exports of Blue Trident sensors: 'biodyn import-blue-trident')"
+        )
     if name.endswith((".gz", ".tgz", ".zip", ".bz2", ".xz", ".tar", ".7z")):
         return "an archive: unpack it first, and give the .mcap, the .db3 or the rosbag2 directory in it"
     return "give a .mcap, a .db3 or a rosbag2 directory"

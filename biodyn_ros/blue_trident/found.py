@@ -1,0 +1,161 @@
+"""What a directory or a file holds of exports, and which of them are meant: by serial number and by take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from biodyn_core.errors import InputError
+from biodyn_core.segments import SENSORS
+from biodyn_core.yaml_files import read_yaml
+from biodyn_ros.blue_trident.capture_u import capture_u, is_capture_u, is_magnetometer
+from biodyn_ros.blue_trident.nexus import is_nexus, nexus
+from biodyn_ros.blue_trident.rows import head_of, lines_of
+from biodyn_ros.blue_trident.samples import Channel, Export
+from biodyn_ros.mapping import parse_map
+
+MOST_FILES: Final = 10_000
+
+
+@dataclass(frozen=True)
+class Found:
+    """Exports of a place; what was left aside, a line each; and what looks like an export and cannot be read."""
+
+    place: Path
+    exports: tuple[Export, ...]
+    aside: tuple[str, ...]
+    refused: tuple[str, ...]
+
+    def serials(self) -> list[str]:
+        """All sensors there are."""
+        return sorted({held.serial for export in self.exports for held in export.held})
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The exports of one take that are imported, and {serial: sensor}."""
+
+    exports: tuple[Export, ...]
+    sensors: dict[str, str]
+
+    def file_of(self, serial: str, channel: Channel) -> Export | None:
+        """The export with this channel of a sensor."""
+        return next((export for export in self.exports if (serial, channel) in _held(export)), None)
+
+
+def _held(export: Export) -> list[tuple[str, Channel]]:
+    return [(held.serial, held.channel) for held in export.held]
+
+
+def parse_serials(pairs: Iterable[str], file: str | Path | None = None) -> dict[str, str]:
+    """{sensor: serial} of `sensor=serial` pairs and of a YAML file of such pairs; raises InputError naming the pair."""
+    given = [*pairs]
+    if file is not None:
+        document = read_yaml(file)
+        if not isinstance(document, Mapping):
+            raise InputError(f"{file}: expected lines such as 'seat: TS-02374'")
+        for sensor, serial in document.items():
+            if not isinstance(serial, str):
+                raise InputError(f"{file}: {sensor}: {serial!r} is no serial number: a text such as TS-02374 is")
+            given.append(f"{sensor}={serial}")
+    return parse_map(given, "serial")
+
+
+def find_exports(place: Path) -> Found:
+    """Look through a directory, its own files only, or at one file; raises InputError where nothing is an export."""
+    if not place.exists():
+        raise InputError(f"{place}: no such file or directory")
+    if not place.is_dir():
+        return Found(place, (_export_of(place),), (), ())
+    try:
+        paths = sorted(path for path in place.iterdir() if path.is_file())
+    except OSError as error:
+        raise InputError(f"{place}: cannot be read ({error.strerror})") from None
+    if len(paths) > MOST_FILES:
+        raise InputError(f"{place}: {len(paths)} files, so this is no directory of one recording: give another")
+    exports: list[Export] = []
+    aside, refused = [], []
+    for path in paths:
+        if is_magnetometer(path):
+            aside.append(f"{path.name}: magnetometer, for which an Imu message has no room")
+            continue
+        if path.suffix.lower() != ".csv":
+            aside.append(f"{path.name}: no CSV file")
+            continue
+        try:
+            exports.append(_export_of(path))
+        except InputError as error:
+            refused.append(str(error))
+    if not exports:
+        why = f"; {refused[0]}" if refused else f"; there is {_listed([path.name for path in paths])}"
+        raise InputError(f"{place}: no export of Capture.U or Nexus{why}")
+    return Found(place, tuple(exports), tuple(aside), tuple(refused))
+
+
+def choose(found: Found, mapping: Mapping[str, str], take: str | None) -> Chosen:
+    """The exports that the mapping {sensor: serial} and the take ask for; raises InputError where they are not one.
+
+    A take is the date in names of Capture.U and the file's name of Nexus; its beginning is enough.
+    """
+    there = found.serials()
+    hint = f"; {found.refused[0]}" if found.refused else ""
+    if not mapping:
+        raise InputError(
+            f"{found.place}: which sensor is which? there are {_listed(there)}: --map {SENSORS[0]}={there[0]}"
+        )
+    for sensor, serial in mapping.items():
+        if serial not in there:
+            raise InputError(
+                f"{found.place}: --map {sensor}={serial}: no such serial; there are {_listed(there)}{hint}"
+            )
+    exports = [export for export in found.exports if any(held.serial in mapping.values() for held in export.held)]
+    if take is not None:
+        takes = sorted({export.take for export in exports})
+        exports = [export for export in exports if export.take == take] or [
+            export for export in exports if export.take.startswith(take)
+        ]
+        if not exports:
+            raise InputError(f"{found.place}: --take {take}: no such take; there are {_listed(takes)}")
+    for sensor, serial in mapping.items():
+        _check_one(found.place, sensor, serial, exports)
+    kinds = {export.kind for export in exports}
+    if len(kinds) > 1:
+        raise InputError(
+            f"{found.place}: exports of {' and '.join(sorted(kinds))} do not share a clock: give one of them"
+        )
+    return Chosen(tuple(exports), {serial: sensor for sensor, serial in mapping.items()})
+
+
+def _check_one(place: Path, sensor: str, serial: str, exports: list[Export]) -> None:
+    """Raise InputError unless a sensor has exactly one low-g channel and at most one high-g among the exports."""
+    for channel in ("low", "high"):
+        with_it = [export for export in exports if (serial, channel) in _held(export)]
+        takes = sorted({export.take for export in exports if (serial, channel) in _held(export)})
+        if len(takes) > 1:
+            raise InputError(
+                f"{place}: {serial} ({sensor}) has several takes: {_listed(takes)}: choose with --take TAKE"
+            )
+        if len(with_it) > 1:
+            names = _listed([export.path.name for export in with_it])
+            raise InputError(f"{place}: {serial} ({sensor}) has one channel twice: {names}: remove one")
+        if channel == "low" and not with_it:
+            raise InputError(f"{place}: {serial} ({sensor}) has no low-g file in this take: export it")
+
+
+def _export_of(path: Path) -> Export:
+    lines = lines_of(head_of(path))
+    if lines and is_capture_u(lines):
+        return capture_u(path, lines)
+    if lines and is_nexus(lines):
+        return nexus(path, lines)
+    if any(";" in line and line.count(";") > line.count(",") for line in lines[:10]):
+        raise InputError(f"{path}: semicolons part its cells: export it with commas, and points in numbers")
+    raise InputError(
+        f"{path}: no export of Capture.U or Nexus: neither unix_timestamp_microsec nor Devices in its head"
+    )
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "") if names else "nothing"

@@ -1,0 +1,248 @@
+"""Exports of Blue Trident sensors to one bag: a survey of all, high-g where low-g is at its rail, then the bag."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.dual_range import HIGH_RAIL_MPS2, DualRangeSettings, saturated
+from biodyn_core.errors import InputError
+from biodyn_ros import __version__
+from biodyn_ros.bag import BagWriter
+from biodyn_ros.blue_trident.cleaning import Cleaner
+from biodyn_ros.blue_trident.found import Chosen, Found, choose, find_exports
+from biodyn_ros.blue_trident.outcome import Marked, Outcome, document_of, ranges
+from biodyn_ros.blue_trident.rows import Damage
+from biodyn_ros.blue_trident.samples import Export, Samples, joined
+from biodyn_ros.blue_trident.survey import Read, in_time_order, survey
+from biodyn_ros.blue_trident.wide import Comparison, Taken
+from biodyn_ros.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.provenance import sha256_of
+from biodyn_ros.saturation import stated
+from biodyn_ros.topics import INPUT
+
+MADE_BY: Final = "biodyn import-blue-trident"
+FROM_HIGH_G: Final = "biodyn_from_high_g"
+"""The metadata record that tells which stamps carry high-g, sensor by sensor."""
+
+TURN_NS: Final = 500_000_000
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """{sensor: serial}; which take; when a recording without a time of day began, ns; whether high-g takes over."""
+
+    mapping: Mapping[str, str]
+    take: str | None = None
+    start_ns: int | None = None
+    high_g: bool = True
+    settings: DualRangeSettings = field(default_factory=DualRangeSettings)
+    compression: str = "zstd"
+
+
+def import_blue_trident(
+    place: Path,
+    bag: Path,
+    options: ImportOptions,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, Any]:
+    """Write the bag and return the mapping of `biodyn import-blue-trident --json`.
+
+    `progress` hears (bytes read, bytes to be read). Raises InputError for what does not fit; no bag is left then.
+    """
+    found = find_exports(place)
+    chosen = choose(found, options.mapping, options.take)
+    _check_start(chosen, options)
+    with BagWriter(bag, compression=options.compression) as writer:
+        outcome = _imported(found, chosen, writer, options, _Telling(chosen, progress))
+        document = {"bag": str(bag), **document_of(outcome), "version": __version__}
+        _tell_provenance(writer, document, outcome)
+    return document
+
+
+def _imported(found: Found, chosen: Chosen, writer: BagWriter, options: ImportOptions, tell: _Telling) -> Outcome:
+    start_ns = options.start_ns or 0
+    read = survey(chosen, options.settings, tell.sizes, start_ns, tell)
+    _check(chosen, read)
+    damage = dict(read.damage)
+    taken = _compared(chosen, read, options, damage, tell) if options.high_g else {}
+    for sensor in chosen.sensors.values():
+        writer.add_topic(INPUT[sensor], IMU_TYPE)
+    marked = _written(chosen, read, taken, writer, options, tell)
+    hashes = {export: sha256_of([export.path], tell.sizes[export]) for export in chosen.exports}
+    how = options.start_ns, options.settings, options.high_g
+    return Outcome(found, chosen, read, taken, marked, damage, tell.sizes, hashes, *how)
+
+
+def _check_start(chosen: Chosen, options: ImportOptions) -> None:
+    if options.start_ns is not None and any(export.kind == "Capture.U" for export in chosen.exports):
+        raise InputError("--start: exports of Capture.U have stamps of their own: leave it out")
+
+
+def _check(chosen: Chosen, read: Read) -> None:
+    """Raise InputError for a sensor without a sample, and for sensors that were never on at one time."""
+    seen = {serial: read.sensors[serial] for serial in chosen.sensors}
+    for serial, one in seen.items():
+        file = chosen.file_of(serial, "low")
+        assert file is not None
+        if not one.count:
+            raise InputError(
+                f"{file.path}: {serial} ({chosen.sensors[serial]}) has no sample: leave it out of the mapping"
+            )
+        if one.back > one.count // 2:
+            raise InputError(
+                f"{file.path}: {serial} ({chosen.sensors[serial]}): stamps stand still or go back: Excel shortens them "
+                "when it saves, export again"
+            )
+    last, first = max(seen, key=lambda one: seen[one].first_ns), min(seen, key=lambda one: seen[one].last_ns)
+    if seen[first].last_ns < seen[last].first_ns:
+        raise InputError(
+            f"{chosen.sensors[first]} ({first}) ends {1e-9 * (seen[last].first_ns - seen[first].last_ns):.1f} s before "
+            f"{chosen.sensors[last]} ({last}) begins: files of one recording are needed, see --take"
+        )
+
+
+def _compared(
+    chosen: Chosen, read: Read, options: ImportOptions, damage: dict[Export, Damage], tell: _Telling
+) -> dict[str, Taken]:
+    """What high-g gives, by serial, for the sensors that have it and need it."""
+    comparisons: dict[str, Comparison] = {}
+    exports: dict[Export, None] = {}
+    for serial in chosen.sensors:
+        low, high = chosen.file_of(serial, "low"), chosen.file_of(serial, "high")
+        if read.sensors[serial].clipped() and low is not None and high is not None:
+            comparisons[serial] = Comparison(read.sensors[serial], options.settings, shared=low is high)
+            exports |= {low: None, high: None}
+    tell.expect(exports)
+    again = {export: Damage() for export in exports}
+    for parts in in_time_order(list(exports), again, tell.sizes, options.start_ns or 0, tell):
+        for part in parts:
+            if part.serial in comparisons:
+                comparisons[part.serial].push(part.channel, part.samples)
+    damage |= {export: one for export, one in again.items() if export not in damage}
+    return {serial: comparison.finish() for serial, comparison in comparisons.items()}
+
+
+def _written(
+    chosen: Chosen, read: Read, taken: dict[str, Taken], writer: BagWriter, options: ImportOptions, tell: _Telling
+) -> dict[str, Marked]:
+    """Write every sensor, in turns of half a second."""
+    lows = dict.fromkeys(export for export in chosen.exports if any(held.channel == "low" for held in export.held))
+    cleaners = {serial: Cleaner() for serial in chosen.sensors}
+    turns = _Turns(chosen, taken, writer, options.settings)
+    for parts in in_time_order(list(lows), {}, tell.sizes, options.start_ns or 0, tell):
+        for part in parts:
+            if part.channel == "low" and part.serial in cleaners:
+                turns.add(part.serial, cleaners[part.serial].push(part.samples))
+        turns.write(read, final=False)
+    for serial, cleaner in cleaners.items():
+        if (last := cleaner.finish()) is not None:
+            turns.add(serial, last)
+    turns.write(read, final=True)
+    return turns.marked
+
+
+class _Turns:
+    """What waits to be written, so that all sensors' messages come in about the order of time."""
+
+    def __init__(self, chosen: Chosen, taken: dict[str, Taken], writer: BagWriter, settings: DualRangeSettings) -> None:
+        self._sensors, self._taken, self._writer, self._settings = chosen.sensors, taken, writer, settings
+        self._waiting: dict[str, Samples] = {}
+        self._upto: dict[str, int] = {}
+        self.marked = {serial: Marked() for serial in chosen.sensors}
+
+    def add(self, serial: str, samples: Samples) -> None:
+        if not len(samples.stamps_ns):
+            return
+        samples = samples._replace(mag=None)
+        old = self._waiting.get(serial)
+        self._waiting[serial] = samples if old is None else joined(old, samples)
+        # Stamps may go back; what was waited for once is not waited for again.
+        self._upto[serial] = max(self._upto.get(serial, -(2**63)), int(samples.stamps_ns.max()))
+
+    def write(self, read: Read, final: bool) -> None:
+        """Write what all sensors that still go on have come past, or everything."""
+        ends = []
+        for serial in self._sensors:
+            seen = read.sensors[serial]
+            upto_ns = self._upto.get(serial, seen.first_ns)
+            if upto_ns < seen.last_ns:
+                ends.append(upto_ns)
+        end_ns = 2**63 - 1 if final or not ends else min(ends)
+        while self._waiting:
+            begin_ns = min(int(samples.stamps_ns[0]) for samples in self._waiting.values())
+            if begin_ns >= end_ns:
+                return
+            for serial in list(self._waiting):
+                self._turn(serial, min(begin_ns + TURN_NS, end_ns))
+
+    def _turn(self, serial: str, upto_ns: int) -> None:
+        samples = self._waiting[serial]
+        count = int(np.searchsorted(np.maximum.accumulate(samples.stamps_ns), upto_ns))
+        if not count:
+            return
+        if count == len(samples.stamps_ns):
+            del self._waiting[serial]
+        else:
+            self._waiting[serial] = samples.rows(slice(count, None))
+        self._put(serial, samples.rows(slice(0, count)))
+
+    def _put(self, serial: str, samples: Samples) -> None:
+        sensor, marked, variance = self._sensors[serial], self.marked[serial], None
+        at_rail = saturated(samples.accel_mps2, self._settings) != 0
+        if serial in self._taken:
+            samples, share = self._taken[serial].applied(samples)
+            at_rail &= share == 0.0
+            if share.any():
+                # Imu has no flags, but a covariance, of which 0 is "unknown": it marks every axis of every sample, says
+                # how much less sure that reading is, and stays with the message wherever it goes.
+                variance = np.where(share > 0.0, np.square(self._taken[serial].alignment.noise_mps2), 0.0)
+                marked.from_high_g += int(share.any(axis=1).sum())
+        marked.clipped += int(at_rail.any(axis=1).sum())
+        marked.written += len(samples.stamps_ns)
+        payload = encode_imu(samples.stamps_ns, samples.accel_mps2, samples.gyro_radps, sensor, variance)
+        self._writer.write(INPUT[sensor], samples.stamps_ns, payload)
+
+
+def _tell_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcome) -> None:
+    """Tell in the bag where it comes from, what was done to it, and from where on readings in it count as clipped."""
+    limits = {INPUT[name]: _limit_mps2(row, outcome) for name, row in document["sensors"].items()}
+    usual = ConditioningSettings.saturation_mps2
+    limits = {topic: limit for topic, limit in limits.items() if limit != usual}
+    told = {key: document[key] for key in ("format", "take", "start")}
+    told |= {key: json.dumps(document[key]) for key in ("files", "sensors", "warnings")}
+    writer.add_metadata("biodyn", {"made_by": MADE_BY, "version": __version__, **told, **stated(limits)})
+    marks = {outcome.chosen.sensors[serial]: ranges(one) for serial, one in outcome.taken.items() if one.taken}
+    if marks:
+        writer.add_metadata(FROM_HIGH_G, marks)
+
+
+def _limit_mps2(row: dict[str, Any], outcome: Outcome) -> float:
+    """From where on a sensor's readings count as clipped: high-g's rail, unless any of them is at low-g's still."""
+    return HIGH_RAIL_MPS2 if row["from_high_g"] and not row["clipped"] else outcome.settings.saturation_mps2
+
+
+class _Telling:
+    """Adds up bytes for a `Progress`; every file is read twice, those that are compared once more.
+
+    sizes: how long the files were at first: one that is still being written is read as far in every pass.
+    """
+
+    def __init__(self, chosen: Chosen, progress: Callable[[int, int], None]) -> None:
+        self.sizes = {export: export.path.stat().st_size for export in chosen.exports}
+        lows = [export for export in chosen.exports if any(held.channel == "low" for held in export.held)]
+        self._total, self._done, self._progress = 2 * sum(self.sizes[export] for export in lows), 0, progress
+
+    def expect(self, exports: Iterable[Export]) -> None:
+        """These are to be read once more."""
+        self._total += sum(self.sizes[export] for export in exports)
+
+    def __call__(self, read: int) -> None:
+        self._done += read
+        self._progress(self._done, max(self._total, self._done))

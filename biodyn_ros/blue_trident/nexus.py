@@ -1,0 +1,160 @@
+"""Exports of Nexus: one file with all sensors side by side, resampled to one rate, without a time of day."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_ros.blue_trident.rows import Damage, number_rows
+from biodyn_ros.blue_trident.samples import (
+    ACCEL_UNITS,
+    GYRO_UNITS,
+    LATEST_S,
+    Channel,
+    Held,
+    Kind,
+    Part,
+    Samples,
+    scale_of,
+)
+
+Floats = NDArray[np.float64]
+
+SECTION, FRAME, SUB_FRAME = "Devices", "Frame", "Sub Frame"
+ACCEL, GYRO, MAG, HIGH = "accel", "gyro", "mag", "HighG"
+RATE_HZ: Final = (10.0, 20_000.0)
+MOST_FRAMES, MOST_SUB_FRAMES = 1e9, 1e5
+
+
+class _Triplet(NamedTuple):
+    """Three neighbouring columns: the first of them in the file, and what their unit is in SI."""
+
+    first: int
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Nexus:
+    """The devices of one trial: which triplets each sensor has, by serial and channel name, and the stated rate."""
+
+    path: Path
+    take: str
+    held: tuple[Held, ...]
+    rate_hz: float
+    triplets: dict[str, dict[str, _Triplet]]
+    skip_lines: int
+    width: int
+    kind: Kind = "Nexus"
+
+    def parts(self, damage: Damage, start_ns: int, most_bytes: int) -> Iterator[tuple[int, list[Part]]]:
+        """(bytes read, samples read) over and over; start_ns is the time of the first row, or 0: frames then count."""
+        firsts = [triplet.first for found in self.triplets.values() for triplet in found.values()]
+        columns = [0, 1, *(first + axis for first in firsts for axis in range(3))]
+        at = {first: 2 + 3 * number for number, first in enumerate(firsts)}
+        per_frame, first_index = 0, 0
+        for read, rows in number_rows(self.path, self.skip_lines, columns, self.width, damage, most_bytes):
+            good = _numbered(rows)
+            damage.no_number += len(rows) - len(good)
+            if len(good) and not per_frame:
+                per_frame = int(good[:, 1].max()) + 1
+                first_index = int(good[0, 0] * per_frame + good[0, 1]) if start_ns else 0
+            index = (good[:, 0] * per_frame + good[:, 1]).astype(np.int64) - first_index
+            since_s = index / self.rate_hz
+            kept = np.abs(since_s) < 0.5 * LATEST_S
+            damage.no_number += int((~kept).sum())
+            stamps_ns = start_ns + np.rint(1e9 * since_s[kept]).astype(np.int64)
+            yield read, self._parts_of(good[kept], stamps_ns, at)
+
+    def _parts_of(self, rows: Floats, stamps_ns: NDArray[np.int64], at: dict[int, int]) -> list[Part]:
+        parts = []
+        for serial, found in self.triplets.items():
+            values = {
+                name: rows[:, at[triplet.first] : at[triplet.first] + 3] * triplet.scale
+                for name, triplet in found.items()
+            }
+            low = Samples(stamps_ns, values[ACCEL], values.get(GYRO), values.get(MAG))
+            parts.append(Part(serial, "low", low))
+            if HIGH in values:
+                parts.append(Part(serial, "high", Samples(stamps_ns, values[HIGH])))
+        return parts
+
+
+def is_nexus(lines: Sequence[str]) -> bool:
+    """Whether a file holds frames of devices, as exports of Nexus do."""
+    return any(_cells(line)[0] == SECTION for line in lines) or any(_is_header(line) for line in lines)
+
+
+def nexus(path: Path, lines: Sequence[str]) -> Nexus:
+    """What an export holds; raises InputError naming what is missing.
+
+    The line that begins with "Frame," stands between names and units; what is above the names and a number is the rate.
+    Blank lines, and the empty cells that Excel adds, may stand anywhere.
+    """
+    header = next((at for at, line in enumerate(lines) if _is_header(line)), None)
+    if header is None or header == 0 or header + 1 >= len(lines):
+        raise InputError(f"{path}: no line that begins with {FRAME},{SUB_FRAME} between names and units")
+    names, axes, units = (_cells(lines[at]) for at in (header - 1, header, header + 1))
+    rate_hz = _rate(path, lines[: header - 1])
+    triplets: dict[str, dict[str, _Triplet]] = {}
+    written: dict[tuple[str, str], str] = {}
+    for first, name in enumerate(names):
+        serial, dash, channel = name.rpartition(" - ")
+        if not dash or channel not in (ACCEL, GYRO, MAG, HIGH):
+            continue
+        if axes[first : first + 3] != ["x", "y", "z"] or len(units) < first + 3:
+            raise InputError(f"{path}: {name}: three columns x, y, z with a unit each are needed")
+        if channel in triplets.setdefault(serial, {}):
+            raise InputError(f"{path}: {name} is there twice")
+        unit = written[serial, channel] = units[first]
+        known = {ACCEL: ACCEL_UNITS, HIGH: ACCEL_UNITS, GYRO: GYRO_UNITS}.get(channel)
+        triplets[serial][channel] = _Triplet(first, scale_of(unit, known, f"{path}: {name}") if known else 1.0)
+    triplets = {serial: found for serial, found in triplets.items() if ACCEL in found}
+    if not triplets:
+        raise InputError(
+            f"{path}: no sensor with a channel called '<serial> - {ACCEL}': export the Blue Trident devices"
+        )
+    held = [_held(written, serial, "low") for serial in triplets]
+    held += [_held(written, serial, "high") for serial, found in triplets.items() if HIGH in found]
+    return Nexus(path, path.stem, tuple(held), rate_hz, triplets, header + 2, len(axes))
+
+
+def _held(written: dict[tuple[str, str], str], serial: str, channel: Channel) -> Held:
+    if channel == "high":
+        return Held(serial, channel, written[serial, HIGH], None)
+    return Held(serial, channel, written[serial, ACCEL], written.get((serial, GYRO)))
+
+
+def _is_header(line: str) -> bool:
+    return line.replace(" ", "").startswith(f"{FRAME},{SUB_FRAME}".replace(" ", ""))
+
+
+def _cells(line: str) -> list[str]:
+    """The cells of a line, without those that are empty at its end; at least one."""
+    return [cell.strip() for cell in line.rstrip(", \r").split(",")]
+
+
+def _rate(path: Path, lines: Sequence[str]) -> float:
+    for line in reversed(lines):
+        text = _cells(line)[0]
+        try:
+            rate_hz = float(text)
+        except ValueError:
+            continue
+        if not RATE_HZ[0] <= rate_hz <= RATE_HZ[1]:
+            raise InputError(f"{path}: the rate is {text}, allowed are {RATE_HZ[0]:g} to {RATE_HZ[1]:g} Hz")
+        return rate_hz
+    raise InputError(f"{path}: no rate stands above the names of the devices")
+
+
+def _numbered(rows: Floats) -> Floats:
+    """The rows whose frame and sub frame are whole numbers that can be."""
+    frame, sub = rows[:, 0], rows[:, 1]
+    with np.errstate(invalid="ignore"):
+        good = (frame >= 0) & (frame < MOST_FRAMES) & (sub >= 0) & (sub < MOST_SUB_FRAMES)
+        return rows[good & (frame % 1.0 == 0.0) & (sub % 1.0 == 0.0)]

@@ -1,0 +1,162 @@
+"""Rows of numbers in a text file of any length, by blocks: what is clean goes fast, what is not cell by cell."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+
+Floats = NDArray[np.float64]
+
+BLOCK_BYTES: Final = 4 << 20
+HEAD_BYTES: Final = 1 << 16
+"""As much as the lines above the numbers may take: six sensors and a few force plates take a twentieth."""
+
+HEADER_BYTES: Final = 1 << 10
+"""A NUL among so many first bytes is no damage: the file is no text."""
+
+_ENDED: Final = re.compile(rb"[A-Za-z \-]{3,}")
+_UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
+
+
+@dataclass
+class Damage:
+    """What was left out of a file: rows with too few or too many cells, cells that are no number, a line cut short."""
+
+    ragged: int = 0
+    no_number: int = 0
+    first_line: int | None = None
+    cut: bool = False
+
+    def at(self, line: int) -> None:
+        """Note where the first of them stood."""
+        self.first_line = line if self.first_line is None else min(self.first_line, line)
+
+
+def head_of(path: Path) -> bytes:
+    """The first bytes of a text file; raises InputError for what cannot be read or is not text of one byte a sign."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    if head.startswith(_UTF_16):
+        raise InputError(f"{path}: is UTF-16: save it as CSV UTF-8, or export it again")
+    if b"\0" in head[:HEADER_BYTES]:
+        raise InputError(f"{path}: holds NUL bytes, so it is no text: export it again")
+    return head
+
+
+def lines_of(head: bytes) -> list[str]:
+    """The whole lines of a head as text, each for itself: Excel saves in a code page of its own."""
+    return [_text(line) for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:-1]]
+
+
+def _text(line: bytes) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
+def number_rows(
+    path: Path, skip_lines: int, columns: Sequence[int], width: int, damage: Damage, most_bytes: int
+) -> Iterator[tuple[int, Floats]]:
+    """(bytes read since the block before, rows (n, k)) of a file, below its first lines, these columns of `width`.
+
+    A cell that is empty or no number is NaN. A row of another width is left out, as is a last line without its end,
+    which may be cut within a number. The rows end with the file, after `most_bytes` of it, or with a line of words,
+    which begins another section. `damage` hears what was left out. InputError for a line longer than a block.
+    """
+    line = skip_lines
+    for read, block in _blocks(path, skip_lines, damage, most_bytes):
+        rows, ended = _rows(block, line, columns, width, damage)
+        line += block.count(b"\n")
+        yield read, rows
+        if ended:
+            return
+
+
+def _blocks(path: Path, skip_lines: int, damage: Damage, most_bytes: int) -> Iterator[tuple[int, bytes]]:
+    """Whole lines of a file, some megabytes at a time, with the bytes read for them."""
+    try:
+        with path.open("rb") as file:
+            for _ in range(skip_lines):
+                file.readline(HEAD_BYTES)
+            read, rest, left = file.tell(), b"", most_bytes - file.tell()
+            while data := file.read(min(BLOCK_BYTES, max(left, 0))):
+                read, left = read + len(data), left - len(data)
+                end = data.rfind(b"\n") + 1
+                if not end and len(rest) + len(data) > BLOCK_BYTES:
+                    raise InputError(f"{path}: has a line of more than {BLOCK_BYTES >> 20} MiB: no export")
+                if end:
+                    yield read, rest + data[:end]
+                    read, rest = 0, data[end:]
+                else:
+                    rest += data
+            damage.cut = bool(rest.strip())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def _rows(block: bytes, line: int, columns: Sequence[int], width: int, damage: Damage) -> tuple[Floats, bool]:
+    if _is_even(block, width):
+        try:
+            return _fast(block, columns), False
+        except ValueError:
+            pass  # somewhere in it is a cell that is no number
+    return _cell_by_cell(block, line, columns, width, damage)
+
+
+def _is_even(block: bytes, width: int) -> bool:
+    """Whether all lines have one number of cells, as many as there should be; Excel may have added empty ones."""
+    data = np.frombuffer(block, dtype=np.uint8)
+    ends, commas = np.flatnonzero(data == 10), np.flatnonzero(data == 44)
+    per_line = np.diff(np.searchsorted(commas, ends), prepend=0)
+    return bool(per_line.size) and int(per_line[0]) >= width - 1 and bool((per_line == per_line[0]).all())
+
+
+def _fast(block: bytes, columns: Sequence[int]) -> Floats:
+    rows = np.loadtxt(io.BytesIO(block), delimiter=",", comments=None, usecols=columns, ndmin=2)
+    return rows.astype(np.float64, copy=False)
+
+
+def _cell_by_cell(block: bytes, line: int, columns: Sequence[int], width: int, damage: Damage) -> tuple[Floats, bool]:
+    """The same one line after the other, with what is no number counted; whether another section began."""
+    rows = []
+    for number, whole in enumerate(block.split(b"\n")[:-1], start=line + 1):
+        text = whole.strip()
+        if not text.strip(b","):
+            continue
+        cells = text.split(b",")
+        if len(cells) < width or any(cell.strip() for cell in cells[width:]):
+            if _ENDED.fullmatch(text.rstrip(b",")):
+                return _table(rows, len(columns)), True
+            damage.ragged += 1
+            damage.at(number)
+            continue
+        rows.append([_number(cells[column], number, damage) for column in columns])
+    return _table(rows, len(columns)), False
+
+
+def _table(rows: list[list[float]], width: int) -> Floats:
+    return np.array(rows, dtype=np.float64).reshape(len(rows), width)
+
+
+def _number(cell: bytes, line: int, damage: Damage) -> float:
+    if not cell.strip():
+        return np.nan
+    try:
+        return float(cell if b"_" not in cell else b"")
+    except ValueError:
+        damage.no_number += 1
+        damage.at(line)
+        return np.nan

@@ -1,0 +1,90 @@
+"""What both kinds of export are read into: samples in SI units, and what an export file says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.errors import InputError
+from biodyn_core.segments import STANDARD_GRAVITY_MPS2
+from biodyn_ros.blue_trident.rows import Damage
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+Channel = Literal["low", "high"]
+Kind = Literal["Capture.U", "Nexus"]
+
+ACCEL_UNITS: Final = {
+    "m/s/s": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "m/s2": 1.0, "g": STANDARD_GRAVITY_MPS2,
+    "mm/s/s": 1e-3, "mm/s^2": 1e-3, "mm/s²": 1e-3, "mm/s2": 1e-3,
+}  # fmt: skip
+"""Units of acceleration in m/s^2."""
+
+GYRO_UNITS: Final = {"deg/s": np.pi / 180.0, "°/s": np.pi / 180.0, "rad/s": 1.0}
+"""Units of angular velocity in rad/s."""
+
+LATEST_S: Final = 2.0**31
+"""Stamps of ROS count seconds in 31 bits."""
+
+
+class Samples(NamedTuple):
+    """Some samples of one channel: stamps_ns (n,), accel_mps2 (n, 3), gyro_radps and mag (n, 3) where there are any."""
+
+    stamps_ns: Integers
+    accel_mps2: Floats
+    gyro_radps: Floats | None = None
+    mag: Floats | None = None
+
+    def rows(self, which: slice | NDArray[np.bool_]) -> Samples:
+        """Some of them."""
+        return Samples(*(None if part is None else part[which] for part in self))
+
+
+class Part(NamedTuple):
+    """Samples of one channel of one sensor."""
+
+    serial: str
+    channel: Channel
+    samples: Samples
+
+
+@dataclass(frozen=True)
+class Held:
+    """One channel of one sensor in a file, with the unit of acceleration and of angular velocity as written."""
+
+    serial: str
+    channel: Channel
+    accel_unit: str
+    gyro_unit: str | None
+
+
+class Export(Protocol):
+    """One export file: what it is, which take it belongs to, and which channels it holds."""
+
+    path: Path
+    kind: Kind
+    take: str
+    held: tuple[Held, ...]
+
+    def parts(self, damage: Damage, start_ns: int, most_bytes: int) -> Iterator[tuple[int, list[Part]]]:
+        """(bytes read, samples read) over and over; start_ns is for files that know no time of day."""
+
+
+def joined(first: Samples, second: Samples) -> Samples:
+    """Samples of one channel, one after the other."""
+    pairs = zip(first, second, strict=True)
+    return Samples(*(None if a is None or b is None else np.concatenate([a, b]) for a, b in pairs))
+
+
+def scale_of(unit: str, known: dict[str, float], where: str) -> float:
+    """What a unit is in SI; raises InputError for one that is not known."""
+    scale = known.get(unit.strip())
+    if scale is None:
+        raise InputError(f"{where}: unit {unit.strip()!r} is unknown, known are {', '.join(known)}")
+    return scale

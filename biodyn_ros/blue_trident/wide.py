@@ -1,0 +1,210 @@
+"""The high-g channel of one sensor beside its low-g one: read around each saturation, compared, and what it gives."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.dual_range import (
+    Alignment,
+    DualRangeSettings,
+    Span,
+    Stretch,
+    align,
+    bias,
+    covered,
+    levels,
+    plausible,
+    set_right,
+    shares,
+    take_over,
+)
+from biodyn_ros.blue_trident.cleaning import LARGEST_MPS2, Cleaner
+from biodyn_ros.blue_trident.samples import Channel, Floats, Integers, Samples
+from biodyn_ros.blue_trident.survey import Surveyed
+
+LONGEST_SPAN_S: Final = 1.0
+"""No person is thrown for longer: a reading that stays at its rail is a fault, of which high-g is no witness."""
+
+GROUP_S: Final = 60.0
+COMPARED_S: Final = 60.0
+"""Gain and delay are measured on so many seconds of the first stretches, for bounded memory; bias is always local."""
+
+BESIDE_S: Final = 0.1
+"""Of both channels around a saturation that is kept: more than delay, margins and the reader's width together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """What high-g gives: at stamps_ns (k,), share (k, 3) of readings right_mps2 (k, 3); the spans taken over and left.
+
+    bias_mps2 (3,): the mean of those of all stretches.
+    """
+
+    stamps_ns: Integers
+    share: Floats
+    right_mps2: Floats
+    alignment: Alignment
+    bias_mps2: Floats
+    taken: tuple[Span, ...]
+    left: tuple[Span, ...]
+
+    def applied(self, samples: Samples) -> tuple[Samples, Floats]:
+        """Samples with high-g in the place of the rail, and how much of each reading is high-g's, (n, 3)."""
+        share = np.zeros(samples.accel_mps2.shape)
+        if not self.stamps_ns.size:
+            return samples, share
+        at = np.minimum(np.searchsorted(self.stamps_ns, samples.stamps_ns), self.stamps_ns.size - 1)
+        here = self.stamps_ns[at] == samples.stamps_ns
+        share[here] = self.share[at[here]]
+        return samples._replace(accel_mps2=take_over(samples.accel_mps2, self.right_mps2[at], share)), share
+
+
+@dataclass(frozen=True, eq=False)
+class _Near:
+    """What is kept of a stretch: both channels close to its saturations, and `levels` of all of it."""
+
+    spans: tuple[Span, ...]
+    part: Stretch
+    whole: Stretch | None
+    levels_mps2: Floats | None
+
+
+class Comparison:
+    """`push` both channels of one sensor in turns, whole files; `finish` gives what is taken over."""
+
+    def __init__(self, seen: Surveyed, settings: DualRangeSettings, shared: bool) -> None:
+        self._settings, self._shared = settings, shared
+        self._epoch_ns, self._rate_hz = seen.first_ns, seen.rate_hz() or 1.0
+        found = seen.spans()
+        self._stuck = [span for span in found if span.end_s - span.begin_s > LONGEST_SPAN_S]
+        self._groups = _grouped([span for span in found if span.end_s - span.begin_s <= LONGEST_SPAN_S], settings)
+        self._begins = np.array([group[0].begin_s for group in self._groups]) - settings.compared_s - BESIDE_S
+        ends = np.array([max(span.end_s for span in group) for group in self._groups])
+        self._ends = np.maximum.accumulate(ends + settings.compared_s + BESIDE_S)
+        self._cleaner = Cleaner()
+        self._rows: dict[Channel, tuple[Floats, Floats]] = {
+            channel: (np.empty(0), np.empty((0, 3))) for channel in ("low", "high")
+        }
+        self._upto: dict[Channel, float] = {"low": -np.inf, "high": -np.inf}
+        self._done = 0
+        self._near: list[_Near] = []
+        self._whole_s = 0.0
+
+    def push(self, channel: Channel, samples: Samples) -> None:
+        """Take a block of either channel as it was written."""
+        if channel == "low":
+            samples = self._cleaner.push(samples)
+        self._keep(channel, samples)
+        self._digest(final=False)
+
+    def finish(self) -> Taken:
+        """Compare what was gathered, and take over what can be."""
+        if (last := self._cleaner.finish()) is not None:
+            self._keep("low", last)
+        self._digest(final=True)
+        alignment = align([near.whole for near in self._near if near.whole is not None], self._settings)
+        biases = [None if near.levels_mps2 is None else bias(near.levels_mps2, alignment) for near in self._near]
+        known = [value for value in biases if value is not None]
+        mean = np.mean(known, axis=0) if known else np.zeros(3)
+        stamps, share, right = [], [], []
+        taken: list[Span] = []
+        if known and plausible(alignment):
+            for near, value in zip(self._near, biases, strict=True):
+                values = set_right(near.part, alignment, mean if value is None else value)
+                kept = covered(near.spans, near.part, values, self._settings)
+                of_each = shares(near.part.low_s, 1.0 / self._rate_hz, kept)
+                used = of_each.any(axis=1)
+                taken += kept
+                stamps.append(self._epoch_ns + np.rint(1e9 * near.part.low_s[used]).astype(np.int64))
+                share.append(of_each[used])
+                right.append(values[used])
+        done = set(taken)
+        left = [*self._stuck, *(span for near in self._near for span in near.spans if span not in done)]
+        return Taken(*_in_order(stamps, share, right), alignment, mean, tuple(taken), tuple(left))
+
+    def _keep(self, channel: Channel, samples: Samples) -> None:
+        """Add what lies around a saturation, in ascending order of time."""
+        if not len(samples.stamps_ns) or not len(self._groups):
+            return
+        time_s = 1e-9 * (samples.stamps_ns - self._epoch_ns)
+        ascending = time_s > np.maximum.accumulate(np.concatenate([[self._upto[channel]], time_s[:-1]]))
+        self._upto[channel] = max(self._upto[channel], float(time_s.max()))
+        group = np.searchsorted(self._begins, time_s, side="right") - 1
+        wanted = ascending & (group >= 0) & (time_s <= self._ends[np.maximum(group, 0)])
+        accel = samples.accel_mps2
+        if channel == "high":
+            real = (accel != 0.0).any(axis=1) & (np.abs(accel) < LARGEST_MPS2).all(axis=1)
+            wanted &= real
+        if wanted.any():
+            old_s, old = self._rows[channel]
+            self._rows[channel] = (
+                np.concatenate([old_s, time_s[wanted]]), np.concatenate([old, samples.accel_mps2[wanted]])
+            )  # fmt: skip
+
+    def _digest(self, final: bool) -> None:
+        """Reduce every stretch that both channels have come past."""
+        while self._done < len(self._groups) and (final or min(self._upto.values()) > self._ends[self._done]):
+            begin_s, end_s = float(self._begins[self._done]), float(self._ends[self._done])
+            whole = self._stretch(begin_s, end_s)
+            self._near.append(self._reduced(self._groups[self._done], whole))
+            self._done += 1
+            after_s = float(self._begins[self._done]) if self._done < len(self._groups) else np.inf
+            for channel, (time_s, values) in self._rows.items():
+                keep = int(np.searchsorted(time_s, after_s))
+                self._rows[channel] = time_s[keep:].copy(), values[keep:].copy()
+
+    def _stretch(self, begin_s: float, end_s: float) -> Stretch:
+        parts = []
+        for channel in ("low", "high"):
+            time_s, values = self._rows[channel]
+            lo, hi = np.searchsorted(time_s, (begin_s, end_s))
+            parts += [time_s[lo:hi], values[lo:hi]]
+        return Stretch(parts[0], parts[1], parts[2], parts[3], self._rate_hz, self._shared)
+
+    def _reduced(self, group: Sequence[Span], whole: Stretch) -> _Near:
+        low, high = (_close(times_s, group) for times_s in (whole.low_s, whole.high_s))
+        part = dataclasses.replace(
+            whole, low_s=whole.low_s[low], low_mps2=whole.low_mps2[low], high_s=whole.high_s[high],
+            high_mps2=whole.high_mps2[high],
+        )  # fmt: skip
+        found = levels(whole, self._settings)
+        kept = whole if self._whole_s < COMPARED_S and found is not None else None
+        if kept is not None:
+            self._whole_s += float(whole.low_s[-1] - whole.low_s[0])
+        return _Near(tuple(group), part, kept, found)
+
+
+def _in_order(stamps: list[Integers], share: list[Floats], right: list[Floats]) -> tuple[Integers, Floats, Floats]:
+    """All of it in the order of time, what two stretches share once."""
+    if not stamps:
+        return np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 3))
+    _, first = np.unique(np.concatenate(stamps), return_index=True)
+    return np.concatenate(stamps)[first], np.concatenate(share)[first], np.concatenate(right)[first]
+
+
+def _grouped(found: Sequence[Span], settings: DualRangeSettings) -> list[list[Span]]:
+    """Spans whose surroundings overlap, a minute of them at most."""
+    groups: list[list[Span]] = []
+    for span in found:
+        if groups and span.begin_s < min(
+            groups[-1][-1].end_s + 2.0 * settings.compared_s, groups[-1][0].begin_s + GROUP_S
+        ):
+            groups[-1].append(span)
+        else:
+            groups.append([span])
+    return groups
+
+
+def _close(times_s: Floats, group: Sequence[Span]) -> Integers:
+    """Which instants are within `BESIDE_S` of a span."""
+    edges = np.zeros(times_s.size + 1, dtype=np.int64)
+    begins = np.searchsorted(times_s, [span.begin_s - BESIDE_S for span in group])
+    ends = np.searchsorted(times_s, [span.end_s + BESIDE_S for span in group])
+    np.add.at(edges, begins, 1)
+    np.add.at(edges, ends, -1)
+    return np.flatnonzero(np.cumsum(edges[:-1]) > 0)

@@ -1,0 +1,52 @@
+"""Which readings of a bag count as clipped: a bag whose sensors have another range, or a second one, says so itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Final
+
+from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.errors import InputError
+from biodyn_core.segments import SENSORS
+from biodyn_ros.bag import BagReader
+
+KEY: Final = "saturation_mps2"
+"""In the metadata record `biodyn`: {topic: m/s^2} of the topics whose limit is not the usual one."""
+
+
+def stated(limits: Mapping[str, float]) -> dict[str, str]:
+    """What a bag's metadata says of its limits; nothing where all are the usual one."""
+    return {KEY: json.dumps(dict(limits))} if limits else {}
+
+
+def limits_of(
+    reader: BagReader, topics: Mapping[str, str], given: ConditioningSettings | None
+) -> tuple[dict[str, ConditioningSettings], list[str]]:
+    """Settings by sensor, for {topic: sensor} of a bag and all others, and a line on every limit that is the bag's own.
+
+    A limit that was given, so that it is not the default, goes before the bag's. What is no limit is as good as none.
+    """
+    settings = given or ConditioningSettings()
+    own = _stated(reader) if settings.saturation_mps2 == ConditioningSettings.saturation_mps2 else {}
+    found, lines = dict.fromkeys(SENSORS, settings), []
+    for topic, sensor in topics.items():
+        found[sensor] = settings
+        if topic in own:
+            try:
+                found[sensor] = dataclasses.replace(settings, saturation_mps2=own[topic])
+            except InputError:
+                continue
+            lines.append(f"{sensor}: counts as clipped from {own[topic]:.0f} m/s^2 on, as the bag says")
+    return found, lines
+
+
+def _stated(reader: BagReader) -> dict[str, float]:
+    try:
+        limits = json.loads(reader.metadata("biodyn").get(KEY, "{}"))
+    except (ValueError, RecursionError):
+        return {}
+    if not isinstance(limits, dict):
+        return {}
+    return {topic: float(limit) for topic, limit in limits.items() if type(limit) in (int, float)}
