@@ -177,7 +177,8 @@ def _add_validate(commands: Any) -> None:
         ("judging", ValidationSettings),
     ):
         _add_settings(command, title, kind)
-    command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json")
+    command.add_argument("--no-report", action="store_true", help="leave out validate.html")
+    command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json and validate.html")
 
 
 def _add_trace(commands: Any) -> None:

@@ -168,7 +168,9 @@ def _validate(options: argparse.Namespace) -> int:
     subject = load_subject(subject_file(options.subject))
     with Progress("validating") as progress:
         if options.output:
-            validated = validate_to_directory(options.bag, subject, Path(options.output), how, progress)
+            validated = validate_to_directory(
+                options.bag, subject, Path(options.output), how, progress, report=not options.no_report
+            )
         else:
             validated = validate(options.bag, subject, how, progress)
     _print(options, validated.document, text_of(validated.document))

@@ -13,10 +13,13 @@ from typing import Any, Final
 from biodyn_core.errors import InputError
 from biodyn_core.judgement import HORIZONTAL_FACTOR
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
+from biodyn_ros.dose_drawings import VDV_LABEL, Pair, doses
 from biodyn_ros.drawings import envelopes, overlay
 from biodyn_ros.files import write_text
+from biodyn_ros.frequency_drawings import powers, residual_channels, transmissibility, waterfall
 from biodyn_ros.resources import package_directory
 from biodyn_ros.traces import Traces
+from biodyn_ros.validation_findings import LEAST_COHERENCE
 from biodyn_ros.wording import HORIZONTAL, ZONE, bound, duration, number, sentence, shocks, time_left, words
 
 
@@ -27,6 +30,7 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
     """
     check_reports()
     event, predicted, measured = traces.event(), traces.predicted(), traces.measured()
+    spectra, found, worst = traces.spectra.spectra(), traces.spectra.waterfall(), _worst_residual(document)
     origin_ns = min((int(e.begins_ns[0]) for e in (predicted, measured) if e.begins_ns.size), default=0)
     html = render(
         "replay.html.j2",
@@ -36,13 +40,19 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
         flagged=_flagged(document["seat"]),
         segments=[name for name in SEGMENTS if name in document["predicted"]],
         sensors=[name for name in SENSORS if name in document["sensors"]],
-        worst=_worst_residual(document),
+        worst=worst,
         seat_axes=_seat_axes(document["seat"]),
         event=event,
         event_s=1e-9 * (event.peak_ns - origin_ns) if event else None,
         bin_s=1e-9 * max(predicted.width_ns, measured.width_ns),
         overlay_svg=overlay(event, origin_ns, document) if event else None,
         envelope_svg=envelopes(predicted, measured, event, origin_ns) if measured.begins_ns.size else None,
+        bandwidth_hz=spectra["spectra"]["bandwidth_hz"] if spectra else None,
+        transmissibility_svg=transmissibility(spectra, LEAST_COHERENCE) if spectra else None,
+        powers_svg=powers(spectra) if spectra else None,
+        width_ns=found.width_ns if found else None,
+        waterfall_svg=waterfall(found, residual_channels(worst[0]), origin_ns) if found and worst else None,
+        doses_svg=doses(_doses(document), VDV_LABEL) if document["predicted"] else None,
     )
     write_page(path, html)
 
@@ -103,6 +113,17 @@ def _worst_residual(document: dict[str, Any]) -> tuple[str, float] | None:
     known = {name: share for name, share in shares.items() if share is not None}
     worst = max(known, key=lambda name: known[name], default=None)
     return (worst, known[worst]) if worst else None
+
+
+def _doses(document: dict[str, Any]) -> list[Pair]:
+    """VDV from the head down, predicted and measured after the low-pass; the seat beneath."""
+    rows = []
+    for name in (*reversed(SEGMENTS), SEAT):
+        sides = [document[of].get(name) for of in ("measured_low_passed", "predicted")]
+        values = [side["vdv_mps175"] if side else None for side in sides]
+        bounds = [bool(side and side["lower_bound"]) for side in sides]
+        rows.append(Pair(words(name), *values, *bounds, "" if sides[0] else ", not measured"))
+    return rows
 
 
 # --- page ------------------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.response import SAME_RATE, SpectrumSettings, cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.tracing.findings import Candidate, Event, Round, Surface
-from biodyn_ros.drawings import MEASURED_COLOUR, SOFT_COLOUR, drawn
+from biodyn_ros.drawings import MEASURED_COLOUR, SOFT_COLOUR, drawn, say
 from biodyn_ros.trace_wording import effect_name
 from biodyn_ros.wording import number, words
 
@@ -75,7 +75,7 @@ def over_frequency(events: Sequence[Event]) -> Any | None:
             axes.tick_params(which="minor", bottom=False, labelbottom=False)
             axes.tick_params(length=2.5, width=0.6)
             if not np.isfinite(power[:, :, column]).any():
-                _say(axes, "not compared")
+                say(axes, "not compared")
         figure.supylabel("power spectral density, (m/s²)²/Hz", fontsize=8.0, color=SOFT_COLOUR)
 
     return drawn(_WIDTH_IN, 2.6, fill)
@@ -189,7 +189,7 @@ def _signals(upper: Any, lower: Any, seconds: Floats, measured: Floats, before: 
     upper.tick_params(labelbottom=False)
     if not np.isfinite(measured).any():
         lower.set_yticks([])
-        _say(upper, "not compared")
+        say(upper, "not compared")
 
 
 def _whole(axes: Any, event: Event, begin: int, end: int) -> None:
@@ -221,10 +221,3 @@ def windowed(event: Event) -> tuple[Floats, Floats, Floats]:
 def _rms(values: Floats) -> float:
     known = values[np.isfinite(values)]
     return math.sqrt(float(np.mean(known**2))) if known.size else math.nan
-
-
-def _say(axes: Any, text: str) -> None:
-    """Say why an axes is empty."""
-    axes.set_yticks([])
-    axes.minorticks_off()
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=SOFT_COLOUR)

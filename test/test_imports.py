@@ -39,6 +39,7 @@ LAYERS = (
         "synthesis",
         "timelines",
         "upright",
+        "waterfall",
         "weighting",
         "worn",
     ),
