@@ -41,7 +41,7 @@ class WaterfallMeter:
     """Gathers a waterfall: `push` samples, `part` where time breaks off. Any cut into blocks gives the same."""
 
     def __init__(self, rate_hz: float, channels: int) -> None:
-        size = max(2, round(rate_hz))
+        size = max(2, int(rate_hz * (1.0 + 1e-9)))  # never longer than a bin, which would leave some bins empty
         self._window = signal.get_window("hann", size)
         frequency = np.arange(size // 2 + 1) * rate_hz / size
         self._at = np.flatnonzero((frequency > 0.5) & (frequency <= min(MOST_HZ + 0.5, USABLE * rate_hz)))

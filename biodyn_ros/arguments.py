@@ -117,6 +117,9 @@ def _add_fit(commands: Any) -> None:
         help="profile the likelihood of a parameter, such as natural_frequency_hz[head], or of all",
     )  # fmt: skip
     command.add_argument("--paper", action="store_true", help="the paper's way; single options still change it")
+    command.add_argument(
+        "--no-report", action="store_true", help="leave out fit.html and, of a campaign, campaign.html"
+    )
     command.add_argument("--seed", type=int, default=0, metavar="N", help="of the swarms (default 0)")
     command.add_argument("--resume", action="store_true", help="take up what an interrupted fit left")
     command.add_argument(
@@ -138,7 +141,9 @@ def _add_fit(commands: Any) -> None:
         ("recording", RecordingSettings),
     ):
         _add_settings(command, title, kind)
-    command.add_argument("-o", "--output", required=True, metavar="OUT.yaml", help="the subject; fit.json beside it")
+    command.add_argument(
+        "-o", "--output", required=True, metavar="OUT.yaml", help="the subject; fit.json and fit.html beside it"
+    )
 
 
 def _add_compare(commands: Any) -> None:

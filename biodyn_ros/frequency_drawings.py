@@ -210,7 +210,8 @@ def _transmitted(upper: Any, lower: Any, frequency_hz: Floats, found: Document, 
     for side in ("measured", "predicted"):
         if found[side] is not None:
             lower.plot(frequency_hz, _values(found[side]["coherence"]), **_STYLES[side])
-    lower.axhline(least, color=SOFT_COLOUR, lw=0.8, ls=DOTTED)
+    if measured or found["predicted"]:
+        lower.axhline(least, color=SOFT_COLOUR, lw=0.8, ls=DOTTED)
     upper.set_yscale("log")
     lower.set_ylim(0.0, 1.08)
     lower.set_yticks((0.0, 0.5, 1.0))

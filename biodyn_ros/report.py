@@ -6,6 +6,7 @@ jinja2 and matplotlib come late: whoever wants no report needs neither.
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -144,6 +145,22 @@ def render(template: str, **values: Any) -> str:
     page.filters.update(number=number, bound=bound, duration=duration, words=words, sentence=sentence, shocks=shocks)
     page.filters["value"] = lambda stated: number(None) if stated is None else f"{stated:g}"
     return page.get_template(template).render(**values)
+
+
+def write_drawn(path: Path, draw: Callable[[], str]) -> None:
+    """Write a page whose results are written already; where it cannot be, no older one is left beside them."""
+    try:
+        write_page(path, draw())
+    except InputError:
+        path.unlink(missing_ok=True)
+        raise
+    except Exception as error:  # a fault of ours in a drawing must not cost the results of hours
+        path.unlink(missing_ok=True)
+        line = " ".join(str(error).split())
+        raise InputError(
+            f"{path}: cannot be drawn ({type(error).__name__}: {line}); all other results are there, --no-report leaves"
+            " it out"
+        ) from error
 
 
 def write_page(path: Path, text: str) -> None:

@@ -137,7 +137,7 @@ def validate_to_directory(
 ) -> Validated:
     """Validate and write `validate.json` and `validate.html`; a bag that is refused leaves no directory."""
     if report:
-        from biodyn_ros.report import check_reports, write_page  # an extra of its own
+        from biodyn_ros.report import check_reports, write_drawn  # an extra of its own
         from biodyn_ros.validate_report import validation_page
 
         check_reports()
@@ -145,7 +145,7 @@ def validate_to_directory(
     make_directory(directory)
     write_json(directory / "validate.json", validated.document)
     if report:
-        write_page(directory / "validate.html", validation_page(validated))
+        write_drawn(directory / "validate.html", lambda: validation_page(validated))
     return validated
 
 

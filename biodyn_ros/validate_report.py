@@ -39,7 +39,7 @@ def validation_page(validated: Validated) -> str:
     return render(
         "validate.html.j2",
         document=document,
-        tone=_TONE[document["verdict"]],
+        tone=tone(document),
         headline=_HEADLINE[document["verdict"]],
         disagreeing=[each["text"] for each in document["findings"] if each["status"] == "disagrees"],
         untold=[each["text"] for each in document["findings"] if each["status"] != "disagrees"],
@@ -57,6 +57,12 @@ def validation_page(validated: Validated) -> str:
         width_ns=found.width_ns if found else None,
         waterfall_svg=waterfall(found, residual_channels(shown), origin_ns) if found and shown else None,
     )
+
+
+def tone(document: Document) -> str:
+    """Of the verdict; green never for a recording that the model made itself."""
+    found = _TONE[document["verdict"]]
+    return "none" if found == "good" and "bag_made_by_model" in document else found
 
 
 def doubts(document: Document) -> list[str]:
