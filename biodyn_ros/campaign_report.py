@@ -54,17 +54,19 @@ def judge_campaign(document: Document, unseen: dict[str, float | None]) -> Verdi
             reasons.append(f"{text}: {', '.join(of[state])}.")
     means = [row["mean_error_percent"] for row in rows if row["mean_error_percent"] is not None]
     if means:
-        reasons.append(f"Error on the events fitted to: {number(min(means))} to {number(max(means))} % of the rms.")
+        reasons.append(f"Error on the events fitted to: {_span(means)} % of the rms.")
     known = [value for value in unseen.values() if value is not None]
     if known:
-        reasons.append(
-            f"On events not fitted to: {number(min(known))} to {number(max(known))} %, {len(known)} subjects."
-        )
-    if len(known) < len(of["done"]):
-        lacking = len(of["done"]) - len(known)
-        reasons.append(f"Without an event held out, so nothing is known of how they predict: {lacking}.")
-    tone = "bad" if of["failed"] else "warn" if of["waiting"] else "none" if len(known) < len(of["done"]) else "good"
+        reasons.append(f"On events not fitted to: {_span(known)} %.")
+    unknown = [name for name, value in unseen.items() if value is None]
+    if unknown:
+        reasons.append(f"How it predicts is not known, nothing being held out: {', '.join(unknown)}.")
+    tone = "bad" if of["failed"] else "warn" if of["waiting"] else "none" if unknown else "good"
     return Verdict(tone, headline, tuple(reasons))
+
+
+def _span(values: list[float]) -> str:
+    return " to ".join(dict.fromkeys((number(min(values)), number(max(values)))))
 
 
 def _fit(directory: Path, row: Document) -> Document:

@@ -20,7 +20,7 @@ MARKERS: Final[dict[str, Any]] = {
     "identifiable": {"marker": "o", "markerfacecolor": ESTIMATE_COLOUR},
     "weakly identifiable": {"marker": "D", "markerfacecolor": "#a5d0f5"},
     "not identifiable": {"marker": "o", "markerfacecolor": "white"},
-    "on its bound": {"marker": "s", "markerfacecolor": PREDICTED_COLOUR},
+    "on its bound": {"marker": "s", "markerfacecolor": PREDICTED_COLOUR, "markeredgecolor": PREDICTED_COLOUR},
 }
 """How a parameter that is called so is drawn: shape and filling tell as much as colour."""
 
