@@ -234,7 +234,8 @@ def _line(
         axes.plot(frequency_hz, whole, **style)
         return
     axes.plot(frequency_hz, whole, **style | {"lw": 0.6})
-    axes.plot(frequency_hz, np.where(tells, whole, np.nan), **style)
+    if tells.any():
+        axes.plot(frequency_hz, np.where(tells, whole, np.nan), **style)
     alone = tells & ~np.append(tells[1:], False) & ~np.append(False, tells[:-1])  # no line goes through one point
     if alone.any():
         axes.plot(frequency_hz[alone], whole[alone], ls="none", marker=".", ms=4.0, color=style["color"])

@@ -31,7 +31,6 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
     """
     check_reports()
     event, predicted, measured = traces.event(), traces.predicted(), traces.measured()
-    spectra, found, worst = traces.spectra.spectra(), traces.spectra.waterfall(), _worst_residual(document)
     origin_ns = min((int(e.begins_ns[0]) for e in (predicted, measured) if e.begins_ns.size), default=0)
     html = render(
         "replay.html.j2",
@@ -41,28 +40,38 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
         flagged=_flagged(document["seat"]),
         segments=[name for name in SEGMENTS if name in document["predicted"]],
         sensors=[name for name in SENSORS if name in document["sensors"]],
-        worst=worst,
+        worst=_worst_residual(document),
         seat_axes=_seat_axes(document["seat"]),
         event=event,
         event_s=1e-9 * (event.peak_ns - origin_ns) if event else None,
         bin_s=1e-9 * max(predicted.width_ns, measured.width_ns),
         overlay_svg=overlay(event, origin_ns, document) if event else None,
         envelope_svg=envelopes(predicted, measured, event, origin_ns) if measured.begins_ns.size else None,
-        bandwidth_hz=spectra["spectra"]["bandwidth_hz"] if spectra else None,
-        transmissibility_svg=transmissibility(spectra, LEAST_COHERENCE) if spectra else None,
-        powers_svg=powers(spectra) if spectra else None,
-        width_ns=found.width_ns if found else None,
-        waterfall_svg=waterfall(found, residual_channels(worst[0]), origin_ns) if found and worst else None,
-        doses_svg=doses(_doses(document), VDV_LABEL) if document["predicted"] else None,
+        **frequency_parts(document, traces, origin_ns),
     )
     write_page(path, html)
+
+
+def frequency_parts(document: dict[str, Any], traces: Traces, origin_ns: int) -> dict[str, Any]:
+    """What the page shows over frequency, and the doses; None for a drawing that nothing was gathered for."""
+    spectra, found, worst = traces.spectra.spectra(), traces.spectra.waterfall(), _worst_residual(document)
+    return {
+        "bandwidth_hz": spectra["spectra"]["bandwidth_hz"] if spectra else None,
+        "transmissibility_svg": transmissibility(spectra, LEAST_COHERENCE) if spectra else None,
+        "powers_svg": powers(spectra) if spectra else None,
+        "width_ns": found.width_ns if found else None,
+        "waterfall_svg": waterfall(found, residual_channels(worst[0]), origin_ns) if found and worst else None,
+        "doses_svg": doses(_doses(document), VDV_LABEL) if document["predicted"] else None,
+    }
 
 
 def check_reports() -> None:
     """Raise InputError where a report could not be drawn, so that a long replay can say so before it begins."""
     for name in ("jinja2", "matplotlib"):
         if importlib.util.find_spec(name) is None:
-            raise InputError(f"reports need {name}: pip install 'biodyn_ros[reports]'")
+            raise InputError(
+                f"reports need {name}: pip install 'biodyn_ros[reports]', or leave them out with --no-report"
+            )
 
 
 @dataclass(frozen=True)
