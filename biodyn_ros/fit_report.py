@@ -93,14 +93,13 @@ def judge_fit(document: Document) -> Verdict:
 def _against(document: Document) -> list[str]:
     """What keeps a fit from being taken as it is."""
     lines = []
+    pinned = document["joint"]["at_bound"]
     for call in ("not identifiable", "weakly identifiable"):
-        found = [parameter_name(name) for name, of in document["identifiable"].items() if of == call]
-        found = [name for name in found if name not in map(parameter_name, document["joint"]["at_bound"])]
+        found = [name for name, of in document["identifiable"].items() if of == call and name not in pinned]
         if found:
-            lines.append(f"{call.capitalize()} from these recordings: {', '.join(found)}.")
-    if document["joint"]["at_bound"]:
-        names = ", ".join(parameter_name(name) for name in document["joint"]["at_bound"])
-        lines.append(f"On a bound of Table 1, so perhaps beyond it: {names}.")
+            lines.append(f"{call.capitalize()} from these recordings: {_listed(found, document)}.")
+    if pinned:
+        lines.append(f"On a bound of Table 1, so perhaps beyond it: {_listed(pinned, document)}.")
     matrix = document["mass_matrix"]
     if matrix["better"] not in (None, matrix["declared"]):
         lines.append(f"Mass matrix {matrix['better']} predicts better than the declared {matrix['declared']}.")
@@ -108,6 +107,12 @@ def _against(document: Document) -> list[str]:
     if starts["of"] > 1 and starts["reached"] < 2:
         lines.append(f"Only {starts['reached']} of {starts['of']} refined starts reached the lowest objective.")
     return lines
+
+
+def _listed(names: list[str], document: Document) -> str:
+    if len(names) == len(document["identifiable"]):
+        return f"all {len(names)} parameters"
+    return "; ".join(parameter_name(name) for name in names)
 
 
 def doubts(document: Document) -> list[str]:

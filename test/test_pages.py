@@ -40,13 +40,13 @@ from biodyn_ros.cli import main
 from biodyn_ros.fit import FitOptions, Fitted, fit_bags, write_fit_page, write_fitted
 from biodyn_ros.fit_drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
 from biodyn_ros.fit_report import doubts, fit_events, fit_page, judge_fit
-from biodyn_ros.frequency_drawings import driving_point, transmissibility
+from biodyn_ros.frequency_drawings import driving_point, residual_channels, transmissibility, waterfall
 from biodyn_ros.report import frequency_parts, render
 from biodyn_ros.resources import subject_file
 from biodyn_ros.simulate import MADE_BY_MODEL, motion_of_cases, simulate_bag
 from biodyn_ros.traces import Traces
 from biodyn_ros.validate import Validated, validate_recordings, validate_to_directory
-from biodyn_ros.validate_report import strongest_event, tone, validation_page
+from biodyn_ros.validate_report import residual_waterfall, strongest_event, tone, validation_page, worst_segment
 from biodyn_ros.wording import number
 
 RATE_HZ = 400.0
@@ -129,7 +129,12 @@ def test_every_drawing_of_a_validation_says_what_and_in_which_unit(validation: s
 
 def test_a_validation_is_one_file_that_is_the_same_again(validated: Validated, validation: str) -> None:
     assert_self_contained(validation)
-    assert validation_page(validated) == validation
+    found = residual_waterfall(validated)
+    for svg in (
+        driving_point(validated.document),
+        waterfall(found, residual_channels(worst_segment(validated.document)), 0),
+    ):
+        assert svg in validation
 
 
 def test_names_from_outside_are_text_on_a_validation(validation: str) -> None:
@@ -287,6 +292,9 @@ def test_a_parameter_on_its_bound_has_no_interval_and_keeps_a_fit_from_green(fit
     assert "damping ratio, head" in found.reasons[-1]
     svg = intervals(document)
     assert f"{number(document['intervals'][name]['value'])}, on its bound" in told(svg)
+    unknown = document | {"identifiable": dict.fromkeys(document["identifiable"], "not identifiable")}
+    unknown["joint"] = document["joint"] | {"at_bound": []}
+    assert "Not identifiable from these recordings: all 14 parameters." in judge_fit(unknown).reasons
     document["held_out"][0]["joint"]["mean"] = 25.0
     assert judge_fit(document).tone == "bad"
     assert "not known" in judge_fit(document | {"held_out": []}).headline
