@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from biodyn_core.comparison import MeasuredFrames
 from biodyn_core.errors import InputError
 from biodyn_core.response import CrossSpectra, SpectraMeter, SpectrumSettings
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SENSORS
 from biodyn_core.waterfall import USABLE, Waterfall, WaterfallMeter
 from biodyn_ros.spectra_json import power_document, spectra_document, transmissibility_document
 
@@ -66,8 +66,8 @@ class ReplaySpectra:
         measured, predicted = _columns(found, 0), _columns(found, N_SEGMENTS)
         return {
             "spectra": spectra_document(measured, predicted, self._meters.welch.settings),
-            "transmissibility": transmissibility_document(measured, predicted, None),
-            "power_spectral_density": power_document(measured, predicted),
+            "transmissibility": _with_sensor(transmissibility_document(measured, predicted, None)),
+            "power_spectral_density": _with_sensor(power_document(measured, predicted)),
         }
 
     def waterfall(self) -> Waterfall | None:
@@ -124,6 +124,11 @@ class _Meters:
         answers[:, MEASURED_SEGMENT_INDEX] = np.where(np.isnan(residual), np.nan, measured)
         answers[:, N_SEGMENTS + MEASURED_SEGMENT_INDEX] = measured + residual
         self.welch.push(seat, answers)
+
+
+def _with_sensor(document: Document) -> Document:
+    """Without the central torso, which no sensor ever sees."""
+    return {name: of for name, of in document.items() if name in SENSORS}
 
 
 def _columns(found: CrossSpectra, first: int) -> CrossSpectra:

@@ -166,9 +166,9 @@ def test_a_replay_finds_the_gains_that_were_put_in() -> None:
         power = document["power_spectral_density"][name]
         ratio = np.array(power["measured"]["amplitude_mps2"]) / np.array(power["predicted"]["amplitude_mps2"])
         np.testing.assert_allclose(ratio, 2.0, rtol=1e-5)
-    for name in ("lower_torso", "central_torso"):
-        assert document["transmissibility"][name] == {"measured": None, "predicted": None, "linear": None}
-        assert document["power_spectral_density"][name] == {}
+    assert document["transmissibility"]["lower_torso"] == {"measured": None, "predicted": None, "linear": None}
+    assert document["power_spectral_density"]["lower_torso"] == {}
+    assert "central_torso" not in document["transmissibility"].keys() | document["power_spectral_density"].keys()
 
 
 @settings(max_examples=15)
