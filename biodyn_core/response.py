@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from biodyn_core.errors import InputError
-from biodyn_core.flags import stretches
 from biodyn_core.model import Chain, Response, SeatForce
 from biodyn_core.recording import WARM_UP_S
 from biodyn_core.settings import check_settings, setting
@@ -118,42 +117,100 @@ def cross_spectra(parts: Sequence[Part], rate_hz: float, settings: SpectrumSetti
 
     Raises InputError where no output has a segment without NaN, or highest_hz lies above half the rate.
     """
-    s = settings or SpectrumSettings()
-    window = signal.get_window(s.window, round(s.segment_s * rate_hz))
-    size = window.size
-    step = size - int(s.overlap * size)
-    frequency = np.arange(size // 2 + 1) * rate_hz / size
-    if s.highest_hz >= rate_hz / 2.0:
-        raise InputError(f"highest_hz is {s.highest_hz:g}, half the sampling rate is {rate_hz / 2.0:g} Hz")
-    lines = np.flatnonzero((frequency >= s.lowest_hz * (1.0 - 1e-3)) & (frequency <= s.highest_hz * (1.0 + 1e-3)))
-    outputs = parts[0][1].shape[1]
-    sums = np.zeros((3, lines.size, outputs), dtype=np.complex128)
-    segments = np.zeros(outputs, dtype=np.int64)
+    meter = SpectraMeter(rate_hz, parts[0][1].shape[1], settings)
     for given, answers in parts:
-        for m in range(outputs):
-            starts = _starts(np.isfinite(given) & np.isfinite(answers[:, m]), size, step)
-            segments[m] += len(starts)
+        meter.push(given, answers)
+        meter.part()
+    return meter.spectra()
+
+
+class SpectraMeter:
+    """The same of a stream, in memory that does not grow with it: `push` samples, `part` where time breaks off.
+
+    Any cut into blocks gives the same averages. Raises InputError as `cross_spectra`, for missing segments at the end.
+    """
+
+    def __init__(self, rate_hz: float, outputs: int, settings: SpectrumSettings | None = None) -> None:
+        s = settings or SpectrumSettings()
+        self.settings, self.rate_hz = s, rate_hz
+        self._window = signal.get_window(s.window, round(s.segment_s * rate_hz))
+        size = self._window.size
+        self._step = size - int(s.overlap * size)
+        frequency = np.arange(size // 2 + 1) * rate_hz / size
+        if s.highest_hz >= rate_hz / 2.0:
+            raise InputError(f"highest_hz is {s.highest_hz:g}, half the sampling rate is {rate_hz / 2.0:g} Hz")
+        self._at = np.flatnonzero(
+            (frequency >= s.lowest_hz * (1.0 - 1e-3)) & (frequency <= s.highest_hz * (1.0 + 1e-3))
+        )
+        self._frequency_hz = frequency[self._at]
+        self._sums = np.zeros((3, self._at.size, outputs), dtype=np.complex128)
+        self._segments = np.zeros(outputs, dtype=np.int64)
+        self.part()
+
+    @property
+    def stored(self) -> int:
+        """Samples held right now."""
+        return self._rows.shape[0]
+
+    def part(self) -> None:
+        """Begin another stretch of time: no segment reaches across."""
+        self._rows = np.empty((0, 1 + self._segments.size))
+        self._next = [0] * self._segments.size
+
+    def push(self, given: Floats, answers: Floats) -> None:
+        """Add samples of the input (n,) and the outputs (n, m), NaN where masked."""
+        rows = np.column_stack([given, answers])
+        self._rows = np.concatenate([self._rows, rows]) if self._rows.size else rows
+        usable = np.isfinite(self._rows)
+        usable[:, 1:] &= usable[:, :1]
+        inputs: dict[int, Complexes] = {}
+        for m in range(self._segments.size):
+            starts, self._next[m] = _starts(usable[:, m + 1], self._next[m], self._window.size, self._step)
+            self._segments[m] += len(starts)
             for start in starts:
-                x, y = (_lines(v[start : start + size], window, lines) for v in (given, answers[:, m]))
-                sums[:, :, m] += x.conj() * x, y.conj() * y, x.conj() * y
-    if not segments.any():
-        raise InputError(f"no {s.segment_s:g} s without a mask in the record: shorten segment_s, or record longer")
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = sums * 2.0 / (rate_hz * (window**2).sum()) / segments
-    return CrossSpectra(
-        frequency_hz=frequency[lines],
-        input_psd=np.ascontiguousarray(mean[0].real),
-        output_psd=np.ascontiguousarray(mean[1].real),
-        cross=mean[2],
-        segments=segments,
-        averages=np.array([_independent(int(n), window, step) for n in segments]),
-        bandwidth_hz=float(rate_hz * (window**2).sum() / window.sum() ** 2),
-    )
+                if start not in inputs:
+                    inputs[start] = self._lines(0, start)
+                x, y = inputs[start], self._lines(m + 1, start)
+                self._sums[:, :, m] += x.conj() * x, y.conj() * y, x.conj() * y
+        done = min(*self._next, self._rows.shape[0]) if self._next else self._rows.shape[0]
+        self._rows, self._next = self._rows[done:].copy(), [at - done for at in self._next]
+
+    def _lines(self, column: int, start: int) -> Complexes:
+        return _lines(self._rows[start : start + self._window.size, column], self._window, self._at)
+
+    def spectra(self) -> CrossSpectra:
+        """The averages so far."""
+        s, window, segments = self.settings, self._window, self._segments.copy()
+        if not segments.any():
+            raise InputError(f"no {s.segment_s:g} s without a mask in the record: shorten segment_s, or record longer")
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = self._sums * 2.0 / (self.rate_hz * (window**2).sum()) / segments
+        return CrossSpectra(
+            frequency_hz=self._frequency_hz,
+            input_psd=np.ascontiguousarray(mean[0].real),
+            output_psd=np.ascontiguousarray(mean[1].real),
+            cross=mean[2],
+            segments=segments,
+            averages=np.array([_independent(int(n), window, self._step) for n in segments]),
+            bandwidth_hz=float(self.rate_hz * (window**2).sum() / window.sum() ** 2),
+        )
 
 
-def _starts(usable: Flags, size: int, step: int) -> list[int]:
-    """Where segments begin: in every stretch without a mask, from its beginning on."""
-    return [start for begin, end in stretches(usable) for start in range(begin, end - size + 1, step)]
+def _starts(usable: Flags, begin: int, size: int, step: int) -> tuple[list[int], int]:
+    """Where segments begin from `begin` on: in every stretch without a mask, from its first; and where the next may."""
+    starts, at = [], begin
+    while at < usable.size:
+        seen = usable[at : at + size]
+        if not seen.all():
+            masked = at + int(np.argmin(seen))
+            rest = usable[masked:]
+            at = masked + int(np.argmax(rest)) if rest.any() else usable.size
+        elif seen.size == size:
+            starts.append(at)
+            at += step
+        else:
+            break
+    return starts, at
 
 
 def _lines(values: Floats, window: Floats, lines: NDArray[np.intp]) -> Complexes:

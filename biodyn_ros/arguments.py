@@ -165,6 +165,9 @@ def _add_fit(commands: Any) -> None:
         help="profile the likelihood of a parameter, such as natural_frequency_hz[head], or of all",
     )  # fmt: skip
     command.add_argument("--paper", action="store_true", help="the paper's way; single options still change it")
+    command.add_argument(
+        "--no-report", action="store_true", help="leave out fit.html and, of a campaign, campaign.html"
+    )
     command.add_argument("--seed", type=int, default=0, metavar="N", help="of the swarms (default 0)")
     command.add_argument("--resume", action="store_true", help="take up what an interrupted fit left")
     command.add_argument(
@@ -186,7 +189,9 @@ def _add_fit(commands: Any) -> None:
         ("recording", RecordingSettings),
     ):
         _add_settings(command, title, kind)
-    command.add_argument("-o", "--output", required=True, metavar="OUT.yaml", help="the subject; fit.json beside it")
+    command.add_argument(
+        "-o", "--output", required=True, metavar="OUT.yaml", help="the subject; fit.json and fit.html beside it"
+    )
 
 
 def _add_compare(commands: Any) -> None:
@@ -225,7 +230,8 @@ def _add_validate(commands: Any) -> None:
         ("judging", ValidationSettings),
     ):
         _add_settings(command, title, kind)
-    command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json")
+    command.add_argument("--no-report", action="store_true", help="leave out validate.html")
+    command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json and validate.html")
 
 
 def _add_trace(commands: Any) -> None:

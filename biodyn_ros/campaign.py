@@ -18,7 +18,7 @@ from biodyn_ros.campaign_file import Campaign, Entry
 from biodyn_ros.checkpoint import keys_of, read_json
 from biodyn_ros.executors import as_done, result_of
 from biodyn_ros.files import make_directory, write_json, write_text
-from biodyn_ros.fit import FitOptions, fit_bags, json_beside
+from biodyn_ros.fit import FitOptions, Fitted, fit_bags, json_beside, page_beside
 from biodyn_ros.progress import Tell, silent
 from biodyn_ros.provenance import bag_sha256
 from biodyn_ros.recordings import case_of
@@ -32,11 +32,16 @@ SCHEMA: Final = 1
 
 @dataclass(frozen=True)
 class Fits:
-    """What comes back of one subject: what tells its fit from another, fit.json, and the subject's file."""
+    """What comes back of one subject: what tells its fit from another, fit.json, and the subject's file.
+
+    page: fit.html, None where none was asked for or it could not be drawn, which page_fault tells.
+    """
 
     fingerprint: str
     document: Document
     subject: str
+    page: str | None = None
+    page_fault: str | None = None
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,7 @@ class Row:
     mean_error_percent: float | None = None
     result: str | None = None
     fingerprint: str | None = None
+    page: str | None = None
 
 
 def fit_campaign(
@@ -62,6 +68,7 @@ def fit_campaign(
     executor: Executor | None = None,
     resume: bool = False,
     tell: Tell = lambda done, total: None,
+    report: bool = False,
 ) -> Document:
     """Fit all subjects into a directory; the document of campaign.json, which is rewritten after each.
 
@@ -81,7 +88,8 @@ def fit_campaign(
     results.write()
     waiting = results.waiting
     tell(*results.progress)
-    for index, future in as_done(executor, [(fit_one, (entry, o)) for entry in waiting]):
+    fit = fit_and_draw if report else fit_one
+    for index, future in as_done(executor, [(fit, (entry, o)) for entry in waiting]):
         results.add(waiting[index], future)
         tell(*results.progress)
     return results.document
@@ -89,10 +97,26 @@ def fit_campaign(
 
 def fit_one(entry: Entry, options: FitOptions) -> Fits:
     """Fit one subject, reading its bags; raises InputError as `fit_bags`."""
+    same, fitted = _fitted(entry, options)
+    return Fits(same, fitted.document, fitted.subject.to_yaml())
+
+
+def fit_and_draw(entry: Entry, options: FitOptions) -> Fits:
+    """The same with its page, which is drawn where the fit is made."""
+    same, fitted = _fitted(entry, options)
+    fits = Fits(same, fitted.document, fitted.subject.to_yaml())
+    try:
+        from biodyn_ros.fit_report import fit_page  # an extra of its own
+
+        return dataclasses.replace(fits, page=fit_page(fitted))
+    except Exception as error:  # noqa: BLE001 - a fault in a drawing must not cost the fit
+        return dataclasses.replace(fits, page_fault=f"the page cannot be drawn ({told(error)})")
+
+
+def _fitted(entry: Entry, options: FitOptions) -> tuple[str, Fitted]:
     own = dataclasses.replace(options, held_out=entry.held_out, cases=entry.cases)
     same = fingerprint(entry, options)
-    fitted = fit_bags(entry.bags, entry.subject, own, Work(watch=silent))
-    return Fits(same, fitted.document, fitted.subject.to_yaml())
+    return same, fit_bags(entry.bags, entry.subject, own, Work(watch=silent))
 
 
 def fingerprint(entry: Entry, options: FitOptions) -> str:
@@ -115,7 +139,8 @@ class _Results:
         self._rows = {e.name: Row(e.name, e.subject.name, list(e.bags), list(e.held_out)) for e in campaign.entries}
         inputs = {path.resolve() for path in campaign.inputs}
         for entry in campaign.entries:
-            for path in (self._output(entry), json_beside(self._output(entry)), self.path):
+            output = self._output(entry)
+            for path in (output, json_beside(output), page_beside(output), self.path, page_of(directory)):
                 if path.resolve() in inputs:
                     raise InputError(f"{path}: the campaign reads this file; name another directory for its results")
 
@@ -165,21 +190,35 @@ class _Results:
         try:
             fits = result_of(future, entry.name)
         except Exception as error:  # noqa: BLE001 - also a fault of ours must not take the other subjects' hours
-            line = " ".join(str(error).split())
-            told = line if isinstance(error, InputError) else f"{type(error).__name__}: {line}"
-            self._rows[entry.name] = dataclasses.replace(row, state="failed", error=told)
+            self._rows[entry.name] = dataclasses.replace(row, state="failed", error=told(error))
         else:
             output = self._output(entry)
             write_json(json_beside(output), fits.document)
             write_text(output, fits.subject)
+            page = self._page(output, fits)
             self._rows[entry.name] = dataclasses.replace(
                 row, state="done", seconds=fits.document["seconds"], mean_error_percent=_mean_error(fits.document),
-                result=output.name, fingerprint=fits.fingerprint,
+                result=output.name, fingerprint=fits.fingerprint, error=fits.page_fault, page=page,
             )  # fmt: skip
         self.write()
 
+    def _page(self, output: Path, fits: Fits) -> str | None:
+        """Write a subject's page; the one of an earlier fit goes where there is none."""
+        path = page_beside(output)
+        if fits.page is None:
+            path.unlink(missing_ok=True)
+            return None
+        write_text(path, fits.page, errors="backslashreplace")
+        return path.name
+
     def _output(self, entry: Entry) -> Path:
         return self._directory / f"{entry.name}.yaml"
+
+
+def told(error: Exception) -> str:
+    """An error in one line, with its kind where it is none of ours."""
+    line = " ".join(str(error).split())
+    return line if isinstance(error, InputError) else f"{type(error).__name__}: {line}"
 
 
 def _mean_error(document: Document) -> float | None:
@@ -191,7 +230,7 @@ def _mean_error(document: Document) -> float | None:
 def _row(value: object) -> Row:
     """A row of campaign.json; raises InputError for what we have not written."""
     row = Row(**keys_of(value, "subjects", tuple(item.name for item in dataclasses.fields(Row))))
-    texts = (row.name, row.subject, row.state, row.error, row.result, row.fingerprint)
+    texts = (row.name, row.subject, row.state, row.error, row.result, row.fingerprint, row.page)
     numbers = (row.seconds, row.mean_error_percent)
     lists = (row.bags, row.held_out)
     if not (
@@ -201,6 +240,19 @@ def _row(value: object) -> Row:
     ):
         raise InputError(f"subjects: {str(row.name)[:40]!r} is none of ours; remove the file to start anew")
     return row
+
+
+def page_of(directory: Path) -> Path:
+    """Where the page over a campaign lies."""
+    return directory / "campaign.html"
+
+
+def write_campaign_page(document: Document, directory: Path) -> None:
+    """Write the page over all subjects from campaign.json and what lies beside; raises InputError as `write_drawn`."""
+    from biodyn_ros.campaign_report import campaign_page  # an extra of its own
+    from biodyn_ros.report import write_drawn
+
+    write_drawn(page_of(directory), lambda: campaign_page(document, directory))
 
 
 # --- told ------------------------------------------------------------------------------------------------------------

@@ -236,7 +236,9 @@ def _validate(options: argparse.Namespace) -> int:
     subject = load_subject(subject_file(options.subject))
     with Progress("validating") as progress:
         if options.output:
-            validated = validate_to_directory(options.bag, subject, Path(options.output), how, progress)
+            validated = validate_to_directory(
+                options.bag, subject, Path(options.output), how, progress, report=not options.no_report
+            )
         else:
             validated = validate(options.bag, subject, how, progress)
     _print(options, validated.document, text_of(validated.document))
@@ -249,7 +251,7 @@ def _fit(options: argparse.Namespace) -> int:
     from biodyn_core.parameters import UNFITTED
     from biodyn_core.subject import load_subject
     from biodyn_ros.executors import executor_of
-    from biodyn_ros.fit import check_output, fit_bags, write_fitted
+    from biodyn_ros.fit import check_output, fit_bags, write_fit_page, write_fitted
     from biodyn_ros.fit_text import text_of
     from biodyn_ros.resources import subject_file
     from biodyn_ros.work import Work
@@ -258,6 +260,7 @@ def _fit(options: argparse.Namespace) -> int:
         raise InputError("BAG... and --subject are needed, or --campaign; biodyn fit -h shows how")
     output = Path(options.output)
     check_output(output)
+    _check_reports(options)
     how = _fit_options(options)
     subject = load_subject(subject_file(options.subject), UNFITTED)
     checkpoint = output.with_name(f"{output.stem}.checkpoint.json")
@@ -272,20 +275,27 @@ def _fit(options: argparse.Namespace) -> int:
     write_fitted(fitted, output)
     work.finish()
     _print(options, fitted.document, text_of(fitted.document))
+    if not options.no_report:
+        write_fit_page(fitted, output)
     return 0
 
 
 def _fit_campaign(options: argparse.Namespace) -> int:
-    from biodyn_ros.campaign import check_failed, fit_campaign, text_of
+    from biodyn_ros.campaign import check_failed, fit_campaign, text_of, write_campaign_page
     from biodyn_ros.campaign_file import load_campaign
     from biodyn_ros.executors import executor_of
 
     if options.bag or options.subject or options.hold_out or options.case:
         raise InputError("BAG, --subject, --hold-out and --case are each subject's own: give them in the campaign file")
     campaign, directory = load_campaign(options.campaign), Path(options.output)
+    _check_reports(options)
     with executor_of(options.executor) as executor, Progress("fitting") as progress:
-        document = fit_campaign(campaign, directory, _fit_options(options), executor, options.resume, progress)
+        document = fit_campaign(
+            campaign, directory, _fit_options(options), executor, options.resume, progress, not options.no_report
+        )
     _print(options, document, text_of(document))
+    if not options.no_report:
+        write_campaign_page(document, directory)
     check_failed(document, directory)
     return 0
 
@@ -328,10 +338,7 @@ def _trace(options: argparse.Namespace) -> int:
 
     directory, how = Path(options.output), _trace_options(options)
     check_directory(directory)
-    if not options.no_report:
-        from biodyn_ros.report import check_reports  # an extra of its own
-
-        check_reports()
+    _check_reports(options)
     subject = load_subject(subject_file(options.subject), UNFITTED)
     file = directory.with_name(f"{directory.name}.kept.json")
     kept = Kept(file, options.fresh)
@@ -378,6 +385,14 @@ def _trace_options(options: argparse.Namespace) -> TraceOptions:
         preparing=settings_of(options, CaseSettings),
         settings=settings,
     )
+
+
+def _check_reports(options: argparse.Namespace) -> None:
+    """Say what a page would lack before the long work."""
+    if not options.no_report:
+        from biodyn_ros.report import check_reports  # an extra of its own
+
+        check_reports()
 
 
 def _reading(options: argparse.Namespace) -> RecordingOptions:

@@ -97,9 +97,16 @@ def drawn(width_in: float, height_in: float, fill: Callable[[Any], None]) -> Any
         return _markup(figure)
 
 
+def say(axes: Any, text: str) -> None:
+    """Say why an axes is empty."""
+    axes.set_yticks([])
+    axes.minorticks_off()
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=SOFT_COLOUR)
+
+
 def _settle(figure: Any) -> None:
     """Lay out for good, to a millionth: the solver's last digits differ between runs, and clips are named by them."""
-    figure.draw_without_rendering()
+    figure.get_layout_engine().execute(figure)
     figure.set_layout_engine("none")
     for axes in figure.axes:
         axes.set_position(np.round(axes.get_position().bounds, 6))

@@ -54,11 +54,16 @@ class FitOptions:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The document of fit.json, the subject with its provenance, and the identification behind both."""
+    """The document of fit.json, the subject with its provenance, and the identification behind both.
+
+    given: the subject as it was before; held_out: the events that were only predicted, prepared like the cases.
+    """
 
     document: Document
     subject: Subject
     identification: Identification
+    given: Subject
+    held_out: tuple[Case, ...]
 
 
 def fit_bags(
@@ -85,7 +90,7 @@ def fit_bags(
     )  # fmt: skip
     document |= {"seconds": time.monotonic() - begin, "version": __version__}
     fitted_subject = dataclasses.replace(identification.subject, provenance=provenance(document))
-    return Fitted(document, fitted_subject, identification)
+    return Fitted(document, fitted_subject, identification, subject, tuple(held_out))
 
 
 def write_fitted(fitted: Fitted, output: Path) -> None:
@@ -118,9 +123,22 @@ def check_output(output: Path) -> None:
         raise InputError(f"{output.parent}: is no directory that can be written to")
 
 
+def write_fit_page(fitted: Fitted, output: Path) -> None:
+    """Write the page beside a subject file that is there already; raises InputError as `write_drawn`."""
+    from biodyn_ros.fit_report import fit_page  # an extra of its own
+    from biodyn_ros.report import write_drawn
+
+    write_drawn(page_beside(output), lambda: fit_page(fitted))
+
+
 def json_beside(output: Path) -> Path:
     """Where the fit.json of a subject file lies: `anna.yaml` has `anna.fit.json`."""
     return output.with_name(f"{output.stem}.fit.json")
+
+
+def page_beside(output: Path) -> Path:
+    """Where the page of a subject file lies: `anna.yaml` has `anna.fit.html`."""
+    return output.with_name(f"{output.stem}.fit.html")
 
 
 def choose(events: Sequence[Event]) -> tuple[list[Event], list[Event]]:

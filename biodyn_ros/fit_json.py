@@ -64,6 +64,7 @@ def fit_document(
         "flagged": list(found.idealized.flagged),
         "intervals": {estimate.name: _interval(estimate) for estimate in sure.estimates},
         "identifiable": {estimate.name: estimate.call for estimate in sure.estimates},
+        "correlation": {"names": list(sure.names), "matrix": sure.correlation.tolist()},
         "least_known": {"combination": sure.least_known, "half_width": finite(sure.least_known_half_width)},
         "profiles": {profile.name: _profile(profile) for profile in findings.profiles},
         "not_profiled": list(findings.not_profiled),

@@ -27,7 +27,7 @@ def text_of(document: Document) -> str:
         *_parameter_rows(document),
         *_profile_rows(document),
         "",
-        *_said(document),
+        *said(document),
         *(f"warning: {line}" for line in document["warnings"]),
     ]
     return "\n".join(lines)
@@ -42,7 +42,7 @@ def _headline(document: Document) -> str:
     )
 
 
-_BY: Final = {"error": "by itself", "joint": "joint", "idealized": "idealized"}
+BY: Final = {"error": "by itself", "joint": "joint", "idealized": "idealized"}
 
 
 def _error_rows(event: Document, by: tuple[str, ...]) -> Iterator[str]:
@@ -51,7 +51,7 @@ def _error_rows(event: Document, by: tuple[str, ...]) -> Iterator[str]:
     for key in by:
         shown = [event[key]["nrmse_rms"][name] for name in MEASURED_SEGMENTS]
         cells = "".join(f"{number(value):>12}" for value in shown)
-        yield f"  {_BY[key]:<23}{cells}{number(event[key]['mean']):>9}"
+        yield f"  {BY[key]:<23}{cells}{number(event[key]['mean']):>9}"
 
 
 def _parameter_rows(document: Document) -> Iterator[str]:
@@ -74,7 +74,8 @@ def _profile_rows(document: Document) -> Iterator[str]:
         yield f"{'profile: ' + parameter_name(name):<34}{'':>8}  none, it lies on its bound"
 
 
-def _said(document: Document) -> Iterator[str]:
+def said(document: Document) -> Iterator[str]:
+    """What else there is to know of a fit, one line each."""
     joint, matrix = document["joint"], document["mass_matrix"]
     if document["settings"]["mass_scale"] == "fixed":
         yield "mass scale: held; accelerations say nothing of it"

@@ -53,7 +53,7 @@ class Showing:
         """Everything that the page shows of this moment, finite numbers and texts alone."""
         document = exposure_document(pipeline, "", pipeline.seconds(), [])
         by_name = {status.name.removeprefix("biodyn: "): status for status in statuses}
-        seat = document["seat"]
+        seat, doubt = document["seat"], _doubt(by_name)
         return {
             "schema": SCHEMA,
             "version": __version__,
@@ -63,8 +63,8 @@ class Showing:
             "shock_mps2": self._shock_mps2,
             "limits": document["limits"],
             "seconds": document["seconds"],
-            "verdict": vars(judge(document, _doubt(by_name))),
-            "seat": _seat(seat, document) if seat else None,
+            "verdict": vars(judge(document, doubt)),
+            "seat": _seat(seat, document, doubt) if seat else None,
             "rows": _rows(pipeline.exposure(rolling=True), by_name),
             "prediction": _status(by_name["prediction"]) | {"validated": _validated(document)},
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
@@ -94,8 +94,12 @@ def _status(status: Status) -> dict[str, Any]:
     return {"level": status.level, "message": status.message}
 
 
-def _seat(seat: dict[str, Any], document: dict[str, Any]) -> dict[str, Any]:
-    """The seat against its limits: both measures with their values, who governs, and the time left in words."""
+def _seat(seat: dict[str, Any], document: dict[str, Any], doubt: str) -> dict[str, Any]:
+    """The seat against its limits: both measures with their values, who governs, and the time left in words.
+
+    Nobody is promised time while there is a doubt.
+    """
+    seat = seat | ({"withheld": doubt} if doubt else {})
     limits = document["limits"]
     figures = (
         ("A(8)", "a8", "m/s²", seat["a8_so_far_mps2"], seat["a8_axis"], "a8_mps2"),

@@ -13,7 +13,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.response import SAME_RATE, SpectrumSettings, cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.tracing.findings import Candidate, Event, Round, Surface
-from biodyn_ros.drawings import MEASURED_COLOUR, SOFT_COLOUR, drawn
+from biodyn_ros.drawings import MEASURED_COLOUR, SOFT_COLOUR, drawn, say
 from biodyn_ros.trace_wording import effect_name
 from biodyn_ros.wording import number, words
 
@@ -22,6 +22,9 @@ Floats = NDArray[np.float64]
 BEFORE_COLOUR: Final = "#d9480f"
 AFTER_COLOUR: Final = "#1971c2"
 AMBIGUOUS_COLOUR: Final = "#e8930c"
+BEFORE_DASHES: Final = (0, (3.0, 1.2))
+"""Before and after differ in more than colour."""
+
 REST_COLOUR: Final = "#a9b5c0"
 
 SHOWN_S: Final = 1.2
@@ -65,9 +68,10 @@ def over_frequency(events: Sequence[Event]) -> Any | None:
         grid = figure.add_gridspec(1, len(MEASURED_SEGMENTS))
         for column, name in enumerate(MEASURED_SEGMENTS):
             axes = figure.add_subplot(grid[column])
-            for values, colour, width in zip(power, (MEASURED_COLOUR, BEFORE_COLOUR, AFTER_COLOUR), (1.2, 1.1, 1.1),
-                                             strict=True):  # fmt: skip
-                axes.loglog(frequency_hz, values[:, column], color=colour, lw=width)
+            measured, before, after = power[:, :, column]
+            axes.loglog(frequency_hz, measured, color=MEASURED_COLOUR, lw=1.7)
+            axes.loglog(frequency_hz, before, color=BEFORE_COLOUR, lw=1.1, ls=BEFORE_DASHES)
+            axes.loglog(frequency_hz, after, color=AFTER_COLOUR, lw=1.1)
             axes.set_title(words(name), loc="left", fontweight="bold")
             axes.set_xlabel("Hz", color=SOFT_COLOUR)
             axes.set_xticks([2, 5, 10, 20, 50], ["2", "5", "10", "20", "50"])
@@ -75,7 +79,7 @@ def over_frequency(events: Sequence[Event]) -> Any | None:
             axes.tick_params(which="minor", bottom=False, labelbottom=False)
             axes.tick_params(length=2.5, width=0.6)
             if not np.isfinite(power[:, :, column]).any():
-                _say(axes, "not compared")
+                say(axes, "not compared")
         figure.supylabel("power spectral density, (m/s²)²/Hz", fontsize=8.0, color=SOFT_COLOUR)
 
     return drawn(_WIDTH_IN, 2.6, fill)
@@ -179,9 +183,9 @@ def _shown(event: Event) -> tuple[int, int]:
 
 def _signals(upper: Any, lower: Any, seconds: Floats, measured: Floats, before: Floats, after: Floats) -> None:
     upper.plot(seconds, measured, color=MEASURED_COLOUR, lw=2.6)
-    upper.plot(seconds, before, color=BEFORE_COLOUR, lw=0.9)
+    upper.plot(seconds, before, color=BEFORE_COLOUR, lw=0.9, ls=BEFORE_DASHES)
     upper.plot(seconds, after, color=AFTER_COLOUR, lw=0.9)
-    lower.plot(seconds, before - measured, color=BEFORE_COLOUR, lw=0.9)
+    lower.plot(seconds, before - measured, color=BEFORE_COLOUR, lw=0.9, ls=BEFORE_DASHES)
     lower.plot(seconds, after - measured, color=AFTER_COLOUR, lw=0.9)
     for axes in (upper, lower):
         axes.set_xlim(seconds[0], seconds[-1] + 1e-3)
@@ -189,13 +193,13 @@ def _signals(upper: Any, lower: Any, seconds: Floats, measured: Floats, before: 
     upper.tick_params(labelbottom=False)
     if not np.isfinite(measured).any():
         lower.set_yticks([])
-        _say(upper, "not compared")
+        say(upper, "not compared")
 
 
 def _whole(axes: Any, event: Event, begin: int, end: int) -> None:
     """Residual over the whole event, rms in short windows over segments, in percent of each segment's own rms."""
     seconds, before, after = windowed(event)
-    axes.plot(seconds, before, color=BEFORE_COLOUR, lw=1.1)
+    axes.plot(seconds, before, color=BEFORE_COLOUR, lw=1.1, ls=BEFORE_DASHES)
     axes.plot(seconds, after, color=AFTER_COLOUR, lw=1.1)
     axes.axvspan(begin / event.rate_hz, end / event.rate_hz, color="#eef1f4", zorder=0)
     axes.set_title("whole event, all segments", loc="left", fontweight="bold")
@@ -221,10 +225,3 @@ def windowed(event: Event) -> tuple[Floats, Floats, Floats]:
 def _rms(values: Floats) -> float:
     known = values[np.isfinite(values)]
     return math.sqrt(float(np.mean(known**2))) if known.size else math.nan
-
-
-def _say(axes: Any, text: str) -> None:
-    """Say why an axes is empty."""
-    axes.set_yticks([])
-    axes.minorticks_off()
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=SOFT_COLOUR)

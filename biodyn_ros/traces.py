@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.pipeline import HEAD, Frames
 from biodyn_core.segments import N_SEGMENTS, N_SENSORS, SEAT, SENSORS
+from biodyn_ros.replay_spectra import ReplaySpectra
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -60,6 +61,8 @@ class Event:
 class Traces:
     """Keeps what the replay report draws, in memory that does not grow with the bag: `add` every push's frames.
 
+    spectra: what it draws over frequency.
+
     The envelope has bins of 0.1 s, aligned to whole tenths of a second of stamp time; beyond ENVELOPE_BINS of them
     neighbours join and the width doubles. The event is EVENT_HALF_NS long on either side of the strongest instant.
     Cutting the frames differently changes nothing.
@@ -68,6 +71,7 @@ class Traces:
     def __init__(self) -> None:
         self._predicted = _Stream(N_SEGMENTS)
         self._measured = _Stream(N_SENSORS)
+        self.spectra = ReplaySpectra()
         self._event: Event | None = None
         self._event_open = False
 
@@ -75,6 +79,7 @@ class Traces:
         """Take one push's frames; they must not be written to afterwards."""
         self._predicted.add(frames.predicted.stamps_ns, frames.predicted.accel_mps2)
         self._measured.add(frames.measured.stamps_ns, frames.measured.accel_mps2)
+        self.spectra.add(frames.measured)
         if self._predicted.waiting + self._measured.waiting >= DIGEST_SAMPLES:
             self._digest()
 
@@ -97,7 +102,7 @@ class Traces:
     def stored_samples(self) -> int:
         """Rows held right now: instants and bins."""
         event = 0 if self._event is None else self._event.predicted_ns.size + self._event.measured_ns.size
-        return self._predicted.stored + self._measured.stored + event
+        return self._predicted.stored + self._measured.stored + self.spectra.stored + event
 
     def _digest(self) -> None:
         # A prediction comes before the measurement of its instant, so it is there when the event closes.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,6 +39,7 @@ from biodyn_ros.files import make_directory, write_json
 from biodyn_ros.provenance import Role, bag_sha256, role_of
 from biodyn_ros.recordings import RecordingOptions, read_recordings
 from biodyn_ros.simulate import MADE_BY_MODEL
+from biodyn_ros.spectra_json import array, power_document, spectra_document, transmissibility_document
 from biodyn_ros.validation_findings import ValidationSettings, findings, verdict
 
 Floats = NDArray[np.float64]
@@ -67,11 +68,15 @@ class ValidateOptions:
 
 @dataclass(frozen=True, eq=False)
 class Validated:
-    """The document of validate.json, and the recordings and predictions behind it, one for each run of the seat."""
+    """The document of validate.json, and the recordings and predictions behind it, one for each run of the seat.
+
+    predicted: by segment, (n, 6), NaN wherever the measurement is masked; the central torso is masked nowhere.
+    """
 
     document: Document
     recordings: list[Recording]
     responses: list[Response]
+    predicted: list[Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,11 +133,19 @@ def validate_to_directory(
     directory: Path,
     options: ValidateOptions | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    report: bool = True,
 ) -> Validated:
-    """Validate and write `validate.json`; a bag that is refused leaves no directory."""
+    """Validate and write `validate.json` and `validate.html`; a bag that is refused leaves no directory."""
+    if report:
+        from biodyn_ros.report import check_reports, write_drawn  # an extra of its own
+        from biodyn_ros.validate_report import validation_page
+
+        check_reports()
     validated = validate(bag, subject, options, progress)
     make_directory(directory)
     write_json(directory / "validate.json", validated.document)
+    if report:
+        write_drawn(directory / "validate.html", lambda: validation_page(validated))
     return validated
 
 
@@ -158,14 +171,15 @@ def validate_recordings(
         "mass_matrix": subject.mass_matrix,
         "role": role,
         "path": "zero_phase",
+        "limits": asdict(options.limits),
         "rate_hz": rate_hz,
         "seconds": sum(event.seat.size for event in events) / rate_hz,
         "warm_up_s": WARM_UP_S,
         "runs": len(events),
         "error": _errors(events, rate_hz),
-        "spectra": _spectra(measured, predicted, options.spectra),
-        "transmissibility": _transmissibility(measured, predicted, subject),
-        "power_spectral_density": _power(measured, predicted),
+        "spectra": spectra_document(measured, predicted, options.spectra),
+        "transmissibility": transmissibility_document(measured, predicted, subject),
+        "power_spectral_density": power_document(measured, predicted),
         "stht": _stht(measured, predicted, subject, options.limits),
         "driving_point": _driving_point(subject, responses, measured.frequency_hz, options),
         "exposure": _exposure(events, rate_hz),
@@ -176,7 +190,7 @@ def validate_recordings(
         document["bag_made_by_model"] = MADE_BY_MODEL
     document["findings"] = list(findings(document, options.limits))
     document["verdict"] = verdict(document["findings"])
-    return Validated(document, list(recordings), responses)
+    return Validated(document, list(recordings), responses, [event.predicted for event in events])
 
 
 # --- over time -------------------------------------------------------------------------------------------------------
@@ -280,70 +294,6 @@ def _hic(meter: HicMeter) -> Document | None:
 # --- over frequency --------------------------------------------------------------------------------------------------
 
 
-def _spectra(measured: CrossSpectra, predicted: CrossSpectra, settings: SpectrumSettings) -> Document:
-    """The grid that every array of the document stands on, and how good the estimates can be at all."""
-    by = dict.fromkeys(MEASURED_SEGMENTS, measured)
-    return {
-        "estimator": "H1, Welch",
-        "window": settings.window,
-        "segment_s": settings.segment_s,
-        "overlap": settings.overlap,
-        "step_hz": float(measured.frequency_hz[1] - measured.frequency_hz[0]),
-        "bandwidth_hz": measured.bandwidth_hz,
-        "frequency_hz": _array(measured.frequency_hz),
-        "segments": {name: int(by.get(name, predicted).segments[i]) for i, name in enumerate(SEGMENTS)},
-        "averages": {name: float(by.get(name, predicted).averages[i]) for i, name in enumerate(SEGMENTS)},
-        "chance_coherence": {
-            name: float(by.get(name, predicted).chance_coherence[i]) for i, name in enumerate(SEGMENTS)
-        },
-    }
-
-
-def _transmissibility(measured: CrossSpectra, predicted: CrossSpectra, subject: Subject) -> Document:
-    exact = Chain.of(subject).transmissibility(measured.frequency_hz)
-    return {
-        name: {
-            "measured": _estimate(measured, i),
-            "predicted": _estimate(predicted, i),
-            "linear": {
-                "magnitude": _array(np.abs(exact[:, i])),
-                "phase_deg": _array(np.degrees(np.angle(exact[:, i]))),
-            },
-        }
-        for i, name in enumerate(SEGMENTS)
-    }
-
-
-def _estimate(spectra: CrossSpectra, column: int) -> Document | None:
-    if not spectra.segments[column]:
-        return None
-    return {
-        "magnitude": _array(np.abs(spectra.h1[:, column])),
-        "phase_deg": _array(spectra.phase_deg[:, column]),
-        "coherence": _array(spectra.coherence[:, column]),
-        "relative_error": _array(spectra.relative_error[:, column]),
-    }
-
-
-def _power(measured: CrossSpectra, predicted: CrossSpectra) -> Document:
-    """Power spectral densities, (m/s^2)^2/Hz, and the amplitudes, m/s^2, that sines would need to show as much."""
-    central = SEGMENTS.index("central_torso")  # nothing masks the seat there
-    channels = {SEAT: {"measured": predicted.input_psd[:, central]}}
-    for i, name in enumerate(SEGMENTS):
-        both = {"measured": measured, "predicted": predicted}
-        channels[name] = {side: s.output_psd[:, i] for side, s in both.items() if s.segments[i]}
-    return {
-        name: {
-            side: {
-                "psd_mps2_squared_per_hz": _array(psd),
-                "amplitude_mps2": _array(np.sqrt(2.0 * psd * measured.bandwidth_hz)),
-            }
-            for side, psd in sides.items()
-        }
-        for name, sides in channels.items()
-    }
-
-
 def _stht(measured: CrossSpectra, predicted: CrossSpectra, subject: Subject, limits: ValidationSettings) -> Document:
     """Seat-to-head transmissibility's peaks, where the measured coherence can tell, and their ratio with its error."""
     frequency, least = measured.frequency_hz, limits.least_coherence
@@ -387,7 +337,8 @@ def _driving_point(
         "body_mass_kg": found.body_mass_kg,
         "upper_body_mass_kg": found.upper_body_mass_kg,
         "printed_band": list(PRINTED_BAND),
-        "predicted": _point(found, options.limits) | {"coherence": _array(found.coherence)},
+        "predicted": _point(found, options.limits)
+        | {"coherence": array(found.coherence), "chance_coherence": found.chance_coherence},
         "linear": _point(exact, options.limits),
     }
 
@@ -401,10 +352,10 @@ def _point(point: DrivingPoint, limits: ValidationSettings) -> Document:
         "impedance_peak": impedance,
     }  # fmt: skip
     return {
-        "apparent_mass_kg": _array(mass),
-        "phase_deg": _array(point.phase_deg),
-        "impedance_n_s_per_m": _array(impedance),
-        "impedance_phase_deg": _array(np.degrees(np.angle(point.impedance_n_s_per_m))),
+        "apparent_mass_kg": array(mass),
+        "phase_deg": array(point.phase_deg),
+        "impedance_n_s_per_m": array(impedance),
+        "impedance_phase_deg": array(np.degrees(np.angle(point.impedance_n_s_per_m))),
         **{name: _peak(peak(point.frequency_hz, values, tells)) for name, values in peaks.items()},
     }
 
@@ -422,8 +373,3 @@ def _peak(found: Peak | None) -> Document | None:
 
 def _ratio(above: float, below: float) -> float | None:
     return above / below if below > 0.0 else None
-
-
-def _array(values: Floats) -> list[float | None]:
-    """Six digits are enough to draw; JSON knows no NaN."""
-    return [float(f"{value:.6g}") if math.isfinite(value) else None for value in values.tolist()]

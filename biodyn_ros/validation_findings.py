@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from biodyn_core.segments import HEAD
 from biodyn_core.settings import check_settings, setting
 from biodyn_ros.wording import number, words
 
 Document = dict[str, Any]
+
+LEAST_COHERENCE: Final = 0.5
+"""From which on a frequency can tell, unless said otherwise."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,9 @@ class ValidationSettings:
     frequency_ratio: float = setting(1.25, "largest ratio between the frequencies of both peaks", "", 1.01, 10.0)
     dose_ratio: float = setting(1.25, "largest ratio between predicted and measured VDV of a segment", "", 1.01, 10.0)
     nrmse_percent: float = setting(20.0, "largest error of a segment, rms over measured rms", "%", 0.1, 1000.0)
-    least_coherence: float = setting(0.5, "measured coherence from which on a frequency can tell", "", 0.0, 1.0)
+    least_coherence: float = setting(
+        LEAST_COHERENCE, "measured coherence from which on a frequency can tell", "", 0.0, 1.0
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)

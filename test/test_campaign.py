@@ -29,7 +29,19 @@ from biodyn_ros.simulate import motion_of_cases, simulate_bag
 QUICK = FitOptions(
     settings=FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=400, refined_starts=1)
 )
-QUICKLY = ["--particles", "20", "--iterations", "20", "--starts", "2", "--evaluations", "400", "--refined-starts", "1"]
+QUICKLY = [
+    "--particles",
+    "20",
+    "--iterations",
+    "20",
+    "--starts",
+    "2",
+    "--evaluations",
+    "400",
+    "--refined-starts",
+    "1",
+    "--no-report",
+]
 PEOPLE = ("anna", "ben", "carl")
 
 

@@ -26,7 +26,19 @@ from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
 SUBJECT = load_subject(subject_file("subject_1"))
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=200)
-SMALL = ["--particles", "30", "--iterations", "60", "--starts", "2", "--refined-starts", "2", "--evaluations", "200"]
+SMALL = [
+    "--particles",
+    "30",
+    "--iterations",
+    "60",
+    "--starts",
+    "2",
+    "--refined-starts",
+    "2",
+    "--evaluations",
+    "200",
+    "--no-report",
+]
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +190,7 @@ def test_the_command_fits_and_an_unfitted_person_will_do(
 
 
 def test_the_papers_way_is_an_option_of_its_own(bags: dict[str, Path], tmp_path: Path) -> None:
-    small = ["--particles", "30", "--iterations", "60", "--evaluations", "200", "--executor", "none"]
+    small = ["--particles", "30", "--iterations", "60", "--evaluations", "200", "--executor", "none", "--no-report"]
     command = ["fit", str(bags["rail_1"]), "--subject", "subject_1", "--paper", "-o", str(tmp_path / "p.yaml"), *small]
     assert main(command) == 0
     document = json.loads((tmp_path / "p.fit.json").read_text())

@@ -40,6 +40,7 @@ LAYERS = (
         "synthesis",
         "timelines",
         "upright",
+        "waterfall",
         "weighting",
         "worn",
     ),

@@ -118,6 +118,8 @@ def test_a_seat_that_has_stopped_is_not_green_even_when_everybody_else_has_stopp
     told = ride.look()
     assert told["verdict"]["tone"] == "none"
     assert "silent for 0.8 s" in told["verdict"]["reasons"][0]
+    assert "left" in ride.snapshots[-2]["seat"]["left"]["action"]
+    assert told["seat"]["left"] == {"action": "withheld", "limit": "withheld"}, "nobody is promised time"
 
 
 def test_two_publishers_on_the_seat_are_not_green():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -127,11 +127,16 @@ def searches_by_case(searches: Sequence[Search], cases: int, settings: FitSettin
     return [searches] * cases if settings.phase1 == "pooled" else [[one] for one in searches]
 
 
-def prediction_errors(subject: Subject, cases: Sequence[Case]) -> tuple[Errors, ...]:
-    """Errors of a subject's forward prediction of cases, fitted to or not."""
+def predictions(subject: Subject, cases: Sequence[Case]) -> Iterator[Floats]:
+    """A subject's forward prediction of each case, fitted to or not: accelerations (n, 5) of the measured segments."""
     theta = subject.parameters.vector()
     problem = TimeDomain(cases, subject, Pull(theta, 0.0))
-    return tuple(errors(case, problem.accelerations(number, theta)) for number, case in enumerate(cases))
+    return (problem.accelerations(number, theta) for number in range(len(cases)))
+
+
+def prediction_errors(subject: Subject, cases: Sequence[Case]) -> tuple[Errors, ...]:
+    """Errors of a subject's forward prediction of cases."""
+    return tuple(errors(case, accel) for case, accel in zip(cases, predictions(subject, cases), strict=True))
 
 
 def mean_percent(found: Sequence[Errors]) -> float:

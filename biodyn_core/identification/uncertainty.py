@@ -91,6 +91,12 @@ class Uncertainty:
     least_known: dict[str, float]
     least_known_half_width: float
 
+    @property
+    def correlation(self) -> Floats:
+        """Correlation (p, p) of the estimates of ln theta, by `names`."""
+        spread = np.sqrt(np.diag(self.covariance))
+        return np.asarray(np.clip(self.covariance / np.outer(spread, spread), -1.0, 1.0))
+
 
 def uncertainty(fit: Fit, cases: Sequence[Case], settings: UncertaintySettings | None = None) -> Uncertainty:
     """Intervals of a fit from the cases it was made of, by the sandwich H^-1 B H^-1 with H = J'J."""

@@ -1,0 +1,95 @@
+"""Waterfall: power over time and frequency of a stream, in memory that does not grow with it.
+
+Periodograms of one second, averaged in bins of time; where there are more bins than `BINS`, neighbours join.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BIN_NS: Final = 1_000_000_000
+BINS: Final = 240
+"""As many as a page can show, from the first to the last; a longer record doubles their width."""
+
+MOST_HZ: Final = 50.0
+USABLE: Final = 0.45
+"""Nothing is answered beyond this share of the sampling rate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Waterfall:
+    """Power spectral density (b, f, m), (unit)^2/Hz, of m channels in bins of time that begin at begins_ns (b,).
+
+    NaN where a channel had no second without a mask. frequency_hz (f,) is spaced evenly.
+    """
+
+    width_ns: int
+    begins_ns: Integers
+    frequency_hz: Floats
+    density: Floats
+
+
+class WaterfallMeter:
+    """Gathers a waterfall: `push` samples, `part` where time breaks off. Any cut into blocks gives the same."""
+
+    def __init__(self, rate_hz: float, channels: int) -> None:
+        size = max(2, int(rate_hz * (1.0 + 1e-9)))  # never longer than a bin, which would leave some bins empty
+        self._window = signal.get_window("hann", size)
+        frequency = np.arange(size // 2 + 1) * rate_hz / size
+        self._at = np.flatnonzero((frequency > 0.5) & (frequency <= min(MOST_HZ + 0.5, USABLE * rate_hz)))
+        self._frequency_hz = frequency[self._at]
+        self._scale = 2.0 / (rate_hz * float((self._window**2).sum()))
+        self._channels, self._width_ns = channels, BIN_NS
+        self._bins: dict[int, tuple[Floats, Integers]] = {}
+        self.part()
+
+    @property
+    def stored(self) -> int:
+        """Samples and bins held right now."""
+        return self._stamps_ns.size + len(self._bins)
+
+    def part(self) -> None:
+        """Begin another stretch of time: no periodogram reaches across."""
+        self._stamps_ns, self._rows = np.empty(0, dtype=np.int64), np.empty((0, self._channels))
+
+    def push(self, stamps_ns: Integers, values: Floats) -> None:
+        """Add samples (n, m) at stamps (n,), NaN where masked."""
+        stamps_ns, rows = np.concatenate([self._stamps_ns, stamps_ns]), np.concatenate([self._rows, values])
+        size = self._window.size
+        count = rows.shape[0] // size
+        for begin in range(0, count * size, size):
+            part = rows[begin : begin + size]
+            lines = np.fft.rfft((part - part.mean(axis=0)) * self._window[:, None], axis=0)[self._at]
+            self._add(int(stamps_ns[begin]), self._scale * np.abs(lines) ** 2)
+        self._stamps_ns, self._rows = stamps_ns[count * size :].copy(), rows[count * size :].copy()
+
+    def _add(self, begin_ns: int, density: Floats) -> None:
+        known = np.asarray(~np.isnan(density).any(axis=0), dtype=np.int64)
+        self._join(begin_ns // self._width_ns, np.where(known, density, 0.0), known)
+        while max(self._bins) - min(self._bins) >= BINS:
+            narrow, self._bins = self._bins, {}
+            self._width_ns *= 2
+            for number, (total, seen) in narrow.items():
+                self._join(number // 2, total, seen)
+
+    def _join(self, number: int, total: Floats, seen: Integers) -> None:
+        before = self._bins.get(number)
+        self._bins[number] = (total, seen) if before is None else (before[0] + total, before[1] + seen)
+
+    def waterfall(self) -> Waterfall:
+        """What was gathered so far."""
+        numbers = sorted(self._bins)
+        density = np.full((len(numbers), self._at.size, self._channels), np.nan)
+        for row, number in enumerate(numbers):
+            total, seen = self._bins[number]
+            density[row, :, seen > 0] = (total[:, seen > 0] / seen[seen > 0]).T
+        begins_ns = np.array(numbers, dtype=np.int64) * self._width_ns
+        return Waterfall(self._width_ns, begins_ns, self._frequency_hz, density)

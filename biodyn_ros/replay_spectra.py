@@ -1,0 +1,140 @@
+"""What a replay's page shows over frequency, gathered while replaying in memory that does not grow with the bag."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from biodyn_core.comparison import MeasuredFrames
+from biodyn_core.errors import InputError
+from biodyn_core.response import CrossSpectra, SpectraMeter, SpectrumSettings
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SENSORS
+from biodyn_core.waterfall import USABLE, Waterfall, WaterfallMeter
+from biodyn_ros.spectra_json import power_document, spectra_document, transmissibility_document
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Document = dict[str, Any]
+
+RATE_SAMPLES: Final = 1024
+"""The rate is the median step of so many samples, the first, however they are cut."""
+
+BREAK_STEPS: Final = 1.5
+"""A step so many times the usual is a break, as is one backwards."""
+
+_MOST_HZ: Final = 50.0
+_LOWEST_RATE_HZ: Final = 10.0
+
+
+class ReplaySpectra:
+    """Spectra and waterfall of a replay: `add` the measured part of every push's frames.
+
+    What is predicted is masked where the measurement is, so that both see the same instants; nothing averages across a
+    break of the seat. Cutting the frames differently changes nothing.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[Integers, Floats]] = []
+        self._count = 0
+        self._last_ns: int | None = None
+        self._meters: _Meters | None = None
+
+    @property
+    def stored(self) -> int:
+        """Rows held right now: instants and bins."""
+        return self._count + (self._meters.stored if self._meters else 0)
+
+    def add(self, measured: MeasuredFrames) -> None:
+        """Take instants that wait until there is a batch of them."""
+        if measured.stamps_ns.size:
+            self._waiting.append((measured.stamps_ns, np.hstack([measured.accel_mps2, measured.residual_mps2])))
+            self._count += measured.stamps_ns.size
+        if self._count > (RATE_SAMPLES if self._meters is None else 4 * RATE_SAMPLES):
+            self._digest()
+
+    def spectra(self) -> Document | None:
+        """The mapping of spectra, transmissibility and power_spectral_density; None for a record that is too short."""
+        self._digest()
+        if self._meters is None:
+            return None
+        try:
+            found = self._meters.welch.spectra()
+        except InputError:  # no segment without a mask
+            return None
+        measured, predicted = _columns(found, 0), _columns(found, N_SEGMENTS)
+        return {
+            "spectra": spectra_document(measured, predicted, self._meters.welch.settings),
+            "transmissibility": _with_sensor(transmissibility_document(measured, predicted, None)),
+            "power_spectral_density": _with_sensor(power_document(measured, predicted)),
+        }
+
+    def waterfall(self) -> Waterfall | None:
+        """Of the five measured segments, then of their residuals; None where there is no second of anything."""
+        self._digest()
+        found = self._meters.waterfall.waterfall() if self._meters else None
+        return found if found is not None and found.begins_ns.size else None
+
+    def _digest(self) -> None:
+        if not self._count:
+            return
+        stamps_ns, values = (np.concatenate(parts) for parts in zip(*self._waiting, strict=True))
+        self._waiting, self._count = [], 0
+        if self._meters is None:
+            if stamps_ns.size < 2:
+                return
+            step_ns = float(np.median(np.diff(stamps_ns[: RATE_SAMPLES + 1])))
+            if not 0.0 < step_ns < 1e9 / _LOWEST_RATE_HZ:
+                return
+            self._meters = _Meters(1e9 / step_ns)
+        steps = np.diff(stamps_ns, prepend=stamps_ns[0] if self._last_ns is None else self._last_ns)
+        self._last_ns = int(stamps_ns[-1])
+        usual_ns = 1e9 / self._meters.rate_hz
+        breaks = np.flatnonzero((steps < 0) | (steps > BREAK_STEPS * usual_ns)).tolist()
+        for begin, end in zip([0, *breaks], [*breaks, stamps_ns.size], strict=True):
+            if begin in breaks:
+                self._meters.part()
+            if end > begin:
+                self._meters.push(stamps_ns[begin:end], values[begin:end])
+
+
+class _Meters:
+    """Both meters of one rate; one for averages over the whole, one for bins of time."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self.rate_hz = rate_hz
+        self.waterfall = WaterfallMeter(rate_hz, 2 * len(MEASURED_SEGMENTS))
+        highest_hz = min(_MOST_HZ, USABLE * rate_hz)
+        self.welch = SpectraMeter(rate_hz, 2 * N_SEGMENTS, SpectrumSettings(highest_hz=highest_hz))
+
+    @property
+    def stored(self) -> int:
+        return self.waterfall.stored + self.welch.stored
+
+    def part(self) -> None:
+        self.waterfall.part()
+        self.welch.part()
+
+    def push(self, stamps_ns: Integers, values: Floats) -> None:
+        """Seat, five measured and five residuals by column, (n, 11)."""
+        seat, measured, residual = values[:, 0], values[:, 1:6], values[:, 6:]
+        self.waterfall.push(stamps_ns, values[:, 1:])
+        answers = np.full((seat.size, 2 * N_SEGMENTS), np.nan)
+        answers[:, MEASURED_SEGMENT_INDEX] = np.where(np.isnan(residual), np.nan, measured)
+        answers[:, N_SEGMENTS + MEASURED_SEGMENT_INDEX] = measured + residual
+        self.welch.push(seat, answers)
+
+
+def _with_sensor(document: Document) -> Document:
+    """Without the central torso, which no sensor ever sees."""
+    return {name: of for name, of in document.items() if name in SENSORS}
+
+
+def _columns(found: CrossSpectra, first: int) -> CrossSpectra:
+    """The spectra of the six outputs from `first` on."""
+    here = slice(first, first + N_SEGMENTS)
+    return CrossSpectra(
+        found.frequency_hz, found.input_psd[:, here], found.output_psd[:, here], found.cross[:, here],
+        found.segments[here], found.averages[here], found.bandwidth_hz,
+    )  # fmt: skip

@@ -1,0 +1,482 @@
+"""The pages of validations, fits, campaigns and replays: their numbers and curves are those of the documents.
+
+What is missing is said, and nothing from outside is more than text.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+import math
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import test_report
+import test_streamed_spectra as streamed
+from pages import NASTY, Page, assert_self_contained, lines, told
+
+from biodyn_core.errors import InputError
+from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.settings import FitSettings
+from biodyn_core.model import Chain
+from biodyn_core.parameters import PARAMETERS
+from biodyn_core.pipeline import NO_PREDICTED, Frames
+from biodyn_core.recording import Recording
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
+from biodyn_core.subject import load_subject
+from biodyn_core.synthesis import SensorSettings
+from biodyn_ros import campaign as campaigns
+from biodyn_ros import fit_report, validate_report
+from biodyn_ros import validate as validating
+from biodyn_ros.campaign import fit_campaign, write_campaign_page
+from biodyn_ros.campaign_file import load_campaign
+from biodyn_ros.campaign_report import campaign_page
+from biodyn_ros.cli import main
+from biodyn_ros.fit import FitOptions, Fitted, fit_bags, write_fit_page, write_fitted
+from biodyn_ros.fit_drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
+from biodyn_ros.fit_report import doubts, fit_events, fit_page, judge_fit
+from biodyn_ros.frequency_drawings import driving_point, residual_channels, transmissibility, waterfall
+from biodyn_ros.report import frequency_parts, render
+from biodyn_ros.resources import subject_file
+from biodyn_ros.simulate import MADE_BY_MODEL, motion_of_cases, simulate_bag
+from biodyn_ros.traces import Traces
+from biodyn_ros.validate import Validated, validate_recordings, validate_to_directory
+from biodyn_ros.validate_report import residual_waterfall, strongest_event, tone, validation_page, worst_segment
+from biodyn_ros.wording import number
+
+RATE_HZ = 400.0
+ODD = f"{NASTY}\udcff"
+PERSON = "<b>anna</b> $y$"
+DARK, ORANGE = "#1f2933", "#d9480f"
+
+Document = dict[str, Any]
+
+
+# --- validation ------------------------------------------------------------------------------------------------------
+
+
+def recording(seconds: float = 12.0) -> Recording:
+    """What perfect sensors would see of subject 1 in a noise of 1 to 40 Hz with one blow; the neck has no sensor."""
+    rng = np.random.default_rng(5)
+    frequency = np.fft.rfftfreq(round(seconds * RATE_HZ), 1.0 / RATE_HZ)
+    spectrum = ((frequency > 1.0) & (frequency < 40.0)) * np.exp(2j * np.pi * rng.random(frequency.size))
+    seat = np.fft.irfft(spectrum, round(seconds * RATE_HZ))
+    seat *= np.minimum(np.arange(seat.size) / 200.0, 1.0) / seat.std()
+    seat[3000:3008] += 20.0
+    who = load_subject(subject_file("subject_1"))
+    measured = Chain.of(who).simulate(seat, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    measured[:, MEASURED_SEGMENTS.index("neck")] = np.nan
+    stamps = np.arange(seat.size) * 2_500_000
+    return Recording("event", "rail", RATE_HZ, stamps, seat, measured, ("neck: no <i>sensor</i>",))
+
+
+@pytest.fixture(scope="module")
+def validated() -> Validated:
+    who = dataclasses.replace(load_subject(subject_file("subject_2")), name=PERSON)
+    return validate_recordings([recording()], who, bag=ODD)
+
+
+@pytest.fixture(scope="module")
+def validation(validated: Validated) -> str:
+    return validation_page(validated)
+
+
+def test_a_validation_says_the_numbers_of_its_document(validated: Validated, validation: str) -> None:
+    text, document = Page(validation.encode("utf-8", "backslashreplace").decode()).text, validated.document
+    assert "Disagrees with the measurement" in text and '<section class="strip bad"' in validation
+    for finding in document["findings"]:
+        assert finding["text"][1:] in text
+    for name, error in document["error"]["segments"].items():
+        if error is None:
+            assert f"{name} not measured" in text
+            continue
+        row = [number(error[key]) for key in ("rms_mps2", "measured_rms_mps2", "nrmse_rms_percent")]
+        assert " ".join([name.replace("_", " "), *row]) in text
+    point = document["driving_point"]["predicted"]
+    for key in ("peak", "peak_by_body_mass", "peak_by_upper_body_mass", "impedance_peak"):
+        assert f"{number(point[key]['magnitude'])} {number(point[key]['frequency_hz'])}" in text
+    assert f"ratio of peaks {number(document['stht']['peak_ratio'])}" in text
+    for segment, of in document["exposure"]["segments"].items():
+        for side in ("measured", "predicted"):
+            if of[side]:
+                assert f"{number(of[side]['vdv_mps175'])} {side}" in told(validation), segment
+    assert number(document["exposure"]["dri"]["compression"]) in told(validation)
+    assert "What not to believe" in text and "No force was measured" in text
+
+
+def test_every_drawing_of_a_validation_says_what_and_in_which_unit(validation: str) -> None:
+    drawings = re.findall(r"<svg.*?</svg>", validation, flags=re.DOTALL)
+    expected = (
+        ("vertical acceleration, m/s²", "seconds since the first predicted instant", "not measured"),
+        ("|segment / seat|, no unit", "coherence", "frequency, Hz", "not measured", "central torso"),
+        ("amplitude, m/s²", "PSD, (m/s²)²/Hz", "Hz", "seat", "not measured"),
+        ("|head / seat|, no unit", "|force / acceleration|, kg", "|force / velocity|, N s/m", "phase, degrees",
+         "over body mass, no unit", "the paper's printed band of the peak"),
+        ("VDV, Wk-weighted, vertical, m/s^1.75", "neck"),
+        ("DRI of the measured seat, no unit", "HIC of the head, g^2.5 s", "HIC15 |vertical|", "17.7"),
+        ("frequency, Hz", "power, dB re 1 (m/s²)²/Hz", "predicted minus measured"),
+    )  # fmt: skip
+    assert len(drawings) == len(expected)
+    for drawing, texts in zip(drawings, expected, strict=True):
+        for text in texts:
+            assert text in told(drawing), text
+
+
+def test_a_validation_is_one_file_that_is_the_same_again(validated: Validated, validation: str) -> None:
+    assert_self_contained(validation)
+    found = residual_waterfall(validated)
+    for svg in (
+        driving_point(validated.document),
+        waterfall(found, residual_channels(worst_segment(validated.document)), 0),
+    ):
+        assert svg in validation
+
+
+def test_names_from_outside_are_text_on_a_validation(validation: str) -> None:
+    page = Page(validation.encode("utf-8", "backslashreplace").decode())
+    assert not {"script", "i"} & set(page.tags) and "<b>anna" not in validation
+    assert f"Validation of {PERSON} on {NASTY}\\udcff" in page.text and "neck: no <i>sensor</i>" in page.text
+
+
+def test_the_drawn_transmissibility_is_the_documents(validated: Validated) -> None:
+    document = validated.document
+    svg = transmissibility(document, 0.5)
+    (found,) = (line for line in lines(svg, DARK, 1.7)[:1])
+    of = document["transmissibility"]["head"]["measured"]
+    frequency = np.array(document["spectra"]["frequency_hz"])
+    shown = frequency[0] * (max(frequency[-1], 50.0) / frequency[0]) ** found.points[:, 0]
+    loudest = int(np.argmax(found.points[:, 1]))
+    assert shown[loudest] == pytest.approx(document["stht"]["measured"]["frequency_hz"], rel=0.01)
+    ratio = np.log10(max(of["magnitude"]) / of["magnitude"][0])
+    heights = found.points[loudest, 1] - found.points[0, 1]
+    assert ratio / heights == pytest.approx(3.0, abs=0.02)  # the panel is three decades high
+    assert not found.dashed
+    assert all(line.dashed for line in lines(svg, ORANGE, 1.3))
+
+
+def test_what_cannot_be_told_is_thin(validated: Validated) -> None:
+    document = copy.deepcopy(validated.document)
+    told_lines = len(lines(transmissibility(document, 0.5), DARK, 1.7))
+    document["transmissibility"]["head"]["measured"]["coherence"] = [0.1] * len(document["spectra"]["frequency_hz"])
+    svg = transmissibility(document, 0.5)
+    assert len(lines(svg, DARK, 0.6)) == 4  # of four measured segments
+    assert len(lines(svg, DARK, 1.7)) == told_lines - 1  # the coherence beneath stays
+    refused = document | {"driving_point": {"refused": "ask for as_printed"}}
+    assert told(driving_point(refused)).count("refused, see below") == 4
+
+
+def test_a_recording_made_by_the_model_is_never_green(validated: Validated) -> None:
+    agrees = validated.document | {"verdict": "agrees"}
+    assert tone(agrees) == "good" and tone(agrees | {"bag_made_by_model": MADE_BY_MODEL}) == "none"
+
+
+def test_the_event_that_is_drawn_is_the_strongest(validated: Validated) -> None:
+    event, whole = strongest_event(validated), recording()
+    head = whole.measured_mps2[:, MEASURED_SEGMENTS.index("head")]
+    strongest = max(np.abs(whole.seat_mps2[800:]).max(), np.abs(head[800:]).max())
+    assert event is not None and event.peak_mps2 == strongest
+    assert abs(event.peak_ns - 3004 * 2_500_000) < 200_000_000
+    assert np.isnan(event.measured_mps2[:, 1 + MEASURED_SEGMENTS.index("neck")]).all()
+
+
+def test_a_validation_is_written_first_and_drawn_after(
+    validated: Validated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(validating, "validate", lambda *given: validated)
+    who = load_subject(subject_file("subject_2"))
+    monkeypatch.setattr(validate_report, "validation_page", lambda found: f"page of {ODD}")
+    validate_to_directory("bag", who, tmp_path / "with")
+    assert (tmp_path / "with" / "validate.html").read_text() == f"page of {NASTY}\\udcff"
+    validate_to_directory("bag", who, tmp_path / "without", report=False)
+    assert [path.name for path in (tmp_path / "without").iterdir()] == ["validate.json"]
+
+    monkeypatch.setattr(validate_report, "validation_page", lambda found: {}["nothing"])
+    with pytest.raises(InputError, match=r"validate\.html: cannot be drawn \(KeyError: 'nothing'\); all other results"):
+        validate_to_directory("bag", who, tmp_path / "with")
+    assert [path.name for path in (tmp_path / "with").iterdir()] == ["validate.json"]
+
+
+# --- fit -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
+    """Of a road and a rail, another road held out; names that are a nuisance."""
+    folder, who = tmp_path_factory.mktemp("bags"), load_subject(subject_file("subject_1"))
+    bags = {name: folder / f"{name}.mcap" for name in ("<script>road", "rail", "spare")}
+    for seed, (name, bag) in enumerate(bags.items()):
+        simulate_bag(
+            bag, who, motion_of_cases(["rail" if name == "rail" else "road"], 3.0, seed), seed, SensorSettings()
+        )
+    swarm = SwarmSettings(particles=20, iterations=20, starts=1)
+    settings = FitSettings(swarm=swarm, refined_starts=1, evaluations=60)
+    given = dataclasses.replace(load_subject(subject_file("subject_2")), name=PERSON)
+    options = FitOptions(settings=settings, held_out=(str(bags["spare"]),), cases={str(bags["spare"]): "road"})
+    return fit_bags([bags["<script>road"], bags["rail"]], given, options)
+
+
+@pytest.fixture(scope="module")
+def page(fitted: Fitted) -> str:
+    return fit_page(fitted)
+
+
+def test_a_fit_says_the_numbers_of_its_document(fitted: Fitted, page: str) -> None:
+    text, document = Page(page).text, fitted.document
+    held_out = document["held_out"][0]["joint"]
+    assert f"Predicts events it was not fitted to within {number(held_out['mean'])} % of their rms" in text
+    assert " ".join(["joint", *map(number, held_out["nrmse_rms"].values()), number(held_out["mean"])]) in text
+    for name, of in document["intervals"].items():
+        if not of["at_bound"]:
+            unit = "" if of["unit"] == "-" else f" {of['unit']}"
+            said = f"{number(of['value'])} ({number(of['lower'])} to {number(of['upper'])}){unit}, "
+            assert said + document["identifiable"][name] in told(page), name
+    assert "None was asked for: --profile NAME" in text and "The mass scale was held" in text
+    assert text.count(MADE_BY_MODEL) == 1 and "3 recordings: " in text
+
+
+def test_every_drawing_of_a_fit_says_what_and_in_which_unit(page: str) -> None:
+    drawings = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
+    expected = (
+        ("place between the bounds of Table 1, logarithmic, no unit", "natural frequency, head", "stiffening scale"),
+        ("vertical acceleration; beneath, model minus measured; m/s²", "s since the event began", "residual, % of rms"),
+        ("power spectral density, (m/s²)²/Hz", "Hz", "upper torso"),
+        ("correlation of the estimates' logarithms, no unit", "damping ratio, neck"),
+    )
+    assert len(drawings) == len(expected)
+    for drawing, texts in zip(drawings, expected, strict=True):
+        for text in texts:
+            assert text in told(drawing), text
+
+
+def test_a_fit_is_one_file_that_is_the_same_again(fitted: Fitted, page: str) -> None:
+    assert_self_contained(page)
+    assert "script" not in Page(page).tags and f"Fit of {PERSON}" in Page(page).text
+    for draw in (intervals, correlation):
+        assert draw(fitted.document) in page
+
+
+def test_drawn_intervals_lie_where_the_document_has_them(fitted: Fitted) -> None:
+    document = copy.deepcopy(fitted.document)
+    for of in document["intervals"].values():
+        of["at_bound"] = False
+    drawn = [line.points[:, 0] for line in lines(intervals(document), ESTIMATE_COLOUR, 2.2) if len(line.points) == 2]
+    assert len(drawn) == len(document["intervals"]) == 14
+    low, high = -0.11, 1.66
+    bounds = {parameter.name: (parameter.lower, parameter.upper) for parameter in PARAMETERS}
+    for (name, of), ends in zip(document["intervals"].items(), drawn, strict=True):
+        lower, upper = bounds[name]
+        expected = [math.log(of[end] / lower) / math.log(upper / lower) for end in ("lower", "upper")]
+        np.testing.assert_allclose(low + (high - low) * ends, expected, atol=2e-4)
+    assert place("natural_frequency_hz[pelvis]", math.sqrt(5.0 * 15.0)) == pytest.approx(0.5)
+
+
+def test_a_parameter_on_its_bound_has_no_interval_and_keeps_a_fit_from_green(fitted: Fitted) -> None:
+    document = copy.deepcopy(fitted.document)
+    name = "damping_ratio[head]"
+    document["identifiable"] = dict.fromkeys(document["identifiable"], "identifiable")
+    document["warnings"], document["joint"] = [], document["joint"] | {"at_bound": []}
+    document["joint"]["starts"] = {"objectives": [1.0], "reached": 1, "of": 1}
+    document["mass_matrix"]["better"] = None
+    document["held_out"][0]["joint"]["mean"] = 3.0
+    assert judge_fit(document).tone == "good"
+    assert judge_fit(document | {"warnings": [f"a: {MADE_BY_MODEL}"]}).tone == "none"
+    document["joint"]["at_bound"] = [name]
+    document["intervals"][name]["at_bound"] = True
+    found = judge_fit(document)
+    assert found.tone == "warn" and any("On a bound of Table 1" in line for line in found.reasons)
+    assert "damping ratio, head" in found.reasons[-1]
+    svg = intervals(document)
+    assert f"{number(document['intervals'][name]['value'])}, on its bound" in told(svg)
+    unknown = document | {"identifiable": dict.fromkeys(document["identifiable"], "not identifiable")}
+    unknown["joint"] = document["joint"] | {"at_bound": []}
+    assert "Not identifiable from these recordings: all 14 parameters." in judge_fit(unknown).reasons
+    document["held_out"][0]["joint"]["mean"] = 25.0
+    assert judge_fit(document).tone == "bad"
+    assert "not known" in judge_fit(document | {"held_out": []}).headline
+    assert judge_fit(document | {"held_out": []}).tone == "none"
+
+
+def test_one_case_and_what_was_not_measured_are_said(fitted: Fitted) -> None:
+    document = copy.deepcopy(fitted.document)
+    document["cases"] = document["cases"][:1]
+    document["cases"][0]["not_fitted"] = ["lower_torso"]
+    said = " ".join(doubts(document))
+    assert "One case alone" in said and "lower torso" in said
+    assert len(lines(intervals(document), DARK, 0.9)) == 0
+    assert len(lines(intervals(fitted.document), DARK, 0.9)) == 2 * 14  # a tick for each case and parameter
+
+
+def test_profiles_show_the_mark_and_open_sides(fitted: Fitted) -> None:
+    name = "natural_frequency_hz[head]"
+    profile = {"values": [8.0, 10.0, 11.0], "rise": [4e-5, 0.0, 1e-5], "threshold": 2e-5, "lower": 8.9, "upper": None}
+    assert profiles(fitted.document) is None
+    svg = profiles(fitted.document | {"profiles": {name: profile}})
+    assert svg is not None
+    for text in ("natural frequency, head", "value, Hz", "over the 95 % mark, no unit", "open"):
+        assert text in told(svg)
+    (curve,) = lines(svg, ESTIMATE_COLOUR, 1.3)
+    x, y = curve.points.T
+    assert (x[1] - x[0]) / (x[2] - x[1]) == pytest.approx(2.0, rel=0.01)
+    assert (y[0] - y[1]) / (y[2] - y[1]) == pytest.approx(4.0, rel=0.01)
+
+
+def test_the_correlation_is_that_of_the_covariance(fitted: Fitted) -> None:
+    found = np.array(fitted.document["correlation"]["matrix"])
+    names = fitted.document["correlation"]["names"]
+    assert found.shape == (len(names), len(names)) and set(names) <= set(fitted.document["intervals"])
+    np.testing.assert_allclose(np.diag(found), 1.0)
+    np.testing.assert_allclose(found, found.T)
+    half = {name: of["half_width_percent"] for name, of in fitted.document["intervals"].items()}
+    assert all(half[name] is not None for name in names)
+    pair = {"names": ["natural_frequency_hz[head]", "damping_ratio[head]"], "matrix": [[1.0, -0.873], [-0.873, 1.0]]}
+    assert "-0.87" in told(correlation(fitted.document | {"correlation": pair}))
+    alone = {"names": ["damping_ratio[head]"], "matrix": [[1.0]]}
+    assert correlation(fitted.document | {"correlation": alone}) is None
+
+
+def test_what_a_fit_draws_is_what_its_document_counts(fitted: Fitted) -> None:
+    events = {event.name: event for event in fit_events(fitted)}
+    for told_of in (*fitted.document["cases"], *fitted.document["held_out"]):
+        event = events[Path(told_of["bag"]).name] if Path(told_of["bag"]).name in events else events[told_of["bag"]]
+        for column, percent in enumerate(told_of["joint"]["nrmse_rms"].values()):
+            here = np.isfinite(event.measured_mps2[:, column])
+            measured, after = (values[here, column] for values in (event.measured_mps2, event.after_mps2))
+            assert 100.0 * np.linalg.norm(after - measured) / np.linalg.norm(measured) == pytest.approx(percent)
+        assert event.before.mean_percent > event.after.mean_percent
+
+
+def test_a_drawing_that_fails_costs_no_fit(fitted: Fitted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    output = tmp_path / "anna.yaml"
+    (tmp_path / "anna.fit.html").write_text("the page of yesterday")
+    write_fitted(fitted, output)
+    monkeypatch.setattr(fit_report, "fit_page", lambda found: {}["nothing"])
+    with pytest.raises(InputError, match=r"anna\.fit\.html: cannot be drawn \(KeyError: 'nothing'\)"):
+        write_fit_page(fitted, output)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["anna.fit.json", "anna.yaml"]
+    monkeypatch.setattr(fit_report, "fit_page", lambda found: "a page")
+    write_fit_page(fitted, output)
+    assert (tmp_path / "anna.fit.html").read_text() == "a page"
+
+
+@pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["fit", "no.mcap", "--subject", "subject_1", "-o", "{}/a.yaml"],
+        ["fit", "--campaign", "{}/campaign.yaml", "-o", "{}/out", "--executor", "none"],
+        ["validate", "no.mcap", "--subject", "subject_1", "-o", "{}/out"],
+    ],
+)
+def test_a_missing_library_is_told_before_the_work(
+    command: list[str],
+    missing: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"")
+    (tmp_path / "campaign.yaml").write_text("subjects: [{subject: subject_1, bags: [x.mcap]}]")
+    monkeypatch.setitem(sys.modules, missing, None)
+    given = [part.format(tmp_path) for part in command]
+    assert main(given) == 2
+    error = capsys.readouterr().err
+    assert f"reports need {missing}: pip install 'biodyn_ros[reports]', or leave them out with --no-report" in error
+    assert main([*given, "--no-report"]) == 2
+    assert missing not in capsys.readouterr().err
+
+
+# --- campaign --------------------------------------------------------------------------------------------------------
+
+
+def row(name: str, **more: Any) -> Document:
+    blank = dict.fromkeys(("error", "seconds", "mean_error_percent", "result", "fingerprint", "page"))
+    return {"name": name, "subject": PERSON, "bags": ["a"], "held_out": [], "state": "waiting"} | blank | more
+
+
+def test_the_page_of_a_campaign_has_every_subject(fitted: Fitted, tmp_path: Path) -> None:
+    alone = copy.deepcopy(fitted.document) | {"held_out": []}
+    for name, of in (("anna+1", fitted.document), ("ben", alone)):
+        (tmp_path / f"{name}.fit.json").write_text(json.dumps(of))
+    done = {"state": "done", "seconds": 3.0}
+    rows = [
+        row("anna+1", result="anna+1.yaml", page="anna+1.fit.html", mean_error_percent=2.5, **done),
+        row("ben", result="ben.yaml", mean_error_percent=4.5, error="the page cannot be drawn <b>", **done),
+        row("carl", state="failed", error=f"{ODD}: cannot be read"),
+        row("dora"),
+    ]
+    document = {"schema": 1, "campaign": ODD, "version": "0.1.0", "subjects": rows}
+    write_campaign_page(document, tmp_path)
+    source = (tmp_path / "campaign.html").read_text()
+    text = Page(source).text
+    assert_self_contained(source)
+    unseen = number(fitted.document["held_out"][0]["joint"]["mean"])
+    for expected in (
+        "2 of 4 subjects fitted", "Failed, --resume tries them again: carl.", "Not begun, or not finished: dora.",
+        "Error on the events fitted to: 2.50 to 4.50 %", f"On events not fitted to: {unseen} %",
+        f"done 1 and 0 held out 3.00 2.50 {unseen}",
+        "nothing being held out: ben", f"{NASTY}\\udcff: cannot be read", PERSON, "failed 1 and 0 held out – – –",
+    ):  # fmt: skip
+        assert expected in text, expected
+    assert 'href="anna%2B1.fit.html"' in source and "script" not in Page(source).tags
+    assert "place between the bounds of Table 1, logarithmic, no unit" in told(source)
+    assert campaign_page(document, tmp_path).encode("utf-8", "backslashreplace") == source.encode()
+    (tmp_path / "ben.fit.json").write_text("{}")
+    with pytest.raises(InputError, match=r"ben\.fit\.json: is no fit\.json of ours"):
+        campaign_page(document, tmp_path)
+    assert subjects([]) is not None
+
+
+def test_a_page_that_cannot_be_drawn_costs_no_subject(
+    fitted: Fitted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"")
+    (tmp_path / "campaign.yaml").write_text(
+        "subjects: [{subject: subject_1, bags: [a.mcap]}, {subject: subject_2, bags: [a.mcap]}]"
+    )
+    pages = {"subject_1": f"page of {ODD}"}
+    names = iter(["subject_1", "nothing"])
+    monkeypatch.setattr(campaigns, "_fitted", lambda entry, options: (entry.name, fitted))
+    monkeypatch.setattr(fit_report, "fit_page", lambda found: pages[next(names)])
+    document = fit_campaign(load_campaign(tmp_path / "campaign.yaml"), tmp_path / "out", report=True)
+    first, second = document["subjects"]
+    assert [each["state"] for each in (first, second)] == ["done", "done"]
+    assert (first["page"], first["error"]) == ("subject_1.fit.html", None)
+    assert second["page"] is None and "the page cannot be drawn (KeyError: 'nothing')" in second["error"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "campaign.json", "subject_1.fit.html", "subject_1.fit.json", "subject_1.yaml", "subject_2.fit.json",
+        "subject_2.yaml",
+    ]  # fmt: skip
+
+
+# --- replay ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_replay_shows_what_was_gathered_over_frequency() -> None:
+    traces = Traces()
+    traces.add(Frames(NO_PREDICTED, streamed.frames()))
+    document = test_report.document()
+    parts = frequency_parts(document, traces, streamed.START_NS)
+    svg = parts["transmissibility_svg"]
+    measured = [line for line in lines(svg, DARK, 1.7) if np.ptp(line.points[:, 1]) < 0.01]
+    heights = {round(float(line.points[:, 1].mean()), 2) for line in measured}
+    # Decades 0.1 to 10 hold gains of 3, 1, 0.25 and 2; the coherences beneath are 1 of 1.08.
+    assert heights == {round((math.log10(gain) + 1.0) / 2.0, 2) for gain in streamed.GAIN.values()} | {0.93}
+    assert told(svg).count("not measured") == 1  # the lower torso
+    assert "amplitude, m/s²" in told(parts["powers_svg"]) and "head, measured" in told(parts["waterfall_svg"])
+    assert "data:image/png;base64," in parts["waterfall_svg"]
+    for name, of in document["predicted"].items():
+        assert f"{number(of['vdv_mps175'])} predicted" in told(parts["doses_svg"]), name
+    document["predicted"] = {}
+    assert frequency_parts(document, Traces(), 0)["doses_svg"] is None
+
+
+def test_nothing_undefined_passes_a_template() -> None:
+    import jinja2
+
+    with pytest.raises(jinja2.UndefinedError):
+        render("campaign.html.j2")
