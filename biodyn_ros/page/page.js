@@ -194,12 +194,16 @@ function draw() {
   const most = 1.1 * Math.max(0.2, ...felt.flatMap((bin) => [Math.abs(bin.low), Math.abs(bin.high)]));
   const place = { x: (s) => width * (1 - (end - s) / MINUTE_S), y: (a) => height * (0.5 - a / (2 * most)), width, height };
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name);
-  axes(pen, place, most, colour);
+  const lines = axes(place, most);
+  pen.strokeStyle = colour("--line");
+  pen.lineWidth = 1;
+  for (const { from, to } of lines) stroke(pen, ...from, ...to);
   pen.fillStyle = colour("--area");
   for (const bin of measured) bar(pen, place, bin);
   pen.strokeStyle = colour("--predicted");
   pen.lineWidth = 1.6;
   for (const side of ["low", "high"]) trace(pen, place, predicted, side);
+  label(pen, lines, colour);
 }
 
 function line(bins, column) {
@@ -207,21 +211,30 @@ function line(bins, column) {
   return bins.filter((bin) => bin.low[column] !== null).map((bin) => ({ begin: bin.begin, low: bin.low[column], high: bin.high[column] }));
 }
 
-function axes(pen, place, most, colour) {
-  pen.strokeStyle = colour("--line");
-  pen.fillStyle = colour("--soft");
-  pen.font = "13px sans-serif";
-  pen.lineWidth = 1;
+// Lines of the grid, each with its words and where they stand.
+function axes(place, most) {
   const step = 10 ** Math.floor(Math.log10(most));
   const level = most / step >= 5 ? 5 * step : most / step >= 2 ? 2 * step : step;
-  for (const value of [-level, 0, level]) {
-    stroke(pen, 0, place.y(value), place.width, place.y(value));
-    pen.fillText(`${number(value)} m/s²`, 4, place.y(value) - 3);
-  }
-  for (const past of [50, 40, 30, 20, 10]) {
+  const levels = [-level, 0, level].map((value) => {
+    const y = place.y(value);
+    return { from: [0, y], to: [place.width, y], words: `${number(value)} m/s²`, at: [4, y - 4] };
+  });
+  const times = [50, 40, 30, 20, 10].map((past) => {
     const x = place.width * (1 - past / MINUTE_S);
-    stroke(pen, x, 0, x, place.height);
-    pen.fillText(`−${past} s`, x + 3, place.height - 4);
+    return { from: [x, 0], to: [x, place.height], words: `−${past} s`, at: [x + 3, place.height - 4] };
+  });
+  return [...levels, ...times];
+}
+
+// Words stand before what is drawn, on a rim of paper.
+function label(pen, lines, colour) {
+  pen.font = "13px sans-serif";
+  pen.lineWidth = 4;
+  pen.strokeStyle = colour("--paper");
+  pen.fillStyle = colour("--ink");
+  for (const { words, at } of lines) {
+    pen.strokeText(words, ...at);
+    pen.fillText(words, ...at);
   }
 }
 
