@@ -46,7 +46,7 @@ from biodyn_core.subject import Subject, load_subject
 from biodyn_ros import params, topics
 from biodyn_ros.cdr import IMU_TYPE, AccelStampedTemplate, decode_imu, decode_imu_one
 from biodyn_ros.dashboard.child import PageChild
-from biodyn_ros.dashboard.settings import ServingSettings
+from biodyn_ros.dashboard.settings import ServingSettings, check_page
 from biodyn_ros.health import (
     Growth,
     SensorHealth,
@@ -159,7 +159,9 @@ class BiodynNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self) -> None:
-        self.settings = params.read(self, LiveSettings)
+        self.settings, self._serving = params.read(self, LiveSettings), params.read(self, ServingSettings)
+        if self.settings.dashboard:
+            check_page()
         subject = load_subject(subject_file(self.settings.subject_file))
         limits = load_limits(self.settings.limits_file) if self.settings.limits_file else EU_LIMITS
         conditioning, pipeline = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
@@ -195,8 +197,7 @@ class BiodynNode(LifecycleNode):
         ]
         self._refresh_wanted()
         if self.settings.dashboard:
-            name, domain_id = self.get_fully_qualified_name(), self.context.get_domain_id()
-            self._page = PageChild(name, domain_id, params.read(self, ServingSettings))
+            self._page = PageChild(self.get_fully_qualified_name(), self.context.get_domain_id(), self._serving)
             self.get_logger().info(f"the page: {self._page.link}")
         self.get_logger().info(f"predicting for {self._pipeline.subject.name}, listening to {len(SENSORS)} sensors")
 

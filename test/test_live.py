@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -363,3 +364,21 @@ class other_participant:  # noqa: N801 - used as a with-statement's word
 
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
+
+
+def test_a_page_that_cannot_be_served_is_told_and_costs_nobody_the_ride(graph) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        diagnostics = Diagnostics(graph, graph.node())
+        graph.active(dashboard=True, page_port=port)
+        said = f"the page is not served: biodyn page: the page cannot be served at 127.0.0.1:{port}"
+        graph.wait(lambda: diagnostics.says("page", WARN, said), "the reason in the diagnostics")
+        assert diagnostics.says("prediction", ERROR, "has sent nothing"), "the node runs"
+
+
+def test_a_place_that_is_none_is_refused_on_configure(graph) -> None:
+    node = graph.live(dashboard=True, page_host="everywhere")
+    node.trigger_configure()
+    assert node.failure == "page_host is 'everywhere', an address is needed: 127.0.0.1, ::1, 0.0.0.0"

@@ -10,12 +10,12 @@ import shutil
 import sys
 import types
 import xml.etree.ElementTree as ET
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 import pytest
+from pages import Page
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.identification.problem import Errors
@@ -49,7 +49,6 @@ SUBJECT = load_subject(subject_file("subject_1"))
 RATE_HZ = 200.0
 NASTY = "/data/<script>alert('x')</script> & \"rail\" $x$.mcap"
 VERDICTS = get_args(Verdict)
-VOID = {"meta", "br", "path", "use", "rect", "link", "hr", "img"}
 
 # --- material --------------------------------------------------------------------------------------------------------
 
@@ -166,41 +165,6 @@ def nothing() -> Trace:
         "not_decidable", events=(), rounds=(), departures=(), diagnostics=None, floor_percent=None, p_value=None,
         threshold=None, calibrated="not", reasons=(), untestable=(), left_out=(),
     )  # fmt: skip
-
-
-class Page(HTMLParser):
-    """Reads a page, remembers its text and tags, and fails on tags that do not close."""
-
-    def __init__(self, source: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.tags: list[str] = []
-        self.pieces: list[str] = []
-        self.feed(source)
-        self.close()
-        assert self.open == []
-        self.text = " ".join("".join(self.pieces).split())
-
-    def handle_starttag(self, tag: str, attrs: Any) -> None:
-        """Open a tag."""
-        self.tags.append(tag)
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: Any) -> None:
-        """Note a tag that closes itself."""
-        self.tags.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        """Close the innermost tag."""
-        if tag not in VOID:
-            assert self.open.pop() == tag
-            self.pieces.append(" ")
-
-    def handle_data(self, data: str) -> None:
-        """Keep what a reader sees."""
-        if not self.open or self.open[-1] != "style":
-            self.pieces.append(data)
 
 
 def page_of(trace: Trace, **more: Any) -> tuple[str, Page]:

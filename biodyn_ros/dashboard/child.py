@@ -8,19 +8,15 @@ import subprocess
 import sys
 import tempfile
 
-from biodyn_ros.dashboard.settings import ServingSettings, address_of, check_page, page_token
+from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token
 
 ENDS_WITHIN_S = 3.0
 
 
 class PageChild:
-    """Serves the page of a node by its full name until `end`, in the node's domain.
-
-    Raises InputError where aiohttp is missing.
-    """
+    """Serves the page of a node by its full name until `end`, in the node's domain."""
 
     def __init__(self, node: str, domain_id: int, serving: ServingSettings) -> None:
-        check_page()
         self.link = address_of(serving.page_host, serving.page_port, page_token())
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the child lives
         # Standard input ends when this process does, even by kill -9: then the page ends too.

@@ -47,7 +47,8 @@ class Feed:
             }
         except (rclpy.exceptions.InvalidTopicNameException, rclpy.exceptions.InvalidServiceNameException) as error:
             self._context.try_shutdown()
-            raise InputError(f"--node {node!r}: is no name of a node ({error})") from None
+            why = str(error).splitlines()[0]
+            raise InputError(f"--node {node!r}: is no name of a node ({why})") from None
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._ours)
         self._thread = threading.Thread(target=self._spin, name="biodyn page", daemon=True)

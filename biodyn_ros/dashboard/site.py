@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import signal
-import sys
 import threading
 from collections.abc import Callable
 from typing import Any, Final
@@ -154,8 +154,9 @@ async def _listen(runner: Any, serving: ServingSettings) -> int:
 
 
 def _wait_for_input(loop: asyncio.AbstractEventLoop, ended: asyncio.Event) -> None:
-    with contextlib.suppress(OSError, ValueError):
-        while sys.stdin.buffer.read(4096):
+    # The descriptor itself: Python cannot end while another thread holds the buffer of sys.stdin.
+    with contextlib.suppress(OSError):
+        while os.read(0, 4096):
             pass
     with contextlib.suppress(RuntimeError):  # the loop has ended first
         loop.call_soon_threadsafe(ended.set)
