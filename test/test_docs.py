@@ -6,14 +6,21 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
 from trident import capture_u_files, shock
 
+from biodyn_core.subject import load_subject
+from biodyn_ros.arguments import parser
+from biodyn_ros.campaign_file import load_campaign
 from biodyn_ros.environment import hold_domain
+from biodyn_ros.resources import bag_file, subject_file
 
 ROOT = Path(__file__).resolve().parents[1]
 GUIDE = ROOT / "docs" / "guide.md"
@@ -88,3 +95,55 @@ def what_it_promises_is_there(desk: Path) -> None:
     assert json.loads((desk / "out" / "rail_2" / "validate.json").read_text())
     assert json.loads((desk / "out" / "anna_trace" / "trace.json").read_text())["verdict"] == "not_decidable"
     assert (desk / "fits" / "anna.yaml").exists()
+
+
+# --- the other pages -------------------------------------------------------------------------------------------------
+
+PAGES = ["README.md", "bags/README.md", *(f"docs/{page.name}" for page in sorted((ROOT / "docs").glob("*.md")))]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def commands(page: str) -> list[str]:
+    """The lines of a page that are typed as they stand, those that go on joined, without what a shell does beside."""
+    text = (ROOT / page).read_text(encoding="utf-8").replace("\\\n", " ")
+    lines = re.findall(r"^ {0,4}(biodyn [a-z].*)$", text, re.MULTILINE)
+    return [re.split(r"\s+#|\s+&&|\s+>|\s+&$", line)[0] for line in lines]
+
+
+@pytest.mark.parametrize("line", [pytest.param(line, id=line[:60]) for page in PAGES for line in commands(page)])
+def test_every_command_of_every_page_is_one(line: str) -> None:
+    words = shlex.split(line)[1:]
+    parser([words[0]]).parse_args(words if words[0] != "live" else words[:1])
+
+
+def test_the_pages_have_commands() -> None:
+    assert {page for page in PAGES if commands(page)} >= {"README.md", "docs/guide.md", "docs/recording_for_tracing.md"}
+
+
+def test_the_readme_s_python_gives_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    (block,) = re.findall(r"^```python\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+    seat = np.sin(2 * np.pi * 4.0 * np.arange(2000) / 1129.3)
+    *setup, modes, transmissibility, simulated = block.strip().splitlines()
+    names = {"seat_mps2": seat}
+    exec("\n".join(setup), names)  # noqa: S102 - our own page
+    said = [float(number) for number in re.findall(r"[\d.]+", modes.split("#")[1])]
+    assert eval(modes, names) == pytest.approx(said, rel=2e-3)  # noqa: S307 - our own page
+    assert np.iscomplexobj(eval(transmissibility, names))  # noqa: S307 - our own page
+    assert eval(simulated, names).shape == (2000, 6)  # noqa: S307 - our own page
+
+
+def test_the_readme_s_effects_and_campaign_are_read(tmp_path: Path) -> None:
+    effects, campaign = (
+        next(block for block in re.findall(r"^```yaml\n(.*?)^```$", README, re.MULTILINE | re.DOTALL) if key in block)
+        for key in ("effects:", "subjects:")
+    )
+    known = yaml.safe_load(subject_file("subject_1").read_text(encoding="utf-8"))
+    (tmp_path / "with.yaml").write_text(yaml.safe_dump(known | yaml.safe_load(effects)))
+    assert len(load_subject(tmp_path / "with.yaml").effects) == 2
+    (tmp_path / "people.yaml").write_text(campaign)
+    (tmp_path / "anna.yaml").write_text(subject_file("subject_1").read_text(encoding="utf-8"))
+    (tmp_path / "anna").mkdir()
+    for name in ("road_1", "pothole", "rail"):
+        shutil.copy(bag_file("subject_1.mcap"), tmp_path / "anna" / f"{name}.mcap")
+    assert load_campaign(tmp_path / "people.yaml")
