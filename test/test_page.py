@@ -139,15 +139,31 @@ def test_a_stream_that_falls_far_behind_is_sent_the_minute_anew():
     assert [event.split("\n")[0] for event in told.events(0)] == ["event: history"]
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["", "no json", "[1]", '{"strip": 3}', '{"strip": {"a": {"begin_s": [1], "low": [], "high": []}}}', "[" * 100_000,
-     '{"strip": {"a": {"begin_s": ["x"], "low": [1], "high": [1]}}}'],
-)  # fmt: skip
+NO_SNAPSHOTS = [
+    "",
+    "no json",
+    "[1]",
+    "[" * 100_000,
+    '{"strip": 3}',
+    '{"strip": {"measured": {"begin_s": [1], "low": [], "high": []}}}',
+    '{"strip": {"measured": {"begin_s": ["x"], "low": [1], "high": [1]}}}',
+    snapshot(text="x" * 2_000_000),
+]
+
+
+@pytest.mark.parametrize("text", NO_SNAPSHOTS, ids=range(len(NO_SNAPSHOTS)))
 def test_what_is_no_snapshot_is_left_out(text):
     told = Hub()
     told.take(text)
     assert told.number == 0
+
+
+def test_no_memory_grows_with_what_is_sent():
+    told = Hub()
+    for k in range(50):
+        told.take(snapshot(1.0 * k).replace('"measured"', f'"other_{k}"'))
+    assert told.number == 50
+    assert "other" not in told.events(-2)[0]
 
 
 def test_a_snapshot_cannot_bring_an_event_of_its_own():

@@ -11,6 +11,10 @@ from typing import Any, Final
 HISTORY_S: Final = 60.0
 BIN_S: Final = 0.1
 HISTORY_BINS: Final = round(HISTORY_S / BIN_S)
+STRIPS: Final = ("predicted", "measured")
+MOST_CHARACTERS: Final = 1_000_000
+"""A snapshot has some ten thousand; what is longer comes from nobody of ours."""
+
 RECENT: Final = 12
 """A stream that is more snapshots behind, three seconds, is sent the last minute anew."""
 
@@ -26,9 +30,11 @@ class Hub:
 
     def take(self, text: str) -> None:
         """Take a snapshot as the node sent it; what is no snapshot is left out."""
+        if len(text) > MOST_CHARACTERS:
+            return
         try:
             snapshot = json.loads(text)
-            strips = [(name, _bins(strip)) for name, strip in snapshot["strip"].items()]
+            strips = [(name, _bins(strip)) for name, strip in snapshot["strip"].items() if name in STRIPS]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return
         for name, bins in strips:
