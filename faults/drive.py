@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.pipeline import Frames, Pipeline, _joined
+from biodyn_core.pipeline import Frames, Pipeline, joined
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.health import Growth, SensorHealth, Status, prediction_status, sensor_status
 from faults.ride import SECONDS, START_NS, Arriving, subject
@@ -50,7 +50,7 @@ def drive(ride: Mapping[str, Arriving]) -> Driven:
                 health[name].arrived(part.stop - part.start)
         if slot % round(LOOK_S / SLOT_S) == 0:
             looks.append(_look(clock[0], pipeline, health, growth))
-    return Driven(pipeline, _joined(frames), tuple(looks))
+    return Driven(pipeline, joined(frames), tuple(looks))
 
 
 def _look(time_s: float, pipeline: Pipeline, health: Mapping[str, SensorHealth], growth: Growth) -> Look:

@@ -179,7 +179,7 @@ def test_a_snapshot_cannot_bring_an_event_of_its_own():
 
 @pytest.mark.parametrize(
     ("name", "status"),
-    [("127.0.0.1:8765", 200), ("localhost:8765", 200), ("[::1]:8765", 200), ("evil.example", 403), ("10.1.2.3", 403),
+    [("127.0.0.1:8711", 200), ("localhost:8711", 200), ("[::1]:8711", 200), ("evil.example", 403), ("10.1.2.3", 403),
      ("127.0.0.1.evil.example", 403), ("localhost.evil.example:80", 403), ("[evil]", 403)],
 )  # fmt: skip
 def test_a_name_that_may_be_anybodys_is_refused(name, status):
@@ -192,7 +192,7 @@ def test_a_name_that_may_be_anybodys_is_refused(name, status):
 
 def test_served_to_others_it_answers_to_addresses_but_to_no_strangers_name():
     async def steps(page, client):
-        for name, status in (("192.168.1.20:8765", 200), ("evil.example", 403)):
+        for name, status in (("192.168.1.20:8711", 200), ("evil.example", 403)):
             async with client.get(page.url(), headers={"Host": name}) as answer:
                 assert answer.status == status
 

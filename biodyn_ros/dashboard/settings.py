@@ -21,7 +21,7 @@ class ServingSettings:
     """Where the page is served."""
 
     page_host: str = setting("127.0.0.1", "address at which the page is served; 0.0.0.0 lets other machines look on")
-    page_port: int = setting(8765, "port of the page; 0 takes any that is free", "", 0, 65535)
+    page_port: int = setting(8711, "port of the page; 0 takes any that is free", "", 0, 65535)
 
     def __post_init__(self) -> None:
         check_settings(self)
