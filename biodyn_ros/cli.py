@@ -37,19 +37,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given = [*given[1:2], "-h"]
     if given[:1] == ["live"] and given[1:2] not in (["-h"], ["--help"], ["--help-all"]):
         return _live(given[1:])
-    options = _parsed(given)
+    command = given[0] if given else ""
     try:
+        options = _parsed(given)  # imports too, for some seconds in which one may change one's mind
         return HANDLERS[options.command](options)
     except InputError as error:
-        print(f"biodyn {options.command}: {error}", file=sys.stderr)
+        print(f"biodyn {command}: {error}", file=sys.stderr)
         return EXIT_INPUT
     except KeyboardInterrupt:
-        print(f"biodyn {options.command}: interrupted", file=sys.stderr)
+        print(f"biodyn {command}: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         return 0
     except OSError as error:  # a name that no file can have, a disk that is full: what the machine refuses is told too
-        print(f"biodyn {options.command}: {InputError(f'{error.filename}: {error.strerror}')}", file=sys.stderr)
+        print(f"biodyn {command}: {InputError(f'{error.filename}: {error.strerror}')}", file=sys.stderr)
         return EXIT_INPUT
 
 

@@ -347,3 +347,13 @@ def test_without_shtab_it_says_what_to_install(
     code, out, errors = said(capsys, "completion", "bash")
     assert (code, out) == (2, "")
     assert errors == "biodyn completion: completion needs shtab: pip install 'biodyn_ros[completion]'\n"
+
+
+def test_an_interruption_while_a_command_loads_is_one_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(commands: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(ADDERS, "info", interrupted)
+    assert said(capsys, "info", "drive.mcap") == (130, "", "biodyn info: interrupted\n")
