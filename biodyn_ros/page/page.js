@@ -79,6 +79,9 @@ function gauge(of) {
 function rows(of) {
   const most = Math.max(0.05, ...of.rows.flatMap((row) => [row.measured_mps2 ?? 0, row.predicted_mps2 ?? 0]));
   $("rows").replaceChildren(...of.rows.map((row) => segment(row, most)));
+  // Without the seat nothing moves on: what stands here is of its last window.
+  const seat = of.rows.find((row) => row.name === "seat");
+  document.querySelector("main").classList.toggle("frozen", seat.sensor.level === 2);
   for (const part of document.querySelectorAll(".part")) {
     const row = of.rows.find((each) => each.name === part.dataset.row);
     part.dataset.level = row && row.sensor ? row.sensor.level : "none";
