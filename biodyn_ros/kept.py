@@ -9,7 +9,7 @@ from typing import Any, Final
 from biodyn_core.errors import InputError
 from biodyn_ros import __version__
 from biodyn_ros.checkpoint import keys_of, read_json
-from biodyn_ros.files import write_json
+from biodyn_ros.files import make_directory, write_json
 
 SCHEMA: Final = 1
 MOST: Final = 24
@@ -27,6 +27,7 @@ class Kept(MutableMapping[str, Any]):
         self._parts: dict[str, Any] = {}
         if path.exists() and not fresh:
             self._parts = _parts(path)
+        make_directory(path.parent)
         self._write()  # whether it can be written is better known before the work than after it
 
     def __getitem__(self, key: str) -> Any:

@@ -17,10 +17,12 @@ import yaml
 from trident import capture_u_files, shock
 
 from biodyn_core.subject import load_subject
+from biodyn_core.synthesis import CASES, SensorSettings
 from biodyn_ros.arguments import parser
 from biodyn_ros.campaign_file import load_campaign
 from biodyn_ros.environment import hold_domain
 from biodyn_ros.resources import bag_file, subject_file
+from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
 ROOT = Path(__file__).resolve().parents[1]
 GUIDE = ROOT / "docs" / "guide.md"
@@ -69,7 +71,7 @@ def run(text: str, desk: Path, environment: dict[str, str]) -> None:
     try:
         for line in text.strip().splitlines():
             command, _, target = line.removesuffix("&").partition(">")
-            program, *arguments = shlex.split(command)
+            program, *arguments = (word for part in shlex.split(command) for word in spelled_out(part, desk))
             assert program == "biodyn"
             call = [sys.executable, "-m", "biodyn_ros.cli", *arguments]
             if line.endswith("&"):
@@ -85,6 +87,11 @@ def run(text: str, desk: Path, environment: dict[str, str]) -> None:
         for process in behind:
             process.terminate()
             process.wait(30)
+
+
+def spelled_out(word: str, desk: Path) -> list[str]:
+    """What a shell makes of a word: the files that it stands for, or itself."""
+    return sorted(str(path.relative_to(desk)) for path in desk.glob(word)) or [word] if "*" in word else [word]
 
 
 def what_it_promises_is_there(desk: Path) -> None:
@@ -114,6 +121,25 @@ def commands(page: str) -> list[str]:
 def test_every_command_of_every_page_is_one(line: str) -> None:
     words = shlex.split(line)[1:]
     parser([words[0]]).parse_args(words if words[0] != "live" else words[:1])
+
+
+@pytest.mark.timeout(900)
+def test_a_day_of_recordings_can_be_traced_as_its_page_says(tmp_path: Path) -> None:
+    drives = [f"{day}/{case}_{k}" for day in ("base", "null") for case in CASES for k in (1, 2)]
+    drives += [f"helmet/{case}_helmet_{k}" for case in CASES for k in (1, 2)] + ["helmet/rail_helmet_9"]
+    for seed, drive in enumerate(drives):
+        (tmp_path / drive).parent.mkdir(exist_ok=True)
+        case = next(case for case in CASES if case in drive)
+        person = load_subject(subject_file("subject_1"))
+        motion = motion_of_cases([case], 4.0, seed)
+        simulate_bag(tmp_path / f"{drive}.mcap", person, motion, seed, SensorSettings())
+    known = yaml.safe_load(subject_file("subject_1").read_text(encoding="utf-8"))
+    (tmp_path / "p01.yaml").write_text(yaml.safe_dump(known | {"name": "p01"}))
+    run("\n".join(commands("docs/recording_for_tracing.md")), tmp_path, dict(os.environ) | {"PYTHONPATH": str(ROOT)})
+    for day in ("base", "null", "helmet"):
+        # So few and short ones: nothing is claimed of them.
+        assert json.loads((tmp_path / "out" / day / "trace.json").read_text())["verdict"] == "not_decidable"
+    assert json.loads((tmp_path / "out" / "helmet_9" / "validate.json").read_text())["verdict"]
 
 
 def test_the_pages_have_commands() -> None:

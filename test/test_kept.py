@@ -44,3 +44,8 @@ def test_a_damaged_file_is_refused_in_one_line_and_left_alone(tmp_path: Path, te
     with pytest.raises(InputError, match=r"out\.kept\.json") as error:
         Kept(path)
     assert "\n" not in str(error.value) and path.read_text() == text
+
+
+def test_a_directory_that_is_not_there_is_made(tmp_path: Path) -> None:
+    Kept(tmp_path / "out" / "base.kept.json")["theta a"] = [1.0]
+    assert dict(Kept(tmp_path / "out" / "base.kept.json")) == {"theta a": [1.0]}
