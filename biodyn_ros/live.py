@@ -220,6 +220,7 @@ class BiodynNode(LifecycleNode):
             self.destroy_service(service)
         self._health = {sensor: SensorHealth() for sensor in SENSORS}
         self._growth = Growth()
+        self._statuses = []
         self._pipeline = None
 
     def _new_keeper(self, subject: Subject) -> Keeper | None:
