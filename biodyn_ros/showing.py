@@ -6,7 +6,7 @@ import math
 from typing import Any, Final
 
 from biodyn_core.pipeline import Exposure, Frames, Pipeline, joined
-from biodyn_core.segments import N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
+from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
 from biodyn_core.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.exposure_json import exposure_document
@@ -16,15 +16,13 @@ from biodyn_ros.strip import Bins, Strip
 from biodyn_ros.verdict import judge
 from biodyn_ros.wording import left, words
 
-SCHEMA: Final = 1
-
 STILL_MPS2: Final = 0.05
 """A seat that shakes less moves nobody: a transmissibility would be that of the sensors' noise."""
 
 ROWS: Final = (*reversed(SEGMENTS), SEAT)
 """From the head down."""
 
-HEAD_COLUMN: Final = SENSORS.index("head"), SEGMENTS.index("head")
+HEAD_COLUMN: Final = SENSORS.index(HEAD), SEGMENTS.index(HEAD)
 
 
 class Showing:
@@ -55,7 +53,6 @@ class Showing:
         by_name = {status.name.removeprefix("biodyn: "): status for status in statuses}
         seat, doubt = document["seat"], _doubt(by_name)
         return {
-            "schema": SCHEMA,
             "version": __version__,
             "subject": document["subject"],
             "mass_matrix": document["mass_matrix"],
@@ -79,9 +76,7 @@ class Showing:
 def _doubt(statuses: dict[str, Status]) -> str:
     """What is wrong with the seat now that the figures since reset need not show yet."""
     seat, prediction = statuses[SEAT], statuses["prediction"]
-    if seat.level == ERROR:
-        return f"seat: {seat.message}"
-    if int(seat.values["publishers"]) > 1:
+    if seat.level == ERROR or int(seat.values["publishers"]) > 1:
         return f"seat: {seat.message}"
     return "" if seat.values["rate_hz"] else prediction.message
 
@@ -114,7 +109,6 @@ def _seat(seat: dict[str, Any], document: dict[str, Any], doubt: str) -> dict[st
             for name, key, unit, so_far, axis, suffix in figures
         ],
         "lower_bound": seat["lower_bound"],
-        "zone": seat["zone"],
         "counted_s": seat["seconds"],
         "missing_s": document["sensors"][SEAT]["missing_s"],
         "left": {kind: left(kind, seat) for kind in ("action", "limit")},
@@ -150,7 +144,7 @@ def _rows(rolling: Exposure, statuses: dict[str, Status]) -> list[dict[str, Any]
 def _sensor(status: Status) -> dict[str, Any]:
     """How a sensor does, with its rate and lag."""
     numbers = {key: float(status.values[key]) if status.values[key] else None for key in ("rate_hz", "lag_ms")}
-    return _status(status) | numbers | {"settling": status.values["settling"] == "true"}
+    return _status(status) | numbers
 
 
 def _ratio(figure: float | None, seat_mps2: float) -> float | None:

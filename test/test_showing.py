@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from streams import START_NS, noisy_streams, subject
 
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline import Pipeline, PipelineSettings
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.health import Growth, SensorHealth, prediction_status, sensor_status
@@ -80,10 +80,7 @@ def test_the_strip_hands_out_every_bin_once():
 
 
 def test_a_gentle_ride_with_a_yaw_is_green():
-    from biodyn_core.pipeline import PipelineSettings
-
-    gentle = [replace(stream, accel_mps2=stream.accel_mps2) for stream in noisy_streams(**GENTLE)]
-    told = Ride(settings=PipelineSettings(yaw_deg=0.0)).drive(gentle).snapshots[-1]
+    told = Ride(settings=PipelineSettings(yaw_deg=0.0)).drive(noisy_streams(**GENTLE)).snapshots[-1]
     assert told["verdict"]["tone"] == "good", told["verdict"]
 
 
