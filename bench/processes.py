@@ -15,6 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.segments import SEAT
+from biodyn_ros import topics
+
 ENDING_S = 30.0
 EXACT_NS = 1000  # diagnostics give the filter delay in whole microseconds
 
@@ -72,7 +75,7 @@ class Answered:
 def answered(sent: Arrays, got: Arrays, begin_s: float, end_s: float) -> Answered:
     """What became of the samples that were sent from one second up to another."""
     diagnostics = json.loads(str(got["diagnostics"]))
-    delay_ns = round(1e6 * float(diagnostics.get("biodyn: seat", {}).get("filter_delay_ms") or 0.0))
+    delay_ns = round(1e6 * float(diagnostics.get(topics.status_name(SEAT), {}).get("filter_delay_ms") or 0.0))
     stamps_ns = sent["stamps_ns"]
     owed = (stamps_ns > stamps_ns[0] + begin_s * 1e9) & (stamps_ns < stamps_ns[0] + end_s * 1e9)
     names = [name.removesuffix("/stamps_ns") for name in got if name.endswith("/stamps_ns")]

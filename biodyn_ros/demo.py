@@ -18,7 +18,6 @@ from biodyn_core.errors import InputError
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.subject import load_subject
 from biodyn_ros import topics
-from biodyn_ros.live import NODE_NAME
 from biodyn_ros.replay import replay_to_directory
 from biodyn_ros.resources import bag_file, subject_file
 from biodyn_ros.simulate import MADE_BY_MODEL
@@ -47,14 +46,15 @@ class _Observer(Node):
         self.latest: dict[str, float] = {}
         self.state = ""
         for topic in _SHOWN:
-            self.create_subscription(Float64, topics.absolute(topic, NODE_NAME), self._keeper(topic), 10)
+            self.create_subscription(Float64, topics.absolute(topic), self._keeper(topic), 10)
         self.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 10)
 
     def _keeper(self, topic: str) -> Any:
         return lambda message: self.latest.__setitem__(topic, message.data)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        self.state = next((s.message for s in message.status if s.name == "biodyn: prediction"), self.state)
+        said = {status.name: status.message for status in message.status}
+        self.state = said.get(topics.status_name("prediction"), self.state)
 
     def line(self) -> str:
         """One line of what is known now."""

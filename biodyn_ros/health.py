@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
+
+import numpy as np
 
 from biodyn_core.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning import SensorStatus
@@ -58,9 +60,9 @@ COUNTS: Final = (
 
 @dataclass(frozen=True)
 class Status:
-    """One line of diagnostics: level, message and values by key."""
+    """What is said of a sensor, of `prediction`, `exposure` or `page`: level, message and values by key."""
 
-    name: str
+    of: str
     level: int
     message: str
     values: dict[str, str]
@@ -82,7 +84,7 @@ class Growth:
 
 @dataclass
 class SensorHealth:
-    """What the transport tells of one sensor; the callbacks note, `statuses` reads."""
+    """What the transport tells of one sensor; the callbacks note, `Watch` reads."""
 
     arrived_s: float | None = None
     messages: int = 0
@@ -104,8 +106,15 @@ class SensorHealth:
         self.arrived_s = self.now()
         self.messages += count
 
-    def offset(self, arrival_minus_stamp_s: float, window_s: float) -> None:
-        """Note how far a message's arrival lies behind its stamp."""
+    def refused(self, why: str) -> None:
+        """Note that a message could not be used."""
+        self.errors += 1
+        self.last_error = why
+
+    def timed(self, stamp_ns: int, arrival_ns: int, window_s: float) -> None:
+        """Note when a message arrived, by the clock that stamps are of; lag is judged over a window."""
+        self.clock.push(np.array([stamp_ns]), np.array([arrival_ns]))
+        arrival_minus_stamp_s = 1e-9 * (arrival_ns - stamp_ns)
         now = self.now()
         while self._offsets_s and self._offsets_s[0][0] < now - window_s:
             self._offsets_s.popleft()
@@ -150,6 +159,44 @@ def is_settling(seen: SensorStatus) -> bool:
     return seen.run_s is not None and not rested and seen.run_s < SETTLING_S
 
 
+class Watch:
+    """Looks at model and sensors a few times a second, and judges them as they are now.
+
+    health: by sensor, noted by whoever receives its messages.
+    """
+
+    def __init__(self, pipeline: Pipeline, health: Mapping[str, SensorHealth]) -> None:
+        self._pipeline, self._health = pipeline, health
+        self._divergences = Growth()
+        self._marks, self._last_mark = 0, ""
+
+    def mark(self, at_s: float) -> str:
+        """Note an instant that somebody marks; returns its name."""
+        self._marks += 1
+        self._last_mark = f"mark {self._marks} at {at_s:.3f} s"
+        return self._last_mark
+
+    def look(self, arrivals_tell: bool = True) -> list[Status]:
+        """Look: the status of the prediction, and of every sensor.
+
+        arrivals_tell: whether arrivals say how a clock is set; a simulated clock moves in steps, and times none.
+        """
+        self._divergences.look({"divergences": self._pipeline.divergences})
+        for sensor, health in self._health.items():
+            health.look(self._pipeline.status(sensor))
+        prediction = prediction_status(self._pipeline, self._health[SEAT], self._divergences, self._last_mark)
+        ahead_s = {sensor: self._ahead_of_seat_s(sensor) if arrivals_tell else 0.0 for sensor in self._health}
+        return [
+            prediction,
+            *(sensor_status(name, one, self._pipeline, ahead_s[name]) for name, one in self._health.items()),
+        ]
+
+    def _ahead_of_seat_s(self, sensor: str) -> float:
+        """By how much a sensor's stamps lie ahead of the seat's, as far as arrivals tell; 0 while they do not."""
+        own_s, seat_s = self._health[sensor].offset_s, self._health[SEAT].offset_s
+        return 0.0 if own_s is None or seat_s is None else seat_s - own_s
+
+
 def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: float = 0.0) -> Status:
     """Judge one sensor, as it is now; off_s: by how much its stamps lie ahead of the seat's, by their arrival."""
     seen, lost, silent = pipeline.status(name), pipeline.lost(name), health.silent_s
@@ -190,7 +237,7 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: fl
         "lower_bound": str(pipeline.lower_bound(name)).lower(),
         "settling": str(is_settling(seen)).lower(),
     }
-    return Status(f"biodyn: {name}", level, message, values | {key: f"{getattr(seen, key):g}" for key in COUNTS})
+    return Status(name, level, message, values | {key: f"{getattr(seen, key):g}" for key in COUNTS})
 
 
 def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: Growth, mark: str) -> Status:
@@ -218,20 +265,20 @@ def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: Growth, ma
     }
     for output, latency in pipeline.latency().items():
         values[f"{output}_latency_ms"] = " + ".join(f"{1e3 * part:.3f}" for part in latency)
-    return Status("biodyn: prediction", level, message, values)
+    return Status("prediction", level, message, values)
 
 
 def keeping_status(keeper: Keeper) -> Status:
     """Judge whether exposure would survive a restart."""
     level, message = (WARN, keeper.failed) if keeper.failed else (OK, "kept across restarts")
     values = {"state_file": str(keeper.path), "went_on": str(keeper.went_on).lower()}
-    return Status("biodyn: exposure", level, message, values)
+    return Status("exposure", level, message, values)
 
 
 def page_status(address: str, failure: str) -> Status:
     """Judge whether the live page is served."""
     level, message = (WARN, f"the page is not served: {failure}") if failure else (OK, "the page is served")
-    return Status("biodyn: page", level, message, {"address": address})
+    return Status("page", level, message, {"address": address})
 
 
 def _number(value: float | None, form: str) -> str:

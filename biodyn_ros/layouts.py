@@ -18,7 +18,17 @@ from xml.etree import ElementTree as ET
 from biodyn_core.limits import EU_LIMITS
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros.files import write_text
-from biodyn_ros.topics import DIAGNOSTICS, EXPOSURE, MEASURED, PREDICTED, RESIDUAL, ROLLING, absolute
+from biodyn_ros.topics import (
+    DIAGNOSTICS,
+    EXPOSURE,
+    MEASURED,
+    NODE_NAME,
+    PREDICTED,
+    RESIDUAL,
+    ROLLING,
+    absolute,
+    status_name,
+)
 from biodyn_ros.wording import words
 
 PREDICTED_COLOR, MEASURED_COLOR = "#d95f02", "#1b9e77"
@@ -122,7 +132,13 @@ def plotjuggler() -> str:
         drawn = [(plot.title, [(_series(c), c.color) for c in plot.curves]) for plot in plots]
         _tab(window, title, drawn, 2 if len(drawn) > 1 else 1)
     statuses = [
-        (key, [(f"{DIAGNOSTICS}/biodyn/biodyn: {sensor}/{key}", c) for sensor, c in zip(SENSORS, COLORS, strict=True)])
+        (
+            key,
+            [
+                (f"{DIAGNOSTICS}/{NODE_NAME}/{status_name(sensor)}/{key}", c)
+                for sensor, c in zip(SENSORS, COLORS, strict=True)
+            ],
+        )
         for key in STATUS
     ]
     _tab(window, "diagnostics", statuses, 2)
@@ -186,7 +202,7 @@ def lichtblick() -> str:
         "minLevel": 0, "pinnedIds": [], "hardwareIdFilter": "", "topicToRender": DIAGNOSTICS, "sortByLevel": True,
     }  # fmt: skip
     panels["DiagnosticStatusPanel!seat"] = {
-        "topicToRender": DIAGNOSTICS, "selectedHardwareId": "biodyn", "selectedName": f"biodyn: {SEAT}",
+        "topicToRender": DIAGNOSTICS, "selectedHardwareId": NODE_NAME, "selectedName": status_name(SEAT),
     }  # fmt: skip
     shown = _halved("row", ["DiagnosticSummary!all", "DiagnosticStatusPanel!seat"])
     tabs.append({"title": "diagnostics", "layout": shown})

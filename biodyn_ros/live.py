@@ -1,67 +1,47 @@
 """The live node: parameters to settings, messages to arrays, answers to messages; no mathematics.
 
-One lifecycle node named `biodyn`. The seat's callback carries the model at once; the other sensors are drained in turn,
-twenty times a second each, because only the comparison needs them. Exposure runs on data time, watchdogs on a steady
-clock.
+One lifecycle node named `biodyn`. It listens by `subscriptions`, drives the one `Pipeline`, and answers by
+`publications`. Exposure runs on data time, watchdogs on a steady clock.
 """
 
 from __future__ import annotations
 
 import gc
-import itertools
 import json
-import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final
 
-import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import AccelStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import HistoryPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.task import Future
-from sensor_msgs.msg import Imu
-from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from biodyn_core import kernels
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.limits import EU_LIMITS, load_limits
-from biodyn_core.pipeline import Frames, Pipeline, PipelineSettings
-from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.pipeline import Floats, Integers, Pipeline, PipelineSettings
+from biodyn_core.segments import SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject, load_subject
 from biodyn_ros import params, topics
-from biodyn_ros.cdr import IMU_TYPE, AccelStampedTemplate, decode_imu, decode_imu_one
+from biodyn_ros.callbacks import cause_of, guarded, make_executor, spin
 from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page
-from biodyn_ros.health import (
-    Growth,
-    SensorHealth,
-    Status,
-    keeping_status,
-    page_status,
-    prediction_status,
-    sensor_status,
-)
+from biodyn_ros.health import Status, Watch, keeping_status, page_status
+from biodyn_ros.publications import Publications
 from biodyn_ros.resources import subject_file
 from biodyn_ros.showing import Showing
 from biodyn_ros.state import BELIEVED, Keeper, StateFile, belongs_to, state_path
+from biodyn_ros.subscriptions import Subscriptions
 from biodyn_ros.warmup import warm_up
 
-NODE_NAME: Final = "biodyn"
 DRAIN_RATE_HZ: Final = 100.0
 """One of the five waiting sensors is drained at each tick, so that no drain holds up the seat for long."""
 
@@ -73,8 +53,6 @@ KEEP_RATE_HZ: Final = 0.5
 
 LOOK_RATE_HZ: Final = 1.0
 """How often publishers are looked at, and one of the six clocks, which takes a millisecond or two."""
-
-OUTPUT_DEPTH: Final = 2000
 
 
 @dataclass(frozen=True)
@@ -103,26 +81,24 @@ class LiveSettings:
         check_settings(self)
 
 
-_OVERRIDES: Final = QoSOverridingOptions.with_default_policies()
 SETTINGS: Final = (LiveSettings, ServingSettings, ConditioningSettings, PipelineSettings)
 
 
 class BiodynNode(LifecycleNode):
-    """The pipeline as a lifecycle node: configured with a subject, active while it listens and answers."""
+    """The pipeline as a lifecycle node: configured with a subject, active while it listens and answers.
+
+    failure: why the last transition that failed did. pipeline: None while nothing is configured.
+    """
 
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__(NODE_NAME, **kwargs)
+        super().__init__(topics.NODE_NAME, **kwargs)
         params.declare(self, SETTINGS)
         self.failure: str | None = None
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._health = {sensor: SensorHealth() for sensor in SENSORS}
-        self._growth = Growth()
-        self._mark = ""
-        self._marks = 0
-        self._pipeline: Pipeline | None = None
+        self.pipeline: Pipeline | None = None
         self._keeper: Keeper | None = None
         self._page: PageChild | None = None
-        self._statuses: list[Status] = []
+        self._sensors: Subscriptions | None = None
+        self._timers_made: list[Any] = []
         self.add_on_set_parameters_callback(self._on_parameters)
 
     # --- lifecycle ---------------------------------------------------------------------------------------------------
@@ -152,8 +128,7 @@ class BiodynNode(LifecycleNode):
         try:
             step()
         except Exception as error:  # noqa: BLE001 - whatever fails, the state machine goes on and the cause is told
-            known = isinstance(error, InputError)
-            self.failure = str(error) if known else f"{type(error).__name__}: {error}"
+            self.failure = cause_of(error)
             self.get_logger().error(f"cannot {name}: {self.failure}")
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
@@ -164,64 +139,111 @@ class BiodynNode(LifecycleNode):
             check_page()
         subject = load_subject(subject_file(self.settings.subject_file))
         limits = load_limits(self.settings.limits_file) if self.settings.limits_file else EU_LIMITS
-        conditioning, pipeline = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
+        conditioning, settings = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
         self._warn_of_slow_kernels(warm_up(subject))
-        self._pipeline = Pipeline(subject, conditioning, pipeline, limits)
+        self.pipeline = Pipeline(subject, conditioning, settings, limits)
         self._keeper = self._new_keeper(subject)
         self._showing = Showing(self.settings.shock_mps2)
-        self._publishers_of = {name: self._accel_outputs(name) for name in ("predicted", "measured")}
-        self._scalars = {topic: self.create_publisher(Float64, topic, 10) for topic in topics.SCALARS}
-        self._diagnostics = self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
-        self._snapshots = self.create_publisher(String, topics.SNAPSHOT, 10)
+        self._sensors = Subscriptions(self, self.settings.queue_depth, settings.window_s, self._take)
+        self._answers = Publications(self, self.settings.publish_measured)
+        self._watch = Watch(self.pipeline, self._sensors.health)
+        self._statuses: list[Status] = []
         self._services_made = [
             self.create_service(Trigger, topics.RESET, self._on_reset),
             self.create_service(Trigger, topics.MARK, self._on_mark),
         ]
 
     def _activate(self) -> None:
-        self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS if sensor != SEAT}
-        self._turn = itertools.cycle(self._inbox)
-        self._clock_turn = itertools.cycle(SENSORS)
-        self._subscriptions_made = {sensor: self._subscribe(sensor) for sensor in SENSORS}
+        self._sensors.open()
+        self._answers.look_who_listens()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timers_made = [
-            self.create_timer(1.0 / rate_hz, self._guarded(callback), clock=self._steady)
+            self.create_timer(1.0 / rate_hz, guarded(callback, self._tell_of_timer), clock=steady)
             for rate_hz, callback in (
-                (DRAIN_RATE_HZ, self._drain),
-                (REFRESH_RATE_HZ, self._refresh_wanted),
+                (DRAIN_RATE_HZ, self._sensors.drain),
+                (REFRESH_RATE_HZ, self._answers.look_who_listens),
                 (self.settings.exposure_rate_hz, self._publish_exposure),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (SNAPSHOT_RATE_HZ, self._publish_snapshot),
-                (LOOK_RATE_HZ, self._look_around),
+                (LOOK_RATE_HZ, self._sensors.look_around),
                 (KEEP_RATE_HZ, self._keep),
             )
         ]
-        self._refresh_wanted()
         if self.settings.dashboard:
             self._page = PageChild(self.get_fully_qualified_name(), self.context.get_domain_id(), self._serving)
             self.get_logger().info(f"the page: {self._page.link}")
-        self.get_logger().info(f"predicting for {self._pipeline.subject.name}, listening to {len(SENSORS)} sensors")
+        self.get_logger().info(f"predicting for {self.pipeline.subject.name}, listening to {len(SENSORS)} sensors")
 
     def _deactivate(self) -> None:
         self._end_page()
-        for subscription in getattr(self, "_subscriptions_made", {}).values():
-            self.destroy_subscription(subscription)
-        for timer in getattr(self, "_timers_made", []):
+        if self._sensors is not None:
+            self._sensors.close()
+        for timer in self._timers_made:
             self.destroy_timer(timer)
-        self._subscriptions_made, self._timers_made = {}, []
+        self._timers_made = []
 
     def _cleanup(self) -> None:
-        self._leave()
-        for output in self._publishers_of.values():
-            for publisher, _ in output:
-                self.destroy_publisher(publisher)
-        for publisher in (*self._scalars.values(), self._diagnostics, self._snapshots):
-            self.destroy_publisher(publisher)
+        self._keep_for_the_last_time()
+        self._answers.close()
         for service in self._services_made:
             self.destroy_service(service)
-        self._health = {sensor: SensorHealth() for sensor in SENSORS}
-        self._growth = Growth()
-        self._statuses = []
-        self._pipeline = None
+        self._sensors = self.pipeline = None
+
+    def destroy_node(self) -> None:
+        """Leave nothing behind but the exposure that is kept."""
+        self._end_page()
+        self._keep_for_the_last_time()
+        super().destroy_node()
+
+    def _end_page(self) -> None:
+        page, self._page = self._page, None
+        if page is not None:
+            page.end()
+
+    def _warn_of_slow_kernels(self, rate_hz: float) -> None:
+        if not kernels.COMPILED:
+            self.get_logger().warning(
+                f"numba is missing: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor"
+            )
+
+    def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Parameters are read on configure; a change that would do nothing until then is refused, not swallowed."""
+        ours = [change.name for change in changes if change.name in params.names(SETTINGS)]
+        if ours and self.pipeline is not None:
+            return SetParametersResult(successful=False, reason=f"{ours[0]} is read on configure: clean up first")
+        return SetParametersResult(successful=True)
+
+    # --- samples in, answers out -------------------------------------------------------------------------------------
+
+    def _take(self, sensor: str, stamps_ns: Integers, accel_mps2: Floats) -> None:
+        if self._keeper is not None and self._keeper.waits and stamps_ns[0] != 0:  # zero was never set
+            self.get_logger().warning(self._keeper.begin(self.pipeline, int(stamps_ns[0])))
+        frames = self.pipeline.push(sensor, stamps_ns, accel_mps2)
+        self._answers.frames(frames)
+        self._showing.add(frames)
+
+    def _publish_exposure(self) -> None:
+        self._answers.exposure(self.pipeline)
+
+    def _publish_diagnostics(self) -> None:
+        self._statuses = self._watch.look(arrivals_tell=not self.get_clock().ros_time_is_active)
+        if self._keeper is not None:
+            self._statuses.append(keeping_status(self._keeper))
+        if self._page is not None:
+            self._statuses.append(page_status(self._page.address, self._page.failure))
+        self._answers.diagnostics(self._statuses)
+
+    def _publish_snapshot(self) -> None:
+        """What the page shows, for whoever looks; shocks are found whether anybody does or not."""
+        self._showing.gather()
+        if self._statuses and self._answers.snapshot_is_wanted:
+            snapshot = self._showing.snapshot(self.pipeline, self._statuses)
+            self._answers.snapshot(json.dumps(snapshot, allow_nan=False))
+
+    def _tell_of_timer(self, why: str) -> None:
+        self.get_logger().error(f"timer: {why}", throttle_duration_sec=1.0)
+
+    # --- exposure across restarts ------------------------------------------------------------------------------------
 
     def _new_keeper(self, subject: Subject) -> Keeper | None:
         """Where exposure is kept; a place that cannot be written to is told, and costs nobody the ride."""
@@ -238,277 +260,27 @@ class BiodynNode(LifecycleNode):
 
     def _keep(self) -> None:
         if self._keeper is not None:
-            self._keeper.keep(self._pipeline)
+            self._keeper.keep(self.pipeline)
 
-    def _leave(self) -> None:
-        """Keep exposure for the last time."""
+    def _keep_for_the_last_time(self) -> None:
         keeper, self._keeper = self._keeper, None
-        if keeper is not None and self._pipeline is not None:
-            self._guarded(keeper.close)(self._pipeline)
-
-    def _end_page(self) -> None:
-        page, self._page = self._page, None
-        if page is not None:
-            page.end()
-
-    def destroy_node(self) -> None:
-        """Leave nothing behind but the exposure that is kept."""
-        self._end_page()
-        self._leave()
-        super().destroy_node()
-
-    def _warn_of_slow_kernels(self, rate_hz: float) -> None:
-        if not kernels.COMPILED:
-            self.get_logger().warning(
-                f"numba is missing: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor"
-            )
-
-    def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Parameters are read on configure; a change that would do nothing until then is refused, not swallowed."""
-        ours = [change.name for change in changes if change.name in params.names(SETTINGS)]
-        if ours and self._pipeline is not None:
-            return SetParametersResult(successful=False, reason=f"{ours[0]} is read on configure: clean up first")
-        return SetParametersResult(successful=True)
-
-    # --- in ----------------------------------------------------------------------------------------------------------
-
-    def _subscribe(self, sensor: str) -> Any:
-        topic = topics.INPUT[sensor]
-        # Five sensors in six only wait for the next drain: nothing but the append runs per message.
-        callback = self._guarded(self._on_seat, SEAT) if sensor == SEAT else self._inbox[sensor].append
-        return self.create_subscription(
-            Imu,
-            topic,
-            callback,
-            QoSProfile(
-                history=HistoryPolicy.KEEP_LAST,
-                depth=self.settings.queue_depth,
-                reliability=ReliabilityPolicy.BEST_EFFORT,
-            ),
-            raw=True,
-            qos_overriding_options=_OVERRIDES,
-            event_callbacks=SubscriptionEventCallbacks(
-                message_lost=partial(self._on_lost, sensor),
-                incompatible_qos=partial(self._on_incompatible_qos, sensor),
-            ),
-        )
-
-    def _on_seat(self, message: bytes) -> None:
-        stamp_ns, accel = decode_imu_one(message)
-        if self._keeper is not None and self._keeper.waits:
-            self._begin(stamp_ns)
-        self._publish(self._pipeline.push(SEAT, np.array([stamp_ns]), np.array([accel])))
-        self._health[SEAT].arrived()
-        self._seat_stamp_ns = stamp_ns
-
-    def _drain(self) -> None:
-        """Hand the next sensor's messages to the pipeline."""
-        sensor = next(self._turn)
-        messages = self._inbox[sensor]
-        if messages:
-            taken = messages.copy()
-            messages.clear()
-            self._guarded(partial(self._take, sensor), sensor)(taken)
-
-    def _take(self, sensor: str, messages: list[bytes]) -> None:
-        self._health[sensor].arrived(len(messages))
-        try:
-            block = decode_imu(messages)
-        except InputError:
-            block = decode_imu([message for message in messages if self._readable(sensor, message)])
-        if len(block):
-            if self._keeper is not None and self._keeper.waits:
-                self._begin(int(block.stamps_ns[0]))
-            self._publish(self._pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
-            self._note_lag(sensor, int(block.stamps_ns[-1]))
-
-    def _begin(self, stamp_ns: int) -> None:
-        """Go on with an exposure that was kept, unless the stamp was never set."""
-        if stamp_ns != 0:
-            self.get_logger().warning(self._keeper.begin(self._pipeline, stamp_ns))
-
-    def _readable(self, sensor: str, message: bytes) -> bool:
-        """Whether a message can be decoded; one that cannot is counted and costs nothing but itself."""
-        try:
-            decode_imu_one(message)
-        except InputError as error:
-            self._refuse(sensor, str(error))
-            return False
-        return True
-
-    def _refuse(self, sensor: str, text: str) -> None:
-        self._health[sensor].errors += 1
-        self._health[sensor].last_error = text
-        self.get_logger().error(f"{sensor}: {text}", throttle_duration_sec=1.0)
-
-    def _note_lag(self, sensor: str, stamp_ns: int) -> None:
-        now_ns = self.get_clock().now().nanoseconds
-        self._health[sensor].offset(1e-9 * (now_ns - stamp_ns), self._pipeline.settings.window_s)
-        self._health[sensor].clock.push(np.array([stamp_ns]), np.array([now_ns]))
-
-    def _on_lost(self, sensor: str, event: Any) -> None:
-        self._health[sensor].lost += event.total_count_change
-
-    def _on_incompatible_qos(self, sensor: str, event: Any) -> None:
-        topic = self.resolve_topic_name(topics.INPUT[sensor])
-        self._health[sensor].incompatible_qos = f"{topic}: a publisher offers incompatible QoS, override it or ours"
-        self.get_logger().error(self._health[sensor].incompatible_qos)
-
-    def _guarded(self, callback: Callable[..., None], sensor: str | None = None) -> Callable[..., None]:
-        """A callback that raises is counted, reported and survived; EventsExecutor would end its loop."""
-
-        def guarded(*arguments: Any) -> None:
-            try:
-                callback(*arguments)
-            except Exception as error:  # noqa: BLE001 - a node that judges exposure survives a bad message
-                text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-                if sensor is not None:
-                    self._refuse(sensor, text)
-                else:
-                    self.get_logger().error(f"timer: {text}", throttle_duration_sec=1.0)
-
-        return guarded
-
-    # --- out ---------------------------------------------------------------------------------------------------------
-
-    def _accel_outputs(self, kind: str) -> list[tuple[Any, AccelStampedTemplate]]:
-        names = topics.PREDICTED if kind == "predicted" else topics.MEASURED
-        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=OUTPUT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-        return [
-            (
-                self.create_publisher(AccelStamped, topic, qos, qos_overriding_options=_OVERRIDES),
-                AccelStampedTemplate(frame_id=name),
-            )
-            for name, topic in names.items()
-        ]
-
-    def _refresh_wanted(self) -> None:
-        """Samples are serialised only for topics somebody subscribes to."""
-        kinds = ("predicted", "measured") if self.settings.publish_measured else ("predicted",)
-        self._wanted = {
-            kind: [
-                (column, publisher.publish, template.fill)
-                for column, (publisher, template) in enumerate(self._publishers_of[kind])
-                if publisher.get_subscription_count() > 0
-            ]
-            for kind in kinds
-        }
-
-    def _publish(self, frames: Frames) -> None:
-        self._showing.add(frames)
-        for kind, wanted in self._wanted.items():
-            frame = frames.predicted if kind == "predicted" else frames.measured
-            if wanted and frame.stamps_ns.size:
-                rows = zip(frame.stamps_ns.tolist(), frame.accel_mps2.tolist(), strict=True)
-                for stamp_ns, row in rows:
-                    for column, publish, fill in wanted:
-                        value = row[column]
-                        if not math.isnan(value):
-                            publish(fill(stamp_ns, value))
-
-    def _publish_exposure(self) -> None:
-        since, rolling = self._pipeline.exposure(), self._pipeline.exposure(rolling=True)
-        values = topics.exposure_values(since, topics.EXPOSURE) | topics.exposure_values(rolling, topics.ROLLING)
-        values |= topics.residual_values(rolling) | topics.seat_values(self._pipeline.seat())
-        for topic, value in values.items():
-            self._scalars[topic].publish(Float64(data=value))
-
-    def _publish_diagnostics(self) -> None:
-        self._growth.look({"divergences": self._pipeline.divergences})
-        for sensor, health in self._health.items():
-            health.look(self._pipeline.status(sensor))
-        statuses = [prediction_status(self._pipeline, self._health[SEAT], self._growth, self._mark)]
-        statuses += [keeping_status(self._keeper)] if self._keeper is not None else []
-        statuses += [page_status(self._page.address, self._page.failure)] if self._page is not None else []
-        statuses += [sensor_status(name, self._health[name], self._pipeline, self._off_s(name)) for name in SENSORS]
-        self._statuses = statuses
-        message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
-
-    def _publish_snapshot(self) -> None:
-        """What the page shows, for whoever looks; shocks are found whether anybody does or not."""
-        self._showing.gather()
-        if self._statuses and self._snapshots.get_subscription_count() > 0:
-            snapshot = self._showing.snapshot(self._pipeline, self._statuses, self._marks)
-            self._snapshots.publish(String(data=json.dumps(snapshot, allow_nan=False)))
-
-    def _off_s(self, sensor: str) -> float:
-        """By how much a sensor's stamps lie ahead of the seat's, as far as arrivals tell; 0 while they do not.
-
-        A simulated clock moves in steps, and stops: it times no arrival.
-        """
-        if self.get_clock().ros_time_is_active:
-            return 0.0
-        own_s, seat_s = self._health[sensor].offset_s, self._health[SEAT].offset_s
-        return 0.0 if own_s is None or seat_s is None else seat_s - own_s
-
-    def _look_around(self) -> None:
-        """The event for a wrong message type does not fire across processes, so it is polled."""
-        self._health[next(self._clock_turn)].compare_clock()
-        if self._health[SEAT].arrived_s is not None:
-            self._note_lag(SEAT, self._seat_stamp_ns)
-        for sensor, health in self._health.items():
-            topic = self.resolve_topic_name(topics.INPUT[sensor])
-            found = self.get_publishers_info_by_topic(topic)
-            wrong = [info.topic_type for info in found if info.topic_type != IMU_TYPE]
-            text = f"{topic}: a publisher sends {wrong[0]}, {IMU_TYPE} is needed" if wrong else ""
-            if text and text != health.wrong_type:
-                self.get_logger().error(text)
-            heard = [self._hears(sensor, info) for info in found if info.topic_type == IMU_TYPE]
-            health.publishers, health.wrong_type = len(found), text
-            if all(heard):
-                health.incompatible_qos = ""  # whoever offered it has gone
-
-    def _hears(self, sensor: str, publisher: Any) -> bool:
-        """Whether a publisher's QoS is compatible with ours, as far as both are known."""
-        ours = self._subscriptions_made[sensor].qos_profile
-        return qos_check_compatible(publisher.qos_profile, ours)[0] != QoSCompatibility.ERROR
+        if keeper is not None and self.pipeline is not None:
+            guarded(keeper.close, self.get_logger().error)(self.pipeline)
 
     # --- services ----------------------------------------------------------------------------------------------------
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._pipeline.reset()
-        self.get_logger().info("exposure since reset starts anew")
-        response.success, response.message = True, "exposure since reset starts anew"
-        return response
+        self.pipeline.reset()
+        return self._done(response, "exposure since reset starts anew")
 
     def _on_mark(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._marks += 1
-        stamp = self.get_clock().now().nanoseconds
-        self._mark = f"mark {self._marks} at {stamp * 1e-9:.3f} s"
-        self.get_logger().info(self._mark)
-        response.success, response.message = True, self._mark
+        mark = self._watch.mark(1e-9 * self.get_clock().now().nanoseconds)
+        return self._done(response, mark)
+
+    def _done(self, response: Trigger.Response, message: str) -> Trigger.Response:
+        self.get_logger().info(message)
+        response.success, response.message = True, message
         return response
-
-
-def _diagnostic(status: Status) -> DiagnosticStatus:
-    values = [KeyValue(key=key, value=value) for key, value in status.values.items()]
-    return DiagnosticStatus(
-        level=bytes([status.level]), name=status.name, message=status.message, hardware_id=NODE_NAME, values=values
-    )
-
-
-def make_executor(context: Any = None) -> Any:
-    """EventsExecutor where rclpy has it, eight times cheaper a message; never the multi-threaded one."""
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
-        return SingleThreadedExecutor(context=context)
-    return EventsExecutor(context=context)
-
-
-def spin(executor: Any, until: Callable[[], bool]) -> None:
-    """Spin a tenth of a second at a time, waiting for what never comes.
-
-    EventsExecutor's own `spin` busy-loops in rclpy 7.1, and its `spin_once` comes back after every single message.
-    """
-    while not until():
-        try:
-            executor.spin_until_future_complete(Future(), timeout_sec=0.1)
-        except RCLError:
-            if not until():  # a signal may end the context between the question and the spin
-                raise
 
 
 def main(args: list[str] | None = None) -> int:

@@ -47,10 +47,10 @@ class Showing:
         self._measured.add(frames.measured.stamps_ns, frames.measured.accel_mps2)
         self._bins = {"predicted": self._predicted.take(), "measured": self._measured.take()}
 
-    def snapshot(self, pipeline: Pipeline, statuses: list[Status], marks: int) -> dict[str, Any]:
+    def snapshot(self, pipeline: Pipeline, statuses: list[Status]) -> dict[str, Any]:
         """Everything that the page shows of this moment, finite numbers and texts alone."""
         document = exposure_document(pipeline, "", pipeline.seconds(), [])
-        by_name = {status.name.removeprefix("biodyn: "): status for status in statuses}
+        by_name = {status.of: status for status in statuses}
         seat, doubt = document["seat"], _doubt(by_name)
         return {
             "version": __version__,
@@ -68,7 +68,6 @@ class Showing:
             "dri": document["dri"] and document["dri"] | {"lower_bound": bool(seat and seat["lower_bound"])},
             "shocks": [_shock(shock) for shock in self._shocks.latest()],
             "strip": {name: _strip(bins) for name, bins in self._bins.items()},
-            "marks": marks,
             "mark": by_name["prediction"].values["last_mark"],
         }
 

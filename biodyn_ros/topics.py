@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from biodyn_core.judgement import SeatExposure
     from biodyn_core.pipeline import Exposure
 
+NODE_NAME: Final = "biodyn"
 INPUT: Final = {sensor: f"imu/{sensor}/data" for sensor in SENSORS}
 PREDICTED: Final = {segment: f"~/predicted/{segment}/accel" for segment in SEGMENTS}
 MEASURED: Final = {sensor: f"~/measured/{sensor}/accel" for sensor in SENSORS}
@@ -38,9 +39,14 @@ SCALARS: Final = (
 """Every std_msgs/Float64 topic of the live node."""
 
 
-def absolute(topic: str, node: str = "biodyn") -> str:
+def absolute(topic: str, node: str = NODE_NAME) -> str:
     """The topic as others see it when the node runs under its own name."""
     return topic.replace("~", f"/{node}", 1)
+
+
+def status_name(of: str) -> str:
+    """What a status of the diagnostics is called: of a sensor, of `prediction`, `exposure` or `page`."""
+    return f"{NODE_NAME}: {of}"
 
 
 def exposure_values(exposure: Exposure, root: str) -> dict[str, float]:

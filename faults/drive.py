@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.pipeline import Frames, Pipeline, joined
-from biodyn_core.segments import SEAT, SENSORS
-from biodyn_ros.health import Growth, SensorHealth, Status, prediction_status, sensor_status
+from biodyn_core.segments import SENSORS
+from biodyn_ros.health import SensorHealth, Status, Watch
 from faults.ride import SECONDS, START_NS, Arriving, subject
 
 SLOT_S: Final = 0.02
@@ -36,8 +36,9 @@ class Driven:
 
 def drive(ride: Mapping[str, Arriving]) -> Driven:
     """Push what has arrived, slot by slot."""
-    pipeline, growth, clock = Pipeline(subject()), Growth(), [0.0]
+    pipeline, clock = Pipeline(subject()), [0.0]
     health = {name: SensorHealth(publishers=1, now=lambda: clock[0]) for name in SENSORS}
+    watch = Watch(pipeline, health)
     done, frames, looks = dict.fromkeys(SENSORS, 0), [], []
     for slot in range(1, round(SECONDS / SLOT_S) + 1):
         clock[0] = slot * SLOT_S
@@ -49,16 +50,8 @@ def drive(ride: Mapping[str, Arriving]) -> Driven:
                 frames.append(pipeline.push(name, one.stamps_ns[part], one.accel_mps2[part]))
                 health[name].arrived(part.stop - part.start)
         if slot % round(LOOK_S / SLOT_S) == 0:
-            looks.append(_look(clock[0], pipeline, health, growth))
+            looks.append(Look(clock[0], {status.of: status for status in watch.look()}))
     return Driven(pipeline, joined(frames), tuple(looks))
-
-
-def _look(time_s: float, pipeline: Pipeline, health: Mapping[str, SensorHealth], growth: Growth) -> Look:
-    growth.look({"divergences": pipeline.divergences})
-    for name, one in health.items():
-        one.look(pipeline.status(name))
-    statuses = {name: sensor_status(name, health[name], pipeline) for name in SENSORS}
-    return Look(time_s, statuses | {"prediction": prediction_status(pipeline, health[SEAT], growth, "")})
 
 
 def seconds_of(stamps_ns: np.ndarray) -> np.ndarray:

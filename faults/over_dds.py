@@ -68,12 +68,14 @@ class OverDds:
 def _judged(one: Rig, fault: OverDds) -> tuple[str, float | None, tuple[str, ...]]:
     wrong = []
     told = [(at, name, status) for at, found in one.heard.statuses for name, status in found.items() if at > 2.0]
-    mine = [status.message for _, name, status in told if name == f"biodyn: {fault.of}"]
+    mine = [status.message for _, name, status in told if name == topics.status_name(fault.of)]
     said = next((message for message in mine if fault.says and fault.says in message), "")
     if fault.says and not said:
         wrong.append(f"nothing said of {fault.says}: {sorted(set(mine))}")
     others = {
-        f"{name}: {status.message}" for _, name, status in told if name != f"biodyn: {fault.of}" and status.level != OK
+        f"{name}: {status.message}"
+        for _, name, status in told
+        if name != topics.status_name(fault.of) and status.level != OK
     }
     if others:
         wrong.append(f"others are blamed: {sorted(others)}")
@@ -314,7 +316,7 @@ def looping_bag() -> Result:
         values = [value for _, value in one.heard.vdv]
         if any(b < a - 1e-12 for a, b in pairwise(values)) or not values[-1] > values[10] > 0.0:
             wrong.append(f"exposure does not go on: {values[:2]} ... {values[-2:]}")
-        levels = [found["biodyn: prediction"].level for _, found in one.heard.statuses]
+        levels = [found[topics.status_name("prediction")].level for _, found in one.heard.statuses]
         if levels.count(DiagnosticStatus.ERROR) > 0.2 * len(levels):
             wrong.append("predictions are an error more often than not")
     return Result("a looping bag", "", 0.0, tuple(wrong))

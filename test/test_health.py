@@ -17,10 +17,9 @@ from biodyn_ros.health import (
     OK,
     SETTLING_S,
     WARN,
-    Growth,
     SensorHealth,
-    prediction_status,
-    sensor_status,
+    Status,
+    Watch,
 )
 
 LOOK_SAMPLES = round(0.5 * RATE_HZ)
@@ -32,7 +31,8 @@ class Node:
     def __init__(self, streams) -> None:
         self.pipeline, self.streams, self.at = Pipeline(subject()), streams, 0
         self.health = {name: SensorHealth(publishers=1) for name in SENSORS}
-        self.growth = Growth()
+        self.watch = Watch(self.pipeline, self.health)
+        self.statuses: dict[str, Status] = {}
 
     def look(self, looks: int = 1) -> None:
         """Half a second more, and a look."""
@@ -42,19 +42,19 @@ class Node:
                 self.pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
                 self.health[one.sensor].arrived(LOOK_SAMPLES)
             self.at += LOOK_SAMPLES
-            self.growth.look({"divergences": self.pipeline.divergences})
-            for name, health in self.health.items():
-                health.look(self.pipeline.status(name))
+            self.judge()
+
+    def judge(self) -> None:
+        """A look, without anything having come."""
+        self.statuses = {status.of: status for status in self.watch.look()}
 
     def says(self, name: str) -> tuple[int, str]:
-        """Level and message of a sensor."""
-        status = sensor_status(name, self.health[name], self.pipeline)
-        return status.level, status.message
+        """Level and message of a sensor, or of `prediction`."""
+        return self.statuses[name].level, self.statuses[name].message
 
     def predicts(self) -> tuple[int, str]:
         """Level and message of the model."""
-        status = prediction_status(self.pipeline, self.health[SEAT], self.growth, "")
-        return status.level, status.message
+        return self.says("prediction")
 
 
 def faulty(sensor: str, spoil) -> tuple:
@@ -92,14 +92,14 @@ def test_a_cause_is_named_while_it_lasts_and_is_no_alarm_two_seconds_later(senso
     assert all(node.says(name) == (OK, "streaming") for name in SENSORS if name != sensor)
     node.look(4)
     assert node.says(sensor) == (OK, "streaming") and node.predicts() == (OK, "predicting")
-    values = sensor_status(sensor, node.health[sensor], node.pipeline).values
+    values = node.statuses[sensor].values
     assert values["lower_bound"] == "true" and values["settling"] == "false"
 
 
 def test_what_begins_anew_behind_a_gap_is_settling_and_then_is_not() -> None:
     node = Node(faulty(SEAT, unset))  # 100 samples without a stamp are a gap
     node.look(7)
-    assert sensor_status(SEAT, node.health[SEAT], node.pipeline).values["settling"] == "true"
+    assert node.statuses[SEAT].values["settling"] == "true"
     node.look()
     assert node.predicts() == (OK, "settling behind a gap of the seat")
     node.look(2)
@@ -128,6 +128,7 @@ def test_two_publishers_and_a_clock_set_anew_are_said() -> None:
     node = Node(noisy_streams(6.0))
     node.look(4)
     node.health["neck"].publishers = 2
+    node.judge()
     assert node.says("neck") == (WARN, "2 publishers send to it: whose are the samples?")
 
     def set_ahead(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
@@ -142,10 +143,26 @@ def test_two_publishers_and_a_clock_set_anew_are_said() -> None:
 def test_stamps_that_lie_off_the_seat_s_are_warned_of() -> None:
     node = Node(noisy_streams(6.0))
     node.look(6)
-    for off_s, level in ((0.019, OK), (-0.021, WARN)):
-        status = sensor_status("head", node.health["head"], node.pipeline, off_s)
-        assert status.level == level and status.values["clock_off_ms"] == f"{1e3 * off_s:.3f}"
-    assert status.message == "its stamps lie -21 ms off the seat's, by clock or transport: its residual tells of that"
+    for ahead_ms, level in ((19, OK), (-21, WARN)):
+        for name, late_ms in ((SEAT, 30), ("head", 30 - ahead_ms)):
+            node.health[name] = arriving(late_ms)
+        node.judge()
+        assert node.says("head")[0] == level
+        assert float(node.statuses["head"].values["clock_off_ms"]) == pytest.approx(ahead_ms, abs=0.01)
+    told = "its stamps lie -21 ms off the seat's, by clock or transport: its residual tells of that"
+    assert node.says("head") == (WARN, told)
+    # A simulated clock times no arrival.
+    assert next(status for status in node.watch.look(arrivals_tell=False) if status.of == "head").level == OK
+
+
+def arriving(late_ms: int) -> SensorHealth:
+    """The health of a sensor whose messages have arrived so late for a minute, the last of them just now."""
+    health = SensorHealth(publishers=1)
+    for number in range(60):
+        health.timed(number * 10**9, number * 10**9 + late_ms * 10**6, window_s=10.0)
+    health.compare_clock()
+    health.arrived()
+    return health
 
 
 def test_the_offset_of_a_clock_that_drifts_is_that_of_now() -> None:

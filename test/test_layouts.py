@@ -18,7 +18,6 @@ from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_ros import topics
 from biodyn_ros.health import SensorHealth, sensor_status
 from biodyn_ros.layouts import lichtblick, plotjuggler
-from biodyn_ros.live import NODE_NAME
 from biodyn_ros.player import message_class
 from biodyn_ros.resources import config_file
 
@@ -76,7 +75,7 @@ def test_every_curve_of_plotjuggler_is_a_field_of_a_topic() -> None:
     for topic, fields in map(split, series):
         if topic == topics.DIAGNOSTICS:
             hardware, status, key = fields
-            assert hardware == NODE_NAME
+            assert hardware == topics.NODE_NAME
             sensor = status.removeprefix("biodyn: ")
             assert key in sensor_status(sensor, SensorHealth(), a_pipeline()).values
         else:

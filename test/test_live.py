@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import sys
 from collections.abc import Iterator
@@ -21,12 +22,13 @@ from std_srvs.srv import Trigger
 from streams import noisy_streams, subject
 
 from biodyn_core.errors import InputError
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline import Pipeline, PredictedFrames
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros import params, topics
 from biodyn_ros.cdr import decode_accel_stamped
 from biodyn_ros.live import SETTINGS, LiveSettings
 from biodyn_ros.parameters_yaml import parameters_yaml
+from biodyn_ros.publications import AccelTopics
 from biodyn_ros.resources import config_file
 
 OK, WARN, ERROR = (bytes([level]) for level in range(3))
@@ -46,7 +48,13 @@ class Diagnostics:
 
     def status(self, name: str) -> Any:
         """The status of the node's part of that name, None before the first."""
-        return next((s for s in self._got[-1].status if s.name == f"biodyn: {name}"), None) if self._got else None
+        statuses = self._got[-1].status if self._got else []
+        return next((status for status in statuses if status.name == f"biodyn: {name}"), None)
+
+    def value(self, name: str, key: str) -> str | None:
+        """What stands under a key of a status, None before the first."""
+        status = self.status(name)
+        return None if status is None else {entry.key: entry.value for entry in status.values}[key]
 
     def says(self, name: str, level: bytes, text: str) -> bool:
         """Whether the status has this level and text."""
@@ -129,12 +137,26 @@ def test_samples_are_sent_only_where_somebody_listens(graph: Graph) -> None:
     tester = graph.node()
     measured = graph.collect(tester, AccelStamped, topics.absolute(topics.MEASURED["head"]), raw=True)
     pelvis = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["pelvis"]), raw=True)
-    node = graph.active(publish_measured=True, wait_s=10.0)  # what is sent here comes faster than life
+    graph.active(publish_measured=True, wait_s=10.0)  # what is sent here comes faster than life
     sensors = Sensors(graph, SENSORS)
     graph.wait(sensors.matched, "six inputs matched")
-    assert [len(wanted) for wanted in node._wanted.values()] == [1, 1]
     sensors.send()
     graph.wait(lambda: len(pelvis) > 4000 and len(measured) > 3000, "measured and predicted")
+
+
+def test_a_column_nobody_listens_to_is_not_even_read(graph: Graph) -> None:
+    node, tester = graph.node("speaker"), graph.node()
+    output = AccelTopics(node, topics.PREDICTED)
+    head = graph.collect(tester, AccelStamped, "/speaker/predicted/head/accel", raw=True)
+    column = list(topics.PREDICTED).index("head")
+    graph.wait(lambda: output.publishers[column].get_subscription_count() > 0, "the head's column matched")
+    output.look_who_listens()
+    # What is no number at all would raise if it were looked at.
+    values = np.array([[None] * column + [1.0], [None] * column + [math.nan]], dtype=object)
+    output.publish(PredictedFrames(np.array([1, 2]), values))
+    graph.wait(lambda: head, "the head's only value")
+    graph.spin(0.2)
+    assert decode_accel_stamped(head)[1][:, 2].tolist() == [1.0]
 
 
 def test_without_a_sensor_predictions_go_on_and_the_status_says_which(graph: Graph) -> None:
@@ -206,13 +228,13 @@ def test_a_message_that_cannot_be_read_is_counted_and_survived(graph: Graph) -> 
     stamps, predicted, _ = offline()
     graph.wait(lambda: len(head) == len(stamps), "every prediction all the same")
     np.testing.assert_array_equal(decode_accel_stamped(head)[1][:, 2], predicted[:, SEGMENTS.index("head")])
-    assert (node._health[SEAT].errors, node._health["head"].errors) == (1, 1)
     head_count = len(next(stream for stream in noisy_streams() if stream.sensor == "head").stamps_ns)
-    graph.wait(lambda: node._health["head"].messages == head_count + 1, "the head's messages")
+    for name in (SEAT, "head"):
+        graph.wait(lambda n=name: diagnostics.value(n, "refused") == "1", f"the refusal of the {name}'s")
+    graph.wait(lambda: diagnostics.value("head", "messages") == str(head_count + 1), "the head's messages")
     # The garbage cost nothing but itself: every other sample of its batch was used.
-    seen = node._pipeline.status("head")
+    seen = node.pipeline.status("head")
     assert seen.accepted + round(seen.uncounted_s * seen.rate_hz) == head_count
-    graph.wait(lambda: diagnostics.status(SEAT) and dict_of(diagnostics.status(SEAT))["refused"] == "1", "the refusal")
 
 
 def test_predictions_and_diagnostics_go_on_while_the_clock_stands_still(graph: Graph) -> None:
@@ -247,7 +269,7 @@ def test_reset_and_mark_answer(graph: Graph) -> None:
     sensors = Sensors(graph, SENSORS)
     graph.wait(sensors.matched, "six inputs matched")
     sensors.send()
-    graph.wait(lambda: SEAT in node._pipeline.exposure().sensors, "exposure")
+    graph.wait(lambda: SEAT in node.pipeline.exposure().sensors, "exposure")
     for service, text in (("reset", "starts anew"), ("mark", "mark 1 at")):
         client = tester.create_client(Trigger, f"/biodyn/{service}")
         graph.wait(client.service_is_ready, service)
@@ -255,7 +277,7 @@ def test_reset_and_mark_answer(graph: Graph) -> None:
         graph.wait(future.done, service)
         assert future.result().success
         assert text in future.result().message
-    assert node._pipeline.exposure().sensors[SEAT].vdv_mps175 < 0.1
+    assert node.pipeline.exposure().sensors[SEAT].vdv_mps175 < 0.1
 
 
 def test_lifecycle_listens_only_while_active(graph: Graph) -> None:
@@ -315,12 +337,19 @@ def test_a_parameter_is_not_changed_behind_the_pipeline_s_back(graph: Graph) -> 
     (result,) = node.set_parameters([Parameter("cutoff_hz", value=50.0)])
     assert result.successful
     node.trigger_configure()
-    assert node._pipeline._conditioners[SEAT].settings.cutoff_hz == 50.0
+    assert filter_delay_s(node.pipeline) == pytest.approx(2.0 * filter_delay_s(Pipeline(subject())), rel=0.02)
+
+
+def filter_delay_s(pipeline: Pipeline) -> float:
+    """The low-pass's delay, which halving its cut-off doubles."""
+    seat = noisy_streams()[0]
+    pipeline.push(seat.sensor, seat.stamps_ns, seat.accel_mps2)
+    return pipeline.status(seat.sensor).filter_delay_s
 
 
 def test_whole_numbers_serve_as_real_ones(graph: Graph) -> None:
     node = graph.active(window_s=20, exposure_rate_hz=5)
-    assert node._pipeline.settings.window_s == 20.0
+    assert node.pipeline.settings.window_s == 20.0
     assert isinstance(params.read(node, LiveSettings).exposure_rate_hz, float)
 
 
@@ -338,11 +367,6 @@ def test_every_parameter_has_a_description_and_the_shipped_file_holds_the_defaul
 def graph_defaults() -> dict[str, Any]:
     """Every setting's default, as the code has it."""
     return {name: field.default for kind in SETTINGS for name, field in kind.__dataclass_fields__.items()}
-
-
-def dict_of(status: Any) -> dict[str, str]:
-    """A diagnostic's values by key."""
-    return {pair.key: pair.value for pair in status.values}
 
 
 class other_participant:  # noqa: N801 - used as a with-statement's word

@@ -12,7 +12,7 @@ from streams import START_NS, noisy_streams, subject
 from biodyn_core.pipeline import Pipeline, PipelineSettings
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.exposure_json import exposure_document
-from biodyn_ros.health import Growth, SensorHealth, prediction_status, sensor_status
+from biodyn_ros.health import SensorHealth, Watch
 from biodyn_ros.showing import ROWS, STILL_MPS2, Showing
 
 GENTLE = {"case": "road", "seconds": 6.0, "seed": 3}
@@ -25,6 +25,7 @@ class Ride:
         self.pipeline, self.showing = Pipeline(subject(), **pipeline), Showing(5.0)
         self.clock_s = 0.0
         self.health = {name: SensorHealth(now=lambda: self.clock_s) for name in SENSORS}
+        self.watch = Watch(self.pipeline, self.health)
         self.snapshots = []
 
     def drive(self, streams, block=280, without=()):
@@ -43,11 +44,7 @@ class Ride:
     def look(self):
         """Gather and tell, as JSON and back, as the page hears it."""
         self.showing.gather()
-        for name, health in self.health.items():
-            health.look(self.pipeline.status(name))
-        statuses = [prediction_status(self.pipeline, self.health[SEAT], Growth(), "")]
-        statuses += [sensor_status(name, self.health[name], self.pipeline) for name in SENSORS]
-        snapshot = self.showing.snapshot(self.pipeline, statuses, 0)
+        snapshot = self.showing.snapshot(self.pipeline, self.watch.look())
         self.snapshots.append(json.loads(json.dumps(snapshot, allow_nan=False)))
         return self.snapshots[-1]
 
