@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core import kernels
-from biodyn_core.conditioning import Block
+from biodyn_core.conditioned import Block
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

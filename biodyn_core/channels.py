@@ -9,9 +9,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.conditioning import Block, Conditioner, Vector
+from biodyn_core.conditioned import Block
+from biodyn_core.conditioning import Conditioner
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
+from biodyn_core.levelling import Vector
 from biodyn_core.upright import STILL_RADPS
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.alignment import Aligner
-from biodyn_core.conditioning import Block
+from biodyn_core.conditioned import Block
 from biodyn_core.exposure import DoseMeter, ResidualMeter
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SENSORS
 

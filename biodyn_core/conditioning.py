@@ -10,22 +10,24 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.errors import InputError
 from biodyn_core.kernels import sensor as kernel
+from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.rest import Rest, RestWindow
+from biodyn_core.runs import Runs
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.weighting import MIN_RATE_HZ, RATE_TOLERANCE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Vector = tuple[float, float, float]
 Mode = Literal["causal", "zero_phase", "survey"]
 """What comes out: causal or zero-phase answers, or none at all, only the status of a sensor of any rate."""
 
@@ -41,22 +43,12 @@ JITTER_TOLERATED: Final = 0.35
 """With more mean jitter than so many periods no stamp tells whether a sample was lost before it."""
 
 GRAVITY_TOLERANCE: Final = 0.05
-LEAST_GRAVITY_MPS2: Final = 0.5 * STANDARD_GRAVITY_MPS2
 UNSET: Final = "header stamps are zero: use log time (--time log), or set them in the driver"
 UNSET_TOLERATED: Final = 20
 """So many stamps of zero while rest is looked for, and more than others, are a driver that sets none."""
 
 RATE_TOLERATED: Final = 0.0199
 """The tracked rate stays within 2 % of that at rest; one that comes this close is not followed."""
-
-LAP_S: Final = 1e6
-"""Added to a sensor's own seconds whenever its stamps jump back, as often as needed, so that they go on.
-
-Time inside jumps back only where stamps that had leapt away return: sensors that did not leap are met again.
-"""
-
-OVERLAP_NS: Final = 100_000_000
-"""Stamps that return may overlap by so much with those before the leap: jitter, not a second lap of a bag."""
 
 
 @dataclass(frozen=True)
@@ -97,109 +89,11 @@ def settings_for(sensor: str, conditioning: SettingsOf) -> ConditioningSettings 
     return conditioning.get(sensor) if isinstance(conditioning, Mapping) else conditioning
 
 
-class Block(NamedTuple):
-    """Conditioned samples of one sensor, evenly spaced within one run.
-
-    stamps_ns (n,) and time_s (n,) are the instants answered, filter delay taken off (time_s since epoch_ns, the
-    sensor's first stamp, for alignment); levelled_mps2 (n, 3), gravity-free, third axis up, before the low-pass;
-    low_passed_mps2 (n,), vertical. gap_s: what lies between a run's first sample and the run before it.
-    """
-
-    stamps_ns: Integers
-    time_s: Floats
-    levelled_mps2: Floats
-    low_passed_mps2: Floats
-    begins_run: bool
-    gap_s: float
-    epoch_ns: int
-    rate_hz: float
-
-    def part(self, begin: int, end: int) -> Block:
-        """The samples from `begin` up to `end`."""
-        return self._replace(
-            stamps_ns=self.stamps_ns[begin:end],
-            time_s=self.time_s[begin:end],
-            levelled_mps2=self.levelled_mps2[begin:end],
-            low_passed_mps2=self.low_passed_mps2[begin:end],
-            begins_run=self.begins_run and begin == 0,
-        )
-
-
-class _Leap(NamedTuple):
-    """How far stamps leapt, seconds, and what they left: the last instant answered before, ns, and its lap."""
-
-    by_s: float
-    left_ns: int
-    lap: int
-
-    def is_left_behind(self, stamp_ns: int) -> bool:
-        """Whether a stamp that returns is beyond what was left, as far as jitter lets anybody see."""
-        return stamp_ns > self.left_ns - OVERLAP_NS
-
-
-_NO_LEAP: Final = _Leap(0.0, 0, 0)
-
-
-@dataclass(frozen=True)
-class SensorStatus:
-    """What one sensor's conditioning has seen so far; `fault` says in one line why it answers nothing.
-
-    Rejected samples by cause: stamp unset, reading not finite, duplicate, late, stamp astray. filled: interpolated;
-    flat: of one that never changed for long. run_s: how long this run goes on, the rest before the first one included,
-    None until there is one. uncounted_s passed before gravity was known, unrested_s of it in motion;
-    gap_s lies between runs.
-    """
-
-    rate_hz: float | None
-    jitter_s: float | None
-    gravity_mps2: float | None
-    vertical: Vector | None
-    filter_delay_s: float | None
-    accepted: int
-    unset: int
-    non_finite: int
-    duplicate: int
-    late: int
-    stray: int
-    filled: int
-    flat: int
-    clipped: int
-    runs: int
-    run_s: float | None
-    uncounted_s: float
-    unrested_s: float
-    gap_s: float
-    warnings: tuple[str, ...]
-    fault: str | None
-
-    @property
-    def rejected(self) -> int:
-        """Samples that were not used, for whatever cause."""
-        return self.unset + self.non_finite + self.duplicate + self.late + self.stray
-
-    @property
-    def filled_s(self) -> float:
-        """Seconds that are interpolated."""
-        return self.filled / self.rate_hz if self.rate_hz else 0.0
-
-    @property
-    def flat_s(self) -> float:
-        """Seconds of a reading that never changed for long."""
-        return self.flat / self.rate_hz if self.rate_hz else 0.0
-
-    @property
-    def recorded_s(self) -> float:
-        """Seconds from the first sample to the newest, by accepted samples: one wild stamp does not count."""
-        counted = (self.accepted + self.filled) / self.rate_hz if self.rate_hz else 0.0
-        return self.uncounted_s + counted + self.gap_s
-
-
 class Conditioner:
     """One sensor: clock, gaps, vertical and gravity, low-pass. `push` raw samples, get `Block`s, `finish` at the end.
 
     vertical (3,): where the sensor's axes see up, if rest is not to tell it; its gravity is then the mean along it.
-    waited: how many samples had been pushed when rest ended, the last one at rest included. leapt_s: the sum of all
-    leaps of more than a second between runs, those back below zero, whether a clock was set or nothing came meanwhile.
+    waited: how many samples had been pushed when rest ended, the last one at rest included.
     """
 
     def __init__(
@@ -228,14 +122,8 @@ class Conditioner:
         self._counts = np.zeros(kernel.COUNT_SIZE, dtype=np.int64)
         self._undecided: tuple[Integers, Floats] | None = None
         self._held: list[Block] = []
-        self._runs = 0
+        self.runs = Runs()
         self._run_epoch_ns = 0
-        self._lap = 0
-        self._running = False
-        self._ended_ns: int | None = None
-        self._gap_s = 0.0
-        self._leap = _NO_LEAP
-        self.leapt_s = 0.0
 
     def begin_known(self, rest: Rest, stamp_ns: int) -> None:
         """Begin without rest, from a stamp on: gravity, vertical and clock are known from a run just before.
@@ -332,11 +220,11 @@ class Conditioner:
             filled=counts[kernel.FILLED],
             flat=counts[kernel.FLAT],
             clipped=counts[kernel.CLIPPED],
-            runs=self._runs,
-            run_s=counts[kernel.IN_RUN] * period_s if self._runs else None,
+            runs=self.runs.count,
+            run_s=counts[kernel.IN_RUN] * period_s if self.runs.count else None,
             uncounted_s=self._uncounted * period_s,
             unrested_s=self._unrested * period_s,
-            gap_s=self._gap_s,
+            gap_s=self.runs.gap_s,
             warnings=tuple(self._warnings()),
             fault=self.fault,
         )
@@ -466,58 +354,23 @@ class Conditioner:
         )  # fmt: skip
         if not written:
             return used, None, why
-        begins_run, gap_s = not self._running, 0.0
-        if begins_run:
-            gap_s = self._begin_run(epoch_ns + round(float(times[0]) * 1e9))
-        self._ended_ns = epoch_ns + round(float(times[written - 1]) * 1e9)
-        shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self._lap * LAP_S - self.delay_s
+        begins_ns, ends_ns = (epoch_ns + round(float(times[k]) * 1e9) for k in (0, written - 1))
+        begins_run, gap_s = self.runs.answered(begins_ns, ends_ns, 1.0 / self.rate_hz)
+        shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
         block = Block(
             stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0], begins_run, gap_s,
             self._rest.epoch_ns, self.rate_hz,
         )  # fmt: skip
         return used, block, why
 
-    def _begin_run(self, begins_ns: int) -> float:
-        """Count a run and what is missing before it, which is returned."""
-        self._running = True
-        self._runs += 1
-        if self._ended_ns is None:
-            return 0.0
-        gap_s = (begins_ns - self._ended_ns) * 1e-9 - 1.0 / self.rate_hz
-        if gap_s > kernel.LEAP_S:
-            self.leapt_s += gap_s
-            if abs(gap_s + self._leap.by_s) < kernel.LEAP_S:  # time had leapt back and returns
-                gap_s += self._leap.by_s
-                self._lap = self._leap.lap if self._leap.is_left_behind(begins_ns) else self._lap
-                self._leap = _NO_LEAP
-            else:
-                self._leap = _Leap(gap_s, self._ended_ns, self._lap)
-        gap_s = max(gap_s, 0.0)
-        self._gap_s += gap_s
-        return gap_s
-
     def _end_run(self, next_ns: int) -> list[Block]:
         """Nothing integrates across a break: filters start anew, and time that jumped back goes on."""
         blocks = self._filtered_run()
-        self._running = False
         self._state[kernel.LOW_PASS_STATE : kernel.MAX_GAP] = 0.0
         # Seconds count anew from each run's first stamp: those since another epoch would be too coarse to tell a rate.
         self._run_epoch_ns = next_ns
-        if self._ended_ns is not None and next_ns < self._ended_ns:
-            self._leap_back((self._ended_ns - next_ns) * 1e-9 + 1.0 / self.rate_hz, self._ended_ns, next_ns)
-            self._ended_ns = None
+        self.runs.end(next_ns, 1.0 / self.rate_hz)
         return blocks
-
-    def _leap_back(self, back_s: float, ended_ns: int, next_ns: int) -> None:
-        """Go on in the next lap, or where time had leapt ahead and is back, nothing was missing, in its own."""
-        self.leapt_s -= back_s
-        before, self._leap = self._leap, _Leap(-back_s, ended_ns, self._lap)
-        if abs(before.by_s - back_s) < kernel.LEAP_S:
-            self._gap_s -= min(before.by_s, back_s)
-            self._leap = _NO_LEAP
-            if before.is_left_behind(next_ns):
-                return
-        self._lap += 1 + int(back_s // LAP_S)
 
     def _answer(self, block: Block) -> list[Block]:
         if self.mode == "causal":
@@ -538,37 +391,9 @@ class Conditioner:
         return [run]
 
 
-UP: Final = (0.0, 0.0, 1.0)
-
-
-def gravity_and_vertical(mean_mps2: Vector, given: Vector | None) -> tuple[float, Vector | None]:
-    """Gravity (m/s^2) and vertical (unit vector, None where too little gravity shows) of a sensor's mean at rest.
-
-    Along a given vertical, gravity is the mean's part along it: what is left of it where a driver has taken it off.
-    """
-    if given is not None:
-        size = math.hypot(*given)
-        x, y, z = (v / size for v in given)
-        return mean_mps2[0] * x + mean_mps2[1] * y + mean_mps2[2] * z, (x, y, z)
-    norm = math.sqrt(sum(v * v for v in mean_mps2))
-    if norm < LEAST_GRAVITY_MPS2:
-        return norm, None
-    return norm, (mean_mps2[0] / norm, mean_mps2[1] / norm, mean_mps2[2] / norm)
-
-
 def group_delay_s(sos: Floats, rate_hz: float) -> float:
     """Group delay at 0 Hz of second-order sections, seconds."""
     delay = 0.0
     for b0, b1, b2, a0, a1, a2 in sos.tolist():
         delay += (b1 + 2.0 * b2) / (b0 + b1 + b2) - (a1 + 2.0 * a2) / (a0 + a1 + a2)
     return delay / rate_hz
-
-
-def rotation_to_vertical(up: Floats) -> Floats:
-    """The smallest rotation, (3, 3), that turns the unit vector `up` onto the third axis (Rodrigues)."""
-    x, y, z = up.tolist()
-    if z < -1.0 + 1e-9:
-        return np.diag([1.0, -1.0, -1.0])
-    cross = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
-    rotation: Floats = np.eye(3) + cross + cross @ cross / (1.0 + z)
-    return rotation

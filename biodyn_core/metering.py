@@ -8,7 +8,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.conditioning import Block
+from biodyn_core.conditioned import Block
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, DoseMeter, Dri, DriMeter, Hic, HicMeter, HorizontalMeter, MotionSicknessMeter
 from biodyn_core.segments import HEAD, SEAT

@@ -18,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.comparison import NO_MEASURED, MeasuredFrames
-from biodyn_core.conditioning import Block, Conditioner, Mode, SensorStatus, SettingsOf, Vector, settings_for
+from biodyn_core.conditioned import Block, SensorStatus
+from biodyn_core.conditioning import Conditioner, Mode, SettingsOf, settings_for
 from biodyn_core.earlier import Earlier
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, Dri, Hic
 from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
 from biodyn_core.keeping import NOTHING_LOST, Kept, KeptSensor, Lost
+from biodyn_core.levelling import Vector
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.metering import SensorMeters
 from biodyn_core.model import Chain

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from biodyn_core import kernels
 from biodyn_core.comparison import Comparison
-from biodyn_core.conditioning import Block
+from biodyn_core.conditioned import Block
 from biodyn_core.exposure import Dose, DoseMeter
 from biodyn_core.metering import Batch, Meter, go_on
 from biodyn_core.model import Chain, Stepper

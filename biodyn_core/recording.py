@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from biodyn_core.alignment import Aligner
 from biodyn_core.channels import Channels
-from biodyn_core.conditioning import Block, Conditioner, SettingsOf, Vector, settings_for
+from biodyn_core.conditioned import Block
+from biodyn_core.conditioning import Conditioner, SettingsOf, settings_for
 from biodyn_core.errors import InputError
 from biodyn_core.flags import around, stretches
 from biodyn_core.heading import bend_rates_radps, headings_rad
+from biodyn_core.levelling import Vector
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.worn import Run, WornSensor

@@ -50,7 +50,7 @@ class Timelines:
     def note(self, sensor: str) -> None:
         """A sensor has sent: see whether it joins, whether its stamps have leapt, and where it is beside the others."""
         joins = sensor not in self._began_s
-        if joins or self._conditioners[sensor].leapt_s != self._leapt_s[sensor]:
+        if joins or self._conditioners[sensor].runs.leapt_s != self._leapt_s[sensor]:
             self._look(sensor, joins)
         newest_ns = self._conditioners[sensor].newest_ns
         if newest_ns is not None and newest_ns != self._sent_ns.get(sensor):
@@ -64,8 +64,8 @@ class Timelines:
         conditioner, own_s = self._conditioners[sensor], self._newest_s(sensor)
         if own_s is None:
             return
-        leapt_s = conditioner.leapt_s - self._leapt_s[sensor]
-        self._leapt_s[sensor] = conditioner.leapt_s
+        leapt_s = conditioner.runs.leapt_s - self._leapt_s[sensor]
+        self._leapt_s[sensor] = conditioner.runs.leapt_s
         others = [s for name in self._began_s if name != sensor and (s := self._newest_s(name)) is not None]
         if others:
             ahead_s = own_s - max(others)

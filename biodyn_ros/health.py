@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.clocks import ClockComparison, ClockDrift
-from biodyn_core.conditioning import SensorStatus
+from biodyn_core.conditioned import SensorStatus
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT
 from biodyn_ros.state import Keeper

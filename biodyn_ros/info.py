@@ -10,7 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from biodyn_core.clocks import ClockComparison, ClockDrift
-from biodyn_core.conditioning import Conditioner, ConditioningSettings, SensorStatus
+from biodyn_core.conditioned import SensorStatus
+from biodyn_core.conditioning import Conditioner, ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag

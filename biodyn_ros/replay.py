@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from biodyn_core.clocks import ClockComparison
-from biodyn_core.conditioning import ConditioningSettings, Mode, SensorStatus
+from biodyn_core.conditioned import SensorStatus
+from biodyn_core.conditioning import ConditioningSettings, Mode
 from biodyn_core.errors import InputError
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.pipeline import Frames, Pipeline, PipelineSettings

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.conditioning import rotation_to_vertical
 from biodyn_core.errors import InputError
+from biodyn_core.levelling import rotation_to_vertical
 from biodyn_core.segments import SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import SeatMotion
 from biodyn_ros.bag import imu_blocks, open_bag

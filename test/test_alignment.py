@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BarycentricInterpolator
 
 from biodyn_core.alignment import LARGEST_ERROR, TOP_HZ, Aligner, half_width, interpolation_error
-from biodyn_core.conditioning import Block
+from biodyn_core.conditioned import Block
 
 EPOCH_NS = 1_767_225_600 * 10**9
 RATE_HZ = 1129.3

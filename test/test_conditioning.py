@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from biodyn_core.conditioning import Conditioner, ConditioningSettings, group_delay_s, rotation_to_vertical
+from biodyn_core.conditioning import Conditioner, ConditioningSettings, group_delay_s
 from biodyn_core.errors import InputError
 from biodyn_core.kernels import sensor as kernel
+from biodyn_core.levelling import rotation_to_vertical
 
 RATE_HZ = 1129.3
 START_NS = 1_767_225_600 * 10**9
