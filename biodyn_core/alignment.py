@@ -15,17 +15,17 @@ from biodyn_core.conditioned import Block
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-TOP_HZ: Final = 100.0
 LARGEST_ERROR: Final = 0.005
-"""What is read between samples errs by less than this up to `TOP_HZ`, at every sampling rate that is accepted."""
+"""What is read between samples errs by less than this up to the low-pass's cut-off, at every rate that is accepted."""
 
 _HALF_WIDTHS: Final = (4, 6, 8, 10, 12, 16, 24, 32, 48, 64)
 
 
 @lru_cache(maxsize=64)
-def half_width(rate_hz: float) -> int:
-    """Neighbours needed on either side at a sampling rate: 4 from 500 Hz on, 48 at 250 Hz."""
-    return next((h for h in _HALF_WIDTHS if interpolation_error(h, TOP_HZ / rate_hz) < LARGEST_ERROR), _HALF_WIDTHS[-1])
+def half_width(rate_hz: float, cutoff_hz: float) -> int:
+    """Neighbours needed on either side: for a cut-off of 100 Hz 4 from a rate of 500 Hz on, 48 at 250 Hz."""
+    per_rate = cutoff_hz / rate_hz
+    return next((h for h in _HALF_WIDTHS if interpolation_error(h, per_rate) < LARGEST_ERROR), _HALF_WIDTHS[-1])
 
 
 def interpolation_error(half: int, frequency_per_rate: float) -> float:
@@ -61,7 +61,7 @@ class Aligner:
         """Take over a sensor's blocks; what is older than `keep_s` before the newest is dropped."""
         for block in blocks:
             self._epoch_ns = block.epoch_ns
-            self._half = half_width(round(block.rate_hz, 1))
+            self._half = half_width(round(block.rate_hz, 1), block.cutoff_hz)
             self._runs += block.begins_run
             if block.begins_run and self._time_s.size and block.time_s[0] <= self._time_s[-1]:
                 self._return_to(float(block.time_s[0]))

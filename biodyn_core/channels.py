@@ -13,15 +13,11 @@ from biodyn_core.conditioned import Block
 from biodyn_core.conditioning import Conditioner
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
-from biodyn_core.levelling import Vector
 from biodyn_core.upright import STILL_RADPS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-
-UPRIGHT: Final = 0.9
-"""A first axis whose cosine with the vertical is this or more, 26 degrees, has no direction once it is laid level."""
 
 LARGEST_RATE_RADPS: Final = IMPLAUSIBLE * 34.9
 """Ten times 2000 deg/s is no reading of a gyro: missing, like one that is not finite."""
@@ -48,15 +44,6 @@ class Channels:
         if self.rates_radps is not None:
             found |= {f"rate_{axis}": self.rates_radps[:, i] for i, axis in enumerate("xyz")}
         return found
-
-
-def laid_level(up: Vector) -> Floats:
-    """The axes of `Channels` in those of a sensor that sees up so: rows x, y and z, (3, 3)."""
-    z = np.array(up) / np.linalg.norm(up)
-    own = 1 if abs(z[0]) >= UPRIGHT else 0
-    level = np.eye(3)[own] - z[own] * z
-    level /= np.linalg.norm(level)
-    return np.array([level, np.cross(z, level), z] if own == 0 else [np.cross(level, z), level, z])
 
 
 class Gyro:

@@ -94,12 +94,23 @@ class ClockComparison:
 
     def result(self) -> ClockDrift | None:
         """What is known so far; None while no stamp was set."""
+        history = self._so_far()
+        return self._fitted(history.longest, history.leaps)
+
+    def since_leap(self) -> ClockDrift | None:
+        """Of the stretch that still goes on, which alone tells how the clock is set now; None while there is none."""
+        history = self._so_far()
+        return self._fitted(history.current, history.leaps)
+
+    def _so_far(self) -> _History:
         self._settle()
-        after = self._history.copy()
+        history = self._history.copy()
         if self._batch[0].size:
-            after.add(*self._batch)
-        stretch = after.longest
-        return _fitted(stretch, after.leaps, self._steps.quantum_ns()) if stretch.points() else None
+            history.add(*self._batch)
+        return history
+
+    def _fitted(self, stretch: _Stretch, leaps: int) -> ClockDrift | None:
+        return _fitted(stretch, leaps, self._steps.quantum_ns()) if stretch.points() else None
 
     def _settle(self) -> None:
         """Digest what waits: every batch that is complete becomes a few points."""
@@ -149,13 +160,13 @@ class _History:
     """The stretch that runs and the longest one before it: neither clock leapt within either."""
 
     def __init__(self) -> None:
-        self._current, self._before = _Stretch(), _Stretch()
+        self.current, self._before = _Stretch(), _Stretch()
         self._usual_ns: int | None = None
         self.leaps = 0
 
     def copy(self) -> _History:
         other = _History()
-        other._current, other._before = self._current.copy(), self._before
+        other.current, other._before = self.current.copy(), self._before
         other._usual_ns, other.leaps = self._usual_ns, self.leaps
         return other
 
@@ -166,13 +177,13 @@ class _History:
             if lags_ns.size < _LEAP_CONFIRMED_BY:
                 return
             self.leaps += 1
-            self._before, self._current = self.longest, _Stretch()
+            self._before, self.current = self.longest, _Stretch()
         self._usual_ns = usual_ns
-        self._current.add(points, int(reference_ns[0]), int(reference_ns[-1]))
+        self.current.add(points, int(reference_ns[0]), int(reference_ns[-1]))
 
     @property
     def longest(self) -> _Stretch:
-        return max(self._before, self._current, key=lambda stretch: stretch.length_ns)
+        return max(self._before, self.current, key=lambda stretch: stretch.length_ns)
 
 
 class _Stretch:

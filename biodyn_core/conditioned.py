@@ -19,7 +19,7 @@ class Block(NamedTuple):
 
     stamps_ns (n,) and time_s (n,) are the instants answered, filter delay taken off (time_s since epoch_ns, the
     sensor's first stamp, for alignment); levelled_mps2 (n, 3), gravity-free, third axis up, before the low-pass;
-    low_passed_mps2 (n,), vertical. gap_s: what lies between a run's first sample and the run before it.
+    low_passed_mps2 (n,), vertical, up to cutoff_hz. gap_s: what lies between a run's first sample and the one before.
     """
 
     stamps_ns: Integers
@@ -30,6 +30,7 @@ class Block(NamedTuple):
     gap_s: float
     epoch_ns: int
     rate_hz: float
+    cutoff_hz: float
 
     def part(self, begin: int, end: int) -> Block:
         """The samples from `begin` up to `end`."""

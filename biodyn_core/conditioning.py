@@ -359,7 +359,7 @@ class Conditioner:
         shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
         block = Block(
             stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0], begins_run, gap_s,
-            self._rest.epoch_ns, self.rate_hz,
+            self._rest.epoch_ns, self.rate_hz, self.settings.cutoff_hz,
         )  # fmt: skip
         return used, block, why
 

@@ -16,6 +16,9 @@ Vector = tuple[float, float, float]
 LEAST_GRAVITY_MPS2: Final = 0.5 * STANDARD_GRAVITY_MPS2
 UP: Final = (0.0, 0.0, 1.0)
 
+UPRIGHT: Final = 0.9
+"""A first axis whose cosine with the vertical is this or more, 26 degrees, has no direction once it is laid level."""
+
 
 def gravity_and_vertical(mean_mps2: Vector, given: Vector | None) -> tuple[float, Vector | None]:
     """Gravity (m/s^2) and vertical (unit vector, None where too little gravity shows) of a sensor's mean at rest.
@@ -30,6 +33,27 @@ def gravity_and_vertical(mean_mps2: Vector, given: Vector | None) -> tuple[float
     if norm < LEAST_GRAVITY_MPS2:
         return norm, None
     return norm, (mean_mps2[0] / norm, mean_mps2[1] / norm, mean_mps2[2] / norm)
+
+
+def laid_level(up: Vector) -> Floats:
+    """Level axes x, y and z as rows, (3, 3), in those of a sensor that sees up so: x is its first axis, laid level.
+
+    Where the first axis itself stands upright, y is the second, laid level.
+    """
+    z = np.array(up) / np.linalg.norm(up)
+    own = 1 if abs(z[0]) >= UPRIGHT else 0
+    level = np.eye(3)[own] - z[own] * z
+    level /= np.linalg.norm(level)
+    return np.array([level, np.cross(z, level), z] if own == 0 else [np.cross(level, z), level, z])
+
+
+def first_axis_rad(up: Vector) -> float:
+    """Direction of the sensor's own first axis, laid level, in the axes that `rotation_to_vertical` leaves; radians.
+
+    Zero for a sensor that lies flat. One that is tilted about both axes is turned in the plane too.
+    """
+    x, y, _ = (rotation_to_vertical(np.array(up)) @ laid_level(up)[0]).tolist()
+    return math.atan2(y, x)
 
 
 def rotation_to_vertical(up: Floats) -> Floats:

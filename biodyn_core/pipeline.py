@@ -25,7 +25,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, Dri, Hic
 from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
 from biodyn_core.keeping import NOTHING_LOST, Kept, KeptSensor, Lost
-from biodyn_core.levelling import Vector
+from biodyn_core.levelling import Vector, first_axis_rad
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.metering import SensorMeters
 from biodyn_core.model import Chain
@@ -157,6 +157,7 @@ class Pipeline:
         self._timelines = Timelines(self._conditioners, self.settings.wait_s)
         self._meters: dict[str, SensorMeters] = {}
         self._seat: SeatSide | None = None
+        self._whole_runs: list[tuple[str, Block]] = []
         self._early: dict[str, deque[Block]] = {name: deque() for name in SENSORS}
         self._at_reset = dict.fromkeys(SENSORS, NOTHING_LOST)
         self._earlier = Earlier.none(self._conditioners)
@@ -169,11 +170,15 @@ class Pipeline:
             self._earlier.begin(sensor, stamps_ns)
         blocks = self._conditioners[sensor].push(stamps_ns, samples_mps2)
         self._timelines.note(sensor)
+        if self.mode == "zero_phase":  # a whole run at once would leave those that still go on behind
+            self._whole_runs += [(sensor, block) for block in blocks]
+            return NO_FRAMES
         return self._take(sensor, blocks)
 
     def finish(self) -> Frames:
         """The record has ended: take what the sensors still hold, and answer every instant with what is there."""
-        held = [(name, block) for name, c in self._conditioners.items() for block in c.finish()]
+        held = self._whole_runs + [(name, block) for name, c in self._conditioners.items() for block in c.finish()]
+        self._whole_runs = []
         frames = [self._take(name, [block]) for name, block in _in_turns(held)]
         if self._seat:
             frames.append(Frames(NO_PREDICTED, self._seat.comparison.release(give_up=True)))
@@ -239,7 +244,6 @@ class Pipeline:
         meters = self._counted.get(SEAT)
         if meters is None:
             return None
-        yaw = None if self.settings.yaw_deg is None else -math.radians(self.settings.yaw_deg)
         status, lost = self.status(SEAT), self.lost(SEAT)
         grounds = Grounds(
             missing_s=lost.missing_s,
@@ -249,7 +253,14 @@ class Pipeline:
             gravity_mps2=status.gravity_mps2,
             fault=status.fault,
         )
-        return seat_exposure(meters.vertical(), meters.plane(), yaw, self.limits, grounds, project)
+        forward_rad = self._forward_rad(status.vertical)
+        return seat_exposure(meters.vertical(), meters.plane(), forward_rad, self.limits, grounds, project)
+
+    def _forward_rad(self, vertical: Vector | None) -> float | None:
+        """The vehicle's forward direction in the seat's levelled axes; None where no yaw, or no vertical, tells it."""
+        if self.settings.yaw_deg is None or vertical is None:
+            return None
+        return first_axis_rad(vertical) - math.radians(self.settings.yaw_deg)
 
     def status(self, sensor: str) -> SensorStatus:
         """What a sensor's conditioning has seen."""
@@ -306,6 +317,11 @@ class Pipeline:
             "predicted": Latency(delay_s, 0.0, 0.0), "measured": compared, "residual": compared,
             "exposure": Latency(0.0, 0.0, 0.0),
         }  # fmt: skip
+
+    @property
+    def cutoff_hz(self) -> float:
+        """The low-pass's cut-off of the model's input and of comparisons."""
+        return self._conditioners[SEAT].settings.cutoff_hz
 
     @property
     def substeps(self) -> int | None:

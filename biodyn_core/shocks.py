@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.comparison import MeasuredFrames
 from biodyn_core.pipeline import PredictedFrames
-from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.segments import N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -21,9 +21,6 @@ APART_NS: Final = 500_000_000
 """What exceeds the threshold again within this is the same shock: two periods of the body's lowest mode."""
 
 KEPT: Final = 5
-
-NOTHING: Final = np.full(len(SENSORS), np.nan)
-"""Six channels of which nothing is known yet, by sensor as by segment."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +101,7 @@ class Shocks:
             return hit.size
         first = at + int(found[0])
         begin_ns = int(rows.stamps_ns[first])
-        self._open = Shock(begin_ns, begin_ns, begin_ns, NOTHING, NOTHING)
+        self._open = Shock(begin_ns, begin_ns, begin_ns, np.full(N_SENSORS, np.nan), np.full(N_SEGMENTS, np.nan))
         return first
 
     def _go_on(self, at: int, rows: _Rows, hit: Flags) -> int:

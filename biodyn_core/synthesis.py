@@ -28,6 +28,12 @@ Integers = NDArray[np.int64]
 NATIVE_RATE_HZ: Final = 1129.3
 """Blue Trident, low-g channel (Zaman et al., 5.2)."""
 
+CASE_S: Final = 10.0
+"""How long a load case is where nobody says."""
+
+MOTION_S: Final = (2.0, 3600.0)
+"""A motion is at least so long, and a drawn case at most."""
+
 TRUTH_RATE_HZ: Final = 4.0 * NATIVE_RATE_HZ
 MARGIN_S: Final = 0.1
 """Truth made beyond both ends, so that no sensor's clock reaches past it."""
@@ -47,8 +53,10 @@ class SeatMotion:
         return len(self.accel_mps2) / self.rate_hz
 
     def first(self, seconds: float | None) -> SeatMotion:
-        """The first `seconds` of it, or all."""
-        end = None if seconds is None else round(seconds * self.rate_hz)
+        """The first `seconds` of it, or all; raises InputError for less than MOTION_S[0]."""
+        if seconds is not None and not seconds >= MOTION_S[0]:
+            raise InputError(f"{seconds:g} s of a motion are not used, at least {MOTION_S[0]:g} s are needed")
+        end = None if seconds is None else round(min(seconds, self.seconds) * self.rate_hz)
         return SeatMotion(self.rate_hz, self.accel_mps2[:end], self.pitch_rate_radps[:end])
 
 
@@ -87,8 +95,8 @@ def load_case(name: str, seconds: float, rng: np.random.Generator, rate_hz: floa
     """
     if name not in _CASES:
         raise InputError(f"case {name!r} is unknown, known are {', '.join(_CASES)}")
-    if not 2.0 <= seconds <= 3600.0:
-        raise InputError(f"a case of {seconds:g} s is not made, 2 to 3600 s are allowed")
+    if not MOTION_S[0] <= seconds <= MOTION_S[1]:
+        raise InputError(f"a case of {seconds:g} s is not made, {MOTION_S[0]:g} to {MOTION_S[1]:g} s are allowed")
     time = np.arange(round(seconds * rate_hz)) / rate_hz
     up = _CASES[name](time, rate_hz, rng)
     forward = 0.3 * _delayed(up, 0.03, rate_hz) + 0.15 * _shaped_noise(time, rate_hz, rng, 3.0)

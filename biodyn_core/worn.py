@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.alignment import Aligner
-from biodyn_core.channels import Gyro, bridged, laid_level
+from biodyn_core.channels import Gyro, bridged
 from biodyn_core.conditioned import Block
 from biodyn_core.conditioning import FILTER_ORDER, Conditioner
 from biodyn_core.errors import InputError
 from biodyn_core.flags import among, around, stretches
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
-from biodyn_core.levelling import rotation_to_vertical
+from biodyn_core.levelling import laid_level, rotation_to_vertical
 from biodyn_core.upright import BLIND_S, NobodysLean, followed_up, true_vertical_mps2
 
 Floats = NDArray[np.float64]

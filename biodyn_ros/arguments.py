@@ -62,7 +62,7 @@ def _add_completion(commands: Any) -> None:
 
 
 def _add_simulate(commands: Any) -> None:
-    from biodyn_core.synthesis import CASES, SensorSettings
+    from biodyn_core.synthesis import CASE_S, CASES, SensorSettings
 
     command = _command(commands, "simulate")
     _add_subject(command)
@@ -71,9 +71,9 @@ def _add_simulate(commands: Any) -> None:
     source.add_argument("--case", metavar="CASES", help=f"drawn load cases, in a row: {','.join(CASES)}")
     command.add_argument("--seat-rate", type=float, metavar="HZ", help="rate of a CSV without a time column")
     command.add_argument(
-        "--seconds", type=float, metavar="N", help="length of each case (default 10), or of the file used"
+        "--seconds", type=float, metavar="N", help=f"length of each case (default {CASE_S:g}), or of the file used"
     )
-    command.add_argument("--seed", type=int, default=0, metavar="N", help="of everything drawn (default 0)")
+    _add_seed(command, "of everything drawn")
     command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the bag's chunks")
     _add_map(command)
     _add_time(command)
@@ -168,7 +168,7 @@ def _add_fit(commands: Any) -> None:
     command.add_argument(
         "--no-report", action="store_true", help="leave out fit.html and, of a campaign, campaign.html"
     )
-    command.add_argument("--seed", type=int, default=0, metavar="N", help="of the swarms (default 0)")
+    _add_seed(command, "of the swarms")
     command.add_argument("--resume", action="store_true", help="take up what an interrupted fit left")
     command.add_argument(
         "--executor", default="processes", metavar="WHERE",
@@ -251,7 +251,7 @@ def _add_trace(commands: Any) -> None:
         "--subject", required=True, metavar="S", help="who it is: a subject file, fitted or not, or a bundled name"
     )
     _add_held_out(command, "bags that have no say in the effect (default: every second one of each condition)")
-    command.add_argument("--seed", type=int, default=0, metavar="N", help="of everything drawn (default 0)")
+    _add_seed(command, "of everything drawn")
     command.add_argument(
         "--fresh", action="store_true", help="compute anew what DIR.kept.json holds of an interrupted or earlier trace"
     )
@@ -299,6 +299,16 @@ def _add_map(command: CommandParser) -> None:
 def _add_time(command: CommandParser) -> None:
     text = "whose stamps count; log also where the header's are zero (default header)"
     command.add_argument("--time", choices=("header", "log"), default="header", help=text)
+
+
+def _add_seed(command: CommandParser, text: str) -> None:
+    command.add_argument("--seed", type=_seed, default=0, metavar="N", help=f"{text} (default 0)")
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 on")
+    return int(text)
 
 
 def _add_held_out(command: CommandParser, text: str) -> None:

@@ -134,9 +134,11 @@ def restamp(message: bytes, stamp_ns: int) -> bytes:
 
 
 def shift_stamp(message: bytes, by_ns: int) -> bytes:
-    """The same message with its header stamp moved by some ns; otherwise as `restamp`."""
+    """The same message with its header stamp moved by some ns; otherwise as `restamp`. A stamp never set stays so."""
     _frame_span(message)
     sec, nanosec = _STAMP[message[1]].unpack_from(message, 4)
+    if sec == nanosec == 0:
+        return message
     return restamp(message, sec * NS_PER_S + nanosec + by_ns)
 
 

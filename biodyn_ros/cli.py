@@ -104,7 +104,7 @@ def _page(options: argparse.Namespace) -> int:
 
 def _simulate(options: argparse.Namespace) -> int:
     from biodyn_core.subject import load_subject
-    from biodyn_core.synthesis import SensorSettings
+    from biodyn_core.synthesis import CASE_S, SensorSettings
     from biodyn_ros.mapping import parse_map
     from biodyn_ros.resources import subject_file
     from biodyn_ros.seat_motion import read_seat_motion
@@ -115,7 +115,8 @@ def _simulate(options: argparse.Namespace) -> int:
         mapping = parse_map(options.map)
         motion = read_seat_motion(options.seat, options.seat_rate, mapping, options.time).first(options.seconds)
     else:
-        motion = motion_of_cases(options.case.split(","), options.seconds or 10.0, options.seed)
+        seconds = CASE_S if options.seconds is None else options.seconds
+        motion = motion_of_cases(options.case.split(","), seconds, options.seed)
     sensors = settings_of(options, SensorSettings)
     with Progress("writing") as progress:
         result = simulate_bag(

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, Final
 
 from biodyn_core.exposure import Dose, Hic
 from biodyn_core.judgement import SeatExposure
 from biodyn_core.limits import Limits
 from biodyn_core.pipeline import Exposure, Pipeline
-from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.segments import HEAD, SEAT, SENSORS
 from biodyn_ros import __version__
 from biodyn_ros.wording import MODEL, left_range, stuck
+
+EDGE_S: Final = 0.1
+"""So much of a comparison may want its sensor where records begin and end, which is at rest."""
 
 
 def exposure_document(
@@ -29,6 +32,7 @@ def exposure_document(
         "seconds": seconds,
         "uncounted_s": max(uncounted.values(), default=seconds),
         "window_s": pipeline.settings.window_s,
+        "cutoff_hz": pipeline.cutoff_hz,
         "limits": pipeline.limits.deciding.to_dict(),
         "limits_beside": _limits_beside(pipeline.limits, seat),
         "sensors": {name: _sensor(pipeline, name, dose) for name, dose in since.sensors.items()},
@@ -37,17 +41,15 @@ def exposure_document(
         "predicted": {
             name: _predicted(pipeline, dose) | {"status": "not_validated"} for name, dose in since.predicted.items()
         },
-        "measured_low_passed": {
-            name: _sensor(pipeline, name, dose) for name, dose in since.measured_low_passed.items()
-        },
+        "measured_low_passed": {name: _compared(pipeline, name, since) for name in since.measured_low_passed},
         "also_weighted": {
             weighting: {name: _sensor(pipeline, name, dose) for name, dose in doses.items()}
             for weighting, doses in since.also.items()
         },
         "seat": _seat(seat, since) if seat else None,
-        "dri": _dri(since),
-        "hic15": _hic(since.hic15),
-        "hic36": _hic(since.hic36),
+        "dri": _dri(since, pipeline.lower_bound(SEAT)),
+        "hic15": _hic(since.hic15, pipeline.lower_bound(HEAD)),
+        "hic36": _hic(since.hic36, pipeline.lower_bound(HEAD)),
         "residual": {
             name: {"nrmse_rms_percent": percent if math.isfinite(percent) else None, "rms_mps2": rms}
             for name, (rms, percent) in since.residual.items()
@@ -98,6 +100,14 @@ def _sensor(pipeline: Pipeline, name: str, dose: Dose) -> dict[str, Any]:
     }
 
 
+def _compared(pipeline: Pipeline, name: str, since: Exposure) -> dict[str, Any]:
+    """A low-passed sensor's figures: what the seat lost, and instants that found no sample, are missing too."""
+    doses, found = since.measured_low_passed, _sensor(pipeline, name, since.measured_low_passed[name])
+    unanswered_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
+    seat_s = pipeline.missing_s(SEAT) + (unanswered_s if unanswered_s > EDGE_S else 0.0)
+    return found | {"missing_s": max(found["missing_s"], seat_s), "lower_bound": found["lower_bound"] or seat_s > 0.0}
+
+
 def _predicted(pipeline: Pipeline, dose: Dose) -> dict[str, Any]:
     """A prediction's figures: what the seat lost, and what the model itself did not answer, is missing."""
     found, own_s = _sensor(pipeline, SEAT, dose), pipeline.unpredicted_s
@@ -122,12 +132,13 @@ def _limits_beside(limits: Limits, seat: SeatExposure | None) -> list[dict[str, 
     return [each.to_dict() | judgement for each, judgement in zip(limits.beside, judged, strict=True)]
 
 
-def _dri(since: Exposure) -> dict[str, Any] | None:
+def _dri(since: Exposure, lower_bound: bool) -> dict[str, Any] | None:
     dri = since.dri
     return dri and {
         "compression": dri.compression, "as_printed": dri.as_printed, "class": dri.band, "time_s": dri.time_s,
+        "lower_bound": lower_bound,
     }  # fmt: skip
 
 
-def _hic(hic: Hic | None) -> dict[str, Any] | None:
-    return dataclasses.asdict(hic) if hic else None
+def _hic(hic: Hic | None, lower_bound: bool) -> dict[str, Any] | None:
+    return dataclasses.asdict(hic) | {"lower_bound": lower_bound} if hic else None

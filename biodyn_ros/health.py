@@ -139,7 +139,7 @@ class SensorHealth:
 
     def compare_clock(self) -> None:
         """Look anew at how the sensor's stamps run against arrivals; costs a millisecond or two."""
-        self.drift = self.clock.result()
+        self.drift = self.clock.since_leap()
 
     @property
     def offset_s(self) -> float | None:

@@ -11,6 +11,7 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as ET
@@ -114,7 +115,8 @@ def residual() -> list[Plot]:
 
 def _scalars(named: Sequence[tuple[str, str]]) -> tuple[Curve, ...]:
     return tuple(
-        Curve(absolute(topic), SCALAR, label, color) for (topic, label), color in zip(named, COLORS, strict=False)
+        Curve(absolute(topic), SCALAR, label, color)
+        for (topic, label), color in zip(named, cycle(COLORS), strict=False)
     )
 
 
@@ -136,7 +138,7 @@ def plotjuggler() -> str:
             key,
             [
                 (f"{DIAGNOSTICS}/{NODE_NAME}/{status_name(sensor)}/{key}", c)
-                for sensor, c in zip(SENSORS, COLORS, strict=True)
+                for sensor, c in zip(SENSORS, cycle(COLORS), strict=False)
             ],
         )
         for key in STATUS

@@ -92,12 +92,15 @@ class BiodynNode(LifecycleNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(topics.NODE_NAME, **kwargs)
-        params.declare(self, SETTINGS)
+        samples = (*topics.PREDICTED.values(), *topics.MEASURED.values())
+        qos = params.qos_overrides(self, topics.INPUT.values(), "subscription")
+        params.declare(self, SETTINGS, qos | params.qos_overrides(self, samples, "publisher"))
         self.failure: str | None = None
         self.pipeline: Pipeline | None = None
         self._keeper: Keeper | None = None
         self._page: PageChild | None = None
         self._sensors: Subscriptions | None = None
+        self._statuses: list[Status] = []
         self._timers_made: list[Any] = []
         self.add_on_set_parameters_callback(self._on_parameters)
 
@@ -141,17 +144,17 @@ class BiodynNode(LifecycleNode):
         limits = load_limits(self.settings.limits_file) if self.settings.limits_file else EU_LIMITS
         conditioning, settings = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
         self._warn_of_slow_kernels(warm_up(subject))
-        self.pipeline = Pipeline(subject, conditioning, settings, limits)
+        pipeline = Pipeline(subject, conditioning, settings, limits)
         self._keeper = self._new_keeper(subject)
         self._showing = Showing(self.settings.shock_mps2)
         self._sensors = Subscriptions(self, self.settings.queue_depth, settings.window_s, self._take)
+        self._watch, self._statuses = Watch(pipeline, self._sensors.health), []
         self._answers = Publications(self, self.settings.publish_measured)
-        self._watch = Watch(self.pipeline, self._sensors.health)
-        self._statuses: list[Status] = []
         self._services_made = [
             self.create_service(Trigger, topics.RESET, self._on_reset),
             self.create_service(Trigger, topics.MARK, self._on_mark),
         ]
+        self.pipeline = pipeline  # last: with it the node is configured
 
     def _activate(self) -> None:
         self._sensors.open()

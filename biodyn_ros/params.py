@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Container, Iterable
 from typing import Any, Final, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from biodyn_core.errors import InputError
 from biodyn_core.settings import Range
@@ -20,6 +22,7 @@ from biodyn_ros.nearby import did_you_mean
 
 T = TypeVar("T")
 
+OVERRIDABLE: Final = "history, depth and reliability of the inputs' subscriptions and the samples' publishers may be"
 _OF_RCLPY: Final = ("use_sim_time", "start_type_description_service")
 
 
@@ -28,8 +31,11 @@ def names(kinds: tuple[type[Any], ...]) -> set[str]:
     return {item.name for kind in kinds for item in dataclasses.fields(kind)}
 
 
-def declare(node: Node, kinds: tuple[type[Any], ...]) -> None:
-    """Declare every field of the dataclasses as a parameter; raises InputError for an override that does not fit."""
+def declare(node: Node, kinds: tuple[type[Any], ...], qos: Container[str] = ()) -> None:
+    """Declare every field of the dataclasses as a parameter; raises InputError for an override that does not fit.
+
+    qos: the overrides of QoS that the node will honour, `qos_overrides.TOPIC.subscription.POLICY`.
+    """
     fields = [item for kind in kinds for item in dataclasses.fields(kind)]
     for item in fields:
         default = math.nan if item.default is None else item.default
@@ -39,9 +45,21 @@ def declare(node: Node, kinds: tuple[type[Any], ...]) -> None:
             raise InputError(f"parameter {item.name}: {error}") from None
     known = names(kinds)
     for name in node._parameter_overrides:  # rclpy offers no public list of what was given but never declared
-        if name not in known and name not in _OF_RCLPY and not name.startswith("qos_overrides."):
+        if name.startswith("qos_overrides.") and name not in qos:
+            raise InputError(f"parameter {name} overrides nothing: {OVERRIDABLE}")
+        if name not in known and name not in _OF_RCLPY and name not in qos:
             near = did_you_mean(name, known) or f" known are {', '.join(sorted(known))}"
             raise InputError(f"parameter {name} is unknown;{near}")
+
+
+def qos_overrides(node: Node, topics: Iterable[str], entity: str) -> set[str]:
+    """The overrides of publishers or subscriptions (entity) that are made with rclpy's default overriding options."""
+    policies = QoSOverridingOptions.with_default_policies().policy_kinds
+    return {
+        f"qos_overrides.{node.resolve_topic_name(topic)}.{entity}.{policy.name.lower()}"
+        for topic in topics
+        for policy in policies
+    }
 
 
 def read(node: Node, kind: type[T]) -> T:
@@ -62,11 +80,16 @@ def _value(node: Node, item: dataclasses.Field[Any]) -> Any:
 _WORDS: Final = {float: "number", int: "whole number", bool: "true or false", str: "text"}
 
 
+def description(item: dataclasses.Field[Any]) -> str:
+    """What a parameter means, with its unit."""
+    allowed: Range = item.metadata["range"]
+    return f"{allowed.meaning} [{allowed.unit}]" if allowed.unit else allowed.meaning
+
+
 def _descriptor(item: dataclasses.Field[Any], default: Any) -> ParameterDescriptor:
     allowed: Range = item.metadata["range"]
-    unit = f" [{allowed.unit}]" if allowed.unit else ""
     # Dynamic, so that 10 is taken for 10.0; `_value` checks the type in rclpy's place.
-    descriptor = ParameterDescriptor(description=f"{allowed.meaning}{unit}", dynamic_typing=True)
+    descriptor = ParameterDescriptor(description=description(item), dynamic_typing=True)
     if math.isfinite(allowed.lower) and item.default is not None:
         if isinstance(default, int):
             descriptor.integer_range = [

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from biodyn_core.errors import InputError
 from biodyn_core.levelling import rotation_to_vertical
 from biodyn_core.segments import SEAT, STANDARD_GRAVITY_MPS2
-from biodyn_core.synthesis import SeatMotion
+from biodyn_core.synthesis import MOTION_S, SeatMotion
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.mapping import sensors_of
 from biodyn_ros.stamps import choose_times
@@ -123,8 +123,8 @@ def _even(path: Path, time_s: Floats, accel: Floats, pitch: Floats) -> SeatMotio
     """Lay the motion on an even grid at its own mean rate."""
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time_s)) > 0.0])
     time_s, accel, pitch = time_s[rising], accel[rising], pitch[rising]
-    if time_s.size < 3 or time_s[-1] < 2.0:
-        raise InputError(f"{path}: at least 2 s of motion are needed, with a time that moves on")
+    if time_s.size < 3 or time_s[-1] < MOTION_S[0]:
+        raise InputError(f"{path}: at least {MOTION_S[0]:g} s of motion are needed, with a time that moves on")
     rate = (time_s.size - 1) / float(time_s[-1])
     if rate < MIN_RATE_HZ:
         raise InputError(

@@ -65,7 +65,7 @@ class Showing:
             "rows": _rows(pipeline.exposure(rolling=True), by_name),
             "prediction": _status(by_name["prediction"]) | {"validated": _validated(document)},
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
-            "dri": document["dri"] and document["dri"] | {"lower_bound": bool(seat and seat["lower_bound"])},
+            "dri": document["dri"],
             "shocks": [_shock(shock) for shock in self._shocks.latest()],
             "strip": {name: _strip(bins) for name, bins in self._bins.items()},
             "mark": by_name["prediction"].values["last_mark"],

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.errors import InputError
 from biodyn_core.subject import Subject
 from biodyn_core.synthesis import SeatMotion, SensorSettings, imu_streams, joined, load_case
 from biodyn_ros import __version__
@@ -73,6 +72,4 @@ def simulate_bag(
 
 def _generator(seed: int, stream: int) -> np.random.Generator:
     """Independent streams of one seed: the sensors' errors do not depend on how the motion was drawn."""
-    if seed < 0:
-        raise InputError(f"seed is {seed}, expected a whole number from 0")
     return np.random.default_rng([seed, stream])

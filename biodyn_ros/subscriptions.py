@@ -42,7 +42,7 @@ class Subscriptions:
         self._subscriptions: dict[str, Any] = {}
         self._seat_stamp_ns: int | None = None
         self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS if sensor != SEAT}
-        self._next_drained = itertools.cycle(self._inbox)
+        self._next_drained = itertools.cycle(SENSORS)
         self._next_compared = itertools.cycle(SENSORS)
 
     def open(self) -> None:
@@ -62,10 +62,13 @@ class Subscriptions:
         self._subscriptions = {}
 
     def drain(self) -> None:
-        """Hand on the next sensor's messages."""
+        """Hand on the next sensor's messages; the seat's have gone already, and only its clock is looked at."""
         sensor = next(self._next_drained)
-        messages = self._inbox[sensor]
-        if messages:
+        if sensor == SEAT:
+            stamp_ns, self._seat_stamp_ns = self._seat_stamp_ns, None
+            if stamp_ns is not None:
+                self._note_arrival(SEAT, stamp_ns)
+        elif messages := self._inbox[sensor]:
             taken = messages.copy()
             messages.clear()
             guarded(self._on_messages, partial(self._refuse, sensor))(sensor, taken)
@@ -76,8 +79,6 @@ class Subscriptions:
         The event for a wrong message type does not fire across processes, so publishers are polled.
         """
         self.health[next(self._next_compared)].compare_clock()
-        if self._seat_stamp_ns is not None:
-            self._note_arrival(SEAT, self._seat_stamp_ns)
         for sensor, health in self.health.items():
             self._look_at_publishers(sensor, health)
 

@@ -29,16 +29,24 @@ def summary(document: dict[str, Any]) -> str:
 def _row(name: str, document: dict[str, Any]) -> str:
     measured, predicted = document["sensors"].get(name), document["predicted"].get(name)
     residual = document["residual"].get(name)
-    mark = ">=" if measured and measured["lower_bound"] else ""  # a dose is a bound; a mean is none
     cells = [
-        f"{measured['aw_mps2']:9.3f}{mark:>3s}{measured['vdv_mps175']:8.3f}" if measured else f"{'-':>9s}{'-':>11s}",
-        f"{predicted['aw_mps2']:12.3f}{predicted['vdv_mps175']:11.3f}" if predicted else f"{'-':>12s}{'-':>11s}",
+        f"{measured['aw_mps2']:9.3f}{_vdv(measured)}" if measured else f"{'-':>9s}{'-':>11s}",
+        f"{predicted['aw_mps2']:12.3f}{_vdv(predicted)}" if predicted else f"{'-':>12s}{'-':>11s}",
         f"{residual['rms_mps2']:15.3f}" if residual else f"{'-':>15s}",
         f"{residual['nrmse_rms_percent']:9.2f}"
         if residual and residual["nrmse_rms_percent"] is not None
         else f"{'-':>9s}",
     ]
     return f"{name:14s}" + "".join(cells)
+
+
+def _vdv(figures: dict[str, Any]) -> str:
+    """A dose may be a lower bound; a mean is none."""
+    return f"{_bound(figures):>3s}{figures['vdv_mps175']:8.3f}"
+
+
+def _bound(figures: dict[str, Any]) -> str:
+    return ">=" if figures["lower_bound"] else ""
 
 
 def _seat_lines(document: dict[str, Any]) -> list[str]:
@@ -79,12 +87,13 @@ def _dri_lines(document: dict[str, Any]) -> list[str]:
     lines = []
     if dri:
         lines.append(
-            f"DRI {dri['compression']:.2f} (compression, band {dri['class']}; as printed {dri['as_printed']:.2f}); "
+            f"DRI {_bound(dri)}{dri['compression']:.2f} (compression, band {dri['class']}; "
+            f"as printed {dri['as_printed']:.2f}); "
             "a criterion for a single upward pulse, not a dose"
         )
     if hic:
         lines.append(
-            f"HIC15 of the head {hic['resultant']:.3f} resultant, {hic['vertical']:.3f} vertical, "
+            f"HIC15 of the head {_bound(hic)}{hic['resultant']:.3f} resultant, {hic['vertical']:.3f} vertical, "
             f"{hic['as_printed']:.3f} with 1 g as printed"
         )
     return lines

@@ -126,7 +126,7 @@ def interpolation_rows(rate_hz: float) -> list[Row]:
 
 def lagrange_error(late_samples: float, rate_hz: float) -> float:
     """Largest relative error of a sine read by the polynomial through its nearest neighbours, as Lagrange wrote it."""
-    half = half_width(rate_hz)
+    half = half_width(rate_hz, CUTOFF_HZ)
     nodes = np.arange(1.0 - half, half + 1.0)
     angle = 2j * np.pi * TOP_HZ / rate_hz
     at = 1.0 - late_samples

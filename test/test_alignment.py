@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BarycentricInterpolator
 
-from biodyn_core.alignment import LARGEST_ERROR, TOP_HZ, Aligner, half_width, interpolation_error
+from biodyn_core.alignment import LARGEST_ERROR, Aligner, half_width, interpolation_error
 from biodyn_core.conditioned import Block
 
 EPOCH_NS = 1_767_225_600 * 10**9
@@ -18,7 +18,9 @@ HALF_WIDTH = 4
 """From 500 Hz on, as below."""
 
 
-def block(time_s, values, begins_run: bool = False, epoch_ns: int = EPOCH_NS, rate_hz: float = RATE_HZ) -> Block:
+def block(
+    time_s, values, begins_run: bool = False, epoch_ns: int = EPOCH_NS, rate_hz: float = RATE_HZ, cutoff_hz=100.0
+) -> Block:
     """Conditioned samples of a sensor."""
     return Block(
         stamps_ns=epoch_ns + np.rint(time_s * 1e9).astype(np.int64),
@@ -29,6 +31,7 @@ def block(time_s, values, begins_run: bool = False, epoch_ns: int = EPOCH_NS, ra
         gap_s=0.0,
         epoch_ns=epoch_ns,
         rate_hz=rate_hz,
+        cutoff_hz=cutoff_hz,
     )
 
 
@@ -50,15 +53,15 @@ def inside(time_s: np.ndarray, count: int, seed: int = 0) -> np.ndarray:
 RATES_HZ = [249.75, 250.0, 251.0, 255.0, 262.0, 280.0, 300.0, 333.3, 400.0, 480.0, 499.9, 500.0, RATE_HZ, 4000.0, 20e3]
 
 
-def worst_error(rate_hz: float, frequency_hz: float, samples: int = 400) -> float:
+def worst_error(rate_hz: float, frequency_hz: float, samples: int = 400, cutoff_hz: float = 100.0) -> float:
     """Largest error in reading a sine of amplitude 1, any phase, anywhere between samples."""
     time = np.arange(samples) / rate_hz
-    half = half_width(round(rate_hz, 1))
+    half = half_width(round(rate_hz, 1), cutoff_hz)
     grid = np.sort(np.random.default_rng(4).uniform(time[half], time[-half - 1], 3000))
     read = []
     for phase in (0.0, 0.5 * np.pi):
         values, answered = aligner(
-            block(time, np.cos(2.0 * np.pi * frequency_hz * time + phase), True, rate_hz=rate_hz)
+            block(time, np.cos(2.0 * np.pi * frequency_hz * time + phase), True, rate_hz=rate_hz, cutoff_hz=cutoff_hz)
         ).read(grid, EPOCH_NS)
         assert answered == grid.size
         read.append(values - np.cos(2.0 * np.pi * frequency_hz * grid + phase))
@@ -73,13 +76,19 @@ def test_a_sine_up_to_100_hz_is_read_within_half_a_percent_at_every_rate(rate_hz
 
 @given(st.floats(249.75, 20_000.0))
 def test_half_a_percent_holds_at_any_rate_that_is_accepted(rate_hz):
-    assert TOP_HZ == 100.0 and LARGEST_ERROR == 0.005
+    assert LARGEST_ERROR == 0.005
     assert worst_error(rate_hz, 100.0, samples=200) < 0.005
+
+
+@pytest.mark.parametrize("cutoff_hz", [20.0, 50.0, 150.0, 200.0])
+@pytest.mark.parametrize("rate_per_cutoff", [2.5, 3.0, 5.0, 10.0])
+def test_it_holds_up_to_any_cut_off_at_any_rate_that_the_cut_off_allows(cutoff_hz, rate_per_cutoff):
+    assert worst_error(rate_per_cutoff * cutoff_hz, cutoff_hz, cutoff_hz=cutoff_hz) < 0.005
 
 
 @pytest.mark.parametrize(("rate_hz", "half"), [(250.0, 48), (300.0, 16), (400.0, 6), (500.0, 4), (RATE_HZ, 4)])
 def test_no_more_neighbours_are_waited_for_than_it_takes(rate_hz, half):
-    assert half_width(rate_hz) == half
+    assert half_width(rate_hz, 100.0) == half
     made = aligner(block(np.arange(200) / rate_hz, np.zeros(200), True, rate_hz=rate_hz))
     assert made.look_ahead == half
     fewer = {48: 32, 16: 12, 6: 4}.get(half, 3)
@@ -221,7 +230,7 @@ def test_the_edge_of_a_run_is_answered_once_the_next_run_has_come():
 )
 def test_any_cut_into_blocks_is_read_alike(cuts, seed, rate_hz):
     time, values = np.arange(300) / rate_hz, np.random.default_rng(seed).standard_normal(300)
-    half = half_width(rate_hz)
+    half = half_width(rate_hz, 100.0)
     grid = np.sort(np.random.default_rng(seed).uniform(time[half - 1], time[-half], 100))
     pieces = zip(np.split(time, cuts), np.split(values, cuts), strict=True)
     begun = [block(t, v, bool(t.size) and t[0] == 0.0, rate_hz=rate_hz) for t, v in pieces]

@@ -163,7 +163,13 @@ def test_restamp_changes_the_stamp_alone(sample, stamp_ns, order):
     _, values, frame_id = sample
     moved = imu_bytes(stamp_ns, values, frame_id, order)
     assert cdr.restamp(imu_bytes(*sample, order), stamp_ns) == moved
-    assert cdr.shift_stamp(imu_bytes(*sample, order), stamp_ns - sample[0]) == moved
+    shifted = cdr.shift_stamp(imu_bytes(*sample, order), stamp_ns - sample[0])
+    assert shifted == (moved if sample[0] != 0 else imu_bytes(*sample, order))
+
+
+def test_a_stamp_that_was_never_set_is_not_set_by_shifting():
+    message = imu_bytes(0, (0.0,) * 6, "imu", "<")
+    assert cdr.shift_stamp(message, 1_767_225_600 * 10**9) == message
 
 
 @pytest.mark.parametrize("stamp_ns", [2**31 * 10**9, -(2**31) * 10**9 - 1, 2**80])

@@ -443,7 +443,20 @@ def test_a_subject_that_does_not_fit_names_file_and_key(
             ("simulate", "--subject", "subject_1", "--case", "road", "--seconds", "0.5", "-o", "x.mcap"),
             "0.5 s is not made",
         ),
-        (("simulate", "--subject", "subject_1", "--case", "road", "--seed", "-1", "-o", "x.mcap"), "seed is -1"),
+        (
+            ("simulate", "--subject", "subject_1", "--case", "road", "--seed", "-1", "-o", "x.mcap"),
+            "'-1' is no whole number from 0 on",
+        ),
+        (("fit", BAG, "--subject", "subject_1", "--seed", "-1", "-o", "x.yaml"), "'-1' is no whole number from 0 on"),
+        (("trace", BAG, "--subject", "subject_1", "--seed", "1.5", "-o", "x"), "'1.5' is no whole number from 0 on"),
+        (
+            ("simulate", "--subject", "subject_1", "--case", "road", "--seconds", "0", "-o", "x.mcap"),
+            "a case of 0 s is not",
+        ),
+        (
+            ("simulate", "--subject", "subject_1", "--seat", BAG, "--seconds", "nan", "-o", "x.mcap"),
+            "nan s of a motion are not used, at least 2 s are needed",
+        ),
         (
             ("simulate", "--subject", "subject_1", "--case", "road", "--jitter-ms", "9", "-o", "x.mcap"),
             "jitter_ms is 9",

@@ -11,9 +11,10 @@ from scipy import optimize, signal
 from world.effects import sitting
 from world.effects.development_forms import NoddingNeck
 
-from biodyn_core.channels import Channels, laid_level
+from biodyn_core.channels import Channels
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.heading import bend_rates_radps, headings_rad
+from biodyn_core.levelling import laid_level
 from biodyn_core.model import predict
 from biodyn_core.parameters import Parameters
 from biodyn_core.recording import Recorder, Recording, RecordingSettings

@@ -6,6 +6,7 @@ import math
 import socket
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros import Graph, Sensors, ros_graph
@@ -187,7 +189,10 @@ def test_a_dead_seat_stops_predictions_and_says_so_and_comes_back(graph: Graph) 
         lambda: diagnostics.says("prediction", ERROR, "predictions stopped: seat is silent"), "the seat is silent"
     )
     stopped = len(head)
+    lag_ms = diagnostics.value(SEAT, "lag_ms")
     sensors.send(6_000, only=SENSORS[1:])
+    graph.spin(1.2)
+    assert diagnostics.value(SEAT, "lag_ms") == lag_ms  # who says nothing lags no more
     assert len(head) == stopped
     sensors.send(6_000)
     graph.wait(lambda: len(head) > stopped + 300, "predictions again")
@@ -314,6 +319,8 @@ def test_a_subject_that_cannot_be_read_fails_the_transition_in_one_line(graph: G
         ({"cutof_hz": 100.0}, "parameter cutof_hz is unknown; did you mean cutoff_hz?"),
         ({"cutoff_hz": 3.0}, "parameter cutoff_hz"),
         ({"queue_depth": 10}, "parameter queue_depth"),
+        ({"qos_overrides./imu/seat/data.publisher.depth": 10}, "overrides nothing: history, depth and reliability"),
+        ({"qos_overrides./biodyn/exposure/dri.publisher.depth": 10}, "overrides nothing"),
     ],
 )
 def test_a_parameter_that_does_not_fit_is_named_at_the_start(graph: Graph, given: dict[str, Any], said: str) -> None:
@@ -325,6 +332,16 @@ def test_a_parameter_of_the_wrong_type_is_named(graph: Graph) -> None:
     node = graph.live(window_s="long")
     node.trigger_configure()
     assert "parameter window_s is 'long', expected a number" in (node.failure or "")
+
+
+def test_a_node_that_cannot_be_configured_may_be_told_better(graph: Graph, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    node = graph.live(state_file=str(tmp_path / "file" / "state.json"))
+    node.trigger_configure()
+    assert "cannot be made a directory" in (node.failure or "")
+    (result,) = node.set_parameters([Parameter("state_file", value=str(tmp_path / "state.json"))])
+    assert result.successful, result.reason
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
 
 
 def test_a_parameter_is_not_changed_behind_the_pipeline_s_back(graph: Graph) -> None:

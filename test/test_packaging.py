@@ -250,14 +250,17 @@ def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Calla
     (entities,) = launch["generate_launch_description"]().places
     arguments = {entity.places[0] for entity in entities if type(entity).__name__ == "DeclareLaunchArgument"}
     assert arguments == {"params_file", "namespace", *launch["TEXTS"], *launch["VALUES"]}
-    assert arguments - {"params_file", "namespace", "use_sim_time"} <= declared()
+    told = {**launch["TEXTS"], **launch["VALUES"]}
+    assert told.pop("use_sim_time")
+    assert told == {name: declared()[name] for name in told}
 
 
-def declared() -> set[str]:
-    """The parameters that the live node declares."""
+def declared() -> dict[str, str]:
+    """The parameters that the live node declares, each as it is described."""
     from biodyn_ros.live import SETTINGS
+    from biodyn_ros.params import description
 
-    return {item.name for kind in SETTINGS for item in dataclasses.fields(kind)}
+    return {item.name: description(item) for kind in SETTINGS for item in dataclasses.fields(kind)}
 
 
 def test_the_bag_s_launch_file_plays_it_to_the_node(load: Loader) -> None:
@@ -265,6 +268,7 @@ def test_the_bag_s_launch_file_plays_it_to_the_node(load: Loader) -> None:
     (entities,) = launch["generate_launch_description"]().places
     arguments = {e.places[0]: e.words for e in entities if type(e).__name__ == "DeclareLaunchArgument"}
     assert set(arguments) == set(launch["ARGUMENTS"])
+    assert launch["ARGUMENTS"]["subject_file"][1] == declared()["subject_file"]
     assert [name for name, words in arguments.items() if "default_value" not in words] == ["bag"]
     given = {name: words.get("default_value", "drive.mcap") for name, words in arguments.items()}
     for loop, more in (("false", []), ("True", ["--loop"])):
@@ -290,7 +294,7 @@ def test_every_parameter_that_a_launch_file_gives_is_declared(load: Loader, name
     (node,) = (e for e in launch[made](configured) if type(e).__name__ == "LifecycleNode")
     given = node.words["parameters"][-1]
     assert given
-    assert set(given) - {"use_sim_time"} <= declared()
+    assert set(given) - {"use_sim_time"} <= set(declared())
 
 
 def tables(launch: dict[str, Any]) -> list[dict[str, Any]]:

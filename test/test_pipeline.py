@@ -287,6 +287,42 @@ def test_zero_phase_is_the_paper_s_filter_without_delay_for_any_cut() -> None:
     assert all(percent < 0.05 for _, percent in whole.exposure.residual.values())
 
 
+def in_turn_but(streams: tuple[ImuStream, ...], sensor: str, first: int, end: int) -> list[tuple[str, int, int]]:
+    """In turn, without these samples of a sensor."""
+    return [cut for cut in in_turn(streams, 100) if cut[0] != sensor or not first <= cut[1] < end]
+
+
+@pytest.mark.parametrize("broken", [SEAT, "head"])
+def test_zero_phase_compares_what_lies_before_a_gap_as_well(broken: str) -> None:
+    streams = noisy_streams(8.0)
+    cuts = in_turn_but(streams, broken, 5500, 5900)
+    found = run(streams, cuts, pipeline=Pipeline(subject(), mode="zero_phase"))
+    head = found.measured[:, SENSORS.index("head")]
+    seconds = 1e-9 * (found.measured_ns - found.measured_ns[0])
+    early = (seconds > 0.1) & (seconds < 3.5)
+    assert early.sum() > 3000 and np.isfinite(head[early]).all()
+    assert found.exposure.measured_low_passed["head"].seconds > 7.0
+
+
+def test_a_comparison_s_dose_is_a_lower_bound_where_the_seat_or_its_clock_fails() -> None:
+    def bounds(streams: tuple[ImuStream, ...], cuts: list[tuple[str, int, int]]) -> list[dict]:
+        found = exposure_document(run(streams, cuts).pipeline, "", 0.0, [])
+        return [found[kind]["head"] for kind in ("sensors", "measured_low_passed")]
+
+    streams = noisy_streams(8.0)
+    own, compared = bounds(streams, in_turn(streams))
+    assert not own["lower_bound"] and not compared["lower_bound"]
+    own, compared = bounds(streams, in_turn_but(streams, SEAT, 5000, 6000))
+    assert not own["lower_bound"] and compared["lower_bound"]
+    assert compared["missing_s"] == pytest.approx(1000 / RATE_HZ, abs=0.02)
+    apart = tuple(
+        dataclasses.replace(one, stamps_ns=one.stamps_ns + 3600 * 10**9) if one.sensor == "head" else one
+        for one in streams
+    )
+    own, compared = bounds(apart, in_turn(apart))
+    assert compared["lower_bound"] and compared["missing_s"] > 8.0 and compared["vdv_mps175"] == 0.0
+
+
 def test_the_low_passed_dose_of_the_seat_does_not_ring_across_its_gap() -> None:
     streams = noisy_streams()
     cuts = [cut for cut in in_turn(streams, 100) if cut[0] != SEAT or not 2000 <= cut[1] < 2300]
@@ -347,6 +383,39 @@ def test_what_every_output_waits_for_is_stated() -> None:
     assert latency["predicted"] == pytest.approx((4.05e-3, 0.0, 0.0), abs=1e-5)
     assert latency["residual"] == latency["measured"] == pytest.approx((4.05e-3, 4 / 1129.3, 1.0), abs=1e-5)
     assert latency["exposure"] == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "up", [(0.0, 0.0, 1.0), (0.5, -0.5, 0.7), (-0.6, -0.6, 0.5), (0.3, 0.2, -0.9), (0.1, 0.9, -0.3)]
+)
+@pytest.mark.parametrize("turned_deg", [0.0, 70.0, -150.0])
+def test_a_yaw_is_that_of_the_sensor_s_first_axis_however_it_is_tilted(up, turned_deg) -> None:
+    # From scratch: three unit vectors of the sensor in the vehicle's axes, some way to see up so, turned about it.
+    z = np.array(up) / np.linalg.norm(up)
+    x = np.cross([0.0, 1.0, 0.0], z)
+    axes = np.column_stack([x / np.linalg.norm(x), np.cross(z, x / np.linalg.norm(x)), z])  # the vehicle's, by sensor's
+    turn = np.radians(turned_deg)
+    mount = axes @ np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    first = mount[0]  # the sensor's first axis in the vehicle's
+    pipeline = Pipeline(subject(), settings=PipelineSettings(yaw_deg=float(np.degrees(np.arctan2(first[1], first[0])))))
+    time = np.arange(round(8.0 * RATE_HZ)) / RATE_HZ
+    shake = np.clip(time - 2.0, 0.0, 1.0)
+    vehicle = np.column_stack(
+        [
+            1.5 * shake * np.sin(2.0 * np.pi * 2.0 * time),
+            0.5 * shake * np.sin(2.0 * np.pi * 3.1 * time),
+            STANDARD_GRAVITY_MPS2 + 0.2 * shake * np.sin(2.0 * np.pi * 5.0 * time),
+        ]
+    )
+    pipeline.push(SEAT, START_NS + np.rint(1e9 * time).astype(np.int64), vehicle @ mount.T)
+    pipeline.finish()
+    flat = Pipeline(subject(), settings=PipelineSettings(yaw_deg=0.0))
+    flat.push(SEAT, START_NS + np.rint(1e9 * time).astype(np.int64), vehicle)
+    flat.finish()
+    found, wanted = pipeline.seat(), flat.seat()
+    assert found is not None and wanted is not None and found.horizontal == "yaw_given"
+    assert found.aw_weighted_mps2 == pytest.approx(wanted.aw_weighted_mps2, rel=1e-6)
+    assert found.aw_weighted_mps2["x"] > 2.0 * found.aw_weighted_mps2["y"]
 
 
 def test_without_a_seat_nothing_piles_up() -> None:

@@ -70,6 +70,7 @@ def document() -> dict[str, object]:
         "seconds": 61.25,
         "uncounted_s": 0.75,
         "window_s": 10.0,
+        "cutoff_hz": 80.0,
         "limits": EU_LIMITS.deciding.to_dict(),
         "limits_beside": [
             EU_LIMITS.beside[0].to_dict() | {"zone": "below_action_value", "zone_reason": "lower than 8.5"}
@@ -100,9 +101,21 @@ def document() -> dict[str, object]:
             "vdv_projected_8h_mps175": None,
             "lower_bound": False,
         },
-        "dri": {"compression": 6.78, "as_printed": 7.89, "class": "5.2-13.0", "time_s": 23.456},
-        "hic15": {"as_printed": 1.234, "vertical": 0.456, "resultant": 0.567, "bandwidth_hz": 564.6},
-        "hic36": {"as_printed": 2.345, "vertical": 0.678, "resultant": 0.789, "bandwidth_hz": 564.6},
+        "dri": {"compression": 6.78, "as_printed": 7.89, "class": "5.2-13.0", "time_s": 23.456, "lower_bound": False},
+        "hic15": {
+            "as_printed": 1.234,
+            "vertical": 0.456,
+            "resultant": 0.567,
+            "bandwidth_hz": 564.6,
+            "lower_bound": False,
+        },
+        "hic36": {
+            "as_printed": 2.345,
+            "vertical": 0.678,
+            "resultant": 0.789,
+            "bandwidth_hz": 564.6,
+            "lower_bound": False,
+        },
         "residual": {
             name: {"nrmse_rms_percent": 11.0 + i, "rms_mps2": 0.123} for i, name in enumerate(MEASURED_SEGMENTS)
         },
@@ -243,10 +256,11 @@ def test_the_page_says_every_figure_with_its_unit(tmp_path):
         "No yaw given", "worst direction 0.0313 0.213 1.4 0.0438 0.298",
         "Residual at worst 15.0 % of the measured rms (head)", "neck 0.123 14.0",
         "seat 0.100 0.500 0.200 7.25 0.900 0.000 0", "pelvis 0.200 0.317 1.00 1.58 0.400 7.25 1.80 not validated",
-        "central torso 0.226 – 1.13 –", "DRI 6.78", "band 5.2-13.0", "7.89 as the paper prints it", "23.456 s counted",
+        "central torso 0.226 – 1.13 –", "DRI 6.78", "band 5.2-13.0", "7.89 as the paper prints it",
+        "23.456 s after counting began",
         "a single upward pulse", "not a dose of repeated shocks", "HIC15 1.23 0.456 0.567 565",
         "HIC36 2.35 0.678 0.789 565",
-        "before the 100 Hz low-pass", "Predictions are a model's",
+        "before the 80.0 Hz low-pass", "Predictions are a model's",
         "aw, m/s2 VDV, m/s1.75 MTVV, m/s2 crest factor peak, m/s2", "whole record: residual 0.123 m/s² rms, 15.0 %",
     ):  # fmt: skip
         assert expected in text, expected
@@ -290,6 +304,8 @@ def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
     for dose_of_seat in (changed["sensors"]["seat"], *changed["predicted"].values()):
         dose_of_seat |= {"lower_bound": True, "missing_s": 1.234}
     changed["sensors"]["head"] |= {"lower_bound": True, "clipped_samples": 17}
+    for name in ("dri", "hic15", "hic36"):
+        changed[name]["lower_bound"] = True
     page = page_of(tmp_path, changed)
     for expected in (
         "Undecided: no verdict on the seat", "Too much is missing.", "A(8), m/s2 >= 0.0187", "VDV, m/s1.75 >= 2.32",

@@ -39,7 +39,7 @@ Clocks = Literal["trusted", "estimated"]
 N_LINEAR: Final = 13
 """Parameters of phase 1: f_n, zeta and alpha_r; s_nl = 0 and m_scale = 1 are held (Eq. 29)."""
 
-SEGMENT_WEIGHTS: Final = (0.5, 0.2, 0.8, 2.5, 3.0)
+SEGMENT_WEIGHTS: Final = {"pelvis": 0.5, "lower_torso": 0.2, "upper_torso": 0.8, "neck": 2.5, "head": 3.0}
 """Weights of the measured segments in Eq. 31, given in its text; each multiplies its segment's sum."""
 
 PENALTY: Final = 1e9
@@ -75,7 +75,7 @@ class SurrogateSettings:
     """What Eq. 31 leaves open. `reference` is theta_ref, the middle of Table 1 in log space where none is given."""
 
     lambda_1: float = setting(0.005, "pull of Eq. 31 towards theta_ref, of the logarithms", "", 0.0, 1e3)
-    segment_weights: tuple[float, ...] = SEGMENT_WEIGHTS
+    segment_weights: tuple[float, ...] = tuple(SEGMENT_WEIGHTS[name] for name in MEASURED_SEGMENTS)
     reference: Parameters | None = None
 
     def __post_init__(self) -> None:

@@ -9,15 +9,15 @@ from launch_ros.substitutions import FindPackageShare
 
 # Parameters of the node that are files or names: never read as YAML, so that a subject may be called 1.
 TEXTS = {
-    "subject_file": "Subject YAML, or the name of a bundled subject",
-    "limits_file": "YAML with the action and limit values",
+    "subject_file": "path of a subject file, or the name of a bundled subject",
+    "limits_file": "path of a file with action and limit values; empty: those of 2002/44/EC",
 }
 # Parameters of the node that are numbers or truth values.
 VALUES = {
-    "autostart": "Configure and activate at start",
-    "publish_measured": "Publish the conditioned measurement too",
-    "yaw_deg": "Yaw from the seat sensor's x axis to the seat's, in degrees",
-    "use_sim_time": "Follow /clock",
+    "autostart": "configure and activate at start",
+    "publish_measured": "publish the conditioned measurements too",
+    "yaw_deg": "angle from the vehicle's forward direction to the seat sensor's first axis [deg]",
+    "use_sim_time": "follow /clock",
 }
 
 

@@ -10,7 +10,7 @@ from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 # Arguments with what they are when nobody gives them; the bag has to be given.
 ARGUMENTS = {
     "bag": (None, "The recording: a .mcap or .db3 file, or the directory of a bag"),
-    "subject_file": ("subject_1", "Subject YAML, or the name of a bundled subject"),
+    "subject_file": ("subject_1", "path of a subject file, or the name of a bundled subject"),
     "rate": ("1.0", "Speed, as a multiple of recorded time"),
     "loop": ("false", "Start the bag again at its end"),
 }
