@@ -47,6 +47,7 @@ class Block(NamedTuple):
 class SensorStatus:
     """What one sensor's conditioning has seen so far; `fault` says in one line why it answers nothing.
 
+    rate_hz follows the sensor's clock; period_s is that of rest, by which samples are counted as seconds, 0 before it.
     Rejected samples by cause: stamp unset, reading not finite, duplicate, late, stamp astray. filled: interpolated;
     flat: of one that never changed for long. run_s: how long this run goes on, the rest before the first one included,
     None until there is one. uncounted_s passed before gravity was known, unrested_s of it in motion;
@@ -54,6 +55,7 @@ class SensorStatus:
     """
 
     rate_hz: float | None
+    period_s: float
     jitter_s: float | None
     gravity_mps2: float | None
     vertical: Vector | None
@@ -83,15 +85,14 @@ class SensorStatus:
     @property
     def filled_s(self) -> float:
         """Seconds that are interpolated."""
-        return self.filled / self.rate_hz if self.rate_hz else 0.0
+        return self.filled * self.period_s
 
     @property
     def flat_s(self) -> float:
         """Seconds of a reading that never changed for long."""
-        return self.flat / self.rate_hz if self.rate_hz else 0.0
+        return self.flat * self.period_s
 
     @property
     def recorded_s(self) -> float:
         """Seconds from the first sample to the newest, by accepted samples: one wild stamp does not count."""
-        counted = (self.accepted + self.filled) / self.rate_hz if self.rate_hz else 0.0
-        return self.uncounted_s + counted + self.gap_s
+        return self.uncounted_s + (self.accepted + self.filled) * self.period_s + self.gap_s

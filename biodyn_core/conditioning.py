@@ -207,6 +207,7 @@ class Conditioner:
         period_s = self._rest.period_s if self._rest else 0.0
         return SensorStatus(
             rate_hz=1.0 / float(self._state[kernel.PERIOD]) if known else None,
+            period_s=period_s,
             jitter_s=float(self._state[kernel.JITTER]) if known else None,
             gravity_mps2=self._gravity_mps2 if known else None,
             vertical=self._vertical if known else None,

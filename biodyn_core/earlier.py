@@ -63,7 +63,7 @@ class Earlier:
         if sensor not in self.sensors:
             return NOTHING_LOST
         before = self.sensors[sensor].lost
-        return before._replace(missing_s=before.missing_s + self.between_s(sensor))
+        return before._replace(absent_s=before.absent_s + self.between_s(sensor))
 
     def between_s(self, sensor: str) -> float:
         """What passed from a sensor's newest stamp in that run to its first, or while it has none, to now."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from biodyn_core.conditioning import GRAVITY_TOLERANCE
 from biodyn_core.exposure import Dose, HorizontalMeter
+from biodyn_core.keeping import Lost
 from biodyn_core.limits import Kind, Limits, LimitSet, Measure
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 
@@ -35,14 +36,12 @@ DEAD_SHARE: Final = 1e-6
 
 @dataclass(frozen=True)
 class Grounds:
-    """What a judgement stands on, since reset: what of the seat's record is missing, clipped or masked, and its state.
+    """What a judgement stands on, since reset: what the seat lost, and its state.
 
-    masked_s: seconds of an unchanging reading, part of missing_s. silent: the seat sends nothing now, others do.
+    silent: the seat sends nothing now, others do.
     """
 
-    missing_s: float
-    clipped_samples: int
-    masked_s: float
+    lost: Lost
     silent: bool
     gravity_mps2: float | None
     fault: str | None
@@ -129,8 +128,8 @@ def seat_exposure(
         },
         {"a8": a8_axis, "vdv": vdv_axis},
         seconds,
-        grounds.missing_s,
-        at_least=grounds.clipped_samples > 0 or grounds.missing_s > 0.0 or axes.horizontal == "missing",
+        grounds.lost,
+        at_least=grounds.lost.lower_bound or axes.horizontal == "missing",
         withheld=_withheld(grounds, seconds),
         doubt=_doubt(grounds, seconds, axes),
     )
@@ -198,14 +197,15 @@ class _Felt:
     so_far: dict[Measure, float]
     axis: dict[Measure, str]
     counted_s: float
-    missing_s: float
+    lost: Lost
     at_least: bool
     withheld: str | None
     doubt: str | None
 
     @property
     def elapsed_s(self) -> float:
-        return self.counted_s + self.missing_s
+        """Since reset: what was interpolated, or did not change, was counted."""
+        return self.counted_s + self.lost.absent_s
 
     def used(self, measure: Measure, value: float) -> float:
         """The share used up of the time after which the value is reached: at 1 it is.
@@ -218,7 +218,7 @@ class _Felt:
     def left_s(self, used: float) -> float | None:
         """Seconds until then if exposure went on, and goes on, as it was counted; None for never or withheld.
 
-        The missing seconds have passed as well: they are taken off what is left.
+        The seconds of which there is nothing have passed as well: they are taken off what is left.
         """
         if self.withheld is not None or used == 0.0:
             return None
@@ -248,7 +248,7 @@ def _judge(limits: LimitSet, felt: _Felt) -> Judgement:
     else:
         reason = (
             f"the action value of {limits.source} is not reached by what was counted, but would be"
-            f" if the {felt.missing_s:.3g} s missing were like the rest"
+            f" if the {felt.lost.missing_s:.3g} s missing were like the rest"
         )
     return Judgement(
         source=limits.source,
@@ -274,7 +274,8 @@ def _below(limits: LimitSet, felt: _Felt) -> str:
     values = limits.values("action")
     figures = " and ".join(_so_far(felt, measure) for measure in values)
     stated = f"value{'s' if len(values) > 1 else ''} of {' and '.join(f'{value:g}' for value in values.values())}"
-    missing = f"; {felt.missing_s:.3g} s are missing, within the 1 % allowed" if felt.missing_s > 0.0 else ""
+    missing_s, allowed = felt.lost.missing_s, f"within the {100.0 * MISSING_SHARE_TRUSTED:g} % allowed"
+    missing = f"; {missing_s:.3g} s are missing, {allowed}" if missing_s > 0.0 else ""
     return f"{figures}: below the action {stated} ({limits.source}){missing}"
 
 
@@ -286,14 +287,13 @@ def _so_far(felt: _Felt, measure: Measure, least: str = "") -> str:
 
 def _withheld(grounds: Grounds, seconds: float) -> str | None:
     """Why nothing is extrapolated from this record, None where it may be."""
-    missing = grounds.missing_s
-    if grounds.clipped_samples > 0:
-        count = grounds.clipped_samples
+    count, missing = grounds.lost.clipped, grounds.lost.missing_s
+    if count > 0:
         return f"{count} sample{' is' if count == 1 else 's are'} clipped at the seat"
     if seconds <= 0.0:
         return "nothing was counted at the seat"
-    if missing > MISSING_SHARE_TRUSTED * (seconds + missing):
-        return f"{missing:.3g} s are missing at the seat, more than 1 %"
+    if missing > MISSING_SHARE_TRUSTED * (seconds + grounds.lost.absent_s):
+        return f"{missing:.3g} s are missing at the seat, more than {100.0 * MISSING_SHARE_TRUSTED:g} %"
     return None
 
 
@@ -306,8 +306,8 @@ def _doubt(grounds: Grounds, seconds: float, axes: _Axes) -> str | None:
         return "the seat has fallen silent"
     if withheld := _withheld(grounds, seconds):
         return withheld
-    if grounds.masked_s > 0.0:
-        return f"{grounds.masked_s:.3g} s of the seat's readings do not change at all: is it stuck?"
+    if grounds.lost.flat_s > 0.0:
+        return f"{grounds.lost.flat_s:.3g} s of the seat's readings do not change at all: is it stuck?"
     if axes.dead:
         return (
             "vertical only: the seat gives no horizontal data"

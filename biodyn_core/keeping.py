@@ -27,28 +27,45 @@ STILL_AT_REST_S: Final = 60.0
 
 
 class Lost(NamedTuple):
-    """What makes a sensor's figures lower bounds: samples clipped, seconds missing, and those of them that are flat."""
+    """What makes a sensor's figures lower bounds: samples clipped, and seconds that it did not truly measure.
+
+    absent_s: seconds of which there is nothing; filled_s and flat_s are counted like others, though they were
+    interpolated, or are of a reading that never changed.
+    """
 
     clipped: int
-    missing_s: float
+    absent_s: float
+    filled_s: float
     flat_s: float
+
+    @property
+    def missing_s(self) -> float:
+        """All seconds that were not truly measured."""
+        return self.absent_s + self.filled_s + self.flat_s
+
+    @property
+    def lower_bound(self) -> bool:
+        """Whether figures are lower bounds because of it."""
+        return self.clipped > 0 or self.missing_s > 0.0
 
     def since(self, before: Lost) -> Lost:
         """What was lost since then."""
-        missing_s = max(0.0, self.missing_s - before.missing_s)
-        return Lost(self.clipped - before.clipped, missing_s, self.flat_s - before.flat_s)
+        absent_s = max(0.0, self.absent_s - before.absent_s)  # a gap turns out to be none where time had leapt
+        filled_s, flat_s = self.filled_s - before.filled_s, self.flat_s - before.flat_s
+        return Lost(self.clipped - before.clipped, absent_s, filled_s, flat_s)
 
     def and_before(self, before: Lost) -> Lost:
         """What was lost by now and before."""
-        return Lost(self.clipped + before.clipped, self.missing_s + before.missing_s, self.flat_s + before.flat_s)
+        absent_s, filled_s = self.absent_s + before.absent_s, self.filled_s + before.filled_s
+        return Lost(self.clipped + before.clipped, absent_s, filled_s, self.flat_s + before.flat_s)
 
 
-NOTHING_LOST: Final = Lost(0, 0.0, 0.0)
+NOTHING_LOST: Final = Lost(0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class KeptSensor:
-    """One sensor: its newest stamp, what it lost, its rest, its rate, and what each of its meters counted."""
+    """One sensor: its newest stamp, what it lost, its rest, and what each of its meters counted."""
 
     newest_ns: int
     lost: Lost
@@ -113,7 +130,9 @@ def _lists(meters: Mapping[str, Floats]) -> dict[str, Any]:
 
 
 def _sensor(document: Mapping[str, Any]) -> KeptSensor:
-    clipped, missing_s, flat_s = (_number(value) for value in document["lost"])
+    lost = [_number(value) for value in document["lost"]]
+    if len(lost) != len(NOTHING_LOST) or min(lost) < 0.0:
+        raise ValueError("a loss that is none")
     given = dict(_mapping(document["rest"]))
     for name in ("mean_mps2", "last_mps2"):
         x, y, z = (_number(value) for value in given[name])
@@ -126,7 +145,7 @@ def _sensor(document: Mapping[str, Any]) -> KeptSensor:
     newest_ns = document["newest_ns"]
     if not (isinstance(newest_ns, int) and 0 <= newest_ns < 2**63):
         raise ValueError("newest_ns is no stamp")
-    return KeptSensor(newest_ns, Lost(int(clipped), missing_s, flat_s), rest, _arrays(document["meters"]))
+    return KeptSensor(newest_ns, Lost(int(lost[0]), *lost[1:]), rest, _arrays(document["meters"]))
 
 
 def _mapping(value: object) -> Mapping[str, Any]:
@@ -142,7 +161,7 @@ def _number(value: object) -> float:
 
 
 def _arrays(value: object) -> dict[str, Floats]:
-    """Rows of finite numbers, none of them below zero but what is a product of two axes."""
+    """Rows of finite numbers."""
     found = {name: np.array(rows, dtype=np.float64) for name, rows in _mapping(value).items()}
     for name, rows in found.items():
         if rows.ndim != 2 or not np.isfinite(rows).all():

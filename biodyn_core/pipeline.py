@@ -211,8 +211,7 @@ class Pipeline:
             conditioner = self._conditioners[name]
             newest_ns = conditioner.newest_ns or conditioner.first_ns
             if conditioner.rest is not None and newest_ns is not None:
-                lost = self._lost(name).since(self._at_reset[name]).and_before(self._earlier.lost(name))
-                sensors[name] = KeptSensor(newest_ns, lost, conditioner.rest, meters.kept())
+                sensors[name] = KeptSensor(newest_ns, self.lost(name), conditioner.rest, meters.kept())
         beside = self._seat.kept() if self._seat else self._earlier.beside
         return Kept(belongs, sensors, beside) if sensors else None
 
@@ -244,11 +243,9 @@ class Pipeline:
         meters = self._counted.get(SEAT)
         if meters is None:
             return None
-        status, lost = self.status(SEAT), self.lost(SEAT)
+        status = self.status(SEAT)
         grounds = Grounds(
-            missing_s=lost.missing_s,
-            clipped_samples=lost.clipped,
-            masked_s=lost.flat_s,
+            lost=self.lost(SEAT),
             silent=self._timelines.silent_s(SEAT) > 0.0,
             gravity_mps2=status.gravity_mps2,
             fault=status.fault,
@@ -269,23 +266,10 @@ class Pipeline:
     def lost(self, sensor: str) -> Lost:
         """What a sensor lost since reset.
 
-        Missing is what was interpolated, lies in gaps, is flat, or passed before it joined the others, in motion before
-        it had been at rest, or since it fell silent.
+        Absent is what lies in gaps, or passed before it joined the others, in motion before it had been at rest, or
+        since it fell silent.
         """
         return self._lost(sensor).since(self._at_reset[sensor]).and_before(self._earlier.lost(sensor))
-
-    def clipped(self, sensor: str) -> int:
-        """Samples at the end of the sensor's range, since reset."""
-        return self.lost(sensor).clipped
-
-    def missing_s(self, sensor: str) -> float:
-        """Seconds since reset that a sensor did not truly measure."""
-        return self.lost(sensor).missing_s
-
-    def lower_bound(self, sensor: str) -> bool:
-        """Whether the sensor's figures since reset are lower bounds."""
-        lost = self.lost(sensor)
-        return lost.clipped > 0 or lost.missing_s > 0.0
 
     def seconds(self) -> float:
         """Length of the record by the samples that were accepted: one wild stamp does not count."""
@@ -294,9 +278,8 @@ class Pipeline:
     def _lost(self, sensor: str) -> Lost:
         status, timelines = self.status(sensor), self._timelines
         gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
-        own_s = status.unrested_s + gap_s + status.filled_s + status.flat_s
-        beside_s = timelines.late_s(sensor) + timelines.silent_s(sensor)
-        return Lost(status.clipped, own_s + beside_s, status.flat_s)
+        absent_s = status.unrested_s + gap_s + timelines.late_s(sensor) + timelines.silent_s(sensor)
+        return Lost(status.clipped, absent_s, status.filled_s, status.flat_s)
 
     def clock_apart_s(self, sensor: str) -> float:
         """How far a sensor's clock was set ahead of the others', so that nothing can be compared; mostly 0."""

@@ -10,6 +10,7 @@ from biodyn_core.errors import InputError
 from biodyn_ros.checkpoint import read_json
 from biodyn_ros.fit import json_beside
 from biodyn_ros.fit_drawings import MARKERS, estimates_of, subjects
+from biodyn_ros.fit_report import judge_fit
 from biodyn_ros.report import check_reports, render
 from biodyn_ros.verdict import Verdict
 from biodyn_ros.wording import number
@@ -18,6 +19,9 @@ Document = dict[str, Any]
 
 MOST_DRAWN: Final = 40
 """So many subjects are drawn beside each other, the first; the table has all."""
+
+
+WORST_FIRST: Final = ("bad", "warn", "none", "good")
 
 
 def campaign_page(document: Document, directory: Path) -> str:
@@ -32,7 +36,7 @@ def campaign_page(document: Document, directory: Path) -> str:
     return render(
         "campaign.html.j2",
         document=document,
-        verdict=judge_campaign(document, unseen),
+        verdict=judge_campaign(document, unseen, {name: judge_fit(fit).tone for name, fit in fits.items()}),
         numbers={name: place + 1 for place, name in enumerate(done)},
         unseen=unseen,
         links={row["name"]: quote(row["page"], errors="surrogateescape") for row in rows if row["page"]},
@@ -44,8 +48,8 @@ def campaign_page(document: Document, directory: Path) -> str:
     )
 
 
-def judge_campaign(document: Document, unseen: dict[str, float | None]) -> Verdict:
-    """How many subjects are done, and how well they predict."""
+def judge_campaign(document: Document, unseen: dict[str, float | None], tones: dict[str, str]) -> Verdict:
+    """How many subjects are done, and how well they predict: no better than the worst of their own pages."""
     rows = document["subjects"]
     of = {state: [row["name"] for row in rows if row["state"] == state] for state in ("done", "failed", "waiting")}
     headline = f"{len(of['done'])} of {len(rows)} subjects fitted"
@@ -62,8 +66,11 @@ def judge_campaign(document: Document, unseen: dict[str, float | None]) -> Verdi
     unknown = [name for name, value in unseen.items() if value is None]
     if unknown:
         reasons.append(f"How it predicts is not known, nothing being held out: {', '.join(unknown)}.")
-    tone = "bad" if of["failed"] else "warn" if of["waiting"] else "none" if unknown else "good"
-    return Verdict(tone, headline, tuple(reasons))
+    poor = [name for name, tone in tones.items() if tone == "bad"]
+    if poor:
+        reasons.append(f"They predict events they were not fitted to badly: {', '.join(poor)}.")
+    own = {"bad"} if of["failed"] else {"warn"} if of["waiting"] else {"good"}
+    return Verdict(next(tone for tone in WORST_FIRST if tone in own | set(tones.values())), headline, tuple(reasons))
 
 
 def _span(values: list[float]) -> str:

@@ -50,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 0
     except OSError as error:  # a name that no file can have, a disk that is full: what the machine refuses is told too
-        print(f"biodyn {command}: {InputError(f'{error.filename}: {error.strerror}')}", file=sys.stderr)
+        told = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
+        print(f"biodyn {command}: {InputError(told)}", file=sys.stderr)
         return EXIT_INPUT
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any, Final
 
 from biodyn_core.exposure import Dose, Hic
 from biodyn_core.judgement import SeatExposure
+from biodyn_core.keeping import Lost
 from biodyn_core.limits import Limits
 from biodyn_core.pipeline import Exposure, Pipeline
 from biodyn_core.segments import HEAD, SEAT, SENSORS
@@ -24,6 +26,7 @@ def exposure_document(
     """Gather what the pipeline has counted over a recording of `seconds`; project: to 8 h from under 20 minutes too."""
     since, seat = pipeline.exposure(), pipeline.seat(project)
     uncounted = {name: pipeline.status(name).uncounted_s for name in since.sensors}
+    lost = {name: pipeline.lost(name) for name in SENSORS}
     return {
         "bag": bag,
         "subject": pipeline.subject.name,
@@ -35,21 +38,25 @@ def exposure_document(
         "cutoff_hz": pipeline.cutoff_hz,
         "limits": pipeline.limits.deciding.to_dict(),
         "limits_beside": _limits_beside(pipeline.limits, seat),
-        "sensors": {name: _sensor(pipeline, name, dose) for name, dose in since.sensors.items()},
+        "sensors": {name: _figures(dose, lost[name]) for name, dose in since.sensors.items()},
         # Predicted from the seat alone, whose losses are theirs. Held-out errors come with the fit of a subject, but
         # nothing ties them to this vehicle and seat, so no prediction is validated.
         "predicted": {
-            name: _predicted(pipeline, dose) | {"status": "not_validated"} for name, dose in since.predicted.items()
+            name: _figures(dose, _and_absent(lost[SEAT], pipeline.unpredicted_s)) | {"status": "not_validated"}
+            for name, dose in since.predicted.items()
         },
-        "measured_low_passed": {name: _compared(pipeline, name, since) for name in since.measured_low_passed},
+        "measured_low_passed": {
+            name: _figures(dose, _lost_beside(name, since.measured_low_passed, lost))
+            for name, dose in since.measured_low_passed.items()
+        },
         "also_weighted": {
-            weighting: {name: _sensor(pipeline, name, dose) for name, dose in doses.items()}
+            weighting: {name: _figures(dose, lost[name]) for name, dose in doses.items()}
             for weighting, doses in since.also.items()
         },
         "seat": _seat(seat, since) if seat else None,
-        "dri": _dri(since, pipeline.lower_bound(SEAT)),
-        "hic15": _hic(since.hic15, pipeline.lower_bound(HEAD)),
-        "hic36": _hic(since.hic36, pipeline.lower_bound(HEAD)),
+        "dri": _dri(since, lost[SEAT].lower_bound),
+        "hic15": _hic(since.hic15, lost[HEAD].lower_bound),
+        "hic36": _hic(since.hic36, lost[HEAD].lower_bound),
         "residual": {
             name: {"nrmse_rms_percent": percent if math.isfinite(percent) else None, "rms_mps2": rms}
             for name, (rms, percent) in since.residual.items()
@@ -72,46 +79,40 @@ def sensor_warnings(pipeline: Pipeline) -> list[str]:
         lines += [f"{name}: {text}" for text in status.warnings]
         if status.flat:
             lines.append(f"{name}: {stuck(status.flat)}")
-        if clipped := pipeline.clipped(name):
-            lines.append(f"{name}: {clipped} samples clipped: doses and peaks are lower bounds")
-        missing = pipeline.missing_s(name)
-        if missing > 0.0:
-            lines.append(f"{name}: {missing:.3f} s missing: doses and peaks are lower bounds")
+        lost = pipeline.lost(name)
+        if lost.clipped:
+            lines.append(f"{name}: {lost.clipped} samples clipped: doses and peaks are lower bounds")
+        if lost.missing_s > 0.0:
+            lines.append(f"{name}: {lost.missing_s:.3f} s missing: doses and peaks are lower bounds")
     if pipeline.divergences:
         lines.append(f"{MODEL}: {left_range(pipeline.divergences)}")
     return lines
 
 
-def _dose(dose: Dose) -> dict[str, Any]:
+def _figures(dose: Dose, lost: Lost) -> dict[str, Any]:
     return {
         "aw_mps2": dose.aw_mps2,
         "mtvv_mps2": dose.mtvv_mps2,
         "crest_factor": dose.crest_factor,
         "vdv_mps175": dose.vdv_mps175,
         "peak_mps2": dose.peak_mps2,
+        "clipped_samples": lost.clipped,
+        "missing_s": lost.missing_s,
+        "lower_bound": lost.lower_bound,
     }
 
 
-def _sensor(pipeline: Pipeline, name: str, dose: Dose) -> dict[str, Any]:
-    return _dose(dose) | {
-        "clipped_samples": pipeline.clipped(name),
-        "missing_s": pipeline.missing_s(name),
-        "lower_bound": pipeline.lower_bound(name),
-    }
+def _and_absent(lost: Lost, seconds: float) -> Lost:
+    return lost._replace(absent_s=lost.absent_s + seconds)
 
 
-def _compared(pipeline: Pipeline, name: str, since: Exposure) -> dict[str, Any]:
-    """A low-passed sensor's figures: what the seat lost, and instants that found no sample, are missing too."""
-    doses, found = since.measured_low_passed, _sensor(pipeline, name, since.measured_low_passed[name])
-    unanswered_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
-    seat_s = pipeline.missing_s(SEAT) + (unanswered_s if unanswered_s > EDGE_S else 0.0)
-    return found | {"missing_s": max(found["missing_s"], seat_s), "lower_bound": found["lower_bound"] or seat_s > 0.0}
-
-
-def _predicted(pipeline: Pipeline, dose: Dose) -> dict[str, Any]:
-    """A prediction's figures: what the seat lost, and what the model itself did not answer, is missing."""
-    found, own_s = _sensor(pipeline, SEAT, dose), pipeline.unpredicted_s
-    return found | {"missing_s": found["missing_s"] + own_s, "lower_bound": found["lower_bound"] or own_s > 0.0}
+def _lost_beside(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Lost]) -> Lost:
+    """What a low-passed sensor's figures lack: also what the seat lost, and instants that found no sample."""
+    if name == SEAT:
+        return lost[SEAT]
+    alone_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
+    beside_s = lost[SEAT].missing_s + (alone_s if alone_s > EDGE_S else 0.0)
+    return _and_absent(lost[name], max(0.0, beside_s - lost[name].missing_s))
 
 
 def _seat(seat: SeatExposure, since: Exposure) -> dict[str, Any]:

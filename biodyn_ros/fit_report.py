@@ -13,9 +13,9 @@ from biodyn_core.tracing.findings import Event
 from biodyn_ros.fit import Fitted
 from biodyn_ros.fit_drawings import MARKERS, correlation, intervals, profiles
 from biodyn_ros.fit_text import BY, said
+from biodyn_ros.provenance import MADE_BY_MODEL, without_note
 from biodyn_ros.report import check_reports, render
-from biodyn_ros.simulate import MADE_BY_MODEL
-from biodyn_ros.trace_drawings import over_frequency, over_time
+from biodyn_ros.trace_drawings import of_one_rate, over_frequency, over_time
 from biodyn_ros.validation_findings import ValidationSettings
 from biodyn_ros.verdict import Verdict
 from biodyn_ros.wording import number, parameter_name
@@ -51,6 +51,7 @@ def fit_page(fitted: Fitted) -> str:
         profiles_svg=profiles(document),
         worst=worst,
         compared=len(compared),
+        drawn=len(of_one_rate(compared)),
         time_svg=over_time(worst),
         spectra_svg=over_frequency(compared),
     )
@@ -81,7 +82,7 @@ def judge_fit(document: Document) -> Verdict:
     if unseen is None:
         headline = f"Fitted to {number(fitted)} % of the rms; how it predicts an unused event is not known"
         return Verdict("none", headline, ("Nothing was held out: --hold-out, or validate on another event.", *against))
-    headline = f"Predicts events it was not fitted to within {number(unseen)} % of their rms"
+    headline = f"Predicts events it was not fitted to with a mean error of {number(unseen)} % of their rms"
     events = "1 such event" if len(held_out) == 1 else f"{len(held_out)} such events"
     first = f"Mean over {events}; {number(fitted)} % on those fitted to."
     if unseen > _MOST_PERCENT:
@@ -136,8 +137,7 @@ def doubts(document: Document) -> list[str]:
 
 def made_by_model(warnings: list[str]) -> tuple[str | None, list[str]]:
     """The note that recordings were made by the model, once for all of them, and all other warnings."""
-    rest = [line for line in warnings if not line.endswith(MADE_BY_MODEL)]
-    made = len(warnings) - len(rest)
+    made, rest = without_note(warnings)
     return (f"{made} recording{'s' if made > 1 else ''}: {MADE_BY_MODEL}" if made else None), rest
 
 

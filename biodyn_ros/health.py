@@ -94,7 +94,7 @@ class SensorHealth:
     incompatible_qos: str = ""
     wrong_type: str = ""
     publishers: int = 0
-    lag_s: float = 0.0
+    lag_s: float | None = None
     clock: ClockComparison = field(default_factory=ClockComparison)
     drift: ClockDrift | None = None
     growth: Growth = field(default_factory=Growth)
@@ -185,22 +185,22 @@ class Watch:
         for sensor, health in self._health.items():
             health.look(self._pipeline.status(sensor))
         prediction = prediction_status(self._pipeline, self._health[SEAT], self._divergences, self._last_mark)
-        ahead_s = {sensor: self._ahead_of_seat_s(sensor) if arrivals_tell else 0.0 for sensor in self._health}
+        ahead_s = {sensor: self._ahead_of_seat_s(sensor) if arrivals_tell else None for sensor in self._health}
         return [
             prediction,
             *(sensor_status(name, one, self._pipeline, ahead_s[name]) for name, one in self._health.items()),
         ]
 
-    def _ahead_of_seat_s(self, sensor: str) -> float:
-        """By how much a sensor's stamps lie ahead of the seat's, as far as arrivals tell; 0 while they do not."""
+    def _ahead_of_seat_s(self, sensor: str) -> float | None:
+        """By how much a sensor's stamps lie ahead of the seat's, as far as arrivals tell; None while they do not."""
         own_s, seat_s = self._health[sensor].offset_s, self._health[SEAT].offset_s
-        return 0.0 if own_s is None or seat_s is None else seat_s - own_s
+        return None if own_s is None or seat_s is None else seat_s - own_s
 
 
-def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: float = 0.0) -> Status:
+def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: float | None = None) -> Status:
     """Judge one sensor, as it is now; off_s: by how much its stamps lie ahead of the seat's, by their arrival."""
     seen, lost, silent = pipeline.status(name), pipeline.lost(name), health.silent_s
-    apart_s = pipeline.clock_apart_s(name)
+    apart_s, off_ms = pipeline.clock_apart_s(name), 1e3 * (off_s or 0.0)
     checks: list[tuple[bool, int, Callable[[], str]]] = [
         (bool(health.wrong_type), ERROR, lambda: health.wrong_type),
         (bool(health.incompatible_qos), ERROR, lambda: health.incompatible_qos),
@@ -212,7 +212,7 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: fl
         (seen.rate_hz is None, WARN, lambda: "waiting for rest: gravity and rate are not known yet"),
         ("gaps" in health.growth.by, WARN, lambda: "a gap: figures begin anew behind it"),
         (apart_s != 0.0, WARN, lambda: f"its clock was set {apart_s:+.1f} s against the others': it is not compared"),
-        (abs(off_s) > CLOCK_OFF_S, WARN, lambda: f"its stamps lie {1e3 * off_s:+.0f} ms off the seat's, {OFF}"),
+        (abs(off_ms) > 1e3 * CLOCK_OFF_S, WARN, lambda: f"its stamps lie {off_ms:+.0f} ms off the seat's, {OFF}"),
         (bool(seen.warnings), WARN, lambda: seen.warnings[0] if seen.warnings else ""),
         (is_settling(seen), OK, lambda: "settling behind a gap"),
     ]
@@ -224,7 +224,7 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: fl
         "vertical": " ".join(f"{v:.4f}" for v in seen.vertical) if seen.vertical else "",
         "filter_delay_ms": _number(seen.filter_delay_s and 1e3 * seen.filter_delay_s, ".3f"),
         "silent_s": _number(silent, ".2f"),
-        "lag_ms": _number(1e3 * health.lag_s, ".2f"),
+        "lag_ms": _number(health.lag_s and 1e3 * health.lag_s, ".2f"),
         "clock_ppm": _number(health.drift and health.drift.ppm, ".1f"),
         "clock_offset_ms": _number(health.drift and 1e3 * health.drift.offset_s, ".3f"),
         "messages": str(health.messages),
@@ -232,9 +232,9 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: fl
         "refused": str(health.errors),
         "publishers": str(health.publishers),
         "clock_apart_s": f"{apart_s:.3f}",
-        "clock_off_ms": f"{1e3 * off_s:.3f}",
+        "clock_off_ms": _number(off_s and 1e3 * off_s, ".3f"),
         "missing_s": f"{lost.missing_s:.3f}",
-        "lower_bound": str(pipeline.lower_bound(name)).lower(),
+        "lower_bound": str(lost.lower_bound).lower(),
         "settling": str(is_settling(seen)).lower(),
     }
     return Status(name, level, message, values | {key: f"{getattr(seen, key):g}" for key in COUNTS})

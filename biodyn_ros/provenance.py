@@ -1,4 +1,4 @@
-"""Where a fitted subject comes from: which bags, by their content, it was fitted to and tried on."""
+"""Where things come from: how a bag was made, and which bags, by content, a subject was fitted to or tried on."""
 
 from __future__ import annotations
 
@@ -8,10 +8,31 @@ from pathlib import Path
 from typing import Final, Literal
 
 from biodyn_core.subject import Subject
-from biodyn_ros.bag import open_bag
+from biodyn_ros.bag import BagReader, open_bag
 
 Role = Literal["fitted", "held_out"]
 ROLES: Final[tuple[Role, Role]] = ("fitted", "held_out")
+
+RECORD: Final = "biodyn"
+"""The metadata record of a bag in which we say how it was made."""
+
+MADE_BY: Final = "biodyn simulate"
+MADE_BY_MODEL: Final = (
+    "This recording was made by the model itself, so its small residual proves nothing about how well the model "
+    "describes a person."
+)
+
+
+def is_made_by_model(reader: BagReader) -> bool:
+    """Whether a bag says that `biodyn simulate` made it."""
+    return reader.metadata(RECORD).get("made_by") == MADE_BY
+
+
+def without_note(warnings: Iterable[str]) -> tuple[int, list[str]]:
+    """How many warnings say that a recording was made by the model, and all others."""
+    said = list(warnings)
+    rest = [line for line in said if not line.endswith(MADE_BY_MODEL)]
+    return len(said) - len(rest), rest
 
 
 def bag_sha256(path: str | Path) -> str:

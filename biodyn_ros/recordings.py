@@ -15,8 +15,8 @@ from biodyn_core.recording import Recorder, Recording, RecordingSettings
 from biodyn_core.synthesis import CASES
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.mapping import sensors_of
+from biodyn_ros.provenance import MADE_BY_MODEL, is_made_by_model
 from biodyn_ros.saturation import limits_of
-from biodyn_ros.simulate import MADE_BY, MADE_BY_MODEL
 from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
 
 
@@ -67,7 +67,7 @@ def read_recordings(
             done += len(block.stamps_ns)
             progress(done, total)
         warnings = [*map(str, reader.warnings), *told]
-        if reader.metadata("biodyn").get("made_by") == MADE_BY:
+        if is_made_by_model(reader):
             warnings.insert(0, MADE_BY_MODEL)
     recordings = recorder.finish()
     seconds = 1e-9 * float(recordings[-1].stamps_ns[-1] - recordings[0].stamps_ns[0])

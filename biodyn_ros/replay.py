@@ -24,8 +24,8 @@ from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
 from biodyn_ros.files import make_directory, write_json
 from biodyn_ros.mapping import sensors_of
+from biodyn_ros.provenance import MADE_BY_MODEL, is_made_by_model
 from biodyn_ros.saturation import limits_of
-from biodyn_ros.simulate import MADE_BY, MADE_BY_MODEL
 from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
 from biodyn_ros.traces import Traces
 from biodyn_ros.wording import MODEL
@@ -80,7 +80,7 @@ def replay(
             progress(done, total)
         each(pipeline.finish())
         warnings = [*map(str, reader.warnings), *told]
-        made_by_model = reader.metadata("biodyn").get("made_by") == MADE_BY
+        made_by_model = is_made_by_model(reader)
     check_seat(pipeline.status(SEAT), str(bag))
     seconds = pipeline.seconds()
     warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.values()]

@@ -30,8 +30,7 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
     Raises InputError where jinja2 or matplotlib is missing, or the file cannot be written; then nothing is left of it.
     """
     check_reports()
-    event, predicted, measured = traces.event(), traces.predicted(), traces.measured()
-    origin_ns = min((int(e.begins_ns[0]) for e in (predicted, measured) if e.begins_ns.size), default=0)
+    event, predicted, measured, origin_ns = traces.event(), traces.predicted(), traces.measured(), traces.first_ns
     html = render(
         "replay.html.j2",
         document=document,

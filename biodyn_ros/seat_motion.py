@@ -51,6 +51,9 @@ def _from_bag(path: Path, mapping: dict[str, str], time: str) -> tuple[Floats, F
         blocks = [block for _, block in imu_blocks(reader, [topic], choice.time, gyro=True)]
     stamps_ns = np.concatenate([block.stamps_ns for block in blocks])
     accel = np.concatenate([block.accel_mps2 for block in blocks])
+    bad = int((~np.isfinite(accel).all(axis=1)).sum())
+    if bad:
+        raise InputError(f"{path}: {topic}: readings that are not finite: {bad}")
     # Without a gyro the seat does not pitch, as in a CSV file.
     gyro = np.concatenate([block.gyro_radps for block in blocks])
     gyro[~np.isfinite(gyro)] = 0.0

@@ -14,13 +14,9 @@ from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.progress import Tell
+from biodyn_ros.provenance import MADE_BY, RECORD
 from biodyn_ros.topics import INPUT
 
-MADE_BY: Final = "biodyn simulate"
-MADE_BY_MODEL: Final = (
-    "This recording was made by the model itself, so its small residual proves nothing about how well the model "
-    "describes a person."
-)
 START_NS: Final = 1_767_225_600 * 10**9
 """2026-01-01, so that the same seed gives the same bag."""
 
@@ -63,7 +59,7 @@ def simulate_bag(
             writer.write(INPUT[stream.sensor], stream.stamps_ns, payload)
         tell(len(streams), len(streams))
         writer.add_metadata(
-            "biodyn", {"made_by": MADE_BY, "subject": subject.name, "seed": str(seed), "version": __version__}
+            RECORD, {"made_by": MADE_BY, "subject": subject.name, "seed": str(seed), "version": __version__}
         )
     first = min(int(stream.stamps_ns[0]) for stream in streams)
     last = max(int(stream.stamps_ns[-1]) for stream in streams)

@@ -22,7 +22,7 @@ from biodyn_ros import __version__
 from biodyn_ros.checkpoint import keys_of, read_json
 from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
 
-SCHEMA: Final = 1
+SCHEMA: Final = 2
 ASIDE: Final = ".before"
 NOWHERE: Final = "none"
 

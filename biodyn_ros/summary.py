@@ -30,8 +30,8 @@ def _row(name: str, document: dict[str, Any]) -> str:
     measured, predicted = document["sensors"].get(name), document["predicted"].get(name)
     residual = document["residual"].get(name)
     cells = [
-        f"{measured['aw_mps2']:9.3f}{_vdv(measured)}" if measured else f"{'-':>9s}{'-':>11s}",
-        f"{predicted['aw_mps2']:12.3f}{_vdv(predicted)}" if predicted else f"{'-':>12s}{'-':>11s}",
+        f"{_aw(measured):>9s}{_vdv(measured):>11s}" if measured else f"{'-':>9s}{'-':>11s}",
+        f"{_aw(predicted):>12s}{_vdv(predicted):>11s}" if predicted else f"{'-':>12s}{'-':>11s}",
         f"{residual['rms_mps2']:15.3f}" if residual else f"{'-':>15s}",
         f"{residual['nrmse_rms_percent']:9.2f}"
         if residual and residual["nrmse_rms_percent"] is not None
@@ -40,13 +40,17 @@ def _row(name: str, document: dict[str, Any]) -> str:
     return f"{name:14s}" + "".join(cells)
 
 
+def _aw(figures: dict[str, Any]) -> str:
+    """A mean is a lower bound where samples are clipped, not where some are missing."""
+    return f"{'>=' if figures['clipped_samples'] > 0 else ''}{figures['aw_mps2']:.3f}"
+
+
 def _vdv(figures: dict[str, Any]) -> str:
-    """A dose may be a lower bound; a mean is none."""
-    return f"{_bound(figures):>3s}{figures['vdv_mps175']:8.3f}"
+    return f"{'>=' if figures['lower_bound'] else ''}{figures['vdv_mps175']:.3f}"
 
 
 def _bound(figures: dict[str, Any]) -> str:
-    return ">=" if figures["lower_bound"] else ""
+    return ">= " if figures["lower_bound"] else ""
 
 
 def _seat_lines(document: dict[str, Any]) -> list[str]:

@@ -25,9 +25,8 @@ from biodyn_ros.events import check_bags, read_events
 from biodyn_ros.files import make_directory, write_json, write_text
 from biodyn_ros.fit_json import Prepared, warnings_of
 from biodyn_ros.progress import Tell
-from biodyn_ros.provenance import role_of
+from biodyn_ros.provenance import MADE_BY_MODEL, role_of, without_note
 from biodyn_ros.recordings import RecordingOptions, case_of
-from biodyn_ros.simulate import MADE_BY_MODEL
 from biodyn_ros.trace_json import origin, provenance, trace_document
 from biodyn_ros.work import Watch, Work
 
@@ -166,9 +165,7 @@ def _dealt(train: Sequence[Bag], held_out: Sequence[str]) -> str:
 
 def _warnings(prepared: Sequence[Prepared]) -> list[str]:
     """What is to be said of the bags; what holds for many in the same words is said once."""
-    said = warnings_of(prepared)
-    rest = [line for line in said if not line.endswith(MADE_BY_MODEL)]
-    made = len(said) - len(rest)
+    made, rest = without_note(warnings_of(prepared))
     return [f"{made} of {len(prepared)} recordings: {MADE_BY_MODEL}", *rest] if made else rest
 
 

@@ -85,15 +85,19 @@ def over_frequency(events: Sequence[Event]) -> Any | None:
     return drawn(_WIDTH_IN, 2.6, fill)
 
 
+def of_one_rate(events: Sequence[Event]) -> list[Event]:
+    """The events of the first one's rate: one spectrum needs one rate."""
+    return [event for event in events if abs(event.rate_hz / events[0].rate_hz - 1.0) < SAME_RATE]
+
+
 def residual_spectra(events: Sequence[Event]) -> tuple[Floats, Floats] | None:
     """Frequencies (f,) and densities (3, f, 5) of measured, residual before and after, (m/s^2)^2/Hz; None if short."""
     if not events:
         return None
     rate_hz = events[0].rate_hz
-    alike = [event for event in events if abs(event.rate_hz / rate_hz - 1.0) < SAME_RATE]
     settings = SpectrumSettings(segment_s=1.0, lowest_hz=2.0, highest_hz=min(_MOST_HZ, 0.45 * rate_hz))
     parts = []
-    for event in alike:
+    for event in of_one_rate(events):
         measured, before, after = _of(event)
         # What goes in is of no matter: only the spectra of what comes out are asked for.
         parts.append((np.zeros(len(measured)), np.hstack([measured, before - measured, after - measured])))

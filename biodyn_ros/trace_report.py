@@ -8,10 +8,10 @@ from biodyn_core.effects import CATALOGUE
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.tracing.findings import Event, Round, Trace
 from biodyn_ros.report import check_reports, render
-from biodyn_ros.trace_drawings import RUNGS, ladder, over_frequency, over_time, surface_map
+from biodyn_ros.trace_drawings import RUNGS, ladder, of_one_rate, over_frequency, over_time, surface_map
 from biodyn_ros.trace_json import event_document
 from biodyn_ros.trace_text import USES
-from biodyn_ros.trace_wording import TONE, because, belief, diagnosed, effect_name, grouped, headline, parameters_of
+from biodyn_ros.trace_wording import because, belief, diagnosed, effect_name, grouped, headline, parameters_of, tone
 from biodyn_ros.wording import number, parameter_name
 
 Document = dict[str, Any]
@@ -31,7 +31,7 @@ def trace_page(document: Document, trace: Trace) -> str:
     return render(
         "trace.html.j2",
         document=document,
-        tone=TONE[document["verdict"]],
+        tone=tone(document),
         headline=headline(document),
         belief=belief(document),
         reasons=because(document),
@@ -46,6 +46,7 @@ def trace_page(document: Document, trace: Trace) -> str:
         moved=_moved(document),
         worst=worst,
         compared=len(compared),
+        drawn=len(of_one_rate(compared)),
         time_svg=over_time(worst) if worst is not None else None,
         spectra_svg=over_frequency(compared),
         ladders=[(ladder(each), _objections(each)) for each in trace.rounds if each.ladder],

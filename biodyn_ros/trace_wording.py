@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from biodyn_core.effects import CATALOGUE, EffectParameter
 from biodyn_core.segments import SEAT, SEGMENTS
+from biodyn_ros.provenance import without_note
 from biodyn_ros.wording import number, parameter_name, sentence, words
 
 Document = dict[str, Any]
@@ -71,6 +72,12 @@ def belief(document: Document) -> str:
 def because(document: Document) -> list[str]:
     """The reasons of the verdict; what is lacking is listed by itself."""
     return [reason for reason in document["reasons"] if reason not in document["lacking"]]
+
+
+def tone(document: Document) -> str:
+    """The colour of the verdict; green for nothing that the model itself made."""
+    found, (made, _) = TONE[document["verdict"]], without_note(document.get("warnings", []))
+    return "none" if made and found == "good" else found
 
 
 TONE: Final = {"effect": "good", "ambiguous": "warn", "none": "good", "unexplained": "bad", "not_decidable": "none"}

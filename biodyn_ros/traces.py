@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.pipeline import HEAD, Frames
-from biodyn_core.segments import N_SEGMENTS, N_SENSORS, SEAT, SENSORS
+from biodyn_core.pipeline import Frames
+from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 from biodyn_ros.replay_spectra import ReplaySpectra
 
 Floats = NDArray[np.float64]
@@ -93,6 +93,12 @@ class Traces:
         self._digest()
         return self._measured.envelope
 
+    @property
+    def first_ns(self) -> int:
+        """The earliest stamp; 0 where nothing came."""
+        self._digest()
+        return min((s.first_ns for s in (self._predicted, self._measured) if s.first_ns is not None), default=0)
+
     def event(self) -> Event | None:
         """What surrounds the strongest instant; None where seat and head gave no number."""
         self._digest()
@@ -142,6 +148,7 @@ class _Stream:
         self._accel_mps2: list[Floats] = []
         self._recent: tuple[Integers, Floats] = np.empty(0, dtype=np.int64), np.empty((0, channels))
         self.waiting = 0
+        self.first_ns: int | None = None
         none = np.empty((0, channels))
         self.envelope = Envelope(ENVELOPE_BIN_NS, np.empty(0, dtype=np.int64), none, none)
 
@@ -161,6 +168,8 @@ class _Stream:
             return self._recent[0][:0], self._recent[1][:0]
         stamps_ns, accel_mps2 = np.concatenate(self._stamps_ns), np.concatenate(self._accel_mps2)
         self._stamps_ns, self._accel_mps2, self.waiting = [], [], 0
+        first_ns = int(stamps_ns.min())
+        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
         self.envelope = _widened(self.envelope, stamps_ns, accel_mps2)
         old_ns, old = self._recent
         recent_ns, recent = np.concatenate([old_ns, stamps_ns]), np.concatenate([old, accel_mps2])

@@ -36,9 +36,8 @@ from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
 from biodyn_ros.files import make_directory, write_json
-from biodyn_ros.provenance import Role, bag_sha256, role_of
+from biodyn_ros.provenance import MADE_BY_MODEL, Role, bag_sha256, role_of, without_note
 from biodyn_ros.recordings import RecordingOptions, read_recordings
-from biodyn_ros.simulate import MADE_BY_MODEL
 from biodyn_ros.spectra_json import array, power_document, spectra_document, transmissibility_document
 from biodyn_ros.validation_findings import ValidationSettings, findings, verdict
 
@@ -163,7 +162,7 @@ def validate_recordings(
     measured = cross_spectra([(e.seat[e.begin :], e.measured[e.begin :]) for e in events], rate_hz, options.spectra)
     predicted = cross_spectra([(e.seat[e.begin :], e.predicted[e.begin :]) for e in events], rate_hz, options.spectra)
     responses = [event.response for event in events]
-    warnings = list(dict.fromkeys(line for recording in recordings for line in recording.warnings))
+    made, rest = without_note(dict.fromkeys(line for recording in recordings for line in recording.warnings))
     document: Document = {
         "bag": bag or recordings[0].name,
         "case": recordings[0].case,
@@ -183,10 +182,10 @@ def validate_recordings(
         "stht": _stht(measured, predicted, subject, options.limits),
         "driving_point": _driving_point(subject, responses, measured.frequency_hz, options),
         "exposure": _exposure(events, rate_hz),
-        "warnings": [line for line in warnings if line != MADE_BY_MODEL],
+        "warnings": rest,
         "version": __version__,
     }
-    if MADE_BY_MODEL in warnings:
+    if made:
         document["bag_made_by_model"] = MADE_BY_MODEL
     document["findings"] = list(findings(document, options.limits))
     document["verdict"] = verdict(document["findings"])
@@ -202,6 +201,7 @@ def _errors(events: Sequence[_Event], rate_hz: float) -> Document:
     predicted = np.concatenate([event.predicted[event.begin :] for event in events])
     segments = {name: _error(predicted[:, i], measured[:, i], rate_hz) for name, i in _measured_columns()}
     known = [error["nrmse_rms_percent"] for error in segments.values() if error]
+    known = [percent for percent in known if percent is not None]  # a segment that did not move has no share
     return {"segments": segments, "mean_nrmse_rms_percent": sum(known) / len(known) if known else None}
 
 

@@ -36,7 +36,8 @@ def _row(name: str, document: Document) -> str:
         return f"{words(name):<15} not measured"
     pairs = [(doses["measured"][key], doses["predicted"][key]) for key in ("aw_mps2", "vdv_mps175")]
     bound = ">= " if doses["lower_bound"] else ""
-    (aw, aw_model), (vdv, vdv_model) = ((bound + number(a), bound + number(b)) for a, b in pairs)
+    (aw, aw_model), (vdv, vdv_model) = ((number(a), number(b)) for a, b in pairs)
+    vdv, vdv_model = bound + vdv, bound + vdv_model  # a mean is no bound for want of samples
     by_rms, by_range = (number(error[f"nrmse_{kind}_percent"]) + " %" for kind in ("rms", "range"))
     return f"{words(name):<15} {by_rms:>9}  {by_range:>11}  {aw:>18} {aw_model:>9}  {vdv:>22} {vdv_model:>9}"
 

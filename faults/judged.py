@@ -12,7 +12,7 @@ import numpy as np
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.health import OK
 from faults.drive import Driven, drive, seconds_of
-from faults.ride import SECONDS, ride
+from faults.ride import RATE_HZ, SECONDS, ride
 from faults.stamps import Fault
 
 WITHIN_S: Final = 2.0
@@ -60,7 +60,7 @@ def judged(fault: Fault, sensor: str) -> Row:
         *([f"not normal {WITHIN_S:g} s after it"] if not fault.lasts and recovered is None else []),
     )
     said = next((m for m in _messages(driven, sensor) if any(word in m for word in fault.says)), "")
-    return Row(fault.name, sensor, said, recovered, driven.pipeline.missing_s(sensor), wrong)
+    return Row(fault.name, sensor, said, recovered, driven.pipeline.lost(sensor).missing_s, wrong)
 
 
 def _messages(driven: Driven, sensor: str) -> list[str]:
@@ -79,14 +79,14 @@ def _about_others(driven: Driven, sensor: str) -> Iterator[str]:
         said = {message for message in said if "waiting for rest" not in message and "no message" not in message}
         if name != sensor and said:
             yield f"{name} is blamed: {sorted(said)}"
-        if name != sensor and driven.pipeline.missing_s(name) > 0.0:
-            yield f"{name} is called missing for {driven.pipeline.missing_s(name):.3f} s"
+        if name != sensor and driven.pipeline.lost(name).missing_s > 0.0:
+            yield f"{name} is called missing for {driven.pipeline.lost(name).missing_s:.3f} s"
 
 
 def _missed(driven: Driven, sensor: str, fault: Fault) -> Iterator[str]:
     """What is missing is said, and nothing that is not."""
     low, high = fault.missing_s
-    found = driven.pipeline.missing_s(sensor)
+    found = driven.pipeline.lost(sensor).missing_s
     if not low <= found <= high + 0.02:
         yield f"{found:.3f} s are called missing, {low:g} to {high:g} are"
 
@@ -111,7 +111,7 @@ def _wrong_numbers(driven: Driven, sensor: str, fault: Fault, end_s: float) -> I
     elif not fault.lasts and fault.compared:
         time_s = seconds_of(found.stamps_ns)
         late = (time_s > end_s + WITHIN_S) & (time_s < SECONDS)
-        if late.sum() < 0.9 * (SECONDS - end_s - WITHIN_S) * 1129.3:
+        if late.sum() < 0.9 * (SECONDS - end_s - WITHIN_S) * RATE_HZ:
             yield f"{late.sum()} predictions after recovery"
         apart = np.abs(_at(found, time_s[late]) - _at(clean, time_s[late])).max(initial=0.0)
         if apart > NEAR_MPS2:
@@ -138,15 +138,14 @@ def _wrong_doses(driven: Driven, sensor: str, fault: Fault) -> Iterator[str]:
     """Never more than was there, but for what clipping and jitter make of it; without losses as much."""
     clean, found = unspoilt().pipeline.exposure(), driven.pipeline.exposure()
     for name, dose in found.sensors.items():
-        whole = clean.sensors[name]
+        whole, bound = clean.sensors[name], driven.pipeline.lost(name).lower_bound
         if not np.isfinite([dose.vdv_mps175, dose.aw_mps2, dose.peak_mps2]).all():
             yield f"{name}: a dose that is no number"
         if name == sensor and not fault.exact:
-            if not driven.pipeline.lower_bound(name) and not fault.says and dose.vdv_mps175 > 1.1 * whole.vdv_mps175:
+            if not bound and not fault.says and dose.vdv_mps175 > 1.1 * whole.vdv_mps175:
                 yield f"{name}: VDV {dose.vdv_mps175:.3f}, {whole.vdv_mps175:.3f} without the fault, and no word of it"
             continue
         if dose.vdv_mps175 > (1.0 + AS_GOOD) * whole.vdv_mps175:
             yield f"{name}: VDV {dose.vdv_mps175:.4f}, {whole.vdv_mps175:.4f} without the fault"
-        lost = driven.pipeline.lower_bound(name)
-        if not lost and dose.vdv_mps175 < (1.0 - AS_GOOD) * whole.vdv_mps175:
+        if not bound and dose.vdv_mps175 < (1.0 - AS_GOOD) * whole.vdv_mps175:
             yield f"{name}: VDV {dose.vdv_mps175:.4f}, {whole.vdv_mps175:.4f} without the fault, and no lower bound"

@@ -216,6 +216,7 @@ def test_damaged_rows_cost_only_themselves(tmp_path: Path) -> None:
     assert document["sensors"]["seat"]["samples"] == 200 - 5 and document["sensors"]["head"]["samples"] == 200 - 3
     (row,) = document["files"]
     assert row["ragged_rows"] == 1 and row["cut"]
+    assert row["untimed_rows"] == 1 and row["cells_no_number"] == 2  # #REF!, and the frame that is no number
     assert any(f"first in line {at + 21}" in line for line in document["warnings"])
 
 

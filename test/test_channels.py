@@ -470,6 +470,16 @@ def test_a_seat_without_a_gyro_does_not_pitch(tmp_path: Path) -> None:
     np.testing.assert_array_equal(still.accel_mps2, pitching.accel_mps2)
 
 
+def test_a_seat_motion_of_readings_that_are_none_is_refused(tmp_path: Path) -> None:
+    def spoil(stamps, samples, rates):
+        samples[[5, 7], 2] = np.nan
+        return stamps, samples, rates
+
+    streams = changed(of_model(noisy_streams(4.0)), "seat", spoil)
+    with pytest.raises(InputError, match=r"imu/seat/data: readings that are not finite: 2"):
+        read_seat_motion(bag_of(tmp_path / "a.mcap", streams), None, {})
+
+
 # --- a world that is not ours ----------------------------------------------------------------------------------------
 
 

@@ -38,8 +38,9 @@ def test_a_run_that_goes_on_is_one_run_with_a_gap() -> None:
         assert other.sensors[name].vdv_mps175 == pytest.approx(one.sensors[name].vdv_mps175, rel=2e-3)
         assert other.sensors[name].aw_mps2 == pytest.approx(one.sensors[name].aw_mps2, rel=2e-3)
         assert other.sensors[name].seconds == pytest.approx(one.sensors[name].seconds, abs=0.01)
-        assert second.missing_s(name) == pytest.approx(whole.missing_s(name), abs=0.01) and second.lower_bound(name)
-        assert second.missing_s(name) == pytest.approx(8 * 140 / RATE_HZ, abs=0.01)
+        lost = second.lost(name)
+        assert lost.missing_s == pytest.approx(whole.lost(name).missing_s, abs=0.01) and lost.lower_bound
+        assert lost.missing_s == pytest.approx(8 * 140 / RATE_HZ, abs=0.01)
         assert other.also["Wb"][name].vdv_mps175 == pytest.approx(one.also["Wb"][name].vdv_mps175, rel=2e-3)
     for name, dose in one.predicted.items():
         assert other.predicted[name].vdv_mps175 == pytest.approx(dose.vdv_mps175, rel=5e-3), name
@@ -73,14 +74,14 @@ def test_after_a_minute_rest_is_looked_for_anew() -> None:
         for sensor, stamps_ns, accel in late:
             second.push(sensor, stamps_ns[at : at + 140], accel[at : at + 140])
     assert second.status(SEAT).uncounted_s == pytest.approx(0.8, abs=0.01)
-    assert second.missing_s(SEAT) == pytest.approx(70.0 + 10.0 - len(streams[0].stamps_ns) / RATE_HZ, abs=0.05)
+    assert second.lost(SEAT).missing_s == pytest.approx(70.0 + 10.0 - len(streams[0].stamps_ns) / RATE_HZ, abs=0.05)
 
 
 def test_a_sensor_that_does_not_come_back_keeps_its_figures_and_is_missing() -> None:
     whole, second = parted(40 * 140, 48 * 140, ("neck",))
     one, other = whole.exposure().sensors["neck"], second.exposure().sensors["neck"]
     assert other.vdv_mps175 == pytest.approx(one.vdv_mps175, rel=1e-9)
-    assert second.missing_s("neck") == pytest.approx(whole.missing_s("neck"), abs=0.01)
+    assert second.lost("neck").missing_s == pytest.approx(whole.lost("neck").missing_s, abs=0.01)
     # And the next run but one knows it still.
     again = second.kept(BELONGS).sensors["neck"]
     np.testing.assert_allclose(again.meters["vertical"], whole.kept(BELONGS).sensors["neck"].meters["vertical"])
@@ -89,7 +90,7 @@ def test_a_sensor_that_does_not_come_back_keeps_its_figures_and_is_missing() -> 
 def test_reset_forgets_what_was_before_the_restart_too() -> None:
     _, second = parted(40 * 140, 48 * 140)
     second.reset()
-    assert second.missing_s(SEAT) == 0.0 and second.exposure().sensors[SEAT].seconds == 0.0
+    assert second.lost(SEAT).missing_s == 0.0 and second.exposure().sensors[SEAT].seconds == 0.0
     waiting = Pipeline(subject())
     waiting.go_on_from(second.kept(BELONGS))
     waiting.reset()

@@ -15,12 +15,13 @@ from hypothesis import strategies as st
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, DoseMeter, HorizontalMeter
 from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
+from biodyn_core.keeping import NOTHING_LOST, Lost
 from biodyn_core.limits import EU_LIMITS, Limits, LimitSet, load_limits
 
 SHIPPED = Path(__file__).parents[1] / "config" / "limits.yaml"
 EU, ISO = EU_LIMITS.deciding, EU_LIMITS.beside[0]
 HOUR = 3600.0
-COMPLETE = Grounds(missing_s=0.0, clipped_samples=0, masked_s=0.0, silent=False, gravity_mps2=9.81, fault=None)
+COMPLETE = Grounds(NOTHING_LOST, silent=False, gravity_mps2=9.81, fault=None)
 
 
 class Plane:
@@ -49,8 +50,9 @@ def judge(
     project=False,
     **grounds,
 ) -> SeatExposure:
-    """The seat against the limits, by a complete record where no other grounds are given."""
-    given_grounds = dataclasses.replace(COMPLETE, **grounds)
+    """The seat against the limits, by a complete record where no other grounds, or losses, are given."""
+    lost = NOTHING_LOST._replace(**{name: grounds.pop(name) for name in Lost._fields if name in grounds})
+    given_grounds = dataclasses.replace(COMPLETE, lost=lost, **grounds)
     return seat_exposure(vertical, plane or Plane(), yaw_rad, limits, given_grounds, project)
 
 
@@ -126,8 +128,18 @@ def test_each_measure_has_its_axis_and_the_governing_ones_is_named():
 
 def test_the_missing_seconds_have_passed_as_well():
     # 0.5 m/s^2 lasts eight hours. Of one hour 18 s were not measured: seven hours are left, not seven and 18 s.
-    seat = judge(upward(0.5, 1.0, HOUR - 18.0), missing_s=18.0)
+    seat = judge(upward(0.5, 1.0, HOUR - 18.0), absent_s=18.0)
     assert seat.time_to_action_value_s == pytest.approx(7.0 * HOUR)
+
+
+def test_what_was_interpolated_was_counted_and_is_not_taken_off_once_more():
+    # Two hours' worth of the action value in an hour: of one hour counted, an hour is left, whatever was interpolated.
+    seat = judge(upward(1.0, 1.0, HOUR), filled_s=18.0)
+    assert seat.time_to_action_value_s == pytest.approx(HOUR, rel=1e-12)
+    assert seat.lower_bound and seat.withheld is None
+    # One percent of the time that passed, which is what was counted.
+    assert judge(upward(0.1, 1.0, 3600.0), filled_s=36.0).zone == "below_action_value"
+    assert judge(upward(0.1, 1.0, 3600.0), filled_s=36.01).zone == "undecided"
 
 
 # --- yaw and horizontal data -----------------------------------------------------------------------------------------
@@ -194,9 +206,9 @@ def test_below_the_action_values_needs_a_complete_record():
 @pytest.mark.parametrize(
     ("grounds", "because"),
     [
-        ({"clipped_samples": 1}, "1 sample is clipped"),
-        ({"missing_s": 40.0}, "40 s are missing at the seat, more than 1 %"),
-        ({"masked_s": 2.0, "missing_s": 2.0}, "2 s of the seat's readings do not change"),
+        ({"clipped": 1}, "1 sample is clipped"),
+        ({"absent_s": 40.0}, "40 s are missing at the seat, more than 1 %"),
+        ({"flat_s": 2.0}, "2 s of the seat's readings do not change"),
         ({"silent": True}, "fallen silent"),
         ({"fault": "no power"}, "no power"),
         ({"gravity_mps2": 7.8}, "reads 7.80 m/s^2 for gravity"),
@@ -222,7 +234,7 @@ def test_without_grounds_nothing_is_called_below(grounds, because, limits):
 @example(0.1, 1.0, 3600.0, 0.0, 0, False, 1e-3)
 def test_a_bound_never_gives_green(aw, vdv, seconds, missing, clipped, silent, plane):
     seat = judge(
-        upward(aw, vdv, seconds), Plane((plane, plane), (plane, plane)), missing_s=missing, clipped_samples=clipped,
+        upward(aw, vdv, seconds), Plane((plane, plane), (plane, plane)), absent_s=missing, clipped=clipped,
         silent=silent,
     )  # fmt: skip
     assert len(seat.zone_reason) > 20
@@ -235,14 +247,14 @@ def test_a_bound_never_gives_green(aw, vdv, seconds, missing, clipped, silent, p
 
 
 def test_exactly_one_percent_missing_is_allowed_and_a_little_more_is_not():
-    assert judge(upward(0.1, 1.0, 3564.0), missing_s=36.0).zone == "below_action_value"
-    assert "36 s are missing, within the 1 % allowed" in judge(upward(0.1, 1.0, 3564.0), missing_s=36.0).zone_reason
-    assert judge(upward(0.1, 1.0, 3564.0), missing_s=36.01).zone == "undecided"
+    assert judge(upward(0.1, 1.0, 3564.0), absent_s=36.0).zone == "below_action_value"
+    assert "36 s are missing, within the 1 % allowed" in judge(upward(0.1, 1.0, 3564.0), absent_s=36.0).zone_reason
+    assert judge(upward(0.1, 1.0, 3564.0), absent_s=36.01).zone == "undecided"
 
 
 def test_what_the_missing_seconds_would_have_reached_is_not_called_below():
     # 0.5 m/s^2 for eight hours less 36 s that are missing: 0.4997 so far, 0.5 if they were like the rest.
-    seat = judge(upward(0.5, 1.0, 8.0 * HOUR - 36.0), missing_s=36.0)
+    seat = judge(upward(0.5, 1.0, 8.0 * HOUR - 36.0), absent_s=36.0)
     assert seat.a8_so_far_mps2 < 0.5
     assert seat.zone == "undecided" and "if the 36 s missing were like the rest" in seat.zone_reason
     assert seat.time_to_action_value_s == pytest.approx(0.0, abs=1e-6)
@@ -273,7 +285,7 @@ def test_the_sets_beside_are_judged_by_their_own_values():
 # --- times -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("grounds", [{"clipped_samples": 1}, {"missing_s": 40.0}])
+@pytest.mark.parametrize("grounds", [{"clipped": 1}, {"absent_s": 40.0}])
 @pytest.mark.parametrize("vdv", [5.0, 30.0])
 def test_times_and_projections_are_withheld_where_samples_are_missing_or_clipped(grounds, vdv):
     seat = judge(upward(1.0, vdv, HOUR), project=True, **grounds)
@@ -309,7 +321,7 @@ def test_more_exposure_never_leaves_more_time(aw, vdv, seconds, louder, harsher,
     less = judge(upward(aw, vdv, seconds))
     more = judge(
         upward(louder * aw, harsher * vdv, seconds), Plane((sideways * aw + 1e-3, 1e-3), (1e-3, 1e-3)),
-        missing_s=missing * seconds,
+        absent_s=missing * seconds,
     )  # fmt: skip
     order = ["below_action_value", "undecided", "above_action_value", "above_limit_value"]
     for of_more, of_less in zip((more, *more.beside), (less, *less.beside), strict=True):

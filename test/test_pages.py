@@ -35,15 +35,16 @@ from biodyn_ros import fit_report, validate_report
 from biodyn_ros import validate as validating
 from biodyn_ros.campaign import fit_campaign, write_campaign_page
 from biodyn_ros.campaign_file import load_campaign
-from biodyn_ros.campaign_report import campaign_page
+from biodyn_ros.campaign_report import campaign_page, judge_campaign
 from biodyn_ros.cli import main
 from biodyn_ros.fit import FitOptions, Fitted, fit_bags, write_fit_page, write_fitted
 from biodyn_ros.fit_drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
 from biodyn_ros.fit_report import doubts, fit_events, fit_page, judge_fit
 from biodyn_ros.frequency_drawings import driving_point, residual_channels, transmissibility, waterfall
+from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.report import frequency_parts, render
 from biodyn_ros.resources import subject_file
-from biodyn_ros.simulate import MADE_BY_MODEL, motion_of_cases, simulate_bag
+from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.traces import Traces
 from biodyn_ros.validate import Validated, validate_recordings, validate_to_directory
 from biodyn_ros.validate_report import residual_waterfall, strongest_event, tone, validation_page, worst_segment
@@ -228,7 +229,7 @@ def page(fitted: Fitted) -> str:
 def test_a_fit_says_the_numbers_of_its_document(fitted: Fitted, page: str) -> None:
     text, document = Page(page).text, fitted.document
     held_out = document["held_out"][0]["joint"]
-    assert f"Predicts events it was not fitted to within {number(held_out['mean'])} % of their rms" in text
+    assert f"not fitted to with a mean error of {number(held_out['mean'])} % of their rms" in text
     assert " ".join(["joint", *map(number, held_out["nrmse_rms"].values()), number(held_out["mean"])]) in text
     for name, of in document["intervals"].items():
         if not of["at_bound"]:
@@ -429,6 +430,22 @@ def test_the_page_of_a_campaign_has_every_subject(fitted: Fitted, tmp_path: Path
     with pytest.raises(InputError, match=r"ben\.fit\.json: is no fit\.json of ours"):
         campaign_page(document, tmp_path)
     assert subjects([]) is not None
+
+
+@pytest.mark.parametrize(
+    ("tones", "tone"),
+    [(("good", "good"), "good"), (("good", "none"), "none"), (("warn", "none"), "warn"), (("bad", "good"), "bad")],
+)
+def test_a_campaign_is_no_greener_than_its_subjects(tones: tuple[str, str], tone: str) -> None:
+    done = {"state": "done", "mean_error_percent": 2.5}
+    names = ("anna", "ben")
+    document = {"subjects": [row(name, **done) for name in names]}
+    of = dict(zip(names, tones, strict=True))
+    found = judge_campaign(document, dict.fromkeys(names, 3.0), of)
+    assert found.tone == tone
+    assert any("badly: anna" in line for line in found.reasons) == ("bad" in tones)
+    document["subjects"].append(row("carl", state="failed"))
+    assert judge_campaign(document, dict.fromkeys(names, 3.0), of).tone == "bad"
 
 
 def test_a_page_that_cannot_be_drawn_costs_no_subject(

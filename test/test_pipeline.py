@@ -142,9 +142,9 @@ def test_a_dead_sensor_leaves_a_hole_and_nothing_else_changes() -> None:
     others = [column for column, name in enumerate(SENSORS) if name != "neck"]
     np.testing.assert_array_equal(dead.measured[:, others], whole.measured[:, others])
     # What was not recorded is missing, though no later sample of the sensor ever said so.
-    assert dead.pipeline.missing_s("neck") == pytest.approx((len(streams[4].stamps_ns) - 1960) / 1129.3, abs=0.01)
-    assert dead.pipeline.lower_bound("neck")
-    assert whole.pipeline.missing_s("neck") == 0.0
+    assert dead.pipeline.lost("neck").missing_s == pytest.approx((len(streams[4].stamps_ns) - 1960) / 1129.3, abs=0.01)
+    assert dead.pipeline.lost("neck").lower_bound
+    assert whole.pipeline.lost("neck").missing_s == 0.0
     neck = dead.measured[:, SENSORS.index("neck")]
     assert np.isnan(neck[1500:]).all()
     assert not np.isnan(neck[10:800]).any()
@@ -179,8 +179,8 @@ def test_a_gap_of_the_seat_restarts_the_model_and_says_what_is_missing() -> None
     assert len(gap) == 1
     # The chain starts from rest behind the gap: its first answer is no acceleration at all.
     np.testing.assert_array_equal(result.predicted[gap[0] + 1], np.zeros(6))
-    assert result.pipeline.missing_s(SEAT) == pytest.approx(300 / 1129.3, abs=2e-3)
-    assert result.pipeline.lower_bound(SEAT)
+    assert result.pipeline.lost(SEAT).missing_s == pytest.approx(300 / 1129.3, abs=2e-3)
+    assert result.pipeline.lost(SEAT).lower_bound
     assert result.pipeline.seat().time_to_action_value_s is None
 
 
@@ -237,14 +237,29 @@ def test_reset_forgets_what_made_figures_lower_bounds() -> None:
     pipeline = Pipeline(subject())
     for name, a, b in cuts:
         if (name, a) == (SEAT, 2800):
-            assert pipeline.lower_bound(SEAT) and pipeline.clipped(SEAT) == 1
-            assert pipeline.missing_s(SEAT) == pytest.approx(300 / 1129.3, abs=2e-3)
+            assert pipeline.lost(SEAT).lower_bound and pipeline.lost(SEAT).clipped == 1
+            assert pipeline.lost(SEAT).missing_s == pytest.approx(300 / 1129.3, abs=2e-3)
             pipeline.reset()
         accel = seat if name == SEAT else by_name[name].accel_mps2
         pipeline.push(name, by_name[name].stamps_ns[a:b], accel[a:b])
-    assert not pipeline.lower_bound(SEAT)
-    assert (pipeline.clipped(SEAT), pipeline.missing_s(SEAT)) == (0, 0.0)
+    assert not pipeline.lost(SEAT).lower_bound
+    assert (pipeline.lost(SEAT).clipped, pipeline.lost(SEAT).missing_s) == (0, 0.0)
     assert pipeline.status(SEAT).clipped == 1  # the diagnostics go on counting
+
+
+@pytest.mark.parametrize("ppm", [-30.0, 30.0])
+def test_reset_forgets_samples_that_were_interpolated_whichever_way_the_clock_runs(ppm: float) -> None:
+    streams = noisy_streams(8.0)
+    jitter = np.random.default_rng(2).normal(0.0, 3e4, streams[0].stamps_ns.size).astype(np.int64)
+    seat = streams[0]
+    drifted = START_NS + np.rint((seat.stamps_ns - START_NS) * (1.0 + 1e-6 * ppm)).astype(np.int64) + jitter
+    left = ~np.isin(np.arange(seat.stamps_ns.size), np.arange(3000, 3020))
+    pipeline = Pipeline(subject())
+    pipeline.push(SEAT, drifted[left][:5000], seat.accel_mps2[left][:5000])
+    assert pipeline.status(SEAT).filled == 20 and pipeline.lost(SEAT).lower_bound
+    pipeline.reset()
+    pipeline.push(SEAT, drifted[left][5000:], seat.accel_mps2[left][5000:])
+    assert pipeline.status(SEAT).filled == 20 and not pipeline.lost(SEAT).lower_bound
 
 
 def test_a_sensor_that_joins_late_says_how_much_it_missed() -> None:
@@ -254,9 +269,9 @@ def test_a_sensor_that_joins_late_says_how_much_it_missed() -> None:
     # It came after the others, and then in motion: what passed until it was at rest is missing too.
     moving_s = pipeline.status(SEAT).unrested_s
     assert moving_s > 0.5 and pipeline.status("head").unrested_s == 0.0
-    assert pipeline.missing_s(SEAT) == pytest.approx(1400 / 1129.3 + moving_s, abs=0.01)
-    assert pipeline.lower_bound(SEAT)
-    assert pipeline.missing_s("head") == 0.0
+    assert pipeline.lost(SEAT).missing_s == pytest.approx(1400 / 1129.3 + moving_s, abs=0.01)
+    assert pipeline.lost(SEAT).lower_bound
+    assert pipeline.lost("head").missing_s == 0.0
     assert pipeline.seconds() == pytest.approx(len(streams[1].stamps_ns) / 1129.3, abs=2e-3)
 
 
@@ -268,7 +283,7 @@ def test_one_wild_stamp_is_no_duration() -> None:
     result = run(tuple(streams), in_turn(tuple(streams)))
     assert result.pipeline.seconds() == pytest.approx(len(stamps) / 1129.3, abs=2e-3)
     assert result.pipeline.status(SEAT).stray == 1
-    assert result.pipeline.missing_s(SEAT) == pytest.approx(1 / 1129.3, rel=1e-3)  # one sample, interpolated
+    assert result.pipeline.lost(SEAT).missing_s == pytest.approx(1 / 1129.3, rel=1e-3)  # one sample, interpolated
 
 
 def test_zero_phase_is_the_paper_s_filter_without_delay_for_any_cut() -> None:

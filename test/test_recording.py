@@ -23,8 +23,9 @@ from biodyn_core.recording import WARM_UP_S, Recorder, Recording, RecordingSetti
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import ImuStream, SensorSettings, load_case
 from biodyn_core.worn import LEFT_OF_AN_ERROR
+from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.recordings import RecordingOptions, case_of, read_recordings
-from biodyn_ros.simulate import MADE_BY_MODEL, simulate_bag
+from biodyn_ros.simulate import simulate_bag
 
 HEAD = MEASURED_SEGMENTS.index("head")
 REACH = round(0.0288 * RATE_HZ)

@@ -212,6 +212,17 @@ def test_bins_are_tenths_of_a_second_while_they_fit():
     assert traces_of().measured().width_ns == 100_000_000
 
 
+def test_times_count_from_the_first_instant_however_wide_the_bins_have_become():
+    traces = Traces()
+    stamps = START_NS + 777_777_777 + np.arange(2400) * 100_000_000  # four minutes, one instant in each bin
+    values = np.zeros((stamps.size, 6))
+    values[1000, 0] = 5.0
+    feed(traces, stamps, values, values, [])
+    assert traces.measured().width_ns > 100_000_000
+    assert traces.first_ns == stamps[0]
+    assert traces.event().peak_ns - traces.first_ns == 100_000_000_000
+
+
 def test_memory_is_flat_in_the_length_of_the_record():
     traces, most = Traces(), 0
     rng = np.random.default_rng(0)

@@ -170,5 +170,5 @@ def test_runs_that_begin_anew_and_a_sensor_that_dies_leave_plain_numbers(leap_s)
         shifted = [replace(stream, stamps_ns=stream.stamps_ns + shift_ns) for stream in streams]
         ride.drive(shifted, without={"head"} if lap == 2 else ())
     assert ride.snapshots[-1]["seat"]["counted_s"] > 15.0
-    assert ride.pipeline.missing_s("head") > 3.0
+    assert ride.pipeline.lost("head").missing_s > 3.0
     json.dumps(exposure_document(ride.pipeline, "", 1.0, []), allow_nan=False)

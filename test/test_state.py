@@ -88,7 +88,7 @@ def signed(text: str) -> str:
     ("spoil", "why"),
     [
         (lambda text: text[:100], "is damaged, it is no JSON"),
-        (lambda text: text.replace('"schema": 1', '"schema": 7'), "schema is 7, this version reads 1"),
+        (lambda text: text.replace('"schema": 2', '"schema": 7'), "schema is 7, this version reads 2"),
         (lambda text: "{}", "has the keys "),
         (lambda text: signed(text.replace(BELONGS["subject"], "somebody")), "it is of other subject"),
         (lambda text: signed(text.replace(BELONGS["sensors"], "others")), "it is of other sensors"),

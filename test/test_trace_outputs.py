@@ -35,15 +35,15 @@ from biodyn_core.tracing.findings import (
     Verdict,
 )
 from biodyn_ros.cli import main
-from biodyn_ros.provenance import bag_sha256, role_of
+from biodyn_ros.provenance import MADE_BY_MODEL, bag_sha256, role_of
 from biodyn_ros.resources import subject_file
-from biodyn_ros.simulate import MADE_BY_MODEL, motion_of_cases, simulate_bag
+from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.trace import Stages, Traced, TraceOptions, check_directory, deal, trace_bags, write_traced
 from biodyn_ros.trace_drawings import residual_spectra, windowed
 from biodyn_ros.trace_json import PROOF, trace_document
 from biodyn_ros.trace_report import trace_page, worst_event
 from biodyn_ros.trace_text import text_of
-from biodyn_ros.trace_wording import belief, diagnosed, effect_name, headline, parameters_of
+from biodyn_ros.trace_wording import belief, diagnosed, effect_name, headline, parameters_of, tone
 
 SUBJECT = load_subject(subject_file("subject_1"))
 RATE_HZ = 200.0
@@ -459,6 +459,9 @@ def test_bags_become_cases_with_channels_and_their_roles(bags: dict[str, Path], 
     assert [line for line in traced.document["warnings"] if "made by the model" in line] == [
         f"3 of 3 recordings: {MADE_BY_MODEL}"
     ]
+    assert tone(traced.document | {"verdict": "none"}) == "none"  # no green for what the model itself made
+    assert tone(traced.document | {"verdict": "none", "warnings": []}) == "good"
+    assert tone(traced.document | {"verdict": "unexplained"}) == "bad"
     alone = trace_bags([bags["road"]], SUBJECT)
     assert "nothing is held out" in alone.document["dealt"] and heard["held_out"] == []
     named = trace_bags([bags["rail_1"]], SUBJECT, TraceOptions(held_out=(str(bags["road"]),)))

@@ -47,7 +47,7 @@ class CaptureU:
         gyro = scale_of(held.gyro_unit, GYRO_UNITS, str(self.path)) if held.gyro_unit else 1.0
         for read, rows in number_rows(self.path, 1, self.columns, self.width, damage, most_bytes):
             there = np.abs(rows[:, 0] - 0.5e6 * LATEST_S) < 0.5e6 * LATEST_S
-            damage.no_number += int((~there).sum())
+            damage.untimed += int((~there).sum())
             good = rows[there]
             stamps_ns = np.rint(good[:, 0]).astype(np.int64) * 1000
             rates = good[:, 4:7] * gyro if held.gyro_unit else None

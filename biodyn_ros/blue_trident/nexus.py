@@ -60,14 +60,14 @@ class Nexus:
         per_frame, first_index = 0, 0
         for read, rows in number_rows(self.path, self.skip_lines, columns, self.width, damage, most_bytes):
             good = _numbered(rows)
-            damage.no_number += len(rows) - len(good)
+            damage.untimed += len(rows) - len(good)
             if len(good) and not per_frame:
                 per_frame = int(good[:, 1].max()) + 1
                 first_index = int(good[0, 0] * per_frame + good[0, 1]) if start_ns else 0
             index = (good[:, 0] * per_frame + good[:, 1]).astype(np.int64) - first_index
             since_s = index / self.rate_hz
             kept = np.abs(since_s) < 0.5 * LATEST_S
-            damage.no_number += int((~kept).sum())
+            damage.untimed += int((~kept).sum())
             stamps_ns = start_ns + np.rint(1e9 * since_s[kept]).astype(np.int64)
             yield read, self._parts_of(good[kept], stamps_ns, at)
 

@@ -153,6 +153,7 @@ def _file(outcome: Outcome, export: Export) -> dict[str, Any]:
             for held in export.held
         ],
         "ragged_rows": damage.ragged if damage else 0,
+        "untimed_rows": damage.untimed if damage else 0,
         "cells_no_number": damage.no_number if damage else 0,
         "cut": bool(damage and damage.cut),
     }
@@ -212,6 +213,8 @@ def _damage_lines(path: Path, damage: Damage) -> list[str]:
     where = f", the first in line {damage.first_line}" if damage.first_line else ""
     if damage.ragged:
         lines.append(f"{path.name}: rows of a wrong number of cells, left out: {damage.ragged}{where}")
+    if damage.untimed:
+        lines.append(f"{path.name}: rows without a time that can be, left out: {damage.untimed}{where}")
     if damage.no_number:
         lines.append(f"{path.name}: cells that are no number that can be: {damage.no_number}{where}")
     if damage.cut:

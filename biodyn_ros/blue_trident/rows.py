@@ -29,10 +29,11 @@ _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 
 @dataclass
 class Damage:
-    """What was left out of a file: rows with too few or too many cells, cells that are no number, a line cut short."""
+    """What was left out of a file: ragged rows, rows of no usable time, cells that are no number, a line cut short."""
 
     ragged: int = 0
     no_number: int = 0
+    untimed: int = 0
     first_line: int | None = None
     cut: bool = False
 
