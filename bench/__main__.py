@@ -1,4 +1,4 @@
-"""`python -m bench [ode] [effects] [bag] [replay] [live] [fit]`: the marks beside their baselines; exits 0."""
+"""`python -m bench [ode] [effects] [bag] [replay] [live] [fit]`: the marks beside their baselines."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ def main(asked: list[str]) -> int:
     unknown = [name for name in asked if name not in NAMES]
     if unknown:
         print(f"bench: {', '.join(unknown)} is unknown, known are {', '.join(NAMES)}", file=sys.stderr)
+        return 2
     rows = []
     for name in [name for name in NAMES if name in asked or not asked]:
         print(f"bench: measuring {name}", file=sys.stderr, flush=True)

@@ -203,7 +203,9 @@ class _Meter:
         return self._tally.kept()
 
     def go_on_from(self, kept: Floats) -> None:
-        """Count on from what was kept."""
+        """Count on from what was kept; raises InputError for what no meter counts."""
+        if kept.min(initial=0.0) < 0.0:
+            raise InputError("kept with a sum of powers below zero")
         self._tally.go_on_from(kept)
 
 
@@ -269,6 +271,10 @@ class HorizontalMeter(_Meter):
         """Nothing was measured for that long."""
         self._tally.skip(seconds)
         self._weighting.restart()
+
+    def go_on_from(self, kept: Floats) -> None:
+        """Count on from what was kept; mixed moments of both axes may be below zero."""
+        self._tally.go_on_from(kept)
 
     def along(self, angles_rad: ArrayLike, rolling: bool = False) -> tuple[Floats, Floats]:
         """Return (aw m/s^2, VDV m/s^1.75) along directions (n,) from the first axis, each (n,)."""

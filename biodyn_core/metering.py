@@ -157,7 +157,10 @@ class SensorMeters:
 
 
 def go_on(meter: Meter, kept: Floats, name: str) -> None:
-    """Let a meter go on from what was kept; raises InputError where its rows are another meter's."""
+    """Let a meter go on from what was kept; raises InputError where its rows are another meter's, or nobody's."""
     if kept.shape != meter.kept().shape:
         raise InputError(f"{name}: kept as {kept.shape}, {meter.kept().shape} are needed")
-    meter.go_on_from(kept)
+    try:
+        meter.go_on_from(kept)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None

@@ -15,10 +15,10 @@ from typing import Any, Final
 from biodyn_core.errors import InputError
 from biodyn_ros import __version__
 from biodyn_ros.campaign_file import Campaign, Entry
-from biodyn_ros.checkpoint import keys_of, read_json
 from biodyn_ros.executors import as_done, result_of
-from biodyn_ros.files import make_directory, write_json, write_text
+from biodyn_ros.files import make_directory, write_text
 from biodyn_ros.fit import FitOptions, Fitted, fit_bags, json_beside, page_beside
+from biodyn_ros.json_files import keys_of, read_json, write_json
 from biodyn_ros.progress import Tell, silent
 from biodyn_ros.provenance import bag_sha256
 from biodyn_ros.recordings import case_of
@@ -173,7 +173,7 @@ class _Results:
                 raise InputError(f"expected schema {SCHEMA} and a list of subjects")
             finished = {row.name: row for row in map(_row, document["subjects"]) if row.state == "done"}
         except InputError as error:
-            raise InputError(f"{self.path}: {error}") from None
+            raise InputError(f"{self.path}: {error}; remove it to start anew") from None
         for entry in self._campaign.entries:
             output, row = self._output(entry), finished.get(entry.name)
             if row and output.is_file() and json_beside(output).is_file():

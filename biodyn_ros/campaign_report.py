@@ -7,10 +7,10 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from biodyn_core.errors import InputError
-from biodyn_ros.checkpoint import read_json
 from biodyn_ros.fit import json_beside
 from biodyn_ros.fit_drawings import MARKERS, estimates_of, subjects
 from biodyn_ros.fit_report import judge_fit
+from biodyn_ros.json_files import read_json
 from biodyn_ros.report import check_reports, render
 from biodyn_ros.verdict import Verdict
 from biodyn_ros.wording import number

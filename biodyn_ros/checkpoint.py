@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,14 +17,11 @@ from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.phase2 import Refined
 from biodyn_core.parameters import LOWER, N_PARAMETERS, UPPER
 from biodyn_ros import __version__
-from biodyn_ros.files import write_json
+from biodyn_ros.json_files import keys_of, read_json, write_json
 
 Result = Search | Refined
 
 SCHEMA: Final = 1
-LARGEST_BYTES: Final = 64 * 2**20
-"""Of a file that is read; 1000 results of 100 starts each take a third of it."""
-
 KINDS: Final[dict[str, type[Result]]] = {kind.__name__: kind for kind in (Search, Refined)}
 ROUNDING: Final = 1e-9
 """Logarithms and back may carry a value out of Table 1 by this share."""
@@ -77,7 +73,7 @@ class Checkpoint:
                 raise InputError(f"schema is {document['schema']!r}, this version reads {SCHEMA}")
             if document["version"] != __version__:
                 version = str(document["version"])[:40]
-                raise InputError(f"is of biodyn {version}, this is {__version__}; go on with that one, or remove it")
+                raise InputError(f"is of biodyn {version}, this is {__version__}; go on with that one")
             if document["problem"] != self._problem:
                 raise InputError(
                     "is of another problem: other recordings, subject, seed or settings; "
@@ -86,22 +82,7 @@ class Checkpoint:
             self._documents = keys_of(document["done"], "done")
             self._done = {name: decoded(item, name) for name, item in self._documents.items()}
         except InputError as error:
-            raise InputError(f"{self._path}: {error}") from None
-
-
-def read_json(path: Path) -> object:
-    """What a JSON file holds; raises InputError, without its name, for what is none or larger than `LARGEST_BYTES`."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(LARGEST_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})") from None
-    if len(data) > LARGEST_BYTES:
-        raise InputError(f"is larger than {LARGEST_BYTES // 2**20} MiB, so it is none of ours; remove it")
-    try:
-        return json.loads(data)
-    except (ValueError, RecursionError):  # JSON's own error and Unicode's are ValueErrors
-        raise InputError("is damaged, it is no JSON; remove it to start anew") from None
+            raise InputError(f"{self._path}: {error}; remove it to start anew") from None
 
 
 def encoded(result: Result) -> dict[str, Any]:
@@ -132,15 +113,6 @@ def decoded(document: object, where: str) -> Result:
         else:
             values[name] = Counter({cause: _count(n, f"{at}: {cause}") for cause, n in keys_of(value, at).items()})
     return _checked(kind(**values), where)
-
-
-def keys_of(value: object, where: str, expected: tuple[str, ...] | None = None) -> dict[str, Any]:
-    """A mapping with these keys and no other; raises InputError."""
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: expected keys and values, got {type(value).__name__}")
-    if expected is not None and value.keys() != set(expected):
-        raise InputError(f"{where}: has the keys {', '.join(sorted(value))}, expected {', '.join(sorted(expected))}")
-    return value
 
 
 def _array(value: object, where: str, shape: tuple[int, ...]) -> NDArray[np.float64]:

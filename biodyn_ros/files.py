@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import math
 import os
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from biodyn_core.errors import InputError
 
 OWNER_ALONE: Final = 0o600
 """Permissions of what tells of a person, or opens a door."""
-
-
-def write_json(path: Path, document: dict[str, Any]) -> None:
-    """Write a JSON file."""
-    write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
 def write_text(path: Path, text: str, errors: str = "strict", mode: int = 0o666) -> None:
@@ -60,8 +53,3 @@ def make_directory(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be made a directory ({error.strerror})") from None
-
-
-def finite(value: float) -> float | None:
-    """The value, or None: JSON knows neither NaN nor infinity."""
-    return value if math.isfinite(value) else None

@@ -25,8 +25,9 @@ from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
 from biodyn_ros.events import Event, check_bags, read_events
-from biodyn_ros.files import write_json, write_text
+from biodyn_ros.files import write_text
 from biodyn_ros.fit_json import Findings, fit_document, provenance
+from biodyn_ros.json_files import write_json
 from biodyn_ros.recordings import RecordingOptions
 from biodyn_ros.work import Work
 

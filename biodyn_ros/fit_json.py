@@ -20,7 +20,7 @@ from biodyn_core.response import SpectrumSettings
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
 from biodyn_ros.events import Event
-from biodyn_ros.files import finite
+from biodyn_ros.json_files import finite
 
 Document = dict[str, Any]
 Floats = NDArray[np.float64]

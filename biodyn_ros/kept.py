@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from biodyn_core.errors import InputError
 from biodyn_ros import __version__
-from biodyn_ros.checkpoint import keys_of, read_json
-from biodyn_ros.files import make_directory, write_json
+from biodyn_ros.files import make_directory
+from biodyn_ros.json_files import keys_of, read_json, write_json
 
 SCHEMA: Final = 1
 MOST: Final = 24

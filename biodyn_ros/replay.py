@@ -22,7 +22,8 @@ from biodyn_ros import __version__, topics
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
-from biodyn_ros.files import make_directory, write_json
+from biodyn_ros.files import make_directory
+from biodyn_ros.json_files import write_json
 from biodyn_ros.mapping import sensors_of
 from biodyn_ros.provenance import MADE_BY_MODEL, is_made_by_model
 from biodyn_ros.saturation import limits_of

@@ -10,8 +10,8 @@ from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SE
 from biodyn_core.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.exposure_json import exposure_document
-from biodyn_ros.files import finite
 from biodyn_ros.health import ERROR, Status
+from biodyn_ros.json_files import finite
 from biodyn_ros.strip import Bins, Strip
 from biodyn_ros.verdict import judge
 from biodyn_ros.wording import left, words

@@ -19,8 +19,8 @@ from biodyn_core.keeping import Kept, digest
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
-from biodyn_ros.checkpoint import keys_of, read_json
 from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
+from biodyn_ros.json_files import keys_of, read_json
 
 SCHEMA: Final = 2
 ASIDE: Final = ".before"

@@ -7,8 +7,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_ros.traces import binned
-
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -50,3 +48,13 @@ class Strip:
         if end == 0:
             return self._none
         return Bins(*binned(stamps_ns[:end], accel[:end], accel[:end], BIN_NS))
+
+
+def binned(stamps_ns: Integers, low: Floats, high: Floats, width_ns: int) -> tuple[Integers, Floats, Floats]:
+    """Join the rows of each bin: begins_ns (m,) ascending, smallest of `low` and largest of `high`, each (m, 6)."""
+    bins = stamps_ns // width_ns
+    if np.any(bins[1:] < bins[:-1]):  # stamps may jump back, as those of a looped bag do
+        order = np.argsort(bins, kind="stable")
+        bins, low, high = bins[order], low[order], high[order]
+    first = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
+    return bins[first] * width_ns, np.fmin.reduceat(low, first, axis=0), np.fmax.reduceat(high, first, axis=0)

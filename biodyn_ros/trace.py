@@ -22,8 +22,9 @@ from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.events import check_bags, read_events
-from biodyn_ros.files import make_directory, write_json, write_text
+from biodyn_ros.files import make_directory, write_text
 from biodyn_ros.fit_json import Prepared, warnings_of
+from biodyn_ros.json_files import write_json
 from biodyn_ros.progress import Tell
 from biodyn_ros.provenance import MADE_BY_MODEL, role_of, without_note
 from biodyn_ros.recordings import RecordingOptions, case_of

@@ -17,8 +17,8 @@ from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Candidate, Diagnostics, Event, Interval, Round, Surface, Trace
 from biodyn_ros import __version__
 from biodyn_ros.events import Event as Given
-from biodyn_ros.files import finite
 from biodyn_ros.fit_json import Prepared, by_segment
+from biodyn_ros.json_files import finite
 
 Document = dict[str, Any]
 Floats = NDArray[np.float64]

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from biodyn_core.pipeline import Frames
 from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 from biodyn_ros.replay_spectra import ReplaySpectra
+from biodyn_ros.strip import BIN_NS, binned
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-ENVELOPE_BIN_NS: Final = 100_000_000
 ENVELOPE_BINS: Final = 800
 """As many bins as a page can show; a longer record doubles their width."""
 
@@ -150,7 +150,7 @@ class _Stream:
         self.waiting = 0
         self.first_ns: int | None = None
         none = np.empty((0, channels))
-        self.envelope = Envelope(ENVELOPE_BIN_NS, np.empty(0, dtype=np.int64), none, none)
+        self.envelope = Envelope(BIN_NS, np.empty(0, dtype=np.int64), none, none)
 
     @property
     def stored(self) -> int:
@@ -202,13 +202,3 @@ def _widened(envelope: Envelope, stamps_ns: Integers, accel_mps2: Floats) -> Env
 
 def _columns(envelope: Envelope) -> tuple[Integers, Floats, Floats]:
     return envelope.begins_ns, envelope.low_mps2, envelope.high_mps2
-
-
-def binned(stamps_ns: Integers, low: Floats, high: Floats, width_ns: int) -> tuple[Integers, Floats, Floats]:
-    """Join the rows of each bin: begins_ns (m,) ascending, smallest of `low` and largest of `high`, each (m, 6)."""
-    bins = stamps_ns // width_ns
-    if np.any(bins[1:] < bins[:-1]):  # stamps may jump back, as those of a looped bag do
-        order = np.argsort(bins, kind="stable")
-        bins, low, high = bins[order], low[order], high[order]
-    first = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
-    return bins[first] * width_ns, np.fmin.reduceat(low, first, axis=0), np.fmax.reduceat(high, first, axis=0)

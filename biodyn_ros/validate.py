@@ -35,7 +35,8 @@ from biodyn_core.response import (
 from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
-from biodyn_ros.files import make_directory, write_json
+from biodyn_ros.files import make_directory
+from biodyn_ros.json_files import write_json
 from biodyn_ros.provenance import MADE_BY_MODEL, Role, bag_sha256, role_of, without_note
 from biodyn_ros.recordings import RecordingOptions, read_recordings
 from biodyn_ros.spectra_json import array, power_document, spectra_document, transmissibility_document

@@ -201,7 +201,7 @@ def test_a_campaign_runs_on_a_cluster(field: Path, tmp_path: Path, alone) -> Non
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, host="127.0.0.1", protocol="tcp", dashboard_address=None
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", protocol="tcp", dashboard_address=":0"
         ) as cluster,
         executor_of(cluster.scheduler_address) as executor,
     ):

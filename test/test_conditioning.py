@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from biodyn_core.conditioning import Conditioner, ConditioningSettings, group_delay_s
 from biodyn_core.errors import InputError
-from biodyn_core.kernels import sensor as kernel
 from biodyn_core.levelling import rotation_to_vertical
 
 RATE_HZ = 1129.3
@@ -1057,15 +1056,6 @@ def test_the_tracker_follows_a_step_with_its_time_constant_and_leaves_exposure_a
     settled = since_s > 0.1
     np.testing.assert_allclose(on.low_passed[settled], wanted[settled], atol=2e-4)
     np.testing.assert_allclose(off.low_passed[settled], 0.5, atol=1e-9)
-
-
-def test_without_the_tracker_the_low_pass_is_the_filter_and_nothing_else():
-    accel = ride(3.0)
-    found = Conditioned(stamps(len(accel)), raw(accel))
-    alone = np.empty((len(found.levelled), 1))
-    sections = signal.butter(4, 100.0, fs=found.conditioner.rate_hz, output="sos")
-    kernel.filter_sections(sections, np.zeros((2, 2, 1)), np.ascontiguousarray(found.levelled[:, 2:]), alone)
-    np.testing.assert_array_equal(found.low_passed, alone[:, 0])
 
 
 @settings(max_examples=20)

@@ -55,35 +55,21 @@ LAYERS = (
 CORE_NEEDS = {"numpy", "scipy", "yaml"}
 COMPILED = "biodyn_core.kernels.compiling"
 
-ROS_FREE = (
-    "cdr",
-    "bag",
-    "resources",
-    "environment",
-    "blue_trident",
-    "recordings",
-    "events",
-    "fit",
-    "trace",
-    "report",
-    "drawings",
-    "validat",
-    "comparison",
-    "campaign",
-    "checkpoint",
-    "executors",
-    "progress",
-    "work",
-    "showing",
-    "strip",
-    "verdict",
-    "arguments",
-    "completion",
-    "help_texts",
-    "layouts",
-    "nearby",
-    "parsing",
-)
+NEEDS_ROS = {
+    "callbacks",
+    "cli",
+    "dashboard.feed",
+    "dashboard.site",
+    "demo",
+    "live",
+    "parameters_yaml",
+    "params",
+    "player",
+    "publications",
+    "subscriptions",
+}
+"""What of biodyn_ros reaches ROS; all else works where there is none."""
+
 ROS = {
     "rclpy",
     "ament_index_python",
@@ -172,12 +158,13 @@ def reaches_down(name: str, target: str) -> bool:
     return above is not None and below is not None and below <= above
 
 
-def ros_faults(root: Path) -> list[str]:
+def ros_faults(root: Path, needs_ros: set[str] = NEEDS_ROS) -> list[str]:
     """Where a module that must run without ROS reaches it, itself or through another of its package."""
     imports = graph(root, "biodyn_ros")
-    starts = [name for name in imports if name.split(".")[-1].startswith(ROS_FREE)]
     faults = []
-    for start in starts:
+    for start in imports:
+        if start.removeprefix("biodyn_ros.") in needs_ros:
+            continue
         seen, waiting = {start}, [start]
         while waiting:
             name = waiting.pop()
@@ -194,6 +181,18 @@ def test_core_imports_point_downward() -> None:
 
 def test_ros_free_modules_never_reach_ros() -> None:
     assert ros_faults(ROOT) == []
+    reaching = {line.partition(":")[0].removeprefix("biodyn_ros.") for line in ros_faults(ROOT, set())}
+    assert reaching == NEEDS_ROS
+
+
+def test_the_live_node_reaches_neither_identification_nor_tracing() -> None:
+    loaded = (
+        "import sys, biodyn_ros.live; print([n for n in sys.modules if n.startswith(('biodyn_core.identification',"
+        " 'biodyn_core.tracing', 'biodyn_core.response'))])"
+    )
+    words = [sys.executable, "-m", "biodyn_ros.environment", "--", sys.executable, "-c", loaded]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:

@@ -148,3 +148,12 @@ def test_rows_of_another_meter_are_refused() -> None:
     document["sensors"]["seat"]["meters"]["plane"] = [[1.0, 2.0]]
     with pytest.raises(InputError, match=r"plane: kept as \(1, 2\), \(1, 9\) are needed"):
         Pipeline(subject()).go_on_from(Kept.from_dict(document))
+
+
+def test_sums_of_powers_below_zero_are_refused_before_the_ride() -> None:
+    document = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline.kept(BELONGS).to_dict()
+    assert min(document["sensors"]["seat"]["meters"]["plane"][0]) < 0.0  # a mixed moment may be
+    Pipeline(subject()).go_on_from(Kept.from_dict(document))
+    document["sensors"]["head"]["meters"]["vertical"][0][0] *= -1.0
+    with pytest.raises(InputError, match="vertical: kept with a sum of powers below zero"):
+        Pipeline(subject()).go_on_from(Kept.from_dict(document))

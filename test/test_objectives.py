@@ -115,7 +115,7 @@ def test_batches_and_single_points_agree() -> None:
     problem = TimeDomain(fitting.true_cases("cascade"), fitting.drawn(0, "cascade"), Pull(points(1)[0]))
     theta = points(LANES + 3)
     np.testing.assert_allclose(problem.costs(theta), [problem.cost(row) for row in theta], rtol=1e-12)
-    assert problem.evaluations == 2 * len(theta)
+    assert problem.evaluations == 2 * len(theta) * len(problem.cases)  # simulations of a case
     accel = np.empty((problem.cases[0].seat_mps2.size, 5, LANES))
     problem._lanes(0, theta[:LANES], np.empty((0, 5)), np.empty((0, 5)), accel)
     for lane, row in enumerate(theta[:LANES]):

@@ -22,8 +22,9 @@ from biodyn_core.pipeline import NO_PREDICTED, Frames, PredictedFrames
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_ros import traces as traces_of_replay
 from biodyn_ros.report import write_replay_report
+from biodyn_ros.strip import BIN_NS
 from biodyn_ros.summary import summary
-from biodyn_ros.traces import DIGEST_SAMPLES, ENVELOPE_BIN_NS, ENVELOPE_BINS, RECENT_SAMPLES, Envelope, Traces
+from biodyn_ros.traces import DIGEST_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Envelope, Traces
 from biodyn_ros.verdict import judge
 from biodyn_ros.wording import bound, duration, number, sentence, shocks, time_left
 
@@ -193,7 +194,7 @@ def test_any_cut_gives_the_envelope_and_event_of_the_whole(cuts, late, digest, b
         envelopes, event = (traces.predicted(), traces.measured()), traces.event()
     for envelope, values in zip(envelopes, (predicted, measured), strict=True):
         assert envelope.begins_ns.size <= bins
-        assert envelope.width_ns % ENVELOPE_BIN_NS == 0
+        assert envelope.width_ns % BIN_NS == 0
         assert_envelope(envelope, stamps, values)
     felt = np.nan_to_num(np.abs(measured[:, [0, 5]]))
     row, column = np.unravel_index(felt.argmax(), felt.shape)

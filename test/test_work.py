@@ -29,9 +29,10 @@ from biodyn_core.identification.settings import FitSettings
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER
 from biodyn_ros import executors
-from biodyn_ros.checkpoint import LARGEST_BYTES, Checkpoint, decoded, encoded
+from biodyn_ros.checkpoint import Checkpoint, decoded, encoded
 from biodyn_ros.environment import ONE_THREAD
 from biodyn_ros.executors import as_done, executor_of, result_of
+from biodyn_ros.json_files import LARGEST_BYTES
 from biodyn_ros.progress import Progress
 from biodyn_ros.work import Work
 
@@ -75,7 +76,7 @@ def cluster():
     """The address of a Dask cluster with two workers on this machine."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", protocol="tcp", dashboard_address=None
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", protocol="tcp", dashboard_address=":0"
     ) as local:
         yield local.scheduler_address
 
@@ -316,7 +317,7 @@ def kept(path: Path) -> dict:
     [
         (("schema",), 2, "schema is 2, this version reads 1"),
         (("more",), 2, "the file: has the keys done, more, problem, schema, version, expected done, problem"),
-        (("version",), [7], r"is of biodyn \[7\], this is .*; go on with that one, or remove it"),
+        (("version",), [7], r"is of biodyn \[7\], this is .*; go on with that one; remove it to start anew"),
         (("done",), [], "done: expected keys and values, got list"),
         (("done", "search a"), 3, "search a: is no result, a kind is Search or Refined"),
         (("done", "search a", "kind"), "Counter", "search a: is no result, a kind is Search or Refined"),

@@ -165,7 +165,7 @@ class TimeDomain:
             for number, weight in enumerate(self._weights):
                 target = self.cases[number].measured_mps2
                 total[batch] += self._lanes(number, theta[batch], target, weight, _NO_ACCEL)
-        self.evaluations += len(theta)
+        self.evaluations += len(theta) * len(self.cases)
         return np.array([self._penalised(cost) for cost in total])
 
     def cost(self, theta: Floats) -> float:
@@ -177,7 +177,7 @@ class TimeDomain:
                 miss = self.accelerations(number, theta)
                 miss -= case.measured_mps2
                 total += float((weight * miss * miss).sum())  # a dot product would wait for other threads
-        self.evaluations += 1
+        self.evaluations += len(self.cases)
         return self._penalised(total)
 
     def accelerations(self, number: int, theta: Floats) -> Floats:

@@ -76,7 +76,7 @@ def refine(cases: Sequence[Case], subject: Subject, searches: Sequence[Search], 
 def _starts(
     cases: Sequence[Case], subject: Subject, searches: Sequence[Search], settings: FitSettings
 ) -> tuple[Floats, int]:
-    """Starts (k, 15) with s_nl and m_scale added (Eq. 32), best first and no twins; how many were tried."""
+    """Starts (k, 15) with s_nl and m_scale added (Eq. 32), best first and no twins; the simulations it took."""
     found = np.concatenate([search.theta for search in searches])
     theta = np.empty((len(found), N_PARAMETERS))
     theta[:, :N_LINEAR], theta[:, 13], theta[:, 14] = found, FIRST_STIFFENING, subject.parameters.mass_scale
@@ -85,7 +85,7 @@ def _starts(
     for point in theta[np.argsort(unpulled.costs(theta), kind="stable")]:
         if all(np.abs(np.log(point / other)).max() > _TWINS for other in kept):
             kept.append(point)
-    return np.array(kept[: settings.refined_starts]), len(theta)
+    return np.array(kept[: settings.refined_starts]), unpulled.evaluations
 
 
 def interior(theta: Floats) -> Floats:

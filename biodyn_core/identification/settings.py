@@ -41,7 +41,7 @@ class FitSettings:
         choices=("joint", "idealized"),
     )  # fmt: skip
     refined_starts: int = setting(4, "starts of phase 2", "", 1, 1000)
-    evaluations: int = setting(3000, "simulations of a case for one descent of phase 2", "", 1, 10_000_000)
+    evaluations: int = setting(3000, "evaluations of the objective in one descent of phase 2", "", 1, 10_000_000)
     swarm: SwarmSettings = dataclasses.field(default_factory=SwarmSettings)
     surrogate: SurrogateSettings = dataclasses.field(default_factory=SurrogateSettings)
 

@@ -9,33 +9,17 @@ from biodyn_core.kernels.chain import integrate_chain
 from biodyn_core.kernels.compiling import COMPILED
 from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual, settle
 from biodyn_core.kernels.guard import first_lost
+from biodyn_core.kernels.lean import follow_up
 from biodyn_core.kernels.sensor import condition, filter_sections, level, regularise
-
-KERNELS = (
-    condition,
-    dose,
-    dynamic_response,
-    filter_sections,
-    first_lost,
-    head_injury,
-    integrate_chain,
-    interpolate,
-    level,
-    planar_dose,
-    regularise,
-    residual,
-    settle,
-)
-"""Every kernel that is called from outside this package."""
 
 __all__ = [
     "COMPILED",
-    "KERNELS",
     "condition",
     "dose",
     "dynamic_response",
     "filter_sections",
     "first_lost",
+    "follow_up",
     "head_injury",
     "integrate_chain",
     "interpolate",
