@@ -15,16 +15,17 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
 from bench.table import Row, render
+from biodyn_core.arrays import Integers
 from biodyn_core.segments import SENSORS
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
-from biodyn_ros.cdr import IMU_TYPE, Bytes, Ints, decode_imu, encode_imu
+from biodyn_ros.cdr import IMU_TYPE, Bytes, decode_imu, encode_imu
 
 RATE_HZ = 1129.3
 SECONDS = 60.0
 BLOCK = 282  # a quarter of a second
 ROUNDS = 5
 
-Recording = dict[str, tuple[Ints, Bytes]]
+Recording = dict[str, tuple[Integers, Bytes]]
 """Log times and messages by topic."""
 
 

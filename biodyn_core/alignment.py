@@ -7,13 +7,10 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from biodyn_core import kernels
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 LARGEST_ERROR: Final = 0.005
 """What is read between samples errs by less than this up to the low-pass's cut-off, at every rate that is accepted."""

@@ -7,17 +7,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats, Integers
 from biodyn_core.conditioned import Block
 from biodyn_core.conditioning import Conditioner
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.upright import STILL_RADPS
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 LARGEST_RATE_RADPS: Final = IMPLAUSIBLE * 34.9
 """Ten times 2000 deg/s is no reading of a gyro: missing, like one that is not finite."""

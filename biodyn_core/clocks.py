@@ -11,10 +11,8 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from biodyn_core.arrays import Floats, Integers
 
 BIN_NS: Final = 1_000_000_000
 """The smallest lag is taken over one second: longer than the bursts that recorders write in."""

@@ -9,15 +9,12 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from biodyn_core.alignment import Aligner
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block
 from biodyn_core.exposure import DoseMeter, ResidualMeter
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SENSORS
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class MeasuredFrames(NamedTuple):

@@ -5,13 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.levelling import Vector
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Block(NamedTuple):

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.errors import InputError
 from biodyn_core.kernels import sensor as kernel
@@ -26,8 +26,6 @@ from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.weighting import MIN_RATE_HZ, RATE_TOLERANCE
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Mode = Literal["causal", "zero_phase", "survey"]
 """What comes out: causal or zero-phase answers, or none at all, only the status of a sensor of any rate."""
 

@@ -19,14 +19,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats, Integers
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Signs = NDArray[np.int8]
-Flags = NDArray[np.bool_]
 
 HIGH_RAIL_MPS2: Final = 0.995 * 200.0 * STANDARD_GRAVITY_MPS2
 """From here on the 200 g channel is at its own rail."""

@@ -6,15 +6,12 @@ import contextlib
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioning import Conditioner
 from biodyn_core.errors import InputError
 from biodyn_core.keeping import NOTHING_LOST, STILL_AT_REST_S, Kept, KeptSensor, Lost
 from biodyn_core.metering import SensorMeters
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Earlier:

@@ -14,15 +14,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import linalg
 
 from biodyn_core import kernels
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.weighting import CURVES, WeightingName, weighting_sections
-
-Floats = NDArray[np.float64]
 
 BIN_S: Final = 0.1
 """Rolling figures move in steps of this."""

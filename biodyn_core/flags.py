@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from biodyn_core.arrays import Flags, Integers
 
 
 def stretches(flags: Flags) -> list[tuple[int, int]]:

@@ -11,13 +11,11 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
+from biodyn_core.arrays import Complexes, Floats
 from biodyn_core.channels import Channels
 from biodyn_core.segments import SEAT, SENSORS, STANDARD_GRAVITY_MPS2
-
-Floats = NDArray[np.float64]
 
 SLOW_HZ: Final = (0.2, 3.0)
 """Below lie levels and the drift of gyros; above, segments sway by themselves."""
@@ -67,7 +65,7 @@ def bend_rates_radps(channels: Mapping[str, Channels], headings: Mapping[str, fl
     return found
 
 
-def _slow(channels: Channels, rate_hz: float) -> NDArray[np.complex128]:
+def _slow(channels: Channels, rate_hz: float) -> Complexes:
     """What is slow of the motion along x and y, x + iy, (n,); NaN where masked.
 
     A gyro tells how the sensor tilts, and so what of it is gravity: a head that nods feels more of that than of motion.
@@ -82,7 +80,7 @@ def _slow(channels: Channels, rate_hz: float) -> NDArray[np.complex128]:
     return np.where(masked, np.nan, slow)
 
 
-def _turn_rad(one: NDArray[np.complex128], other: NDArray[np.complex128], rate_hz: float) -> float | None:
+def _turn_rad(one: Complexes, other: Complexes, rate_hz: float) -> float | None:
     """How far the frame of the other is turned to the left of the one's, (n,) each; None where nobody can tell.
 
     The turn that fits best (Procrustes). Its error is that of so many independent pairs, two numbers each.

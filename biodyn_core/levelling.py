@@ -6,11 +6,10 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 
-Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 LEAST_GRAVITY_MPS2: Final = 0.5 * STANDARD_GRAVITY_MPS2

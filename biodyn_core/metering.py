@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.conditioned import Block
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, DoseMeter, Dri, DriMeter, Hic, HicMeter, HorizontalMeter, MotionSicknessMeter
 from biodyn_core.segments import HEAD, SEAT
 from biodyn_core.weighting import WeightingName
-
-Floats = NDArray[np.float64]
 
 BATCH: Final = 128
 """Exposure is counted in batches of at least so many samples, predictions come first. No figure depends on it."""

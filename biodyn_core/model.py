@@ -14,16 +14,15 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from biodyn_core.arrays import Complexes, Floats
 from biodyn_core.effects import AppliedEffect, Joint, felt
 from biodyn_core.errors import InputError
 from biodyn_core.segments import MASS_FRACTION, N_SEGMENTS, SEAT, SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.subject import MassMatrix, Subject
 from biodyn_core.wiring import Element, Wiring
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 SeatForce = Literal["inertia", "joint", "paper"]
 
 MAX_STEP_S: Final = 1e-3

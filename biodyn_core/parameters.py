@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.segments import N_SEGMENTS, SEGMENTS
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.comparison import NO_MEASURED, MeasuredFrames
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning import Conditioner, Mode, SettingsOf, settings_for
@@ -35,9 +35,6 @@ from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
 from biodyn_core.timelines import Timelines
 from biodyn_core.weighting import CURVES, WeightingName
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SLICE_S: Final = 0.25
 """What sensors still hold at the end is taken from them in turns of so much."""

@@ -7,17 +7,15 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from biodyn_core import kernels
+from biodyn_core.arrays import Floats
 from biodyn_core.comparison import Comparison
 from biodyn_core.conditioned import Block
 from biodyn_core.exposure import Dose, DoseMeter
 from biodyn_core.metering import Batch, Meter, go_on
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
-
-Floats = NDArray[np.float64]
 
 MOST_STRETCH_M: Final = 0.2
 """No joint of a seated body gives way so far; a chain beyond it has left the range that its laws are for."""

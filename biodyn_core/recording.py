@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from biodyn_core.alignment import Aligner
+from biodyn_core.arrays import Flags, Floats, Integers
 from biodyn_core.channels import Channels
 from biodyn_core.conditioned import Block
 from biodyn_core.conditioning import Conditioner, SettingsOf, settings_for
@@ -26,10 +26,6 @@ from biodyn_core.levelling import Vector
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.worn import Run, WornSensor
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 WARM_UP_S: Final = 2.0
 """A model that starts from rest is not compared before so long (Zaman et al., 5.3), nor behind a seat misread."""

@@ -16,16 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from biodyn_core.arrays import Complexes, Flags, Floats, Integers
 from biodyn_core.errors import InputError
 from biodyn_core.model import Chain, Response, SeatForce
 from biodyn_core.recording import WARM_UP_S
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 Part = tuple[Floats, Floats]
 """One stretch of time: input (n,) and outputs (n, m), NaN where masked."""
 

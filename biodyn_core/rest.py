@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import LEAP_S
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _STANDING_SAMPLES: Final = 1_000
 """So many samples without a later stamp mean that stamps stand still."""

@@ -7,15 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats, Integers
 from biodyn_core.comparison import MeasuredFrames
 from biodyn_core.pipeline import PredictedFrames
 from biodyn_core.segments import N_SEGMENTS, N_SENSORS, SEAT, SENSORS
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 APART_NS: Final = 500_000_000
 """What exceeds the threshold again within this is the same shock: two periods of the body's lowest mode."""

@@ -13,8 +13,8 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.errors import InputError
 from biodyn_core.parameters import Parameters
@@ -51,7 +51,7 @@ class Subject:
         _check_range("stature_m", self.stature_m, STATURE_M)
 
     @property
-    def segment_mass_kg(self) -> NDArray[np.float64]:
+    def segment_mass_kg(self) -> Floats:
         """m_i, shape (6,), kg (Eq. 5)."""
         return self.parameters.mass_scale * MASS_FRACTION * self.body_mass_kg
 
@@ -186,7 +186,7 @@ def _number(value: object, where: str) -> float:
     return float(value)
 
 
-def _numbers(value: object, where: str) -> NDArray[np.float64]:
+def _numbers(value: object, where: str) -> Floats:
     if not isinstance(value, list):
         raise InputError(f"{where} is {value!r}, expected a list of numbers")
     return np.array([_number(item, f"{where}[{index}]") for index, item in enumerate(value)])

@@ -11,19 +11,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import interpolate, signal
 from scipy.spatial.transform import Rotation
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.effects import shown
 from biodyn_core.errors import InputError
 from biodyn_core.model import predict
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 NATIVE_RATE_HZ: Final = 1129.3
 """Blue Trident, low-g channel (Zaman et al., 5.2)."""

@@ -10,11 +10,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.kernels.lean import follow_up
-
-Floats = NDArray[np.float64]
 
 PULLED_S: Final = 60.0
 """Time constant by which up goes to the mean of what is felt: a bias of 0.0003 rad/s ends 1 deg off, not further.

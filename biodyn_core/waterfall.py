@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from biodyn_core.arrays import Floats, Integers
 
 BIN_NS: Final = 1_000_000_000
 BINS: Final = 240

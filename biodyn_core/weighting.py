@@ -13,12 +13,11 @@ from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from biodyn_core.arrays import Complexes, Floats
 from biodyn_core.errors import InputError
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Quotient = tuple[tuple[float, float, float], tuple[float, float, float]]
 WeightingName = Literal["Wk", "Wd", "Wf", "Wc", "We", "Wj", "Wb"]
 

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import Effect
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.generated import ANYWHERE, Piece, Role, integrator
 from biodyn_core.segments import N_SEGMENTS, SEGMENTS
-
-Floats = NDArray[np.float64]
 
 _NO_DRIVE: Final = np.empty((0, 0))
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from biodyn_core.alignment import Aligner
+from biodyn_core.arrays import Flags, Floats, Integers
 from biodyn_core.channels import Gyro, bridged
 from biodyn_core.conditioned import Block
 from biodyn_core.conditioning import FILTER_ORDER, Conditioner
@@ -18,10 +18,6 @@ from biodyn_core.flags import among, around, stretches
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.levelling import laid_level, rotation_to_vertical
 from biodyn_core.upright import BLIND_S, NobodysLean, followed_up, true_vertical_mps2
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 LEFT_OF_AN_ERROR: Final = 1e-3
 """Of a wrong sample no more than this share is left where the low-pass is said to reach no further."""

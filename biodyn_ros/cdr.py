@@ -24,11 +24,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats, Integers
 from biodyn_core.errors import InputError
 
 Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 IMU_TYPE: Final = "sensor_msgs/msg/Imu"
 ACCEL_STAMPED_TYPE: Final = "geometry_msgs/msg/AccelStamped"
@@ -68,7 +67,7 @@ class ImuBlock:
     gyro_radps is None where it was not asked for, and NaN in messages without one: covariance[0] = -1 (REP-145).
     """
 
-    stamps_ns: Ints
+    stamps_ns: Integers
     accel_mps2: Floats
     gyro_radps: Floats | None
 
@@ -84,7 +83,7 @@ def decode_imu(messages: Sequence[bytes], gyro: bool = False) -> ImuBlock:
     return decode_imu_in(*_joined(messages), gyro)
 
 
-def decode_imu_in(buffer: Bytes, offsets: Ints, lengths: Ints, gyro: bool = False) -> ImuBlock:
+def decode_imu_in(buffer: Bytes, offsets: Integers, lengths: Integers, gyro: bool = False) -> ImuBlock:
     """Decode the Imu messages that lie in a buffer, such as a decompressed chunk, at offsets[i] with lengths[i] bytes.
 
     Only stamp and linear acceleration are touched, and with `gyro` the angular velocity. Nothing outside a message is
@@ -112,7 +111,7 @@ def decode_imu_one(message: bytes) -> tuple[int, tuple[float, float, float]]:
     return sec * NS_PER_S + nanosec, (x, y, z)
 
 
-def decode_accel_stamped(messages: Sequence[bytes]) -> tuple[Ints, Floats]:
+def decode_accel_stamped(messages: Sequence[bytes]) -> tuple[Integers, Floats]:
     """Header stamps in ns, int64 (n,), and linear accelerations in m/s^2, (n, 3); InputError as `decode_imu`."""
     stamps_ns, (linear,) = _decode(_ACCEL_STAMPED, *_joined(messages))
     return stamps_ns, linear
@@ -143,7 +142,11 @@ def shift_stamp(message: bytes, by_ns: int) -> bytes:
 
 
 def encode_imu(
-    stamps_ns: Ints, accel_mps2: Floats, gyro_radps: Floats | None, frame_id: str, accel_variance: Floats | None = None
+    stamps_ns: Integers,
+    accel_mps2: Floats,
+    gyro_radps: Floats | None,
+    frame_id: str,
+    accel_variance: Floats | None = None,
 ) -> Bytes:
     """Serialize n Imu messages, little endian, uint8 (n, size), padding zeroed.
 
@@ -167,7 +170,7 @@ def encode_imu(
     return out
 
 
-def encode_accel_stamped(stamps_ns: Ints, vertical_mps2: Floats, frame_id: str) -> Bytes:
+def encode_accel_stamped(stamps_ns: Integers, vertical_mps2: Floats, frame_id: str) -> Bytes:
     """Serialize n AccelStamped messages, uint8 (n, size): stamps (n,) and the vertical (n,) in linear.z, the rest 0.
 
     InputError as `encode_imu`.
@@ -202,7 +205,7 @@ class AccelStampedTemplate:
             raise InputError(_stamp_refusal(stamp_ns)) from None
 
 
-def gather(buffer: Bytes, offsets: Ints, item_bytes: int) -> NDArray[np.void]:
+def gather(buffer: Bytes, offsets: Integers, item_bytes: int) -> NDArray[np.void]:
     """Copies of the item_bytes bytes at each offset, void (n,), n >= 1: one memcpy each, at any alignment.
 
     The caller has checked that 0 <= offsets and offsets + item_bytes <= buffer.size.
@@ -210,7 +213,7 @@ def gather(buffer: Bytes, offsets: Ints, item_bytes: int) -> NDArray[np.void]:
     return _windows(buffer, item_bytes)[offsets]
 
 
-def scatter(buffer: Bytes, offsets: Ints, items: NDArray[np.void]) -> None:
+def scatter(buffer: Bytes, offsets: Integers, items: NDArray[np.void]) -> None:
     """Copy item i, void (n,), n >= 1, to buffer[offsets[i]:]; the caller has checked the bounds."""
     _windows(buffer, items.dtype.itemsize)[offsets] = items
 
@@ -220,12 +223,12 @@ def _windows(buffer: Bytes, item_bytes: int) -> NDArray[np.void]:
     return np.ndarray((buffer.size - item_bytes + 1,), f"V{item_bytes}", buffer=buffer, strides=(1,))
 
 
-def _joined(messages: Sequence[bytes]) -> tuple[Bytes, Ints, Ints]:
+def _joined(messages: Sequence[bytes]) -> tuple[Bytes, Integers, Integers]:
     lengths = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
     return np.frombuffer(b"".join(messages), dtype=np.uint8), np.cumsum(lengths) - lengths, lengths
 
 
-def _decode(layout: _Layout, buffer: Bytes, offsets: Ints, lengths: Ints) -> tuple[Ints, list[Floats]]:
+def _decode(layout: _Layout, buffer: Bytes, offsets: Integers, lengths: Integers) -> tuple[Integers, list[Floats]]:
     """Stamps and the layout's numbers, for messages of either byte order."""
     if len(offsets) == 0:
         return np.empty(0, dtype=np.int64), [np.empty((0, count)) for _, count in layout.numbers_at]
@@ -251,8 +254,8 @@ def _decode(layout: _Layout, buffer: Bytes, offsets: Ints, lengths: Ints) -> tup
 
 
 def _decode_ordered(
-    layout: _Layout, order: str, head: Bytes, buffer: Bytes, offsets: Ints, lengths: Ints
-) -> tuple[Ints, list[Floats]]:
+    layout: _Layout, order: str, head: Bytes, buffer: Bytes, offsets: Integers, lengths: Integers
+) -> tuple[Integers, list[Floats]]:
     """The same for one byte order, "<" or ">"; head is uint8 (n, 16) and the messages are known to lie inside."""
     if len(offsets) == 0:
         return np.empty(0, dtype=np.int64), [np.empty((0, count)) for _, count in layout.numbers_at]
@@ -269,7 +272,7 @@ def _decode_ordered(
     return stamps_ns, [found.astype(np.float64, copy=False) for found in numbers]
 
 
-def _refusal_of_first(layout: _Layout, buffer: Bytes, offsets: Ints, lengths: Ints, bad: NDArray[np.bool_]) -> str:
+def _refusal_of_first(layout: _Layout, buffer: Bytes, offsets: Integers, lengths: Integers, bad: Flags) -> str:
     """The line for the first bad message of a block."""
     i = int(np.argmax(bad))
     offset, length = int(offsets[i]), int(lengths[i])
@@ -317,7 +320,7 @@ def _frame_bytes(frame_id: str) -> bytes:
     return frame_id.encode("utf-8") + b"\0"
 
 
-def _blank(layout: _Layout, stamps_ns: Ints, frame_id: str) -> tuple[Bytes, int]:
+def _blank(layout: _Layout, stamps_ns: Integers, frame_id: str) -> tuple[Bytes, int]:
     """All messages with encapsulation, stamp and frame_id filled and a zero body, and where the body starts."""
     stamps = np.asarray(stamps_ns)
     if stamps.ndim != 1 or stamps.dtype.kind not in "iu":

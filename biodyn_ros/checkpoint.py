@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.identification.objectives import N_LINEAR
 from biodyn_core.identification.phase1 import Search
@@ -115,7 +115,7 @@ def decoded(document: object, where: str) -> Result:
     return _checked(kind(**values), where)
 
 
-def _array(value: object, where: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _array(value: object, where: str, shape: tuple[int, ...]) -> Floats:
     """Finite numbers of a shape, of which `_ANY` is any length but 0."""
     if not _numbers(value, len(shape)):
         raise InputError(f"{where}: expected {'lists of numbers' if shape else 'a number'}")

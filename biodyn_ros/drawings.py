@@ -8,14 +8,11 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros.traces import Envelope, Event
 from biodyn_ros.wording import number, words
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MEASURED_COLOUR: Final = "#1f2933"
 PREDICTED_COLOUR: Final = "#d9480f"

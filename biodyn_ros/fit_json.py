@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.identification.fit import Fit, prediction_errors
 from biodyn_core.identification.idealize import Idealized
 from biodyn_core.identification.identify import Identification
@@ -23,7 +23,6 @@ from biodyn_ros.events import Event
 from biodyn_ros.json_files import finite
 
 Document = dict[str, Any]
-Floats = NDArray[np.float64]
 Prepared = tuple[Event, Case]
 
 

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.waterfall import Waterfall
 from biodyn_ros.drawings import MEASURED_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn, say
 from biodyn_ros.wording import words
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Document = dict[str, Any]
 
 LINEAR_COLOUR: Final = "#1971c2"

@@ -23,10 +23,11 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from biodyn_core import kernels
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.limits import EU_LIMITS, load_limits
-from biodyn_core.pipeline import Floats, Integers, Pipeline, PipelineSettings
+from biodyn_core.pipeline import Pipeline, PipelineSettings
 from biodyn_core.segments import SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject, load_subject

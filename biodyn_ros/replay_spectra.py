@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.comparison import MeasuredFrames
 from biodyn_core.errors import InputError
 from biodyn_core.response import CrossSpectra, SpectraMeter, SpectrumSettings
@@ -14,8 +14,6 @@ from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SE
 from biodyn_core.waterfall import USABLE, Waterfall, WaterfallMeter
 from biodyn_ros.spectra_json import power_document, spectra_document, transmissibility_document
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Document = dict[str, Any]
 
 RATE_SAMPLES: Final = 1024

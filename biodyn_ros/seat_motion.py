@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.levelling import rotation_to_vertical
 from biodyn_core.segments import SEAT, STANDARD_GRAVITY_MPS2
@@ -19,8 +19,6 @@ from biodyn_core.synthesis import MOTION_S, SeatMotion
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.mapping import sensors_of
 from biodyn_ros.stamps import choose_times
-
-Floats = NDArray[np.float64]
 
 TIME_NAMES: Final = ("t", "t_s", "time", "time_s", "timestamp_s", "seconds")
 ACCEL_PREFIXES: Final = ("a_", "a", "acc_", "acc", "accel_")

@@ -6,14 +6,13 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.model import Chain
 from biodyn_core.response import CrossSpectra, SpectrumSettings
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.subject import Subject
 
-Floats = NDArray[np.float64]
 Document = dict[str, Any]
 
 _CENTRAL: Final = SEGMENTS.index("central_torso")

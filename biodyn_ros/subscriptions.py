@@ -12,13 +12,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import HistoryPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros import topics
@@ -26,7 +26,7 @@ from biodyn_ros.callbacks import guarded
 from biodyn_ros.cdr import IMU_TYPE, decode_imu, decode_imu_one
 from biodyn_ros.health import SensorHealth
 
-Take = Callable[[str, NDArray[np.int64], NDArray[np.float64]], None]
+Take = Callable[[str, Integers, Floats], None]
 """Takes a sensor's stamps (n,) ns and specific force (n, 3) m/s^2."""
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.response import SAME_RATE, SpectrumSettings, cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
@@ -16,8 +16,6 @@ from biodyn_core.tracing.findings import Candidate, Event, Round, Surface
 from biodyn_ros.drawings import MEASURED_COLOUR, SOFT_COLOUR, drawn, say
 from biodyn_ros.trace_wording import effect_name
 from biodyn_ros.wording import number, words
-
-Floats = NDArray[np.float64]
 
 BEFORE_COLOUR: Final = "#d9480f"
 AFTER_COLOUR: Final = "#1971c2"

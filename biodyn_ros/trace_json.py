@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case, Errors
 from biodyn_core.parameters import PARAMETERS
@@ -21,7 +21,6 @@ from biodyn_ros.fit_json import Prepared, by_segment
 from biodyn_ros.json_files import finite
 
 Document = dict[str, Any]
-Floats = NDArray[np.float64]
 
 PROOF: Final = (
     "Tracing of effects in tissue is proved on simulated bodies only: there is no recording of a person whose missing"

@@ -6,15 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.pipeline import Frames
 from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 from biodyn_ros.replay_spectra import ReplaySpectra
 from biodyn_ros.strip import BIN_NS, binned
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 ENVELOPE_BINS: Final = 800
 """As many bins as a page can show; a longer record doubles their width."""

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import needs_channels, shown
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, DoseMeter, DriMeter, HicMeter
@@ -42,7 +42,6 @@ from biodyn_ros.recordings import RecordingOptions, read_recordings
 from biodyn_ros.spectra_json import array, power_document, spectra_document, transmissibility_document
 from biodyn_ros.validation_findings import ValidationSettings, findings, verdict
 
-Floats = NDArray[np.float64]
 Document = dict[str, Any]
 
 PRINTED_BAND: Final = (0.80, 0.95)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from biodyn_core.recording import WARM_UP_S
 from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
@@ -18,7 +17,6 @@ from biodyn_ros.traces import EVENT_HALF_NS, Event
 from biodyn_ros.validate import Validated
 from biodyn_ros.wording import words
 
-Floats = NDArray[np.float64]
 Document = dict[str, Any]
 
 _TONE: Final = {"agrees": "good", "disagrees": "bad", "undecided": "warn"}

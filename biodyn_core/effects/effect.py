@@ -11,13 +11,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SEGMENTS, SENSORS
 
-Floats = NDArray[np.float64]
 Place = Literal["joint", "segment", "sensor", "seat"]
 Kind = Literal["strength", "shape", "nuisance"]
 

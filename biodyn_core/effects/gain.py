@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
+from biodyn_core.arrays import Floats
 from biodyn_core.effects.effect import Effect, EffectParameter
 from biodyn_core.segments import MEASURED_SEGMENTS
-
-Floats = NDArray[np.float64]
 
 
 def _measured(

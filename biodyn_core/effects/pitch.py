@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects.effect import Effect, EffectParameter
-
-Floats = NDArray[np.float64]
 
 
 def _seat(seat_mps2: Floats, rate_hz: float, channels: Mapping[str, Floats], values: Mapping[str, float]) -> Floats:

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects.effect import EffectParameter
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts load where they are used: they take longer than a model to its first result
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects.effect import Effect, EffectParameter
 from biodyn_core.segments import MEASURED_SEGMENTS
-
-Floats = NDArray[np.float64]
 
 
 def _measured(

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.identification.objectives import Pull, Surrogate, TimeDomain
 from biodyn_core.identification.phase1 import Search, reached, search
 from biodyn_core.identification.phase2 import Refined, refine
@@ -18,9 +18,6 @@ from biodyn_core.identification.settings import FitSettings
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 AT_BOUND: Final = 1e-3
 """A parameter closer to a bound than this share of its range is on it."""

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.model import Chain
 from biodyn_core.parameters import PARAMETERS, Parameters, from_log, to_log
 from biodyn_core.subject import Subject
-
-Floats = NDArray[np.float64]
 
 CV_FLAG_PERCENT: Final = 30.0
 """A parameter that scatters by more is poorly constrained by the cases (7.2)."""

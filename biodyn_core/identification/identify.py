@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import (
@@ -30,8 +29,6 @@ from biodyn_core.identification.phase2 import Refined, refine
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings, Refiner
 from biodyn_core.subject import MASS_MATRICES, MassMatrix, Subject
-
-Floats = NDArray[np.float64]
 
 TOLD_APART: Final = 0.05
 """Mean errors of two mass matrices that differ by less than this share of the larger tell nothing."""

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.effects import felt, shown
 from biodyn_core.errors import InputError
 from biodyn_core.identification.problem import Case
@@ -31,8 +31,6 @@ from biodyn_core.segments import (
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import MassMatrix, Subject
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Regularization = Literal["physical", "log"]
 Clocks = Literal["trusted", "estimated"]
 

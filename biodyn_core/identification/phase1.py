@@ -17,15 +17,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.identification.objectives import Surrogate
 from biodyn_core.parameters import from_log
 from biodyn_core.settings import check_settings, setting
-
-Floats = NDArray[np.float64]
 
 PULL: Final = 1.49445
 """How strongly a particle is drawn to its own best place, and to its neighbours' (Clerc and Kennedy 2002)."""

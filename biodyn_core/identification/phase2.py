@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.errors import InputError
 from biodyn_core.identification.objectives import N_LINEAR, PENALTY, Pull, TimeDomain
 from biodyn_core.identification.phase1 import Search
@@ -18,9 +18,6 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.parameters import LOWER, N_PARAMETERS, UPPER, from_sigmoid, to_sigmoid
 from biodyn_core.subject import Subject
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 Linearised = Callable[[Floats], tuple[Floats, Floats]]
 

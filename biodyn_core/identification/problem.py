@@ -9,16 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.errors import InputError
 from biodyn_core.recording import WARM_UP_S, Recording
 from biodyn_core.response import SpectrumSettings, cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.settings import check_settings, setting
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

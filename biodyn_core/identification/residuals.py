@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.flags import stretches
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.problem import Case
 from biodyn_core.response import SpectrumSettings, cross_spectra
-
-Floats = NDArray[np.float64]
 
 NOISE_RATE_HZ: Final = 200.0
 """Whiteness is judged at twice the low-pass's 100 Hz: what lies closer together is coloured by the filter alone."""

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags
 from biodyn_core.identification.objectives import Clocks, Regularization, SurrogateSettings
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.parameters import PARAMETERS
 from biodyn_core.settings import check_settings, setting
 
-Flags = NDArray[np.bool_]
 Refiner = Literal["least-squares", "nelder-mead"]
 
 

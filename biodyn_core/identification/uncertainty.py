@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import PENALTY, TimeDomain
@@ -26,8 +26,6 @@ from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.settings import check_settings, setting
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Call = Literal["identifiable", "weakly identifiable", "not identifiable"]
 
 NORMAL_95: Final = 1.959964

@@ -7,12 +7,9 @@ What is integrated with effects is this very file with their functions written i
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.kernels.compiling import compiled, inlined
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # effects: functions
 

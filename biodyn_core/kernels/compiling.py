@@ -8,16 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 try:
     import numba
 except ImportError:  # apt-only installs: there is no numba package on Ubuntu noble
     numba = None
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 COMPILED: Final = numba is not None

@@ -9,11 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.kernels.compiling import compiled, inlined
-
-Floats = NDArray[np.float64]
 
 LANES: Final = 16
 
@@ -143,7 +141,7 @@ def integrate_lanes(
     constants: Floats,
     step_s: float,
     substeps: int,
-    segments: NDArray[np.int64],
+    segments: Integers,
     target: Floats,
     weight: Floats,
     cost: Floats,

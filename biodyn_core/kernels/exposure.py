@@ -8,13 +8,10 @@ nothing is counted, and what its channel carried (filter, oscillator, window) st
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.kernels.compiling import compiled
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @compiled

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from biodyn_core.arrays import Floats
 from biodyn_core.kernels.compiling import compiled
-
-Floats = NDArray[np.float64]
 
 
 @compiled

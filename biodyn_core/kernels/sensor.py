@@ -9,12 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.kernels.compiling import compiled, inlined
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SECTIONS: Final = 2
 

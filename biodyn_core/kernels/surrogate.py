@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Complexes, Floats, Integers
 from biodyn_core.kernels.compiling import compiled
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 
 @compiled
@@ -42,7 +39,7 @@ def surrogate_costs(
     omega: Floats,
     magnitude: Floats,
     weight: Floats,
-    segments: NDArray[np.int64],
+    segments: Integers,
     k: Floats,
     b: Floats,
     mass: Floats,

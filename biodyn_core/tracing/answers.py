@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import AppliedEffect, felt, shown
 from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, N_SEGMENTS
 from biodyn_core.subject import Subject
-
-Floats = NDArray[np.float64]
 
 RUNAWAY_MPS2: Final = 1e5
 """No body is accelerated so: a joint that a candidate makes softer than nothing has run away."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
@@ -24,8 +24,6 @@ from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer, answers
 from biodyn_core.tracing.departures import Direction, UsualSettings, bend_n, columns, directions
 from biodyn_core.tracing.rows import Products, Rows, WeightSettings
-
-Floats = NDArray[np.float64]
 
 FREE: Final = np.array([p.group != "mass_scale" for p in PARAMETERS])
 """m_scale cancels from accelerations."""

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain, Stepper, predict
@@ -22,9 +22,6 @@ from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SE
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
-
-Floats = NDArray[np.float64]
-
 
 DRIFTING_S: Final = 5.0
 """A clock that drifts is late by as much after so long, the middle of an event, as others usually are throughout."""

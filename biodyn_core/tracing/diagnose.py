@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, signal
 
+from biodyn_core.arrays import Complexes, Flags, Floats
 from biodyn_core.identification.fit import at_bound
 from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain
@@ -21,9 +21,6 @@ from biodyn_core.tracing.background import FREE, N_THETA, Background
 from biodyn_core.tracing.findings import Diagnostics
 from biodyn_core.tracing.gate import pulled_down
 from biodyn_core.tracing.rows import Products
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 BAND_HZ: Final = (0.5, 60.0)
 COHERENCE_S: Final = 2.0
@@ -75,7 +72,7 @@ def coherent(cases: Sequence[Case], missed: Sequence[Floats]) -> Mapping[str, tu
     return found
 
 
-def _windowed(values: Floats, case: Case) -> NDArray[np.complex128]:
+def _windowed(values: Floats, case: Case) -> Complexes:
     """Spectra (w, f, k) within the band of half-overlapping windows of 2 s of values (n, k), behind the warm-up."""
     length = min(round(COHERENCE_S * case.rate_hz), len(values) - case.begin)
     parts = np.lib.stride_tricks.sliding_window_view(np.nan_to_num(values[case.begin :]), length, axis=0)
@@ -85,7 +82,7 @@ def _windowed(values: Floats, case: Case) -> NDArray[np.complex128]:
     return np.asarray(spectra[:, :, inside].transpose(0, 2, 1))
 
 
-def _share(drive: Sequence[NDArray[np.complex128]], residual: Sequence[NDArray[np.complex128]]) -> Floats:
+def _share(drive: Sequence[Complexes], residual: Sequence[Complexes]) -> Floats:
     """The share of each segment's power (5,) that goes linearly with a channel, over all events."""
     grid = min(part.shape[1] for part in drive)
     x = np.concatenate([part[:, :grid] for part in drive])
@@ -185,21 +182,21 @@ def _transmitted(frequency_hz: Floats, k: Floats, b: Floats, inertia_kg: Floats,
     return np.asarray(1.0 - omega[:, None] ** 2 * np.linalg.solve(matrix, load)[:, :, 0])
 
 
-def _by_case(background: Background) -> dict[str, NDArray[np.bool_]]:
+def _by_case(background: Background) -> dict[str, Flags]:
     """Which windows of the fitted side are of which loading condition."""
     cases, event = background.train.cases, background.train.products.event
     names = list(dict.fromkeys(case.case for case in cases))
     return {name: np.isin(event, [i for i, case in enumerate(cases) if case.case == name]) for name in names}
 
 
-def _theta_of(background: Background, windows: NDArray[np.bool_]) -> Floats:
+def _theta_of(background: Background, windows: Flags) -> Floats:
     """The linear step of theta (14,) that these windows alone ask for."""
     p, weight = background.train.products, np.where(windows, background.weight, 0.0)
     normal = np.einsum("w,wij->ij", weight, p.columns[:, :N_THETA, :N_THETA])
     return np.linalg.solve(normal + np.diag(background.precision[:N_THETA]), weight @ p.miss[:, :N_THETA])
 
 
-def _left_by(p: Products, windows: NDArray[np.bool_], theta: Floats) -> float:
+def _left_by(p: Products, windows: Flags, theta: Floats) -> float:
     b = np.concatenate([theta, np.zeros(p.miss.shape[1] - N_THETA)])
     return float(np.sqrt(p.left(b)[windows].sum() / max(p.samples[windows].sum(), 1.0)))
 

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.transfers import Shape, Stretch, across, window_sums
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Map = Callable[[Floats], Floats]
 
 CREEPING: Final = 10.0

@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Errors
 from biodyn_core.subject import Subject
 
-Floats = NDArray[np.float64]
 Verdict = Literal["effect", "ambiguous", "none", "unexplained", "not_decidable"]
 Use = Literal["train", "choose", "held_out"]
 """What an event was for: theta and sizes are fitted to `train`, the effect is chosen by `choose`, and the errors that

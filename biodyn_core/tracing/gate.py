@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain, predict
 from biodyn_core.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
-
-Floats = NDArray[np.float64]
 
 _APART_S: Final = 1.0
 """Peaks closer together are of one shock: two axles, two rails."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from biodyn_core.effects import AppliedEffect, EffectParameter, logistic
@@ -24,8 +23,6 @@ from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS
 from biodyn_core.tracing.surface import surface
 from biodyn_core.tracing.verdict import explained, judged, named
-
-Floats = NDArray[np.float64]
 
 NOISE_BAND_HZ: Final = (60.0, 85.0)
 """Here bodies hardly move: what a model misses of a channel, its sensor made."""

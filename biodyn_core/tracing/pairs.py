@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.errors import InputError
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.tracing.faults import WAYS, Tried, all_tried, by_chance, tried_by, wandering, weights
 from biodyn_core.tracing.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Verdict = Literal["effect", "ambiguous", "none", "unexplained", "not_decidable"]
 
 MENDING: Final = 20

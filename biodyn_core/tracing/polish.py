@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import AppliedEffect, EffectParameter, Ranges, logistic
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
@@ -19,8 +19,6 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.parameters import Parameters
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.background import FREE
-
-Floats = NDArray[np.float64]
 
 STEP: Final = 1e-4
 """Step of an effect's parameter for its derivative, as a share of its range."""

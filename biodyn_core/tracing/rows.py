@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.identification.problem import Case
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.tracing.departures import UsualSettings
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 THINNED_HZ: Final = 280.0
 """All channels are low-passed at 100 Hz: closer samples say nothing new."""

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.screen import Screened, Screening, by_event
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS, Settled, relief, settle
 from biodyn_core.tracing.unsteady import unsteady
-
-Floats = NDArray[np.float64]
 
 LEAST_EVENTS: Final = 3
 LEAST_CASES: Final = 2

@@ -15,14 +15,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import N_THETA, Background, Side
 from biodyn_core.tracing.rows import Products
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 UNSEEN: Final = 1e-9
 """A candidate of which the background leaves no more than this share of its square is not seen at all."""

@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects import AppliedEffect, Ranges
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers, moved, sensed
 from biodyn_core.tracing.background import FREE, N_THETA, Background, Side
 from biodyn_core.tracing.rows import Products
-
-Floats = NDArray[np.float64]
 
 STEPS: Final = 12
 ENOUGH: Final = 2e-3

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.effects import AppliedEffect, Effect, EffectParameter
 from biodyn_core.effects.effect import Joint
 from biodyn_core.model import Chain, predict
@@ -23,8 +23,6 @@ from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.findings import Surface
 from biodyn_core.tracing.screen import mean_log_ratio
 from biodyn_core.tracing.settle import Settled, predicted
-
-Floats = NDArray[np.float64]
 
 ACROSS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Knots of stretch and of rate, in reaches of the joint; beyond the last a hat stays at its height."""
@@ -122,7 +120,7 @@ def _reach(background: Background, joint: int) -> tuple[float, float, float]:
     return stretch, rate, float(chain.stiffness_n_per_m[joint]) * stretch
 
 
-def _been(background: Background, joint: int, stretch: float, rate: float) -> NDArray[np.bool_]:
+def _been(background: Background, joint: int, stretch: float, rate: float) -> Flags:
     """Which knots (s, a) the joint comes near."""
     here = np.zeros((len(SPEEDS), len(ACROSS)), dtype=bool)
     for case in background.train.cases:

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from biodyn_core.arrays import Flags, Floats
 
 RIDGES: Final = (1e-4, 1e-3, 1e-2, 1e-1)
 """Pulls on coefficients, in shares of each input's own power."""

@@ -9,16 +9,14 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, signal
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.settle import Settled
-
-Floats = NDArray[np.float64]
 
 LATEST_S: Final = 0.02
 """A clock that seems off by more is another's fault."""
@@ -148,7 +146,7 @@ def _postures(
         yield AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0}), np.concatenate(left)
 
 
-def _two(normal: Floats, match: Floats, is_behind: NDArray[np.bool_]) -> tuple[float, Floats, Floats]:
+def _two(normal: Floats, match: Floats, is_behind: Flags) -> tuple[float, Floats, Floats]:
     """What one change of the columns before and another behind take off the squares, and both."""
     ridge = 1e-9 * np.trace(normal.sum(axis=0)) * np.eye(normal.shape[1])
     before, behind = (

@@ -21,11 +21,12 @@ from typing import Final
 
 import numpy as np
 
+from biodyn_core.arrays import Integers
 from biodyn_core.errors import InputError
 from biodyn_ros.bag.files import files_of_directory, kind_of
 from biodyn_ros.bag.mcap import McapStorage
 from biodyn_ros.bag.sqlite import SqliteStorage
-from biodyn_ros.bag.storage import Block, Chunk, Ints, Storage, TopicInfo, TopicKey
+from biodyn_ros.bag.storage import Block, Chunk, Storage, TopicInfo, TopicKey
 from biodyn_ros.bag.writer import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, ImuBlock, decode_imu_in
 
@@ -41,8 +42,8 @@ _NEVER = -(2**63)
 class LoggedImu(ImuBlock):
     """Samples of one sensor by both clocks: header_ns and log_ns int64 (n,); stamps_ns is the one asked for."""
 
-    header_ns: Ints
-    log_ns: Ints
+    header_ns: Integers
+    log_ns: Integers
 
 
 _Run = tuple[int, int, int, LoggedImu]

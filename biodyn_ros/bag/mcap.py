@@ -20,8 +20,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from biodyn_core.arrays import Integers
 from biodyn_core.errors import InputError
-from biodyn_ros.bag.storage import Bytes, Chunk, Ints, TopicInfo, TopicKey, grouped, refuse_foreign, require
+from biodyn_ros.bag.storage import Bytes, Chunk, TopicInfo, TopicKey, grouped, refuse_foreign, require
 from biodyn_ros.cdr import gather
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -414,7 +415,7 @@ _DECOMPRESS: dict[str, Callable[[bytes | memoryview, int], bytes | memoryview]] 
 }
 
 
-def _index_entries(records: bytes) -> Iterator[tuple[int, Ints]]:
+def _index_entries(records: bytes) -> Iterator[tuple[int, Integers]]:
     """(channel, int64 (n, 2) of log time and offset in the chunk) of each MessageIndex record."""
     for opcode, lo, hi in _records_in(records):
         if opcode == _MESSAGE_INDEX and hi - lo >= 6:
@@ -427,7 +428,7 @@ def _index_entries(records: bytes) -> Iterator[tuple[int, Ints]]:
 def _by_index(
     start_ns: int,
     buffer: Bytes,
-    entries: list[tuple[int, Ints]],
+    entries: list[tuple[int, Integers]],
     keys: tuple[TopicKey, ...],
     group_of: dict[int, int],
 ) -> Chunk | None:
@@ -458,7 +459,7 @@ def _by_index(
     return Chunk(start_ns, buffer, keys, tuple(edges), log_ns, at + _MESSAGE_HEAD.size, lengths)
 
 
-def _by_walking(data: bytes | memoryview, group_of: dict[int, int]) -> tuple[Ints, Ints, Ints, Ints]:
+def _by_walking(data: bytes | memoryview, group_of: dict[int, int]) -> tuple[Integers, Integers, Integers, Integers]:
     """The same, record after record in file order, for what has no index."""
     found = []
     for opcode, lo, hi in _records_in(data):

@@ -12,10 +12,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.arrays import Integers
 from biodyn_core.errors import InputError
 
 Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int64]
 TopicKey = tuple[str, str]
 """Topic name and message type."""
 
@@ -38,10 +38,10 @@ class Block:
 
     topic: str
     type: str
-    log_ns: Ints
+    log_ns: Integers
     buffer: Bytes
-    offsets: Ints
-    lengths: Ints
+    offsets: Integers
+    lengths: Integers
 
     def __len__(self) -> int:
         return len(self.log_ns)
@@ -64,9 +64,9 @@ class Chunk:
     buffer: Bytes
     keys: tuple[TopicKey, ...]
     edges: tuple[int, ...]
-    log_ns: Ints
-    offsets: Ints
-    lengths: Ints
+    log_ns: Integers
+    offsets: Integers
+    lengths: Integers
 
     def blocks(self) -> Iterator[Block]:
         """One block per topic."""
@@ -104,7 +104,13 @@ def require(module: str) -> ModuleType:
 
 
 def grouped(
-    start_ns: int, buffer: Bytes, keys: tuple[TopicKey, ...], group: Ints, log_ns: Ints, offsets: Ints, lengths: Ints
+    start_ns: int,
+    buffer: Bytes,
+    keys: tuple[TopicKey, ...],
+    group: Integers,
+    log_ns: Integers,
+    offsets: Integers,
+    lengths: Integers,
 ) -> Chunk:
     """A chunk from messages in file order, group[i] being the place in keys of message i's topic."""
     if (group[1:] < group[:-1]).any():

@@ -24,9 +24,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from biodyn_core.arrays import Integers
 from biodyn_core.errors import InputError
 from biodyn_ros.bag.mcap import MAGIC
-from biodyn_ros.bag.storage import Bytes, Ints, require
+from biodyn_ros.bag.storage import Bytes, require
 from biodyn_ros.cdr import scatter
 
 COMPRESSIONS: Final = ("none", "lz4", "zstd")
@@ -50,11 +51,11 @@ class _Pending:
     """Messages of one topic not yet in a chunk: log times int64 (n,), payloads void (n,), running numbers."""
 
     channel: int
-    log_ns: Ints
+    log_ns: Integers
     payload: NDArray[np.void]
     sequence: NDArray[np.uint32]
 
-    def rows(self, which: Ints) -> _Pending:
+    def rows(self, which: Integers) -> _Pending:
         """Some of the messages; a view where they are consecutive, which is the rule."""
         pick = slice(int(which[0]), int(which[-1]) + 1) if (which[1:] - which[:-1] == 1).all() else which
         return replace(self, log_ns=self.log_ns[pick], payload=self.payload[pick], sequence=self.sequence[pick])
@@ -138,7 +139,7 @@ class BagWriter:
             self._last_ns[channel.id] = _NEVER
         return int(channels[name].id)
 
-    def write(self, topic: str, log_ns: Ints, payload: Bytes) -> None:
+    def write(self, topic: str, log_ns: Integers, payload: Bytes) -> None:
         """Append messages of a declared topic: log times int64 (n,), serialized messages uint8 (n, size).
 
         The arrays are kept, not copied, until their chunk is written: do not change them. Blocks of the topics are
@@ -205,7 +206,7 @@ class BagWriter:
         except OSError as error:
             raise self._unwritable(error) from None
 
-    def _checked(self, topic: str, log_ns: Ints, payload: Bytes) -> _Pending:
+    def _checked(self, topic: str, log_ns: Integers, payload: Bytes) -> _Pending:
         log_ns, payload = np.asarray(log_ns), np.asarray(payload)
         if topic not in self._written.channels:
             raise InputError(f"{self._path}: topic {topic} is not declared: call add_topic first")
@@ -237,7 +238,7 @@ class BagWriter:
             self._write_chunk(owner[order[lo:hi]], row[order[lo:hi]])
         self._keep(order[: edges[-1]])
 
-    def _keep(self, taken: Ints) -> None:
+    def _keep(self, taken: Integers) -> None:
         """Drop the messages that were written, given by their place in the concatenation of all pending ones."""
         left = np.ones(sum(len(p.log_ns) for p in self._pending), dtype=bool)
         left[taken] = False
@@ -249,7 +250,7 @@ class BagWriter:
                 kept.append(block.rows(rows))
         self._pending, self._pending_bytes = kept, sum(block.nbytes for block in kept)
 
-    def _write_chunk(self, owner: Ints, row: Ints) -> None:
+    def _write_chunk(self, owner: Integers, row: Integers) -> None:
         """One chunk with its message index: message i is row[i] of pending block owner[i]."""
         head = np.empty(len(owner), dtype=_MESSAGE_HEAD)
         picked = [(np.flatnonzero(owner == k), self._pending[k]) for k in np.unique(owner).tolist()]
@@ -269,7 +270,7 @@ class BagWriter:
             scatter(data, starts[at] + _MESSAGE_HEAD.itemsize, block.payload)
         self._append_chunk(data, head["channel"], head["log_ns"], starts)
 
-    def _append_chunk(self, data: Bytes, channel: Ints, log_ns: Ints, starts: Ints) -> None:
+    def _append_chunk(self, data: Bytes, channel: Integers, log_ns: Integers, starts: Integers) -> None:
         first_ns, last_ns = int(log_ns.min()), int(log_ns.max())
         compressed = self._compress(data)
         chunk_at, name = self._file.tell(), self._compression.encode()

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats
 from biodyn_ros.blue_trident.samples import Samples, joined
-
-Flags = NDArray[np.bool_]
 
 LARGEST_MPS2: Final = 1e5
 """No accelerometer reads ten thousand g: such a number is no reading."""
@@ -112,9 +110,7 @@ def _faded(samples: Samples, zero: Flags, at_start: bool, at_end: bool) -> Flags
     return faded & ~zero
 
 
-def _share(
-    field: NDArray[np.float64], accel: NDArray[np.float64], fields: NDArray[np.float64], accels: NDArray[np.float64]
-) -> Flags:
+def _share(field: Floats, accel: Floats, fields: Floats, accels: Floats) -> Flags:
     with np.errstate(all="ignore"):
         of_field, of_accel = field / fields, accel / accels
         return (of_field < FADED) & (of_accel < FADED) & (np.abs(of_field - of_accel) < ALIKE)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.errors import InputError
 from biodyn_ros.blue_trident.rows import Damage, number_rows
 from biodyn_ros.blue_trident.samples import (
@@ -23,8 +23,6 @@ from biodyn_ros.blue_trident.samples import (
     Samples,
     scale_of,
 )
-
-Floats = NDArray[np.float64]
 
 SECTION, FRAME, SUB_FRAME = "Devices", "Frame", "Sub Frame"
 ACCEL, GYRO, MAG, HIGH = "accel", "gyro", "mag", "HighG"
@@ -71,7 +69,7 @@ class Nexus:
             stamps_ns = start_ns + np.rint(1e9 * since_s[kept]).astype(np.int64)
             yield read, self._parts_of(good[kept], stamps_ns, at)
 
-    def _parts_of(self, rows: Floats, stamps_ns: NDArray[np.int64], at: dict[int, int]) -> list[Part]:
+    def _parts_of(self, rows: Floats, stamps_ns: Integers, at: dict[int, int]) -> list[Part]:
         parts = []
         for serial, found in self.triplets.items():
             values = {

@@ -10,11 +10,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
-
-Floats = NDArray[np.float64]
 
 BLOCK_BYTES: Final = 4 << 20
 HEAD_BYTES: Final = 1 << 16

@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Flags, Floats, Integers
 from biodyn_core.errors import InputError
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_ros.blue_trident.rows import Damage
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 Channel = Literal["low", "high"]
 Kind = Literal["Capture.U", "Nexus"]
@@ -41,7 +38,7 @@ class Samples(NamedTuple):
     gyro_radps: Floats | None = None
     mag: Floats | None = None
 
-    def rows(self, which: slice | NDArray[np.bool_]) -> Samples:
+    def rows(self, which: slice | Flags) -> Samples:
         """Some of them."""
         return Samples(*(None if part is None else part[which] for part in self))
 

@@ -8,11 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.dual_range import DualRangeSettings, Span, saturated, spans
 from biodyn_ros.blue_trident.cleaning import Cleaner
 from biodyn_ros.blue_trident.found import Chosen
 from biodyn_ros.blue_trident.rows import Damage
-from biodyn_ros.blue_trident.samples import Export, Floats, Integers, Part, Samples
+from biodyn_ros.blue_trident.samples import Export, Part, Samples
 
 GAP_PERIODS: Final = 1.5
 NEAR_RAIL: Final = 0.9

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from biodyn_core.arrays import Floats, Integers
 from biodyn_core.dual_range import (
     Alignment,
     DualRangeSettings,
@@ -24,7 +25,7 @@ from biodyn_core.dual_range import (
     take_over,
 )
 from biodyn_ros.blue_trident.cleaning import LARGEST_MPS2, Cleaner
-from biodyn_ros.blue_trident.samples import Channel, Floats, Integers, Samples
+from biodyn_ros.blue_trident.samples import Channel, Samples
 from biodyn_ros.blue_trident.survey import Surveyed
 
 LONGEST_SPAN_S: Final = 1.0
