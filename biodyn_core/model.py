@@ -215,13 +215,6 @@ class Chain:
         longest = min(MAX_STEP_S, MAX_EIGENVALUE_STEP / self.largest_eigenvalue_rad_per_s)
         return math.ceil(1.0 / (rate_hz * longest) - 1e-9)
 
-    def energy_j(self, displacement_m: Floats, velocity_mps: Floats) -> Floats:
-        """Kinetic plus stored energy relative to the seat, (n,) J; it can only fall while the seat rests."""
-        stretch = np.diff(displacement_m, axis=1, prepend=0.0)
-        stored = self.stiffness_n_per_m * (stretch**2 / 2.0 + self.stiffening_per_m * np.abs(stretch) ** 3 / 3.0)
-        energy: Floats = (0.5 * self.inertia_kg * velocity_mps**2 + stored).sum(axis=1)
-        return energy
-
     def simulate(self, seat_mps2: ArrayLike, rate_hz: float, channels: Mapping[str, Floats] | None = None) -> Response:
         """Answer a seat acceleration (n,) from rest, with the state over time; method and channels as in `Stepper`."""
         seat = np.ascontiguousarray(seat_mps2, dtype=np.float64)

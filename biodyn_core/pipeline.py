@@ -319,6 +319,14 @@ class Pipeline:
         return self._seat.unpredicted / self._conditioners[SEAT].rate_hz if self._seat else 0.0
 
     @property
+    def is_extrapolating(self) -> bool:
+        """Whether the seat moved harder, since reset, than where the subject was fitted, as far as its file says."""
+        fitted_mps2 = self.subject.provenance.get("seat_peak_mps2")
+        if self._seat is None or not isinstance(fitted_mps2, (int, float)):
+            return False
+        return self._seat.seat_peak_mps2 > fitted_mps2
+
+    @property
     def _counted(self) -> dict[str, SensorMeters]:
         """The meters of all sensors, those of an earlier run that have not come back among them."""
         return self._earlier.held | self._meters

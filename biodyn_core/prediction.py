@@ -31,6 +31,7 @@ class SeatSide:
         self.stepper = Stepper(chain, rate_hz)
         self.divergences = 0
         self.unpredicted = 0
+        self.seat_peak_mps2 = 0.0
         self.comparison = Comparison(rate_hz, wait_s, window_s)
         self.doses = DoseMeter("Wk", rate_hz, N_SEGMENTS, window_s)
         self._batch = Batch()
@@ -42,6 +43,7 @@ class SeatSide:
             self._digest(self._batch.take())
             self.doses.skip(block.gap_s)
         accel = self._predict(block.low_passed_mps2)
+        self.seat_peak_mps2 = max(self.seat_peak_mps2, float(np.abs(block.low_passed_mps2).max(initial=0.0)))
         self._digest(self._batch.add(accel))
         self.comparison.seat(block, accel)
         return accel
@@ -76,6 +78,7 @@ class SeatSide:
         self.doses.reset()
         self.comparison.reset()
         self.unpredicted = 0
+        self.seat_peak_mps2 = 0.0
 
     def predicted(self, rolling: bool) -> dict[str, Dose]:
         """Doses of the predictions by segment."""

@@ -18,7 +18,6 @@ from biodyn_core.arrays import Floats
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.errors import InputError
 from biodyn_core.parameters import Parameters
-from biodyn_core.segments import MASS_FRACTION
 from biodyn_core.yaml_files import read_yaml
 
 SCHEMA: Final = 1
@@ -49,11 +48,6 @@ class Subject:
             raise InputError(f"mass_matrix is {self.mass_matrix!r}, allowed are {' and '.join(MASS_MATRICES)}")
         _check_range("body_mass_kg", self.body_mass_kg, BODY_MASS_KG)
         _check_range("stature_m", self.stature_m, STATURE_M)
-
-    @property
-    def segment_mass_kg(self) -> Floats:
-        """m_i, shape (6,), kg (Eq. 5)."""
-        return self.parameters.mass_scale * MASS_FRACTION * self.body_mass_kg
 
     def to_dict(self) -> dict[str, Any]:
         """Return the subject as the mapping its YAML file holds."""

@@ -27,6 +27,7 @@ def exposure_document(
     since, seat = pipeline.exposure(), pipeline.seat(project)
     uncounted = {name: pipeline.status(name).uncounted_s for name in since.sensors}
     lost = {name: pipeline.lost(name) for name in SENSORS}
+    status = "extrapolated" if pipeline.is_extrapolating else "not_validated"
     return {
         "bag": bag,
         "subject": pipeline.subject.name,
@@ -42,7 +43,7 @@ def exposure_document(
         # Predicted from the seat alone, whose losses are theirs. Held-out errors come with the fit of a subject, but
         # nothing ties them to this vehicle and seat, so no prediction is validated.
         "predicted": {
-            name: _figures(dose, _and_absent(lost[SEAT], pipeline.unpredicted_s)) | {"status": "not_validated"}
+            name: _figures(dose, _and_absent(lost[SEAT], pipeline.unpredicted_s)) | {"status": status}
             for name, dose in since.predicted.items()
         },
         "measured_low_passed": {

@@ -63,7 +63,7 @@ class Showing:
             "verdict": vars(judge(document, doubt)),
             "seat": _seat(seat, document, doubt) if seat else None,
             "rows": _rows(pipeline.exposure(rolling=True), by_name),
-            "prediction": _status(by_name["prediction"]) | {"validated": _validated(document)},
+            "prediction": _status(by_name["prediction"]) | {"extrapolated": _extrapolated(document)},
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
             "dri": document["dri"],
             "shocks": [_shock(shock) for shock in self._shocks.latest()],
@@ -80,8 +80,8 @@ def _doubt(statuses: dict[str, Status]) -> str:
     return "" if seat.values["rate_hz"] else prediction.message
 
 
-def _validated(document: dict[str, Any]) -> bool:
-    return bool(document["predicted"]) and all(each["status"] == "validated" for each in document["predicted"].values())
+def _extrapolated(document: dict[str, Any]) -> bool:
+    return any(each["status"] == "extrapolated" for each in document["predicted"].values())
 
 
 def _status(status: Status) -> dict[str, Any]:

@@ -18,9 +18,6 @@ from faults.stamps import Fault
 WITHIN_S: Final = 2.0
 """So long after a fault's end everything is to be normal again."""
 
-SETTLED_S: Final = 1.0
-"""The model has forgotten how a run began."""
-
 NEAR_MPS2: Final = 0.05
 """Predictions may differ by so much where a clock is followed anew; the ride is of 1 m/s^2."""
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from biodyn_core.errors import InputError
 from biodyn_core.identification.idealize import FittedCase, Idealized, idealize
+from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
 from biodyn_core.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.subject import Subject
@@ -87,7 +88,7 @@ def test_natural_frequencies_are_the_printed_ones_to_four_digits(number):
 @pytest.mark.parametrize("number", ["1", "2"])
 @pytest.mark.parametrize("segment", SEGMENTS[:4])
 def test_the_rebuilt_chain_stiffens_as_printed(number, segment):
-    found = table_idealized(number, segment).chain.stiffening_per_m[SEGMENTS.index(segment)]
+    found = Chain.of(table_idealized(number, segment).subject).stiffening_per_m[SEGMENTS.index(segment)]
     wanted = float(printed("tables_2_3.csv", number)[f"stiffening_per_m[{segment}]"]["idealized"])
     assert found == pytest.approx(wanted, rel=3e-4)
 
@@ -128,7 +129,7 @@ def test_the_rebuilt_chain_has_the_stiffness_of_tables_4_and_5(number):
     rows = csv.DictReader(line for line in lines if not line.startswith("#"))
     wanted = {row["joint"]: float(row["k_kn_per_m"]) for row in rows if row["subject"] == number}
     # The tables have k without m_scale.
-    found = idealized.chain.stiffness_n_per_m / idealized.subject.parameters.mass_scale / 1000.0
+    found = Chain.of(idealized.subject).stiffness_n_per_m / idealized.subject.parameters.mass_scale / 1000.0
     for name, k in zip(SEGMENTS, found, strict=True):
         assert k == pytest.approx(wanted[name], rel=7e-3 if (number, name) in NAMED else 1.5e-3), name
 
@@ -136,7 +137,7 @@ def test_the_rebuilt_chain_has_the_stiffness_of_tables_4_and_5(number):
 @pytest.mark.parametrize("form", ["segment", "cascade"])
 def test_the_matrices_are_rebuilt_by_hand(form):
     theta = (LOWER + UPPER) / 2.0
-    chain = idealize([FittedCase("road", person(theta, mass_matrix=form), 9.0)]).chain
+    chain = Chain.of(idealize([FittedCase("road", person(theta, mass_matrix=form), 9.0)]).subject)
     gamma = np.array([0.099, 0.117, 0.162, 0.126, 0.018, 0.059])
     cascade = np.array([sum(gamma[i:]) for i in range(6)]) * 70.0 * theta[14]
     k = (2.0 * np.pi * theta[:6]) ** 2 * cascade  # Eq. 39

@@ -8,7 +8,7 @@ import pytest
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.errors import InputError
-from biodyn_core.identification.fit import Fit, at_bound, fit_case, fit_cases, fit_joint, search_all
+from biodyn_core.identification.fit import Fit, at_bound, fit_cases, fit_joint, search_all
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.phase2 import least_squares, nelder_mead, refine
@@ -91,7 +91,7 @@ def test_starts_on_the_bounds_are_left(side: str) -> None:
 def test_the_papers_way_is_held_back_by_its_pull() -> None:
     """Eq. 33 with lambda_2 = 0.002 in physical units: 1 Hz from the start costs as much as 2 % rms in five segments."""
     cases, truth = fitting.true_cases("segment")[1:2], fitting.true_subjects()["segment"]
-    fit = fit_case(cases[0], truth, seed=1, settings=PAPER)
+    fit = fit_joint([cases[0]], truth, seed=1, settings=PAPER)
     found = fitting.theta_of(fit.subject)
     pull = 0.002 * ((found - fit.refined.reference) ** 2).sum()
     assert fit.refined.objective == pytest.approx(
@@ -128,7 +128,7 @@ def test_a_truth_beyond_table_1_ends_on_its_bound() -> None:
     damping[5] *= np.sqrt(stiff[5] / chain.stiffness_n_per_m[5])
     beyond = dataclasses.replace(chain, stiffness_n_per_m=stiff, damping_n_s_per_m=damping)
     case = fitting.ready(seat, beyond.simulate(seat, fitting.RATE_HZ).accel_mps2, "pothole")
-    fit = fit_case(case, inside, seed=1, settings=QUICK)
+    fit = fit_joint([case], inside, seed=1, settings=QUICK)
     assert "natural_frequency_hz[head]" in fit.at_bound
     assert fit.subject.parameters.natural_frequency_hz[5] == pytest.approx(12.0, rel=1e-3)
 
@@ -139,7 +139,7 @@ def test_a_subject_with_an_effect_is_fitted_with_it() -> None:
     truth = dataclasses.replace(fitting.drawn(1, "segment"), effects=(effect,))
     seat = fitting.seat_motion("pothole", 5.0, 1)
     case = fitting.ready(seat, Chain.of(truth).simulate(seat, fitting.RATE_HZ).accel_mps2, "pothole")
-    knowing, ignorant = (fit_case(case, s, 1, QUICK) for s in (truth, dataclasses.replace(truth, effects=())))
+    knowing, ignorant = (fit_joint([case], s, 1, QUICK) for s in (truth, dataclasses.replace(truth, effects=())))
     assert knowing.subject.effects == (effect,)
     assert knowing.error_percent < 0.1 and ignorant.error_percent > 1.0
     np.testing.assert_allclose(
@@ -153,7 +153,7 @@ def test_a_missing_segment_does_not_stop_a_fit() -> None:
     measured[:, 0] = np.nan
     case = Case.of(dataclasses.replace(recording, measured_mps2=measured), fitting.SPECTRUM, fitting.LINES)
     truth = fitting.true_subjects()["segment"]
-    fit = fit_case(case, truth, seed=1, settings=QUICK)
+    fit = fit_joint([case], truth, seed=1, settings=QUICK)
     assert np.isnan(fit.errors[0].nrmse_rms_percent[0]) and fit.error_percent < 0.2
     assert np.isnan(fit.clock_delays_s[0, 0]).all()
 
@@ -163,7 +163,7 @@ def test_a_chain_that_always_diverges_is_one_line() -> None:
         fitting.true_cases("segment")[0], seat_mps2=1e160 * fitting.true_cases("segment")[0].seat_mps2
     )
     with pytest.raises(InputError, match="road: the chain diverges from every start"):
-        fit_case(case, fitting.true_subjects()["segment"], 1, QUICK)
+        fit_joint([case], fitting.true_subjects()["segment"], 1, QUICK)
 
 
 @pytest.mark.parametrize(

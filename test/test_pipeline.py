@@ -150,6 +150,19 @@ def test_a_dead_sensor_leaves_a_hole_and_nothing_else_changes() -> None:
     assert not np.isnan(neck[10:800]).any()
 
 
+def test_predictions_beyond_what_the_subject_was_fitted_to_say_so() -> None:
+    streams = noisy_streams(8.0)
+    peak = float(np.nanmax(np.abs(run(streams, in_turn(streams)).measured[:, SENSORS.index(SEAT)])))
+    for fitted_mps2, status in ((1.01 * peak, "not_validated"), (0.99 * peak, "extrapolated"), (None, "not_validated")):
+        provenance = {} if fitted_mps2 is None else {"seat_peak_mps2": fitted_mps2}
+        pipeline = Pipeline(dataclasses.replace(subject(), provenance=provenance))
+        run(streams, in_turn(streams), pipeline=pipeline)
+        predicted = exposure_document(pipeline, "", 8.0, [])["predicted"]
+        assert {each["status"] for each in predicted.values()} == {status}
+        pipeline.reset()
+        assert not pipeline.is_extrapolating
+
+
 def test_a_late_sensor_is_waited_for_and_one_too_late_is_not() -> None:
     streams = noisy_streams()
     cuts = in_turn(streams, 100)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from biodyn_core.arrays import Floats
 from biodyn_core.effects.effect import AppliedEffect
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SEGMENTS
 
-Floats = NDArray[np.float64]
 Channels = Mapping[str, Floats]
 
 

@@ -67,41 +67,23 @@ class Fit:
         return TimeDomain(cases, self.subject, pull, self.settings.clocks)
 
 
-def fit_case(case: Case, subject: Subject, seed: int, settings: FitSettings | None = None) -> Fit:
-    """Fit one case; the subject gives anthropometry, mass matrix and m_scale. InputError as `fit_joint`."""
-    return fit_joint([case], subject, seed, settings)
-
-
-def fit_cases(
-    cases: Sequence[Case],
-    subject: Subject,
-    seed: int,
-    settings: FitSettings | None = None,
-    searches: Sequence[Search] | None = None,
-) -> list[Fit]:
+def fit_cases(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings | None = None) -> list[Fit]:
     """Fit each case by itself, as the paper does; under `phase1: pooled` from one search over all.
 
-    searches are those of `search_all` on the same cases, where they have been made already.
+    The subject gives anthropometry, mass matrix and m_scale.
     """
     s = settings or FitSettings()
-    found = search_all(cases, subject, seed, s) if searches is None else searches
+    found = search_all(cases, subject, seed, s)
     return [
         Fit.of(refine([case], subject, starts, s), [case], subject, s)
         for case, starts in zip(cases, searches_by_case(found, len(cases), s), strict=True)
     ]
 
 
-def fit_joint(
-    cases: Sequence[Case],
-    subject: Subject,
-    seed: int,
-    settings: FitSettings | None = None,
-    searches: Sequence[Search] | None = None,
-) -> Fit:
-    """Fit one theta to all cases; searches as in `fit_cases`. InputError where the chain diverges from every start."""
+def fit_joint(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings | None = None) -> Fit:
+    """Fit one theta to all cases, as `fit_cases`; raises InputError where the chain diverges from every start."""
     s = settings or FitSettings()
-    found = search_all(cases, subject, seed, s) if searches is None else searches
-    return Fit.of(refine(cases, subject, found, s), cases, subject, s)
+    return Fit.of(refine(cases, subject, search_all(cases, subject, seed, s), s), cases, subject, s)
 
 
 def search_all(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings) -> tuple[Search, ...]:

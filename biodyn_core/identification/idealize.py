@@ -15,7 +15,6 @@ import numpy as np
 
 from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
-from biodyn_core.model import Chain
 from biodyn_core.parameters import PARAMETERS, Parameters, from_log, to_log
 from biodyn_core.subject import Subject
 
@@ -60,11 +59,6 @@ class Idealized:
     weighted_error_percent: float
     cv_percent: Mapping[str, float]
     flagged: tuple[str, ...]
-
-    @property
-    def chain(self) -> Chain:
-        """M, K and C rebuilt from the idealized parameters (Eq. 39, 41; b by Eq. 11, as Eq. 40 misses omega_n)."""
-        return Chain.of(self.subject)
 
 
 def idealize(cases: Sequence[FittedCase]) -> Idealized:

@@ -282,7 +282,8 @@ function terms(of) {
   const pair = (measure, unit) => (limits[`action_${measure}`] === null ? "none stated"
     : `${limits[`action_${measure}`]} / ${limits[`limit_${measure}`]} ${unit}`);
   const kept = of.exposure ? ` Exposure: ${of.exposure.message}.` : "";
-  const model = of.prediction.validated ? "" : " They are not validated for this vehicle and seat.";
+  const range = of.prediction.extrapolated ? ", and the seat has moved harder than where the subject was fitted" : "";
+  const model = ` They are not validated for this vehicle and seat${range}.`;
   const mark = of.mark ? ` Last: ${of.mark}.` : "";
   const why = of.verdict.reasons.slice(1).join(" ");
   return `${why} Subject ${of.subject} (${of.mass_matrix}). Rolling window ${of.window_s} s. Limits of ${limits.source}, action / limit: `
