@@ -6,29 +6,46 @@ Instants wait until every sensor has come, or until they are `wait_s` of stamp t
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from biodyn_core import kernels
 from biodyn_core.alignment import Aligner
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block
-from biodyn_core.exposure import DoseMeter, ResidualMeter
+from biodyn_core.exposure import DoseMeter, Meter, Tally
+from biodyn_core.frames import NO_MEASURED, MeasuredFrames
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SENSORS
 
 
-class MeasuredFrames(NamedTuple):
-    """Conditioned vertical acceleration on the seat's grid: stamps_ns (n,), accel_mps2 (n, 6) by sensor, NaN: none.
+class ResidualMeter(Meter):
+    """Rms of predicted minus measured per channel: `push` both (n, c) m/s^2; rows with NaN are left out."""
 
-    residual_mps2 (n, 5) is predicted minus measured for the five segments that carry a sensor.
-    """
+    def __init__(self, rate_hz: float, channels: int, window_s: float) -> None:
+        self._tally = Tally(rate_hz, channels, 3, 3, window_s)
 
-    stamps_ns: Integers
-    accel_mps2: Floats
-    residual_mps2: Floats
+    def push(self, predicted_mps2: Floats, measured_mps2: Floats) -> None:
+        """Count a block."""
+        t = self._tally
+        kernels.residual(predicted_mps2, measured_mps2, t.bin, t.total, t.ring, t.position, t.length)
 
+    def skip(self, seconds: float) -> None:
+        """Nothing was measured for that long."""
+        self._tally.skip(seconds)
 
-NO_MEASURED: Final = MeasuredFrames(np.empty(0, dtype=np.int64), np.empty((0, N_SENSORS)), np.empty((0, N_SENSORS - 1)))
+    def since_reset(self) -> tuple[Floats, Floats]:
+        """Return (rms m/s^2, rms over measured rms in percent), each (c,), NaN where nothing was compared."""
+        return self._rms(self._tally.since_reset())
+
+    def rolling(self) -> tuple[Floats, Floats]:
+        """The same over the last `window_s`."""
+        return self._rms(self._tally.rolling())
+
+    @staticmethod
+    def _rms(rows: Floats) -> tuple[Floats, Floats]:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.sqrt(rows[:, 0] / rows[:, 2]), 100.0 * np.sqrt(rows[:, 0] / rows[:, 1])
 
 
 class _Instants(NamedTuple):

@@ -1,4 +1,4 @@
-"""Exposure: aw, MTVV, crest factor, VDV, MSDV, DRI and HIC, and the residual's rms; live and batch are one class each.
+"""Exposure: aw, MTVV, crest factor, VDV and MSDV; live and batch are one class.
 
 Every meter takes blocks of any size and answers since reset and over the last `window_s`; cuts never change a number.
 A NaN sample is missing and `skip(seconds)` is a break of that length, 0 where time jumped back: windows move on by it,
@@ -10,17 +10,16 @@ ISO 2631-1:1997; Zaman et al., Eq. 23-27, in the definitions their contradiction
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import linalg
 
 from biodyn_core import kernels
 from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.weighting import CURVES, WeightingName, weighting_sections
 
 BIN_S: Final = 0.1
@@ -41,10 +40,6 @@ SHORTEST_MSDV_S: Final = 100.0
 
 ISO 2631-1:1997, 5.5 asks for a duration of reasonable statistical precision and leaves the figure for Wf open.
 """
-
-DRI_OMEGA_RAD_PER_S: Final = 52.9
-DRI_DAMPING_RATIO: Final = 0.224
-DRI_BANDS: Final = ((5.2, "< 5.2"), (13.0, "5.2-13.0"), (17.7, "13.0-17.7"), (math.inf, "> 17.7 (AIS 2+ threshold)"))
 
 
 @dataclass(frozen=True)
@@ -67,43 +62,7 @@ class Dose:
         return self.peak_mps2 / self.aw_mps2 if self.aw_mps2 > 0.0 else None
 
 
-@dataclass(frozen=True)
-class MotionSickness:
-    """Motion sickness dose MSDVz m/s^1.5, None while fewer than SHORTEST_MSDV_S were counted, and seconds counted."""
-
-    msdv_mps15: float | None
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Dri:
-    """Dynamic Response Index: for one upward pulse, not a dose of repeated shocks (Eq. 24, 25).
-
-    `compression` counts spinal compression alone and is the headline; `as_printed` takes |z|. time_s: when it was
-    largest, since reset, breaks included.
-    """
-
-    compression: float
-    as_printed: float
-    time_s: float
-
-    @property
-    def band(self) -> str:
-        """The numeric band the compression falls in (Zaman et al., 4.4)."""
-        return next(label for upper, label in DRI_BANDS if self.compression < upper)
-
-
-@dataclass(frozen=True)
-class Hic:
-    """Head Injury Criterion over all windows up to one length: |vertical + 1 g|, |vertical|, resultant (Eq. 23)."""
-
-    as_printed: float
-    vertical: float
-    resultant: float
-    bandwidth_hz: float
-
-
-class _Tally:
+class Tally:
     """Bins that close into a total since reset and a ring over the window; `sums` columns add, the rest are largest."""
 
     def __init__(self, rate_hz: float, channels: int, columns: int, sums: int, window_s: float) -> None:
@@ -117,9 +76,11 @@ class _Tally:
         self.position = np.zeros(2, dtype=np.int64)
 
     def since_reset(self) -> Floats:
+        """What was counted since the last reset, (c, k)."""
         return self._join(self.total, self.bin)
 
     def rolling(self) -> Floats:
+        """What was counted within the window, (c, k)."""
         past = self.ring.max(axis=0)
         past[:, : self.sums] = self.ring[:, :, : self.sums].sum(axis=0)
         return self._join(past, self.bin)
@@ -188,10 +149,14 @@ class _Weighting:
             kernels.settle(self.sos, self.state, channel, level)
 
 
-class _Meter:
+class Meter(ABC):
     """What all meters have: a tally, whose sums since reset can be kept and gone on from."""
 
-    _tally: _Tally
+    _tally: Tally
+
+    @abstractmethod
+    def skip(self, seconds: float) -> None:
+        """Nothing was measured for that long."""
 
     def reset(self) -> None:
         """Start "since reset" anew."""
@@ -208,7 +173,7 @@ class _Meter:
         self._tally.go_on_from(kept)
 
 
-class DoseMeter(_Meter):
+class DoseMeter(Meter):
     """aw, MTVV, VDV and peak of channels sharing a clock: `push` blocks (n, c) of m/s^2, unweighted."""
 
     def __init__(self, weighting: WeightingName, rate_hz: float, channels: int, window_s: float) -> None:
@@ -216,7 +181,7 @@ class DoseMeter(_Meter):
         self._weighting = _Weighting(weighting, rate_hz, channels)
         self._decay = 1.0 - math.exp(-1.0 / (MTVV_TIME_CONSTANT_S * rate_hz))
         self._running = np.zeros(channels)
-        self._tally = _Tally(rate_hz, channels, 5, 3, window_s)
+        self._tally = Tally(rate_hz, channels, 5, 3, window_s)
 
     def push(self, accel_mps2: Floats) -> None:
         """Count a block (n, c)."""
@@ -253,13 +218,13 @@ class DoseMeter(_Meter):
         )
 
 
-class HorizontalMeter(_Meter):
+class HorizontalMeter(Meter):
     """Wd-weighted aw and VDV of the horizontal plane in every direction at once, from the moments of both axes."""
 
     def __init__(self, rate_hz: float, window_s: float) -> None:
         self._rate_hz = rate_hz
         self._weighting = _Weighting("Wd", rate_hz, 2)
-        self._tally = _Tally(rate_hz, 1, 9, 9, window_s)
+        self._tally = Tally(rate_hz, 1, 9, 9, window_s)
 
     def push(self, accel_mps2: Floats) -> None:
         """Count a block (n, 2)."""
@@ -292,172 +257,9 @@ class HorizontalMeter(_Meter):
         return aw, (np.maximum(fourth, 0.0) / self._rate_hz) ** 0.25
 
 
-class MotionSicknessMeter:
-    """Motion sickness dose value of the vertical: root of the integral of the squared Wf-weighted acceleration.
+def motion_sickness_mps15(weighted: Dose) -> float | None:
+    """Motion sickness dose value MSDVz of a vertical weighted by Wf, m/s^1.5; None below SHORTEST_MSDV_S.
 
-    `push` blocks (n, 1) of m/s^2, unweighted. ISO 2631-1:1997, clause 9 and Annex D.
+    Root of the integral of the squared acceleration (ISO 2631-1:1997, clause 9 and Annex D).
     """
-
-    def __init__(self, rate_hz: float) -> None:
-        self._meter = DoseMeter("Wf", rate_hz, 1, BIN_S)
-
-    def push(self, accel_mps2: Floats) -> None:
-        """Count a block (n, 1)."""
-        self._meter.push(accel_mps2)
-
-    def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long."""
-        self._meter.skip(seconds)
-
-    def since_reset(self) -> MotionSickness:
-        """The dose since the last reset."""
-        (dose,) = self._meter.since_reset()
-        enough = dose.seconds >= SHORTEST_MSDV_S
-        return MotionSickness(dose.aw_mps2 * math.sqrt(dose.seconds) if enough else None, dose.seconds)
-
-    def reset(self) -> None:
-        """Start "since reset" anew."""
-        self._meter.reset()
-
-    def kept(self) -> Floats:
-        """What was counted since reset."""
-        return self._meter.kept()
-
-    def go_on_from(self, kept: Floats) -> None:
-        """Count on from what was kept."""
-        self._meter.go_on_from(kept)
-
-
-class DriMeter(_Meter):
-    """The DRI oscillator driven by the seat's vertical acceleration, gravity-free, exact between samples.
-
-    Behind a break it starts at rest. The level a body's lean leaves in the vertical is of second order, 0.15 m/s^2 at
-    10 degrees, and worth 0.02 of compression; the level of a shock's middle would be worth far more.
-    """
-
-    def __init__(self, rate_hz: float, window_s: float) -> None:
-        self._rate_hz = rate_hz
-        self._transition = _first_order_hold(DRI_OMEGA_RAD_PER_S, DRI_DAMPING_RATIO, 1.0 / rate_hz)
-        self._state = np.zeros(3)
-        self._seen = np.zeros(2, dtype=np.int64)
-        self._tally = _Tally(rate_hz, 1, 2, 0, window_s)
-
-    def push(self, accel_mps2: Floats) -> None:
-        """Count a block (n, 1)."""
-        t = self._tally
-        kernels.dynamic_response(
-            accel_mps2, self._transition, self._state, t.bin, t.total, t.ring, t.position, t.length, self._seen
-        )
-
-    def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long."""
-        self._seen[0] += self._tally.skip(seconds)
-        self._state[:] = 0.0
-
-    def since_reset(self) -> Dri:
-        """The largest since the last reset."""
-        return self._dri(self._tally.since_reset())
-
-    def rolling(self) -> Dri:
-        """The largest over the last `window_s`; its time is that of the largest since reset."""
-        return self._dri(self._tally.rolling())
-
-    def reset(self) -> None:
-        """Start "since reset" anew."""
-        super().reset()
-        self._seen[:] = 0
-
-    def kept(self) -> Floats:
-        """As of every meter, with the seconds that passed and when it was largest, (1, 4)."""
-        return np.column_stack([super().kept(), self._seen[None] / self._rate_hz])
-
-    def go_on_from(self, kept: Floats) -> None:
-        """Count on from what was kept."""
-        largest, before = self._tally.since_reset()[0, 0], np.rint(kept[0, 2:] * self._rate_hz).astype(np.int64)
-        self._seen += before[0]
-        if kept[0, 0] >= largest:
-            self._seen[1] = before[1]
-        super().go_on_from(np.ascontiguousarray(kept[:, :2]))
-
-    def _dri(self, rows: Floats) -> Dri:
-        scale = DRI_OMEGA_RAD_PER_S**2 / STANDARD_GRAVITY_MPS2
-        return Dri(float(rows[0, 0] * scale), float(rows[0, 1] * scale), float(self._seen[1] / self._rate_hz))
-
-
-class HicMeter(_Meter):
-    """HIC of the head over all windows up to `length_s`; `push` gravity-free levelled acceleration (n, 3), z up."""
-
-    def __init__(self, rate_hz: float, length_s: float, window_s: float) -> None:
-        self._rate_hz, self._length_s = rate_hz, length_s
-        whole = math.floor(length_s * rate_hz + 1e-9)
-        self._weights = np.append(np.arange(1, whole + 1) / rate_hz, length_s) ** -0.6
-        self._history = np.zeros((3, 2, 2 * (whole + 2)))
-        self._filled = np.zeros((3, 2), dtype=np.int64)
-        self._tally = _Tally(rate_hz, 3, 1, 0, window_s)
-
-    def push(self, accel_mps2: Floats) -> None:
-        """Count a block (n, 3)."""
-        g = accel_mps2 / STANDARD_GRAVITY_MPS2
-        channels = np.column_stack([np.abs(g[:, 2] + 1.0), np.abs(g[:, 2]), np.sqrt((g**2).sum(axis=1))])
-        t = self._tally
-        kernels.head_injury(
-            channels, 1.0 / self._rate_hz, self._length_s, self._weights, self._history, self._filled,
-            t.bin, t.total, t.ring, t.position, t.length,
-        )  # fmt: skip
-
-    def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long; no window reaches across."""
-        self._tally.skip(seconds)
-        self._filled[:, 0] = 0
-
-    def since_reset(self) -> Hic:
-        """The largest since the last reset."""
-        return self._hic(self._tally.since_reset())
-
-    def rolling(self) -> Hic:
-        """The largest over the last `window_s`."""
-        return self._hic(self._tally.rolling())
-
-    def _hic(self, rows: Floats) -> Hic:
-        as_printed, vertical, resultant = (rows[:, 0] ** 2.5).tolist()
-        return Hic(as_printed, vertical, resultant, self._rate_hz / 2.0)
-
-
-class ResidualMeter(_Meter):
-    """Rms of predicted minus measured per channel: `push` both (n, c) m/s^2; rows with NaN are left out."""
-
-    def __init__(self, rate_hz: float, channels: int, window_s: float) -> None:
-        self._tally = _Tally(rate_hz, channels, 3, 3, window_s)
-
-    def push(self, predicted_mps2: Floats, measured_mps2: Floats) -> None:
-        """Count a block."""
-        t = self._tally
-        kernels.residual(predicted_mps2, measured_mps2, t.bin, t.total, t.ring, t.position, t.length)
-
-    def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long."""
-        self._tally.skip(seconds)
-
-    def since_reset(self) -> tuple[Floats, Floats]:
-        """Return (rms m/s^2, rms over measured rms in percent), each (c,), NaN where nothing was compared."""
-        return self._rms(self._tally.since_reset())
-
-    def rolling(self) -> tuple[Floats, Floats]:
-        """The same over the last `window_s`."""
-        return self._rms(self._tally.rolling())
-
-    @staticmethod
-    def _rms(rows: Floats) -> tuple[Floats, Floats]:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.sqrt(rows[:, 0] / rows[:, 2]), 100.0 * np.sqrt(rows[:, 0] / rows[:, 1])
-
-
-def _first_order_hold(omega: float, zeta: float, step_s: float) -> Floats:
-    """Exact step of z'' + 2 zeta w z' + w^2 z = -a for a linear between samples: (2, 4) on [z, z', a before, a now]."""
-    block = np.zeros((4, 4))
-    block[0, 1] = 1.0
-    block[1] = [-(omega**2), -2.0 * zeta * omega, -1.0, 0.0]
-    block[2, 3] = 1.0 / step_s
-    moved = linalg.expm(block * step_s)
-    # The fourth state is the rise of a over the step: a now - a before.
-    return np.column_stack([moved[:2, :2], moved[:2, 2] - moved[:2, 3], moved[:2, 3]])
+    return weighted.aw_mps2 * math.sqrt(weighted.seconds) if weighted.seconds >= SHORTEST_MSDV_S else None

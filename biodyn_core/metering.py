@@ -3,37 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from biodyn_core.arrays import Floats
 from biodyn_core.conditioned import Block
 from biodyn_core.errors import InputError
-from biodyn_core.exposure import Dose, DoseMeter, Dri, DriMeter, Hic, HicMeter, HorizontalMeter, MotionSicknessMeter
+from biodyn_core.exposure import BIN_S, Dose, DoseMeter, HorizontalMeter, Meter, motion_sickness_mps15
+from biodyn_core.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.segments import HEAD, SEAT
 from biodyn_core.weighting import WeightingName
 
 BATCH: Final = 128
 """Exposure is counted in batches of at least so many samples, predictions come first. No figure depends on it."""
-
-HIC_LENGTHS_S: Final = (0.015, 0.036)
-
-
-class Meter(Protocol):
-    """What can be told to skip, to begin anew, and to go on from what was kept."""
-
-    def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long."""
-
-    def reset(self) -> None:
-        """Start "since reset" anew."""
-
-    def kept(self) -> Floats:
-        """What was counted since reset."""
-
-    def go_on_from(self, kept: Floats) -> None:
-        """Count on from it."""
 
 
 class Batch:
@@ -68,14 +51,12 @@ class SensorMeters:
         self._also = {name: DoseMeter(name, rate_hz, 1, window_s) for name in also}
         self._plane = HorizontalMeter(rate_hz, window_s) if sensor == SEAT else None
         self._dri = DriMeter(rate_hz, window_s) if sensor == SEAT else None
-        self._sickness = MotionSicknessMeter(rate_hz) if sensor == SEAT else None
-        self._hics = [HicMeter(rate_hz, length, window_s) for length in HIC_LENGTHS_S] if sensor == HEAD else []
-        hics = {f"hic{round(1000 * h)}": meter for h, meter in zip(HIC_LENGTHS_S, self._hics, strict=False)}
-        named = {
-            "vertical": self._vertical, "plane": self._plane, "dri": self._dri, "sickness": self._sickness, **hics,
-            **{f"also {name}": meter for name, meter in self._also.items()},
-        }  # fmt: skip
-        self._named: dict[str, Meter] = {name: meter for name, meter in named.items() if meter is not None}
+        self._sickness = DoseMeter("Wf", rate_hz, 1, BIN_S) if sensor == SEAT else None
+        lengths_s = HIC_LENGTHS_S if sensor == HEAD else {}
+        self._hics = {name: HicMeter(rate_hz, length_s, window_s) for name, length_s in lengths_s.items()}
+        named = {"vertical": self._vertical, "plane": self._plane, "dri": self._dri, "sickness": self._sickness}
+        further = {f"also {name}": meter for name, meter in self._also.items()}
+        self._named: dict[str, Meter] = {name: m for name, m in (named | self._hics | further).items() if m is not None}
         upward = (self._vertical, *self._also.values(), self._dri, self._sickness)
         self._upward = [meter for meter in upward if meter is not None]
 
@@ -95,7 +76,7 @@ class SensorMeters:
             meter.push(up)
         if self._plane:
             self._plane.push(np.ascontiguousarray(rows[:, :2]))
-        for hic in self._hics:
+        for hic in self._hics.values():
             hic.push(rows)
 
     def _settle(self) -> None:
@@ -127,12 +108,12 @@ class SensorMeters:
         """The seat's motion sickness dose since reset, None while the record is too short for one."""
         self._settle()
         assert self._sickness is not None
-        return self._sickness.since_reset().msdv_mps15
+        return motion_sickness_mps15(self._sickness.since_reset()[0])
 
-    def hic(self, which: int, rolling: bool) -> Hic:
-        """The head's injury criterion over windows up to `HIC_LENGTHS_S[which]`."""
+    def hic(self, name: str, rolling: bool) -> Hic:
+        """The head's injury criterion of a name in `HIC_LENGTHS_S`."""
         self._settle()
-        return self._hics[which].rolling() if rolling else self._hics[which].since_reset()
+        return self._hics[name].rolling() if rolling else self._hics[name].since_reset()
 
     def reset(self) -> None:
         """Start "since reset" anew."""

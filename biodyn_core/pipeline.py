@@ -17,89 +17,27 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from biodyn_core.arrays import Floats, Integers
-from biodyn_core.comparison import NO_MEASURED, MeasuredFrames
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning import Conditioner, Mode, SettingsOf, settings_for
 from biodyn_core.earlier import Earlier
 from biodyn_core.errors import InputError
-from biodyn_core.exposure import Dose, Dri, Hic
+from biodyn_core.exposure import Dose
+from biodyn_core.frames import NO_FRAMES, NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames, joined
+from biodyn_core.injury import Dri, Hic
 from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
 from biodyn_core.keeping import NOTHING_LOST, Kept, KeptSensor, Lost
 from biodyn_core.levelling import Vector, first_axis_rad
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.metering import SensorMeters
 from biodyn_core.model import Chain
+from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import SeatSide
-from biodyn_core.segments import HEAD, N_SEGMENTS, SEAT, SENSORS
-from biodyn_core.settings import check_settings, setting
+from biodyn_core.segments import HEAD, SEAT, SENSORS
 from biodyn_core.subject import Subject
 from biodyn_core.timelines import Timelines
-from biodyn_core.weighting import CURVES, WeightingName
 
 SLICE_S: Final = 0.25
 """What sensors still hold at the end is taken from them in turns of so much."""
-
-
-@dataclass(frozen=True)
-class PipelineSettings:
-    """What the pipeline itself may be told; conditioning has settings of its own."""
-
-    window_s: float = setting(10.0, "length of the rolling window", "s", 0.5, 3600.0)
-    wait_s: float = setting(1.0, "how long measurements wait for the slowest sensor, in stamp time", "s", 0.3, 10.0)
-    yaw_deg: float | None = setting(
-        None, "angle from the vehicle's forward direction to the seat sensor's first axis", "deg", -360.0, 360.0
-    )
-    vertical: str = setting(
-        "", "which way is up along sensors' axes, where gravity shall not tell, such as 'seat=0,0,1 head=-1,0,0'"
-    )
-    also_weighted: str = setting("", "further weightings of every sensor's vertical, such as 'Wb Wj'")
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-        self.verticals()
-        self.weightings()
-
-    def verticals(self) -> dict[str, Vector]:
-        """The given verticals by sensor; InputError naming the part that is none."""
-        given: dict[str, Vector] = {}
-        for part in self.vertical.split():
-            sensor, _, axes = part.partition("=")
-            try:
-                x, y, z = (float(value) for value in axes.split(","))
-            except ValueError:
-                x = y = z = math.nan
-            if sensor not in SENSORS or not 0.0 < x * x + y * y + z * z < math.inf:
-                raise InputError(f"vertical {part!r}: expected sensor=x,y,z with a sensor of {', '.join(SENSORS)}")
-            given[sensor] = x, y, z
-        return given
-
-    def weightings(self) -> tuple[WeightingName, ...]:
-        """The further weightings; InputError naming one that is unknown."""
-        asked = self.also_weighted.replace(",", " ").split()
-        for name in asked:
-            if name not in CURVES:
-                raise InputError(f"also_weighted {name!r} is no weighting, known are {', '.join(CURVES)}")
-        return tuple(name for name in CURVES if name in asked)
-
-
-class PredictedFrames(NamedTuple):
-    """Predictions: stamps_ns (n,) of the instants answered, accel_mps2 (n, 6) absolute, gravity-free, up."""
-
-    stamps_ns: Integers
-    accel_mps2: Floats
-
-
-NO_PREDICTED: Final = PredictedFrames(np.empty(0, dtype=np.int64), np.empty((0, N_SEGMENTS)))
-
-
-class Frames(NamedTuple):
-    """What one push brought forth; either part may be empty."""
-
-    predicted: PredictedFrames
-    measured: MeasuredFrames
-
-
-NO_FRAMES: Final = Frames(NO_PREDICTED, NO_MEASURED)
 
 
 @dataclass(frozen=True)
@@ -221,8 +159,8 @@ class Pipeline:
             predicted=side.predicted(rolling) if side else {},
             measured_low_passed=side.measured(rolling, tuple(counted)) if side else {},
             dri=seat.dri(rolling) if seat else None,
-            hic15=head.hic(0, rolling) if head else None,
-            hic36=head.hic(1, rolling) if head else None,
+            hic15=head.hic("hic15", rolling) if head else None,
+            hic36=head.hic("hic36", rolling) if head else None,
             msdv_mps15=seat.msdv_mps15() if seat and not rolling else None,
             also=self._also(rolling),
             residual=side.residual(rolling) if side else {},
@@ -387,16 +325,6 @@ def _in_turns(held: list[tuple[str, Block]]) -> list[tuple[str, Block]]:
         cuts = [0, *(np.flatnonzero(np.diff(slots)) + 1).tolist(), block.time_s.size]
         parts += [(float(slots[a]), name, block.part(a, b)) for a, b in pairwise(cuts)]
     return [(name, part) for _, name, part in sorted(parts, key=lambda item: item[0])]
-
-
-def joined(frames: list[Frames]) -> Frames:
-    """What several pushes in a row brought forth, as if it had been one."""
-    predicted = [f.predicted for f in frames if f.predicted.stamps_ns.size]
-    measured = [f.measured for f in frames if f.measured.stamps_ns.size]
-    return Frames(
-        PredictedFrames(*map(np.concatenate, zip(*predicted, strict=True))) if predicted else NO_PREDICTED,
-        MeasuredFrames(*map(np.concatenate, zip(*measured, strict=True))) if measured else NO_MEASURED,
-    )
 
 
 def _check_effects(subject: Subject) -> None:

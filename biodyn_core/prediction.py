@@ -12,8 +12,8 @@ from biodyn_core import kernels
 from biodyn_core.arrays import Floats
 from biodyn_core.comparison import Comparison
 from biodyn_core.conditioned import Block
-from biodyn_core.exposure import Dose, DoseMeter
-from biodyn_core.metering import Batch, Meter, go_on
+from biodyn_core.exposure import Dose, DoseMeter, Meter
+from biodyn_core.metering import Batch, go_on
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 

@@ -9,8 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from biodyn_core.arrays import Flags, Floats, Integers
-from biodyn_core.comparison import MeasuredFrames
-from biodyn_core.pipeline import PredictedFrames
+from biodyn_core.frames import MeasuredFrames, PredictedFrames
 from biodyn_core.segments import N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 
 APART_NS: Final = 500_000_000

@@ -124,7 +124,7 @@ def _add_play(commands: Any) -> None:
 
 def _add_replay(commands: Any) -> None:
     from biodyn_core.conditioning import ConditioningSettings
-    from biodyn_core.pipeline import PipelineSettings
+    from biodyn_core.pipeline_settings import PipelineSettings
 
     command = _command(commands, "replay")
     _add_bag(command)

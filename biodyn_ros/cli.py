@@ -181,7 +181,7 @@ def _info(options: argparse.Namespace) -> int:
 def _replay(options: argparse.Namespace) -> int:
     from biodyn_core.conditioning import ConditioningSettings
     from biodyn_core.limits import EU_LIMITS, load_limits
-    from biodyn_core.pipeline import PipelineSettings
+    from biodyn_core.pipeline_settings import PipelineSettings
     from biodyn_core.subject import load_subject
     from biodyn_ros.mapping import parse_map
     from biodyn_ros.replay import ReplayOptions, replay_to_directory

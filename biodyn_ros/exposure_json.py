@@ -7,7 +7,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from biodyn_core.exposure import Dose, Hic
+from biodyn_core.exposure import Dose
+from biodyn_core.injury import Hic
 from biodyn_core.judgement import SeatExposure
 from biodyn_core.keeping import Lost
 from biodyn_core.limits import Limits

@@ -27,7 +27,8 @@ from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.limits import EU_LIMITS, load_limits
-from biodyn_core.pipeline import Pipeline, PipelineSettings
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject, load_subject

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from biodyn_core.clocks import ClockComparison
 from biodyn_core.conditioning import ConditioningSettings
-from biodyn_core.pipeline import PipelineSettings
+from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.recording import Recorder, Recording, RecordingSettings
 from biodyn_core.synthesis import CASES
 from biodyn_ros.bag import imu_blocks, open_bag

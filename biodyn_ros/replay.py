@@ -14,8 +14,10 @@ from biodyn_core.clocks import ClockComparison
 from biodyn_core.conditioned import SensorStatus
 from biodyn_core.conditioning import ConditioningSettings, Mode
 from biodyn_core.errors import InputError
+from biodyn_core.frames import Frames
 from biodyn_core.limits import EU_LIMITS, Limits
-from biodyn_core.pipeline import Frames, Pipeline, PipelineSettings
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__, topics

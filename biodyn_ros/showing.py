@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from biodyn_core.pipeline import Exposure, Frames, Pipeline, joined
+from biodyn_core.frames import Frames, joined
+from biodyn_core.pipeline import Exposure, Pipeline
 from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
 from biodyn_core.shocks import Shock, Shocks
 from biodyn_ros import __version__

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.arrays import Floats, Integers
-from biodyn_core.pipeline import Frames
+from biodyn_core.frames import Frames
 from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 from biodyn_ros.replay_spectra import ReplaySpectra
 from biodyn_ros.strip import BIN_NS, binned

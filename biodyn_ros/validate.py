@@ -18,7 +18,8 @@ import numpy as np
 from biodyn_core.arrays import Floats
 from biodyn_core.effects import needs_channels, shown
 from biodyn_core.errors import InputError
-from biodyn_core.exposure import Dose, DoseMeter, DriMeter, HicMeter
+from biodyn_core.exposure import Dose, DoseMeter
+from biodyn_core.injury import HIC_LENGTHS_S, DriMeter, HicMeter
 from biodyn_core.model import Chain, Response, SeatForce, predict
 from biodyn_core.recording import WARM_UP_S, WORTH_A_LINE_S, Recording
 from biodyn_core.response import (
@@ -47,7 +48,6 @@ Document = dict[str, Any]
 PRINTED_BAND: Final = (0.80, 0.95)
 """The paper's printed band of the normalised apparent mass's peak (4.1), which it ascribes to ISO 5982; unverified."""
 
-HIC_LENGTHS_S: Final = {"hic15": 0.015, "hic36": 0.036}
 _HEAD: Final = SEGMENTS.index(HEAD)
 _WINDOW_S: Final = 1.0
 """Of rolling figures, which nobody asks for here."""

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.conditioning import ConditioningSettings
-from biodyn_core.pipeline import Frames, PipelineSettings
+from biodyn_core.frames import Frames
+from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SENSORS
 from biodyn_core.subject import load_subject
 from biodyn_ros.bag import BagWriter

@@ -11,7 +11,8 @@ from test_pipeline import in_turn, run
 
 from biodyn_core.errors import InputError
 from biodyn_core.keeping import Kept, digest
-from biodyn_core.pipeline import Pipeline, PipelineSettings
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SEAT, SENSORS
 
 BELONGS = {"subject": "a", "sensors": "b"}

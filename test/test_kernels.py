@@ -17,7 +17,7 @@ from scipy import signal
 
 from biodyn_core import kernels
 from biodyn_core.alignment import lagrange_weights
-from biodyn_core.exposure import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, _first_order_hold
+from biodyn_core.injury import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, first_order_hold
 from biodyn_core.kernels import alignment, chain, compiling, exposure, guard, lean, sensor
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.parameters import LOWER, UPPER, Parameters
@@ -169,7 +169,7 @@ def _planar_dose(kind: str) -> list:
 
 
 def _dynamic_response(kind: str) -> list:
-    hold = _first_order_hold(DRI_OMEGA_RAD_PER_S, DRI_DAMPING_RATIO, 1.0 / RATE_HZ)
+    hold = first_order_hold(DRI_OMEGA_RAD_PER_S, DRI_DAMPING_RATIO, 1.0 / RATE_HZ)
     return [given(kind, 1), hold, np.zeros(3), *_tally(1, 2), np.zeros(2, dtype=np.int64)]
 
 

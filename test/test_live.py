@@ -24,7 +24,8 @@ from std_srvs.srv import Trigger
 from streams import noisy_streams, subject
 
 from biodyn_core.errors import InputError
-from biodyn_core.pipeline import Pipeline, PredictedFrames
+from biodyn_core.frames import PredictedFrames
+from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros import params, topics
 from biodyn_ros.cdr import decode_accel_stamped

@@ -16,7 +16,8 @@ from biodyn_core.conditioning import Conditioner
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import DoseMeter
 from biodyn_core.model import Chain, Stepper
-from biodyn_core.pipeline import Exposure, Pipeline, PipelineSettings
+from biodyn_core.pipeline import Exposure, Pipeline
+from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import MOST_STRETCH_M
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import ImuStream, SeatMotion, imu_streams, load_case

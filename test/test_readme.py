@@ -88,7 +88,7 @@ def test_what_contributors_are_told_to_change_is_there() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     told = {
         "cutoff_hz": "biodyn_core/conditioning.py",
-        "MotionSicknessMeter": "biodyn_core/exposure.py",
+        "HorizontalMeter": "biodyn_core/exposure.py",
         "EFFECT = Effect(": "biodyn_core/effects/gain.py",
         "SENSORS": "biodyn_core/segments.py",
         "BagWriter": "biodyn_ros/blue_trident/importing.py",

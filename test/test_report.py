@@ -15,10 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pages import NASTY, Page, assert_self_contained
 
-from biodyn_core.comparison import NO_MEASURED, MeasuredFrames
 from biodyn_core.errors import InputError
+from biodyn_core.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
 from biodyn_core.limits import EU_LIMITS
-from biodyn_core.pipeline import NO_PREDICTED, Frames, PredictedFrames
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_ros import traces as traces_of_replay
 from biodyn_ros.report import write_replay_report

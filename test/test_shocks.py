@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from biodyn_core.comparison import MeasuredFrames
-from biodyn_core.pipeline import PredictedFrames
+from biodyn_core.frames import MeasuredFrames, PredictedFrames
 from biodyn_core.shocks import APART_NS, KEPT, Shocks
 
 RATE_HZ = 1000.0

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from streams import START_NS, noisy_streams, subject
 
-from biodyn_core.pipeline import Pipeline, PipelineSettings
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.health import SensorHealth, Watch

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from biodyn_core.comparison import MeasuredFrames
+from biodyn_core.frames import MeasuredFrames
 from biodyn_core.response import SpectraMeter, SpectrumSettings, cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.waterfall import BIN_NS, BINS, WaterfallMeter

@@ -1,0 +1,54 @@
+"""Frames: what a push of the pipeline brings forth, predictions and what was measured beside them."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from biodyn_core.arrays import Floats, Integers
+from biodyn_core.segments import N_SEGMENTS, N_SENSORS
+
+
+class PredictedFrames(NamedTuple):
+    """Predictions: stamps_ns (n,) of the instants answered, accel_mps2 (n, 6) absolute, gravity-free, up."""
+
+    stamps_ns: Integers
+    accel_mps2: Floats
+
+
+NO_PREDICTED: Final = PredictedFrames(np.empty(0, dtype=np.int64), np.empty((0, N_SEGMENTS)))
+
+
+class MeasuredFrames(NamedTuple):
+    """Conditioned vertical acceleration on the seat's grid: stamps_ns (n,), accel_mps2 (n, 6) by sensor, NaN: none.
+
+    residual_mps2 (n, 5) is predicted minus measured for the five segments that carry a sensor.
+    """
+
+    stamps_ns: Integers
+    accel_mps2: Floats
+    residual_mps2: Floats
+
+
+NO_MEASURED: Final = MeasuredFrames(np.empty(0, dtype=np.int64), np.empty((0, N_SENSORS)), np.empty((0, N_SENSORS - 1)))
+
+
+class Frames(NamedTuple):
+    """What one push brought forth; either part may be empty."""
+
+    predicted: PredictedFrames
+    measured: MeasuredFrames
+
+
+NO_FRAMES: Final = Frames(NO_PREDICTED, NO_MEASURED)
+
+
+def joined(frames: list[Frames]) -> Frames:
+    """What several pushes in a row brought forth, as if it had been one."""
+    predicted = [f.predicted for f in frames if f.predicted.stamps_ns.size]
+    measured = [f.measured for f in frames if f.measured.stamps_ns.size]
+    return Frames(
+        PredictedFrames(*map(np.concatenate, zip(*predicted, strict=True))) if predicted else NO_PREDICTED,
+        MeasuredFrames(*map(np.concatenate, zip(*measured, strict=True))) if measured else NO_MEASURED,
+    )

@@ -1,0 +1,161 @@
+"""Injury criteria of one shock: the Dynamic Response Index of the seat and the Head Injury Criterion.
+
+Meters as those of `exposure`. Zaman et al., Eq. 23-25, in the definitions their contradictions forced on us.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import linalg
+
+from biodyn_core import kernels
+from biodyn_core.arrays import Floats
+from biodyn_core.exposure import Meter, Tally
+from biodyn_core.segments import STANDARD_GRAVITY_MPS2
+
+DRI_OMEGA_RAD_PER_S: Final = 52.9
+"""With the damping ratio, Eq. 24."""
+
+DRI_DAMPING_RATIO: Final = 0.224
+DRI_BANDS: Final = ((5.2, "< 5.2"), (13.0, "5.2-13.0"), (17.7, "13.0-17.7"), (math.inf, "> 17.7 (AIS 2+ threshold)"))
+
+HIC_LENGTHS_S: Final = {"hic15": 0.015, "hic36": 0.036}
+"""The longest window of each criterion."""
+
+
+@dataclass(frozen=True)
+class Dri:
+    """Dynamic Response Index: for one upward pulse, not a dose of repeated shocks (Eq. 24, 25).
+
+    `compression` counts spinal compression alone and is the headline; `as_printed` takes |z|. time_s: when it was
+    largest, since reset, breaks included.
+    """
+
+    compression: float
+    as_printed: float
+    time_s: float
+
+    @property
+    def band(self) -> str:
+        """The numeric band the compression falls in (Zaman et al., 4.4)."""
+        return next(label for upper, label in DRI_BANDS if self.compression < upper)
+
+
+@dataclass(frozen=True)
+class Hic:
+    """Head Injury Criterion over all windows up to one length: |vertical + 1 g|, |vertical|, resultant (Eq. 23)."""
+
+    as_printed: float
+    vertical: float
+    resultant: float
+    bandwidth_hz: float
+
+
+class DriMeter(Meter):
+    """The DRI oscillator driven by the seat's vertical acceleration, gravity-free, exact between samples.
+
+    Behind a break it starts at rest. The level a body's lean leaves in the vertical is of second order, 0.15 m/s^2 at
+    10 degrees, and worth 0.02 of compression; the level of a shock's middle would be worth far more.
+    """
+
+    def __init__(self, rate_hz: float, window_s: float) -> None:
+        self._rate_hz = rate_hz
+        self._transition = first_order_hold(DRI_OMEGA_RAD_PER_S, DRI_DAMPING_RATIO, 1.0 / rate_hz)
+        self._state = np.zeros(3)
+        self._seen = np.zeros(2, dtype=np.int64)
+        self._tally = Tally(rate_hz, 1, 2, 0, window_s)
+
+    def push(self, accel_mps2: Floats) -> None:
+        """Count a block (n, 1)."""
+        t = self._tally
+        kernels.dynamic_response(
+            accel_mps2, self._transition, self._state, t.bin, t.total, t.ring, t.position, t.length, self._seen
+        )
+
+    def skip(self, seconds: float) -> None:
+        """Nothing was measured for that long."""
+        self._seen[0] += self._tally.skip(seconds)
+        self._state[:] = 0.0
+
+    def since_reset(self) -> Dri:
+        """The largest since the last reset."""
+        return self._dri(self._tally.since_reset())
+
+    def rolling(self) -> Dri:
+        """The largest over the last `window_s`; its time is that of the largest since reset."""
+        return self._dri(self._tally.rolling())
+
+    def reset(self) -> None:
+        """Start "since reset" anew."""
+        super().reset()
+        self._seen[:] = 0
+
+    def kept(self) -> Floats:
+        """As of every meter, with the seconds that passed and when it was largest, (1, 4)."""
+        return np.column_stack([super().kept(), self._seen[None] / self._rate_hz])
+
+    def go_on_from(self, kept: Floats) -> None:
+        """Count on from what was kept."""
+        largest, before = self._tally.since_reset()[0, 0], np.rint(kept[0, 2:] * self._rate_hz).astype(np.int64)
+        self._seen += before[0]
+        if kept[0, 0] >= largest:
+            self._seen[1] = before[1]
+        super().go_on_from(np.ascontiguousarray(kept[:, :2]))
+
+    def _dri(self, rows: Floats) -> Dri:
+        scale = DRI_OMEGA_RAD_PER_S**2 / STANDARD_GRAVITY_MPS2
+        return Dri(float(rows[0, 0] * scale), float(rows[0, 1] * scale), float(self._seen[1] / self._rate_hz))
+
+
+class HicMeter(Meter):
+    """HIC of the head over all windows up to `length_s`; `push` gravity-free levelled acceleration (n, 3), z up."""
+
+    def __init__(self, rate_hz: float, length_s: float, window_s: float) -> None:
+        self._rate_hz, self._length_s = rate_hz, length_s
+        whole = math.floor(length_s * rate_hz + 1e-9)
+        self._weights = np.append(np.arange(1, whole + 1) / rate_hz, length_s) ** -0.6
+        self._history = np.zeros((3, 2, 2 * (whole + 2)))
+        self._filled = np.zeros((3, 2), dtype=np.int64)
+        self._tally = Tally(rate_hz, 3, 1, 0, window_s)
+
+    def push(self, accel_mps2: Floats) -> None:
+        """Count a block (n, 3)."""
+        g = accel_mps2 / STANDARD_GRAVITY_MPS2
+        channels = np.column_stack([np.abs(g[:, 2] + 1.0), np.abs(g[:, 2]), np.sqrt((g**2).sum(axis=1))])
+        t = self._tally
+        kernels.head_injury(
+            channels, 1.0 / self._rate_hz, self._length_s, self._weights, self._history, self._filled,
+            t.bin, t.total, t.ring, t.position, t.length,
+        )  # fmt: skip
+
+    def skip(self, seconds: float) -> None:
+        """Nothing was measured for that long; no window reaches across."""
+        self._tally.skip(seconds)
+        self._filled[:, 0] = 0
+
+    def since_reset(self) -> Hic:
+        """The largest since the last reset."""
+        return self._hic(self._tally.since_reset())
+
+    def rolling(self) -> Hic:
+        """The largest over the last `window_s`."""
+        return self._hic(self._tally.rolling())
+
+    def _hic(self, rows: Floats) -> Hic:
+        as_printed, vertical, resultant = (rows[:, 0] ** 2.5).tolist()
+        return Hic(as_printed, vertical, resultant, self._rate_hz / 2.0)
+
+
+def first_order_hold(omega: float, zeta: float, step_s: float) -> Floats:
+    """Exact step of z'' + 2 zeta w z' + w^2 z = -a for a linear between samples: (2, 4) on [z, z', a before, a now]."""
+    block = np.zeros((4, 4))
+    block[0, 1] = 1.0
+    block[1] = [-(omega**2), -2.0 * zeta * omega, -1.0, 0.0]
+    block[2, 3] = 1.0 / step_s
+    moved = linalg.expm(block * step_s)
+    # The fourth state is the rise of a over the step: a now - a before.
+    return np.column_stack([moved[:2, :2], moved[:2, 2] - moved[:2, 3], moved[:2, 3]])

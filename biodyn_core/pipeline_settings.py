@@ -1,0 +1,54 @@
+"""What the pipeline may be told, and how it is said in words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from biodyn_core.errors import InputError
+from biodyn_core.levelling import Vector
+from biodyn_core.segments import SENSORS
+from biodyn_core.settings import check_settings, setting
+from biodyn_core.weighting import CURVES, WeightingName
+
+
+@dataclass(frozen=True)
+class PipelineSettings:
+    """What the pipeline itself may be told; conditioning has settings of its own."""
+
+    window_s: float = setting(10.0, "length of the rolling window", "s", 0.5, 3600.0)
+    wait_s: float = setting(1.0, "how long measurements wait for the slowest sensor, in stamp time", "s", 0.3, 10.0)
+    yaw_deg: float | None = setting(
+        None, "angle from the vehicle's forward direction to the seat sensor's first axis", "deg", -360.0, 360.0
+    )
+    vertical: str = setting(
+        "", "which way is up along sensors' axes, where gravity shall not tell, such as 'seat=0,0,1 head=-1,0,0'"
+    )
+    also_weighted: str = setting("", "further weightings of every sensor's vertical, such as 'Wb Wj'")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        self.verticals()
+        self.weightings()
+
+    def verticals(self) -> dict[str, Vector]:
+        """The given verticals by sensor; InputError naming the part that is none."""
+        given: dict[str, Vector] = {}
+        for part in self.vertical.split():
+            sensor, _, axes = part.partition("=")
+            try:
+                x, y, z = (float(value) for value in axes.split(","))
+            except ValueError:
+                x = y = z = math.nan
+            if sensor not in SENSORS or not 0.0 < x * x + y * y + z * z < math.inf:
+                raise InputError(f"vertical {part!r}: expected sensor=x,y,z with a sensor of {', '.join(SENSORS)}")
+            given[sensor] = x, y, z
+        return given
+
+    def weightings(self) -> tuple[WeightingName, ...]:
+        """The further weightings; InputError naming one that is unknown."""
+        asked = self.also_weighted.replace(",", " ").split()
+        for name in asked:
+            if name not in CURVES:
+                raise InputError(f"also_weighted {name!r} is no weighting, known are {', '.join(CURVES)}")
+        return tuple(name for name in CURVES if name in asked)
