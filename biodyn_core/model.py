@@ -28,6 +28,9 @@ SeatForce = Literal["inertia", "joint", "paper"]
 MAX_STEP_S: Final = 1e-3
 """Largest integration step, the paper's own setting (3.3)."""
 
+MOST_SUBSTEPS: Final = 2000
+"""A chain that asks for more steps a sample is no body's, and would never answer."""
+
 MAX_EIGENVALUE_STEP: Final = 1.0
 """Largest |eigenvalue| x step. RK4 is stable to 2.78; the rest is room for strain stiffening."""
 
@@ -211,9 +214,16 @@ class Chain:
         return max([largest, *(element.own_rate_per_s for element in self.elements)])
 
     def substeps(self, rate_hz: float) -> int:
-        """How many steps the integrator takes from one sample to the next."""
-        longest = min(MAX_STEP_S, MAX_EIGENVALUE_STEP / self.largest_eigenvalue_rad_per_s)
-        return math.ceil(1.0 / (rate_hz * longest) - 1e-9)
+        """How many steps the integrator takes from one sample to the next; InputError for a chain too stiff to step."""
+        longest_s = min(MAX_STEP_S, MAX_EIGENVALUE_STEP / self.largest_eigenvalue_rad_per_s)
+        needed = 1.0 / (rate_hz * longest_s)
+        if not needed <= MOST_SUBSTEPS:
+            named = ", ".join(element.effect.name for element in self.elements)
+            blame = f" with {named}" if named else ""
+            raise InputError(
+                f"the chain{blame} is too stiff: {needed:.3g} steps a sample, at most {MOST_SUBSTEPS} are made"
+            )
+        return math.ceil(needed - 1e-9)
 
     def simulate(self, seat_mps2: ArrayLike, rate_hz: float, channels: Mapping[str, Floats] | None = None) -> Response:
         """Answer a seat acceleration (n,) from rest, with the state over time; method and channels as in `Stepper`."""

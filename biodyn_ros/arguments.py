@@ -166,7 +166,7 @@ def _add_fit(commands: Any) -> None:
     )  # fmt: skip
     command.add_argument("--paper", action="store_true", help="the paper's way; single options still change it")
     command.add_argument(
-        "--no-report", action="store_true", help="leave out fit.html and, of a campaign, campaign.html"
+        "--no-report", action="store_true", help="leave out OUT.fit.html and, of a campaign, campaign.html"
     )
     _add_seed(command, "of the swarms")
     command.add_argument("--resume", action="store_true", help="take up what an interrupted fit left")
@@ -190,7 +190,7 @@ def _add_fit(commands: Any) -> None:
     ):
         _add_settings(command, title, kind)
     command.add_argument(
-        "-o", "--output", required=True, metavar="OUT.yaml", help="the subject; fit.json and fit.html beside it"
+        "-o", "--output", required=True, metavar="OUT.yaml", help="the subject; OUT.fit.json and OUT.fit.html beside it"
     )
 
 

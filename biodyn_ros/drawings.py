@@ -17,6 +17,13 @@ from biodyn_ros.wording import number, words
 MEASURED_COLOUR: Final = "#1f2933"
 PREDICTED_COLOUR: Final = "#d9480f"
 BAND_COLOUR: Final = "#a9b5c0"
+OTHER_COLOUR: Final = "#1971c2"
+"""A second model beside the prediction: the linear one, or the one that came out."""
+
+PALETTE: Final = {
+    "measured": MEASURED_COLOUR, "predicted": PREDICTED_COLOUR, "band": BAND_COLOUR, "other": OTHER_COLOUR,
+}  # fmt: skip
+"""The colours of drawings as the legends beside them name them."""
 SOFT_COLOUR: Final = "#52606d"
 
 _STYLE: Final[Any] = {

@@ -9,12 +9,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from biodyn_core.parameters import PARAMETERS
-from biodyn_ros.drawings import MEASURED_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
+from biodyn_ros.drawings import MEASURED_COLOUR, OTHER_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
 from biodyn_ros.wording import number, parameter_name
 
 Document = dict[str, Any]
 
-ESTIMATE_COLOUR: Final = "#1971c2"
+ESTIMATE_COLOUR: Final = OTHER_COLOUR
 RANGE_COLOUR: Final = "#d5dce2"
 MARKERS: Final[dict[str, Any]] = {
     "identifiable": {"marker": "o", "markerfacecolor": ESTIMATE_COLOUR},

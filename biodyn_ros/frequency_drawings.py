@@ -15,12 +15,19 @@ import numpy as np
 from biodyn_core.arrays import Flags, Floats
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.waterfall import Waterfall
-from biodyn_ros.drawings import MEASURED_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn, say
+from biodyn_ros.drawings import (
+    BAND_COLOUR,
+    MEASURED_COLOUR,
+    OTHER_COLOUR,
+    PREDICTED_COLOUR,
+    SOFT_COLOUR,
+    drawn,
+    say,
+)
 from biodyn_ros.wording import words
 
 Document = dict[str, Any]
 
-LINEAR_COLOUR: Final = "#1971c2"
 DASHED: Final = (0, (4.0, 1.4))
 DASH_DOTTED: Final = (0, (6.0, 1.5, 1.0, 1.5))
 DOTTED: Final = (0, (1.0, 1.6))
@@ -28,7 +35,7 @@ DOTTED: Final = (0, (1.0, 1.6))
 _STYLES: Final[dict[str, Any]] = {
     "measured": {"color": MEASURED_COLOUR, "lw": 1.7},
     "predicted": {"color": PREDICTED_COLOUR, "lw": 1.3, "ls": DASHED},
-    "linear": {"color": LINEAR_COLOUR, "lw": 0.9, "ls": DASH_DOTTED},
+    "linear": {"color": OTHER_COLOUR, "lw": 0.9, "ls": DASH_DOTTED},
 }
 _WIDTH_IN: Final = 10.4
 _TICKS_HZ: Final = (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
@@ -176,7 +183,7 @@ def waterfall(found: Waterfall, channels: Sequence[tuple[str, int]], origin_ns: 
             )  # fmt: skip
             axes.set_title(title, loc="left", fontweight="bold")
             axes.set_ylabel(_FREQUENCY, color=SOFT_COLOUR)
-            axes.patch.set(hatch="////", edgecolor="#a9b5c0")  # shows where nothing is drawn over it
+            axes.patch.set(hatch="////", edgecolor=BAND_COLOUR)  # shows where nothing is drawn over it
             axes.grid(visible=False)
             every.append(axes)
         every[-1].set_xlabel("seconds since the first predicted instant", color=SOFT_COLOUR)

@@ -14,7 +14,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.judgement import HORIZONTAL_FACTOR
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros.dose_drawings import VDV_LABEL, Pair, doses
-from biodyn_ros.drawings import envelopes, overlay
+from biodyn_ros.drawings import PALETTE, envelopes, overlay
 from biodyn_ros.files import write_text
 from biodyn_ros.frequency_drawings import powers, residual_channels, transmissibility, waterfall
 from biodyn_ros.resources import package_directory
@@ -121,7 +121,7 @@ def render(template: str, **values: Any) -> str:
     )
     page.filters.update(number=number, bound=bound, duration=duration, words=words, sentence=sentence, shocks=shocks)
     page.filters["value"] = lambda stated: number(None) if stated is None else f"{stated:g}"
-    return page.get_template(template).render(**values)
+    return page.get_template(template).render(palette=PALETTE, **values)
 
 
 def write_drawn(path: Path, draw: Callable[[], str]) -> None:

@@ -13,17 +13,25 @@ from biodyn_core.errors import InputError
 from biodyn_core.response import SAME_RATE, SpectrumSettings, cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.tracing.findings import Candidate, Event, Round, Surface
-from biodyn_ros.drawings import MEASURED_COLOUR, SOFT_COLOUR, drawn, say
+from biodyn_ros.drawings import (
+    BAND_COLOUR,
+    MEASURED_COLOUR,
+    OTHER_COLOUR,
+    PREDICTED_COLOUR,
+    SOFT_COLOUR,
+    drawn,
+    say,
+)
 from biodyn_ros.trace_wording import effect_name
 from biodyn_ros.wording import number, words
 
-BEFORE_COLOUR: Final = "#d9480f"
-AFTER_COLOUR: Final = "#1971c2"
+BEFORE_COLOUR: Final = PREDICTED_COLOUR
+AFTER_COLOUR: Final = OTHER_COLOUR
 AMBIGUOUS_COLOUR: Final = "#e8930c"
 BEFORE_DASHES: Final = (0, (3.0, 1.2))
 """Before and after differ in more than colour."""
 
-REST_COLOUR: Final = "#a9b5c0"
+REST_COLOUR: Final = BAND_COLOUR
 
 SHOWN_S: Final = 1.2
 """So much of an event is drawn over time, around its strongest instant."""

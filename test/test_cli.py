@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from listed import assert_listed
 from streams import noisy_streams, subject
 
 from biodyn_core.pipeline import Pipeline
@@ -72,6 +73,7 @@ def test_replay_writes_bag_figures_and_report(capsys: pytest.CaptureFixture[str]
     assert code == 0
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["exposure.json", "predicted.mcap", "report.html"]
     document = json.loads((tmp_path / "out" / "exposure.json").read_text(encoding="utf-8"))
+    assert_listed("exposure.json", document)
     assert set(document["sensors"]) == set(SENSORS)
     assert set(document["predicted"]) == set(SEGMENTS)
     assert set(document["residual"]) == set(MEASURED_SEGMENTS)

@@ -351,6 +351,33 @@ def test_no_strength_is_the_base_to_the_last_bit(name: str) -> None:
         assert np.array_equal(answer(dataclasses.replace(chain, elements=(none,)), seat), base)
 
 
+@pytest.mark.parametrize("name", [n for n in IN_TIME if CATALOGUE[n].strengths])
+@pytest.mark.parametrize("share", [1e-3, 1e-6, 1e-9, 1e-15])
+def test_next_to_nothing_neither_shows_nor_takes_for_ever(name: str, share: float) -> None:
+    sizes = {p.name: share * p.upper for p in CATALOGUE[name].parameters if p.kind == "strength"}
+    effect, seat = applied(name, **sizes), shock(0.3)
+    assert Chain.of(with_effects(effect)).substeps(RATE_HZ) <= 500
+    base = Stepper(Chain.of(SUBJECT), RATE_HZ).push(seat)
+    assert rms(seen(effect, seat=seat) - base) < 0.02 * rms(base)
+
+
+def test_what_is_just_beyond_the_least_strength_is_as_good_as_none() -> None:
+    (parameter,) = [p for p in CATALOGUE["cushion"].parameters if p.least]
+    for more, absent in ((1.0, True), (1.01, False)):
+        effect = applied("cushion", **{parameter.name: more * parameter.least})
+        assert effect.absent == absent
+    seat = shock(0.3)
+    base = Stepper(Chain.of(SUBJECT), RATE_HZ).push(seat)
+    assert 0.0 < rms(seen(effect, seat=seat) - base) < 0.02 * rms(base)
+
+
+def test_a_chain_too_stiff_to_step_is_refused_in_one_line() -> None:
+    theta = SUBJECT.parameters.vector()
+    theta[5] = 1e6
+    with pytest.raises(InputError, match=r"the chain is too stiff: .* steps a sample, at most 2000 are made"):
+        Chain.of_theta(theta, 70.0, "segment").simulate(shock(), RATE_HZ)
+
+
 @settings(max_examples=15, deadline=None)
 @given(st.sampled_from(IN_TIME), st.lists(st.integers(1, 200), max_size=6))
 def test_block_cuts_change_no_bit(name: str, cuts: list[int]) -> None:

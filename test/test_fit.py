@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from listed import assert_listed
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -63,6 +64,7 @@ def fitted(bags: dict[str, Path]) -> Fitted:
 
 def test_the_document_has_what_scripts_read(fitted: Fitted) -> None:
     document = json.loads(json.dumps(fitted.document, allow_nan=False))
+    assert_listed("fit.json", document)
     least = {
         "subject", "cases", "idealized", "weights", "cv", "intervals", "identifiable", "evaluations", "seconds", "seed",
         "version",

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from listed import assert_listed
 from streams import noisy_streams, subject
 
 from biodyn_core.errors import InputError
@@ -127,6 +128,7 @@ def test_json_on_stdout_and_a_table_for_people(capsys: pytest.CaptureFixture[str
     assert main(["info", bag, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document == json.loads(json.dumps(info(bag)))
+    assert_listed("info", document)
     assert [row["sensor"] for row in document["topics"]] == list(SENSORS)
     assert document["replay"] == {"refusal": None, "sensors": list(SENSORS), "missing": [], "faults": []}
     # Its log times were made from the stamps, and so tell nothing: no figure is better than a perfect one.

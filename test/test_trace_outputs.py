@@ -15,6 +15,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from listed import assert_listed
 from pages import Page
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
@@ -462,6 +463,7 @@ def test_bags_become_cases_with_channels_and_their_roles(bags: dict[str, Path], 
     assert tone(traced.document | {"verdict": "none"}) == "none"  # no green for what the model itself made
     assert tone(traced.document | {"verdict": "none", "warnings": []}) == "good"
     assert tone(traced.document | {"verdict": "unexplained"}) == "bad"
+    assert_listed("trace.json", traced.document)
     alone = trace_bags([bags["road"]], SUBJECT)
     assert "nothing is held out" in alone.document["dealt"] and heard["held_out"] == []
     named = trace_bags([bags["rail_1"]], SUBJECT, TraceOptions(held_out=(str(bags["road"]),)))

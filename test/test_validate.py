@@ -9,6 +9,7 @@ import math
 import naive
 import numpy as np
 import pytest
+from listed import assert_listed
 from streams import independent_streams, subject
 
 from biodyn_core.errors import InputError
@@ -375,6 +376,7 @@ def test_a_bag_becomes_a_document(tmp_path):
     validated = validate_to_directory(bag, subject(), tmp_path / "out" / "deep")
     written = json.loads((tmp_path / "out" / "deep" / "validate.json").read_text(encoding="utf-8"))
     assert written == json.loads(json.dumps(validated.document, allow_nan=False))
+    assert_listed("validate.json", written)
     assert written["case"] == "rail"
     assert written["path"] == "zero_phase"
     assert "made by the model itself" in written["bag_made_by_model"]

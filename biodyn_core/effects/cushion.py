@@ -53,7 +53,8 @@ EFFECT = Effect(
     signature="all channels, 5 to 30 Hz",
     place="joint",
     parameters=(
-        EffectParameter("compliance_m_per_n", "m/N", 0.0, 4e-5, 1e-5, "strength"),
+        # Foam of 10 MN/m and more is the seat itself: it would change the pelvis joint by a hundredth at most.
+        EffectParameter("compliance_m_per_n", "m/N", 0.0, 4e-5, 1e-5, "strength", least=1e-7),
         EffectParameter("damping_s", "s", 0.001, 0.05, 0.01),
         # Little is told of the foam's own mass, and no mass at all is a foam too; lighter, its steps would be shorter.
         EffectParameter("mass_kg", "kg", 1.0, 8.0, 3.0, "nuisance"),

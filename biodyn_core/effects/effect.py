@@ -33,7 +33,8 @@ class EffectParameter:
     """One parameter: unit, range, where a fit starts, whether 0 of it is the base chain, and the range's source.
 
     acts_at is a value at which it shows, for one that starts at zero; grid are further values to try it at, since far
-    from its own a shape shows nothing.
+    from its own a shape shows nothing. least: a strength up to this is none, for what is weaker shows nothing and would
+    ask for ever shorter steps.
     """
 
     name: str
@@ -45,6 +46,7 @@ class EffectParameter:
     source: str = UNSOURCED
     acts_at: float = 0.0
     grid: tuple[float, ...] = ()
+    least: float = 0.0
 
     @property
     def size(self) -> float:
@@ -199,8 +201,8 @@ class AppliedEffect:
     @property
     def absent(self) -> bool:
         """Whether it is of no strength, so that the base chain remains."""
-        strengths = self.effect.strengths
-        return bool(strengths) and all(self.values[name] == 0.0 for name in strengths)
+        strengths = [parameter for parameter in self.effect.parameters if parameter.kind == "strength"]
+        return bool(strengths) and all(abs(self.values[p.name]) <= p.least for p in strengths)
 
     def to_dict(self) -> dict[str, Any]:
         """The mapping of a subject file."""
