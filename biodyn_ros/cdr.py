@@ -141,12 +141,18 @@ def shift_stamp(message: bytes, by_ns: int) -> bytes:
     return restamp(message, sec * NS_PER_S + nanosec + by_ns)
 
 
-def encode_imu(stamps_ns: Integers, accel_mps2: Floats, gyro_radps: Floats | None, frame_id: str) -> Bytes:
+def encode_imu(
+    stamps_ns: Integers,
+    accel_mps2: Floats,
+    gyro_radps: Floats | None,
+    frame_id: str,
+    accel_variance: Floats | None = None,
+) -> Bytes:
     """Serialize n Imu messages, little endian, uint8 (n, size), padding zeroed.
 
-    stamps_ns (n,), accel_mps2 and gyro_radps (n, 3). The orientation is the identity with orientation_covariance[0] =
-    -1, which Imu.msg reads as "not estimated", as is the angular velocity's without one; other covariances are 0,
-    "unknown".
+    stamps_ns (n,), accel_mps2 and gyro_radps (n, 3); accel_variance (n, 3), (m/s^2)^2, is the diagonal of the
+    acceleration's covariance. The orientation is the identity with orientation_covariance[0] = -1, which Imu.msg reads
+    as "not estimated", as is the angular velocity's without one; the other covariances are 0, "unknown".
     InputError for arrays that do not fit together, a NUL in frame_id, or stamps outside int32 seconds.
     """
     out, body = _blank(_IMU, stamps_ns, frame_id)
@@ -157,6 +163,10 @@ def encode_imu(stamps_ns: Integers, accel_mps2: Floats, gyro_radps: Floats | Non
     else:
         _put(out, body + _GYRO_AT, _vectors(gyro_radps, len(out), "gyro_radps"))
     _put(out, body + _ACCEL_AT, _vectors(accel_mps2, len(out), "accel_mps2"))
+    if accel_variance is not None:
+        diagonal = _vectors(accel_variance, len(out), "accel_variance")
+        for axis in range(3):
+            _put(out, body + _ACCEL_AT + 24 + 32 * axis, diagonal[:, axis])
     return out
 
 

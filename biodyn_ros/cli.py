@@ -168,10 +168,11 @@ def _play(options: argparse.Namespace) -> int:
 
 def _info(options: argparse.Namespace) -> int:
     from biodyn_core.conditioning import ConditioningSettings
-    from biodyn_ros.info import InfoOptions, info, text_of
+    from biodyn_ros.info import info, text_of
     from biodyn_ros.mapping import parse_map
+    from biodyn_ros.sensor_reading import ReadingOptions
 
-    how = InfoOptions(parse_map(options.map), options.time, settings_of(options, ConditioningSettings))
+    how = ReadingOptions(parse_map(options.map), options.time, settings_of(options, ConditioningSettings))
     with Progress("reading") as progress:
         document = info(options.bag, how, progress)
     _print(options, document, text_of(document))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from biodyn_core.exposure import Dose
@@ -69,10 +69,10 @@ def exposure_document(
     }
 
 
-def sensor_warnings(pipeline: Pipeline) -> list[str]:
-    """What every sensor's conditioning has to say, one line each."""
+def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
+    """What these sensors' conditioning, and the model, have to say, one line each."""
     lines = []
-    for name in SENSORS:
+    for name in sensors:
         status = pipeline.status(name)
         if status.fault:
             lines.append(status.fault)

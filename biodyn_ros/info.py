@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,6 +18,7 @@ from biodyn_ros.cdr import IMU_TYPE
 from biodyn_ros.mapping import SensorMap, imu_topics, map_sensors
 from biodyn_ros.replay import check_seat
 from biodyn_ros.saturation import limits_of
+from biodyn_ros.sensor_reading import ReadingOptions
 from biodyn_ros.stamps import SensorClock, TimeChoice, choose_times, clock_warnings
 from biodyn_ros.wording import number, stuck
 
@@ -30,25 +30,16 @@ _MOST_STEPS: Final = 1 << 14
 _MOST_KINDS: Final = 12
 
 
-@dataclass(frozen=True)
-class InfoOptions:
-    """How a bag is looked at: which topic is which sensor, whose clock, and the settings of conditioning."""
-
-    mapping: dict[str, str] = field(default_factory=dict)
-    time: str = "header"
-    conditioning: ConditioningSettings | None = None
-
-
 def info(
     bag: str | Path,
-    options: InfoOptions | None = None,
+    options: ReadingOptions | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, Any]:
     """Look through a bag and return the mapping of `biodyn info --json`.
 
     `progress` hears (samples done, samples in all). InputError for what is no bag and for a mapped topic not there.
     """
-    options = options or InfoOptions()
+    options = options or ReadingOptions()
     with open_bag(bag) as reader:
         sensors = map_sensors(reader, options.mapping)
         topics = imu_topics(reader)

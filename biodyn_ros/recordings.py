@@ -5,33 +5,25 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
-from biodyn_core.clocks import ClockComparison
-from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.recording import Recorder, Recording, RecordingSettings
 from biodyn_core.synthesis import CASES
-from biodyn_ros.bag import imu_blocks, open_bag
-from biodyn_ros.mapping import sensors_of
-from biodyn_ros.provenance import MADE_BY_MODEL, is_made_by_model
-from biodyn_ros.saturation import limits_of
-from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
+from biodyn_ros.provenance import MADE_BY_MODEL
+from biodyn_ros.sensor_reading import ReadingOptions, open_sensors
 
 
 @dataclass(frozen=True)
-class RecordingOptions:
-    """How a bag is read: which topic is which sensor, whose clock, and how it is conditioned and masked.
+class RecordingOptions(ReadingOptions):
+    """How a bag is read, and how its recordings are masked.
 
     vertical: where sensors' axes see up if not by gravity, as `PipelineSettings.vertical`. channels: whether what they
     measure beside their vertical is read too, `Recording.channels`.
     """
 
-    mapping: dict[str, str] = field(default_factory=dict)
-    time: str = "header"
     vertical: str = ""
-    conditioning: ConditioningSettings | None = None
     recording: RecordingSettings | None = None
     channels: bool = False
 
@@ -50,29 +42,15 @@ def read_recordings(
     options = options or RecordingOptions()
     verticals = PipelineSettings(vertical=options.vertical).verticals()
     with_rates = options.channels or not (options.recording or RecordingSettings()).keep_lean
-    with open_bag(bag) as reader:
-        sensors = sensors_of(reader, options.mapping)
-        conditioning, told = limits_of(reader, sensors, options.conditioning)
-        recorder = Recorder(
-            case or case_of(bag), str(bag), conditioning, options.recording, verticals, options.channels
-        )
-        times = choose_times(reader, sensors, options.time)
-        clocks = {topic: ClockComparison() for topic in sensors}
-        total = sum(topic.messages for topic in reader.topics if topic.name in sensors)
-        done = 0
-        by_topic = {name: choice.time for name, choice in times.items()}
-        for topic, block in imu_blocks(reader, sensors, by_topic, with_rates):
-            recorder.push(sensors[topic], block.stamps_ns, block.accel_mps2, block.gyro_radps)
-            clocks[topic].push(block.header_ns, block.log_ns)
-            done += len(block.stamps_ns)
-            progress(done, total)
-        warnings = [*map(str, reader.warnings), *told]
-        if is_made_by_model(reader):
-            warnings.insert(0, MADE_BY_MODEL)
+    with open_sensors(bag, options) as sensors:
+        settings, named = sensors.conditioning, case or case_of(bag)
+        recorder = Recorder(named, str(bag), settings, options.recording, verticals, options.channels)
+        for sensor, block in sensors.blocks(progress, with_rates):
+            recorder.push(sensor, block.stamps_ns, block.accel_mps2, block.gyro_radps)
+        warnings = [*([MADE_BY_MODEL] if sensors.made_by_model else []), *sensors.bag_warnings()]
     recordings = recorder.finish()
     seconds = 1e-9 * float(recordings[-1].stamps_ns[-1] - recordings[0].stamps_ns[0])
-    compared = {sensors[topic]: SensorClock(times[topic], clocks[topic].result()) for topic in sensors}
-    warnings += clock_warnings(compared, seconds)
+    warnings += sensors.clock_warnings(seconds)
     return [dataclasses.replace(each, warnings=(*warnings, *each.warnings)) for each in recordings]
 
 

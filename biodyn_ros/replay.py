@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from biodyn_core.clocks import ClockComparison
 from biodyn_core.conditioned import SensorStatus
-from biodyn_core.conditioning import ConditioningSettings, Mode
+from biodyn_core.conditioning import Mode
 from biodyn_core.errors import InputError
 from biodyn_core.frames import Frames
 from biodyn_core.limits import EU_LIMITS, Limits
@@ -21,26 +20,20 @@ from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__, topics
-from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
+from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
 from biodyn_ros.files import make_directory
 from biodyn_ros.json_files import write_json
-from biodyn_ros.mapping import sensors_of
-from biodyn_ros.provenance import MADE_BY_MODEL, is_made_by_model
-from biodyn_ros.saturation import limits_of
-from biodyn_ros.stamps import SensorClock, choose_times, clock_warnings
+from biodyn_ros.provenance import MADE_BY_MODEL
+from biodyn_ros.sensor_reading import ReadingOptions, open_sensors
 from biodyn_ros.traces import Traces
-from biodyn_ros.wording import MODEL
 
 
 @dataclass(frozen=True)
-class ReplayOptions:
-    """How a bag is replayed: which topic is which sensor, whose clock, and the pipeline's settings."""
+class ReplayOptions(ReadingOptions):
+    """How a bag is read and replayed."""
 
-    mapping: dict[str, str] = field(default_factory=dict)
-    time: str = "header"
-    conditioning: ConditioningSettings | None = None
     pipeline: PipelineSettings | None = None
     limits: Limits = EU_LIMITS
     mode: Mode = "causal"
@@ -68,31 +61,19 @@ def replay(
     gives no prediction, saying why.
     """
     options = options or ReplayOptions()
-    with open_bag(bag) as reader:
-        sensors = sensors_of(reader, options.mapping)
-        conditioning, told = limits_of(reader, sensors, options.conditioning)
-        pipeline = Pipeline(subject, conditioning, options.pipeline, options.limits, options.mode)
-        times = choose_times(reader, sensors, options.time)
-        clocks = {topic: ClockComparison() for topic in sensors}
-        total = sum(topic.messages for topic in reader.topics if topic.name in sensors)
-        done = 0
-        for topic, block in imu_blocks(reader, sensors, {name: choice.time for name, choice in times.items()}):
-            each(pipeline.push(sensors[topic], block.stamps_ns, block.accel_mps2))
-            clocks[topic].push(block.header_ns, block.log_ns)
-            done += len(block.stamps_ns)
-            progress(done, total)
+    with open_sensors(bag, options) as sensors:
+        pipeline = Pipeline(subject, sensors.conditioning, options.pipeline, options.limits, options.mode)
+        for sensor, block in sensors.blocks(progress):
+            each(pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
         each(pipeline.finish())
-        warnings = [*map(str, reader.warnings), *told]
-        made_by_model = is_made_by_model(reader)
+        warnings = sensors.bag_warnings()
     check_seat(pipeline.status(SEAT), str(bag))
     seconds = pipeline.seconds()
-    warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.values()]
-    warnings += [line for line in sensor_warnings(pipeline) if line.split(":")[0] in (*sensors.values(), MODEL)]
-    compared = {sensors[topic]: SensorClock(times[topic], clocks[topic].result()) for topic in sensors}
-    warnings += clock_warnings(compared, seconds)
+    warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.times]
+    warnings += sensor_warnings(pipeline, sensors.times) + sensors.clock_warnings(seconds)
     document = exposure_document(pipeline, str(bag), seconds, warnings, options.project)
-    document["time"] = {sensor: times[topic].time for topic, sensor in sensors.items()}
-    if made_by_model:
+    document["time"] = sensors.times
+    if sensors.made_by_model:
         document["bag_made_by_model"] = MADE_BY_MODEL
     return Replayed(document, pipeline)
 

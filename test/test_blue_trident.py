@@ -37,9 +37,10 @@ from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, rows, text_of
 from biodyn_ros.blue_trident.starting import parse_start
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
-from biodyn_ros.info import InfoOptions, info
+from biodyn_ros.info import info
 from biodyn_ros.recordings import read_recordings
 from biodyn_ros.replay import ReplayOptions, replay
+from biodyn_ros.sensor_reading import ReadingOptions
 from biodyn_ros.topics import INPUT
 
 Floats = NDArray[np.float64]
@@ -168,7 +169,7 @@ def test_what_high_g_gave_does_not_count_as_clipped(drive: tuple[Path, Path, dic
     (recording,) = read_recordings(bag, "rail")
     assert not any("clipped, masked" in line for line in recording.warnings)
     # Whoever gives a limit is heard.
-    strict = info(bag, InfoOptions(conditioning=ConditioningSettings(saturation_mps2=150.0)))
+    strict = info(bag, ReadingOptions(conditioning=ConditioningSettings(saturation_mps2=150.0)))
     assert min(row["clipped"] for row in strict["topics"]) > 5
 
 
@@ -197,7 +198,7 @@ def test_a_limit_of_a_bag_is_heeded_if_it_is_one(said: str, clipped: int, tmp_pa
         writer.add_metadata("biodyn", {"saturation_mps2": said})
     assert info(tmp_path / "b.mcap")["topics"][0]["clipped"] == clipped
     # A bag whose topic is another sensor here keeps its own limit.
-    renamed = InfoOptions({"head": INPUT["seat"]})
+    renamed = ReadingOptions({"head": INPUT["seat"]})
     assert info(tmp_path / "b.mcap", renamed)["topics"][0]["clipped"] == clipped
 
 

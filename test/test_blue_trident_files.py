@@ -19,8 +19,9 @@ from biodyn_core.dual_range import DualRangeSettings, Stretch, align, bias, leve
 from biodyn_core.errors import LONGEST, InputError
 from biodyn_ros.bag import open_bag
 from biodyn_ros.cli import main
-from biodyn_ros.info import InfoOptions, info
+from biodyn_ros.info import info
 from biodyn_ros.replay import ReplayOptions, replay
+from biodyn_ros.sensor_reading import ReadingOptions
 from biodyn_ros.topics import INPUT
 
 Floats = NDArray[np.float64]
@@ -305,7 +306,7 @@ def test_a_real_export_of_nexus(name: str, shared_data: Path, tmp_path: Path) ->
         check_gyro(stamps, gyro, np.deg2rad(raw[:, 9:12]))
     # An arm that moves from the first second on, for eight seconds, is not at rest within the usual patience.
     soon = ConditioningSettings(rest_patience_s=3.0)
-    seen = info(bag, InfoOptions(conditioning=soon))
+    seen = info(bag, ReadingOptions(conditioning=soon))
     assert [row["sensor"] for row in seen["topics"]] == list(expected) and seen["replay"]["refusal"] is None
     replayed = replay(bag, subject(), ReplayOptions(conditioning=soon)).document
     assert replayed["sensors"]["seat"]["clipped_samples"] == 0 and replayed["sensors"]["seat"]["aw_mps2"] > 0.1

@@ -23,8 +23,9 @@ from biodyn_core.segments import SENSORS
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
-from biodyn_ros.info import InfoOptions, info
+from biodyn_ros.info import info
 from biodyn_ros.replay import ReplayOptions, replay
+from biodyn_ros.sensor_reading import ReadingOptions
 from biodyn_ros.topics import INPUT
 
 RESULT = ""
@@ -252,7 +253,7 @@ def test_a_real_bus_reaches_a_limit_as_often_as_its_samples_do(tmp_path: Path, s
     beyond = int((np.abs(recording[1]) >= 13.0).any(axis=1).sum())
     assert beyond > 0
     settings = ConditioningSettings(saturation_mps2=13.0)
-    assert only_row(info(bag, InfoOptions(conditioning=settings)))["clipped"] == beyond
+    assert only_row(info(bag, ReadingOptions(conditioning=settings)))["clipped"] == beyond
     replayed = replay(bag, subject(), ReplayOptions(conditioning=settings)).document
     assert replayed["sensors"]["seat"]["clipped_samples"] == beyond
     assert replayed["sensors"]["seat"]["lower_bound"]
@@ -301,7 +302,7 @@ def test_a_parachute_opens_at_the_end_of_its_sensor_s_range(tmp_path: Path, shar
     assert row["clipped"] == 0
     limit = ConditioningSettings(saturation_mps2=50.0)
     beyond = int((np.abs(recording[1][behind]) >= 50.0).any(axis=1).sum())
-    assert only_row(info(bag, InfoOptions(conditioning=limit)))["clipped"] == beyond > 0
+    assert only_row(info(bag, ReadingOptions(conditioning=limit)))["clipped"] == beyond > 0
     assert "a rate of 200 Hz does not fit" in refused_for_its_rate(bag)
 
 

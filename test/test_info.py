@@ -18,9 +18,10 @@ from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
-from biodyn_ros.info import InfoOptions, info, text_of
+from biodyn_ros.info import info, text_of
 from biodyn_ros.replay import ReplayOptions, replay
 from biodyn_ros.resources import bag_file
+from biodyn_ros.sensor_reading import ReadingOptions
 from biodyn_ros.stamps import choose_times
 
 START_NS = 1_700_000_000_000_000_000
@@ -95,14 +96,14 @@ def test_a_topic_of_any_rate_mapped_or_not_and_what_replay_would_say(tmp_path: P
     bag = write(tmp_path / "a.mcap", {"/imu": still(rate_hz=31.0)})
     document = info(bag)
     assert "name it with --map seat=TOPIC" in document["replay"]["refusal"]
-    document = info(bag, InfoOptions({"seat": "/imu"}))
+    document = info(bag, ReadingOptions({"seat": "/imu"}))
     assert by_sensor(document)["seat"]["rate_hz"] == pytest.approx(31.0, rel=1e-4)
     with pytest.raises(InputError) as refused:
         replay(bag, subject(), ReplayOptions({"seat": "/imu"}))
     assert document["replay"]["refusal"] == str(refused.value)
     assert "a rate of 31 Hz does not fit, 250 to 20000 Hz are needed" in document["replay"]["refusal"]
     with pytest.raises(InputError, match="--map seat=/none: no such Imu topic"):
-        info(bag, InfoOptions({"seat": "/none"}))
+        info(bag, ReadingOptions({"seat": "/none"}))
 
 
 def test_two_topics_that_may_be_one_sensor_are_both_shown(tmp_path: Path) -> None:
@@ -180,7 +181,7 @@ def test_stamps_that_are_zero_or_stand_still_give_way_to_log_time(tmp_path: Path
         assert any(text.startswith(mixed) for text in warnings)
     assert replayed["seconds"] == pytest.approx(30.0, abs=0.1)
     assert replayed["time"] == {"seat": "log", "head": "header"}
-    assert info(bag, InfoOptions(time="log"))["warnings"] == []
+    assert info(bag, ReadingOptions(time="log"))["warnings"] == []
 
 
 def test_time_is_chosen_where_a_topic_begins_late_or_has_two_messages(tmp_path: Path) -> None:
