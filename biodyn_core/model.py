@@ -103,26 +103,37 @@ class Chain:
         return dataclasses.replace(self, elements=(*self.elements, *more)) if more else self
 
     def _element(self, applied: AppliedEffect) -> Element:
-        if applied.site == SEAT:
-            return self._everywhere(applied)
-        effect, index = applied.effect, SEGMENTS.index(applied.site)
-        joint = Joint(
+        effect, everywhere = applied.effect, applied.site == SEAT
+        index = 0 if everywhere else SEGMENTS.index(applied.site)
+        joint = self._whole() if everywhere else self._joint(index)
+        stiffness, damping = effect.stiffens(joint, applied.values)
+        return Element(
+            effect,
+            index,
+            constants=effect.constants(joint, applied.values),
+            channels=effect.needed(applied.site),
+            delay_s=applied.values[effect.delay] if effect.delay else 0.0,
+            own_rate_per_s=effect.own_rate_per_s(joint, applied.values),
+            stiffness_n_per_m=stiffness,
+            damping_n_s_per_m=damping,
+            # On the seat, each segment gets as much of the force as it is inert.
+            spread=tuple((self.inertia_kg / self.inertia_kg.sum()).tolist()) if everywhere else (),
+        )
+
+    def _joint(self, index: int) -> Joint:
+        """A joint with the segment above it."""
+        return Joint(
             stiffness_n_per_m=float(self.stiffness_n_per_m[index]),
             stiffening_n_per_m2=float(self.stiffness_n_per_m[index] * self.stiffening_per_m[index]),
             damping_n_s_per_m=float(self.damping_n_s_per_m[index]),
             mass_above_kg=float(self.mass_kg[index:].sum()),
             segment_mass_kg=float(self.mass_kg[index]),
         )
-        constants, most = effect.constants(joint, applied.values), effect.stiffens(joint, applied.values)
-        delay_s = applied.values[effect.delay] if effect.delay else 0.0
-        own_rate_per_s = effect.own_rate_per_s(joint, applied.values)
-        return Element(effect, index, constants, delay_s, own_rate_per_s, *most)
 
-    def _everywhere(self, applied: AppliedEffect) -> Element:
-        """A force that each segment gets as much of as it is inert; it knows of no joint."""
+    def _whole(self) -> Joint:
+        """The whole body, which no joint holds."""
         whole_kg = float(self.inertia_kg.sum())
-        constants = applied.effect.constants(Joint(0.0, 0.0, 0.0, whole_kg, whole_kg), applied.values)
-        return Element(applied.effect, 0, constants, 0.0, 0.0, 0.0, 0.0, tuple((self.inertia_kg / whole_kg).tolist()))
+        return Joint(0.0, 0.0, 0.0, whole_kg, whole_kg)
 
     @property
     def M(self) -> Floats:  # noqa: N802 - the field's symbol

@@ -13,7 +13,7 @@ from biodyn_core.arrays import Floats
 from biodyn_core.effects import Effect
 from biodyn_core.errors import InputError
 from biodyn_core.kernels.generated import ANYWHERE, Piece, Role, integrator
-from biodyn_core.segments import N_SEGMENTS, SEGMENTS
+from biodyn_core.segments import N_SEGMENTS
 
 _NO_DRIVE: Final = np.empty((0, 0))
 
@@ -22,23 +22,19 @@ _NO_DRIVE: Final = np.empty((0, 0))
 class Element:
     """An effect in a chain: its segment or joint, 0 to 5, or how its force spreads over all six, and its constants.
 
-    delay_s is how far it looks back; the stiffness and damping are the most that it may add there, own_rate_per_s the
-    largest eigenvalue of its own states.
+    channels are what it needs beside the seat's vertical, delay_s is how far it looks back; the stiffness and damping
+    are the most that it may add there, own_rate_per_s the largest eigenvalue of its own states.
     """
 
     effect: Effect
     index: int
     constants: tuple[float, ...]
+    channels: tuple[str, ...]
     delay_s: float
     own_rate_per_s: float
     stiffness_n_per_m: float
     damping_n_s_per_m: float
-    spread: tuple[float, ...] = ()
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """What it needs beside the seat's vertical."""
-        return self.effect.needed(SEGMENTS[self.index])
+    spread: tuple[float, ...]
 
 
 class Wiring:
