@@ -1,4 +1,4 @@
-"""What the benchmarks of the live node share: processes, what they cost, and which answer belongs to which sample."""
+"""What the benchmarks of the live node share: its three processes, what the node costs, and what became of samples."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,11 @@ from numpy.typing import NDArray
 from biodyn_core.segments import SEAT
 from biodyn_ros import topics
 
+NODE = ("-m", "biodyn_ros.cli", "live", "--ros-args", "-p", "state_file:=none", "--log-level", "warn")
+
+SETTLE_S = 3.0  # rest, first predictions, discovery
+TAIL_S = 2.0  # measurements wait a second for the slowest sensor: the last ones are not owed yet
+MARGIN_S = 1.0  # between the last message and the end of who receives it
 ENDING_S = 30.0
 EXACT_NS = 1000  # diagnostics give the filter delay in whole microseconds
 
@@ -102,3 +109,41 @@ def _latencies(
     which = np.minimum(np.searchsorted(stamps_ns, answered_ns - EXACT_NS), stamps_ns.size - 1)
     known = np.abs(stamps_ns[which] - answered_ns) <= EXACT_NS
     return which[known], 1e-6 * (arrived_ns - sent["sent_ns"][which])[known]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of a run, seconds since it began: what the node cost and held, and what became of its samples."""
+
+    begin_s: float
+    end_s: float
+    cpu_percent: float
+    resident_mb: float
+    growth_mb: float
+    found: Answered
+
+
+def streamed(node: Sequence[str], kind: str, rate_hz: float, seconds: Sequence[float]) -> list[Window]:
+    """Stream to a node by a publisher and from it to a subscriber; a window for each of these lengths, in a row."""
+    edges = np.cumsum([SETTLE_S, *seconds]).tolist()
+    with TemporaryDirectory() as directory, ExitStack() as started:
+        sent, got = Path(directory, "sent.npz"), Path(directory, "got.npz")
+        pid = started.enter_context(running(*node)).pid
+        subscriber = started.enter_context(running("-m", "bench.graph", "subscriber", kind, str(got)))
+        words = (str(rate_hz), str(edges[-1] + TAIL_S), str(sent))
+        publisher = started.enter_context(running("-m", "bench.graph", "publisher", *words))
+        if publisher.stdout is None or not publisher.stdout.readline():
+            raise RuntimeError("the publisher found nobody to listen")
+        begin_s, costs = time.monotonic(), []
+        for edge in edges:
+            time.sleep(max(0.0, begin_s + edge - time.monotonic()))
+            costs.append((time.monotonic(), cpu_s(pid), resident_mb(pid)))
+        publisher.wait(TAIL_S + ENDING_S)
+        time.sleep(MARGIN_S)
+        stop(subscriber)
+        arrays = dict(np.load(sent)), dict(np.load(got))
+    windows = []
+    for begin, end, before, after in zip(edges, edges[1:], costs, costs[1:], strict=False):
+        cpu_percent, grown_mb = 100.0 * (after[1] - before[1]) / (after[0] - before[0]), after[2] - before[2]
+        windows.append(Window(begin, end, cpu_percent, after[2], grown_mb, answered(*arrays, begin, end)))
+    return windows
