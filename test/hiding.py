@@ -25,7 +25,7 @@ Change = Callable[[Floats], Floats]
 TRUTH = fitting.true_subjects()["segment"]
 SECONDS = 5.0
 NOISE_MPS2 = 0.02
-LOWER_TORSO, NECK, HEAD = 1, 3, 4
+NECK, HEAD = 3, 4
 """Columns of what is measured."""
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from streams import subject
 from trident import (
     LOW_HZ,
@@ -43,8 +42,6 @@ from biodyn_ros.replay import ReplayOptions, replay
 from biodyn_ros.sensor_reading import ReadingOptions
 from biodyn_ros.topics import INPUT
 
-Floats = NDArray[np.float64]
-MORE = "\r\nTrajectories\r\n100\r\nFrame,Sub Frame\r\n1,0\r\n2,0\r\n"
 SERIALS = {name: f"TS-0237{number}" for number, name in enumerate(SENSORS)}
 
 

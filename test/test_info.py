@@ -264,7 +264,6 @@ def test_what_a_failing_replay_had_begun_is_taken_back(tmp_path: Path, monkeypat
     with pytest.raises(InputError):
         module.replay_to_directory(bag, subject(), tmp_path / "deep" / "out", report=False)
     assert not (tmp_path / "deep").exists()
-    monkeypatch.undo()
     (tmp_path / "kept").mkdir()
     monkeypatch.setattr(module, "check_seat", lambda *a: (_ for _ in ()).throw(InputError("no")))
     with pytest.raises(InputError):

@@ -45,7 +45,7 @@ def assert_theta_is_true(found: Subject, rel: float) -> None:
             hiding.plain,
             "skin",
             "head",
-            {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3},
+            SKIN,
         ),
         (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}),
         (hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}),
