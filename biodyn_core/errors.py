@@ -17,3 +17,9 @@ class InputError(ValueError):
     def __init__(self, text: str) -> None:
         cut = f"{text[: LONGEST // 2]} ... {text[5 - LONGEST // 2 :]}" if len(text) > LONGEST else text
         super().__init__(cut)
+
+
+def one_line(error: Exception) -> str:
+    """An error in one line: our own texts say all there is, others need their kind."""
+    line = " ".join(str(error).split())
+    return line if isinstance(error, InputError) else f"{type(error).__name__}: {line}"

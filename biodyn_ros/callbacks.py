@@ -9,7 +9,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
-from biodyn_core.errors import InputError
+from biodyn_core.errors import one_line
 
 
 def make_executor(context: Any = None) -> Any:
@@ -34,11 +34,6 @@ def spin(executor: Any, until: Callable[[], bool]) -> None:
                 raise
 
 
-def cause_of(error: Exception) -> str:
-    """An error in one line: our own texts say all there is, others need their kind."""
-    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-
-
 def guarded(callback: Callable[..., None], tell: Callable[[str], None]) -> Callable[..., None]:
     """A callback that raises is told of and survived: rclpy swallows what it raises, EventsExecutor ends its loop."""
 
@@ -46,6 +41,6 @@ def guarded(callback: Callable[..., None], tell: Callable[[str], None]) -> Calla
         try:
             callback(*arguments)
         except Exception as error:  # noqa: BLE001 - a node that judges exposure survives a bad message
-            tell(cause_of(error))
+            tell(one_line(error))
 
     return survived

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from biodyn_core.errors import InputError
+from biodyn_core.errors import InputError, one_line
 from biodyn_ros import __version__
 from biodyn_ros.campaign_file import Campaign, Entry
 from biodyn_ros.executors import as_done, result_of
@@ -110,7 +110,7 @@ def fit_and_draw(entry: Entry, options: FitOptions) -> Fits:
 
         return dataclasses.replace(fits, page=fit_page(fitted))
     except Exception as error:  # noqa: BLE001 - a fault in a drawing must not cost the fit
-        return dataclasses.replace(fits, page_fault=f"the page cannot be drawn ({told(error)})")
+        return dataclasses.replace(fits, page_fault=f"the page cannot be drawn ({one_line(error)})")
 
 
 def _fitted(entry: Entry, options: FitOptions) -> tuple[str, Fitted]:
@@ -190,7 +190,7 @@ class _Results:
         try:
             fits = result_of(future, entry.name)
         except Exception as error:  # noqa: BLE001 - also a fault of ours must not take the other subjects' hours
-            self._rows[entry.name] = dataclasses.replace(row, state="failed", error=told(error))
+            self._rows[entry.name] = dataclasses.replace(row, state="failed", error=one_line(error))
         else:
             output = self._output(entry)
             write_json(json_beside(output), fits.document)
@@ -213,12 +213,6 @@ class _Results:
 
     def _output(self, entry: Entry) -> Path:
         return self._directory / f"{entry.name}.yaml"
-
-
-def told(error: Exception) -> str:
-    """An error in one line, with its kind where it is none of ours."""
-    line = " ".join(str(error).split())
-    return line if isinstance(error, InputError) else f"{type(error).__name__}: {line}"
 
 
 def _mean_error(document: Document) -> float | None:

@@ -335,9 +335,10 @@ def _fit_options(options: argparse.Namespace) -> FitOptions:
 def _trace(options: argparse.Namespace) -> int:
     from biodyn_core.parameters import UNFITTED
     from biodyn_core.subject import load_subject
+    from biodyn_ros.files import check_directory
     from biodyn_ros.kept import Kept
     from biodyn_ros.resources import subject_file
-    from biodyn_ros.trace import check_directory, trace_bags, write_traced
+    from biodyn_ros.trace import trace_bags, write_traced
     from biodyn_ros.trace_text import text_of
 
     directory, how = Path(options.output), _trace_options(options)

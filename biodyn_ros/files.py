@@ -53,3 +53,12 @@ def make_directory(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be made a directory ({error.strerror})") from None
+
+
+def check_directory(directory: Path) -> None:
+    """Raise InputError for a place where the results cannot be written, before the work."""
+    there = next(path for path in (directory, *directory.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise InputError(f"{there}: is a file, a directory is needed for the results: name another")
+    if not os.access(there, os.W_OK):
+        raise InputError(f"{there}: cannot be written to")

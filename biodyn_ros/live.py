@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from biodyn_core import kernels
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioning import ConditioningSettings
-from biodyn_core.errors import InputError
+from biodyn_core.errors import InputError, one_line
 from biodyn_core.limits import EU_LIMITS, load_limits
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
@@ -33,7 +33,7 @@ from biodyn_core.segments import SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject, load_subject
 from biodyn_ros import params, topics
-from biodyn_ros.callbacks import cause_of, guarded, make_executor, spin
+from biodyn_ros.callbacks import guarded, make_executor, spin
 from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page
 from biodyn_ros.health import Status, Watch, keeping_status, page_status
@@ -133,7 +133,7 @@ class BiodynNode(LifecycleNode):
         try:
             step()
         except Exception as error:  # noqa: BLE001 - whatever fails, the state machine goes on and the cause is told
-            self.failure = cause_of(error)
+            self.failure = one_line(error)
             self.get_logger().error(f"cannot {name}: {self.failure}")
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS

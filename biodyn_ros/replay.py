@@ -23,7 +23,7 @@ from biodyn_ros import __version__, topics
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
-from biodyn_ros.files import make_directory
+from biodyn_ros.files import check_directory, make_directory
 from biodyn_ros.json_files import write_json
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.sensor_reading import ReadingOptions, open_sensors
@@ -128,8 +128,7 @@ def replay_to_directory(
 
     The directory is made once there is something to write: a bag that is refused leaves none.
     """
-    if directory.exists() and not directory.is_dir():
-        raise InputError(f"{directory}: is a file, a directory is needed for the results: name another")
+    check_directory(directory)
     listeners: list[Callable[[Frames], None]] = []
     with contextlib.ExitStack() as open_files:
         if report:

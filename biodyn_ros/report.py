@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from biodyn_core.errors import InputError
+from biodyn_core.errors import InputError, one_line
 from biodyn_core.judgement import HORIZONTAL_FACTOR
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros.dose_drawings import VDV_LABEL, Pair, doses
@@ -133,10 +133,8 @@ def write_drawn(path: Path, draw: Callable[[], str]) -> None:
         raise
     except Exception as error:  # a fault of ours in a drawing must not cost the results of hours
         path.unlink(missing_ok=True)
-        line = " ".join(str(error).split())
         raise InputError(
-            f"{path}: cannot be drawn ({type(error).__name__}: {line}); all other results are there, --no-report leaves"
-            " it out"
+            f"{path}: cannot be drawn ({one_line(error)}); all other results are there, --no-report leaves it out"
         ) from error
 
 

@@ -6,7 +6,6 @@ Without bags held out by name, those given are dealt: what chooses an effect mus
 from __future__ import annotations
 
 import dataclasses
-import os
 import time
 from collections.abc import Mapping, MutableMapping, Sequence
 from contextlib import ExitStack
@@ -15,7 +14,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from biodyn_core.errors import InputError
 from biodyn_core.identification.problem import Case, CaseSettings
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
@@ -110,27 +108,15 @@ def deal(bags: Sequence[Bag], cases: Mapping[str, str]) -> tuple[list[Bag], list
 
 
 def write_traced(traced: Traced, directory: Path, report: bool = True) -> None:
-    """Write trace.json, trace.html and subject.yaml; nothing of them, nor the directory, where one cannot be made."""
-    subject, page = traced.subject.to_yaml(), ""
-    if report:
-        from biodyn_ros.trace_report import trace_page  # an extra of its own
-
-        # A file name that is not UTF-8 comes as lone surrogates; the page shows them as escapes.
-        page = trace_page(traced.document, traced.trace).encode("utf-8", "backslashreplace").decode("utf-8")
+    """Write trace.json, subject.yaml and trace.html; raises InputError, of the page as `write_drawn`."""
     make_directory(directory)
     write_json(directory / "trace.json", traced.document)
+    write_text(directory / "subject.yaml", traced.subject.to_yaml())
     if report:
-        write_text(directory / "trace.html", page)
-    write_text(directory / "subject.yaml", subject)
+        from biodyn_ros.report import write_drawn  # an extra of its own
+        from biodyn_ros.trace_report import trace_page
 
-
-def check_directory(directory: Path) -> None:
-    """Raise InputError for a place where the results cannot be written, before the work."""
-    there = next(path for path in (directory, *directory.absolute().parents) if path.exists())
-    if not there.is_dir():
-        raise InputError(f"{there}: is no directory")
-    if not os.access(there, os.W_OK):
-        raise InputError(f"{there}: cannot be written to")
+        write_drawn(directory / "trace.html", lambda: trace_page(traced.document, traced.trace))
 
 
 class Stages:

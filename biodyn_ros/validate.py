@@ -36,7 +36,7 @@ from biodyn_core.response import (
 from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
-from biodyn_ros.files import make_directory
+from biodyn_ros.files import check_directory, make_directory
 from biodyn_ros.json_files import write_json
 from biodyn_ros.provenance import MADE_BY_MODEL, Role, bag_sha256, role_of, without_note
 from biodyn_ros.recordings import RecordingOptions, read_recordings
@@ -135,6 +135,7 @@ def validate_to_directory(
     report: bool = True,
 ) -> Validated:
     """Validate and write `validate.json` and `validate.html`; a bag that is refused leaves no directory."""
+    check_directory(directory)
     if report:
         from biodyn_ros.report import check_reports, write_drawn  # an extra of its own
         from biodyn_ros.validate_report import validation_page

@@ -19,6 +19,7 @@ from listed import assert_listed
 from pages import Page
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
+from biodyn_core.errors import InputError
 from biodyn_core.identification.problem import Errors
 from biodyn_core.parameters import PARAMETERS, Parameters
 from biodyn_core.segments import MEASURED_SEGMENTS
@@ -36,10 +37,11 @@ from biodyn_core.tracing.findings import (
     Verdict,
 )
 from biodyn_ros.cli import main
+from biodyn_ros.files import check_directory
 from biodyn_ros.provenance import MADE_BY_MODEL, bag_sha256, role_of
 from biodyn_ros.resources import subject_file
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
-from biodyn_ros.trace import Stages, Traced, TraceOptions, check_directory, deal, trace_bags, write_traced
+from biodyn_ros.trace import Stages, Traced, TraceOptions, deal, trace_bags, write_traced
 from biodyn_ros.trace_drawings import residual_spectra, windowed
 from biodyn_ros.trace_json import PROOF, trace_document
 from biodyn_ros.trace_report import trace_page, worst_event
@@ -510,11 +512,12 @@ def test_validate_refuses_to_agree_on_a_bag_that_was_traced(
         assert ("fitted_to" in {finding["what"] for finding in document["findings"]}) is expected
 
 
-def test_a_page_that_cannot_be_made_leaves_nothing(tmp_path: Path) -> None:
+def test_a_page_that_cannot_be_made_costs_no_result(tmp_path: Path) -> None:
     trace = found()
-    with pytest.raises(KeyError):
-        write_traced(Traced({"verdict": "effect"}, trace.after, trace), tmp_path / "out")
-    assert not list(tmp_path.iterdir())
+    (tmp_path / "trace.html").write_text("of the trace before")
+    with pytest.raises(InputError, match=r"trace\.html: cannot be drawn \(KeyError"):
+        write_traced(Traced({"verdict": "effect"}, trace.after, trace), tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["subject.yaml", "trace.json"]
 
 
 def test_each_stage_is_shown_by_itself() -> None:
@@ -584,5 +587,5 @@ def test_a_place_that_cannot_be_written_to_is_said_before_the_work(
     (tmp_path / "file").touch()
     for place in (tmp_path / "file", tmp_path / "file" / "below"):
         assert main(["trace", "missing.mcap", "--subject", "subject_1", "-o", str(place)]) == 2
-        assert "file: is no directory" in capsys.readouterr().err
+        assert "file: is a file, a directory is needed" in capsys.readouterr().err
     check_directory(tmp_path / "new" / "out")
