@@ -1,4 +1,4 @@
-"""Keeping: exposure since reset as plain data that outlives a process, and what it is to be gone on from for.
+"""Keeping: exposure since reset as plain data that outlives a process, and what must match before it goes on.
 
 Another subject, other sensors or other settings are another exposure. What passed between two runs is missing, so
 figures that go on are lower bounds.

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.errors import InputError
 from biodyn_core.identification.identify import Identification, fingerprint, identify
@@ -184,4 +185,5 @@ def _findings(identification: Identification, cases: Sequence[Case], options: Fi
         uncertainty=sure,
         profiles=tuple(profile(joint, cases, name, options.uncertainty) for name in names),
         spectrum=options.spectra,
+        cutoff_hz=(options.reading.conditioning or ConditioningSettings()).cutoff_hz,
     )

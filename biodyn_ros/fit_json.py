@@ -34,6 +34,7 @@ class Findings:
     profiles: tuple[Profile, ...]
     not_profiled: tuple[str, ...]
     spectrum: SpectrumSettings
+    cutoff_hz: float
 
 
 def fit_document(
@@ -67,7 +68,10 @@ def fit_document(
         "least_known": {"combination": sure.least_known, "half_width": finite(sure.least_known_half_width)},
         "profiles": {profile.name: _profile(profile) for profile in findings.profiles},
         "not_profiled": list(findings.not_profiled),
-        "residuals": [_residual(leftover) for leftover in leftovers(found.joint, found.cases, findings.spectrum)],
+        "residuals": [
+            _residual(leftover)
+            for leftover in leftovers(found.joint, found.cases, findings.spectrum, findings.cutoff_hz)
+        ],
         "held_out": [_held_out(event, case, found) for event, case in held_out],
         "mass_matrix": _mass_matrix(found, [case for _, case in held_out]),
         "refiners": _refiners(found),

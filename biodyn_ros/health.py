@@ -1,4 +1,4 @@
-"""Health of the live streams: who is silent, late, lost or mismatched, as plain statuses; no ROS, no mathematics of it.
+"""Health of the live streams: who is silent, late, lost or mismatched, as plain statuses. Knows no ROS.
 
 A status tells of now: a count that has stopped growing is among the values, and no cause for alarm any more.
 

@@ -45,7 +45,7 @@ from biodyn_ros.subscriptions import Subscriptions
 from biodyn_ros.warmup import warm_up
 
 DRAIN_RATE_HZ: Final = 100.0
-"""One of the five waiting sensors is drained at each tick, so that no drain holds up the seat for long."""
+"""One of the six sensors is served at each tick, so that no drain holds up the seat for long."""
 
 REFRESH_RATE_HZ: Final = 20.0
 DIAGNOSTICS_RATE_HZ: Final = 2.0

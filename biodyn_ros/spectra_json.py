@@ -1,4 +1,4 @@
-"""The mappings of spectra: what `validate.json` holds of them, and what the pages of a replay and of a fit draw."""
+"""The mappings of spectra: what `validate.json` holds of them, and what the page of a replay draws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whose time counts: header stamps, or the recorder's log times where a driver sets none, and what their quarrel means.
+"""Whose time counts: header stamps, or the recorder's log times where a driver sets none; and where both disagree.
 
 Header stamps are the sensor's own and come first. Log times are late by the transport, and in bursts.
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import re
 from collections.abc import Awaitable, Callable
 from contextlib import asynccontextmanager
 
@@ -18,6 +19,9 @@ from biodyn_ros.dashboard.door import Door
 from biodyn_ros.dashboard.hub import Hub
 from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token
 from biodyn_ros.dashboard.site import Site
+from biodyn_ros.live import SNAPSHOT_RATE_HZ
+from biodyn_ros.resources import package_directory
+from biodyn_ros.strip import BIN_NS
 
 TOKEN = "right-token-0123456789"  # noqa: S105 - of these tests
 
@@ -392,3 +396,14 @@ def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(tm
     assert page_token() not in ("short", token)
     monkeypatch.setenv("XDG_STATE_HOME", "/proc/none")
     assert page_token() != page_token()
+
+
+def test_browser_server_and_node_agree_on_bins_minute_and_pace() -> None:
+    """The page's script cannot import them: it is held to them."""
+    script = (package_directory("page") / "page.js").read_text(encoding="utf-8")
+    index = (package_directory("page") / "index.html").read_text(encoding="utf-8")
+    constants = dict(re.findall(r"^const ([A-Z_]+) = ([0-9.]+);", script, re.MULTILINE))
+    assert float(constants["BIN_S"]) == hub.BIN_S == 1e-9 * BIN_NS
+    assert float(constants["MINUTE_S"]) == hub.HISTORY_S and f"Last {hub.HISTORY_S:.0f} s" in index
+    assert float(constants["STALE_MS"]) == 6 * 1000.0 / SNAPSHOT_RATE_HZ
+    assert hub.RECENT == 3 * SNAPSHOT_RATE_HZ

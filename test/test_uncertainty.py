@@ -235,6 +235,19 @@ def test_profiles_close_where_intervals_are_good_and_stay_open_where_nothing_is_
     assert stiffening.values[0] == LOWER[13]
 
 
+def test_what_the_low_pass_alone_colours_is_no_colour() -> None:
+    seat, rng = fitting.seat_motion("road", 20.0, 4), np.random.default_rng(7)
+    subject = fitting.drawn(27, "segment")
+    low = signal.butter(4, 40.0, fs=fitting.RATE_HZ, output="sos")
+    noise = signal.sosfiltfilt(low, 0.1 * rng.standard_normal((seat.size, 5)), axis=0)
+    case = fitting.ready(seat, answered(subject, seat) + noise)
+    fit = dataclasses.replace(fitted(subject, [case]), subject=subject)
+    (as_it_is,) = leftovers(fit, [case], fitting.SPECTRUM, cutoff_hz=40.0)
+    (as_if_wider,) = leftovers(fit, [case], fitting.SPECTRUM)
+    assert (as_it_is.coloured < 0.2).all()
+    assert (as_if_wider.coloured > as_it_is.coloured).all()
+
+
 def test_leftovers_tell_noise_from_what_follows_the_seat() -> None:
     subject, rng = fitting.drawn(27, "segment"), np.random.default_rng(7)
     seat = fitting.seat_motion("road", 20.0, 4)

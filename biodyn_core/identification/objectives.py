@@ -147,8 +147,8 @@ class TimeDomain:
         self._pull = pull
         self._weights = [case.weight for case in cases]
         self._clocks = clocks
-        # One choice for the whole of Table 1: steps that change with theta would put edges into the objective.
         self._seats = [felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels) for case in cases]
+        # One choice for the whole of Table 1: steps that change with theta would put edges into the objective.
         self.substeps = tuple(substeps or [self._chain(UPPER).substeps(case.rate_hz) for case in cases])
         self.evaluations = 0
         self.penalties: Counter[str] = Counter()

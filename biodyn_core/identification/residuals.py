@@ -9,17 +9,17 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.arrays import Floats
+from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.flags import stretches
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.problem import Case
 from biodyn_core.response import SpectrumSettings, cross_spectra
 
-NOISE_RATE_HZ: Final = 200.0
-"""Whiteness is judged at twice the low-pass's 100 Hz: what lies closer together is coloured by the filter alone."""
+DEFAULT_CUTOFF_HZ: Final = ConditioningSettings().cutoff_hz
 
 LAGS_S: Final = 0.25
-"""... and to lags so long."""
+"""Whiteness is judged to lags so long."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +38,15 @@ class Leftover:
     coloured: Floats
 
 
-def leftovers(fit: Fit, cases: Sequence[Case], spectrum: SpectrumSettings | None = None) -> list[Leftover]:
-    """Judge what a fit leaves over in each of its cases."""
+def leftovers(
+    fit: Fit, cases: Sequence[Case], spectrum: SpectrumSettings | None = None, cutoff_hz: float = DEFAULT_CUTOFF_HZ
+) -> list[Leftover]:
+    """Judge what a fit leaves over in each of its cases; cutoff_hz is the low-pass's that they are behind."""
     problem, theta = fit.unpulled(cases), fit.subject.parameters.vector()
-    return [_leftover(case, problem.residuals(number, theta), spectrum) for number, case in enumerate(cases)]
+    return [_leftover(case, problem.residuals(number, theta), spectrum, cutoff_hz) for number, case in enumerate(cases)]
 
 
-def _leftover(case: Case, residual: Floats, spectrum: SpectrumSettings | None) -> Leftover:
+def _leftover(case: Case, residual: Floats, spectrum: SpectrumSettings | None, cutoff_hz: float) -> Leftover:
     try:
         spectra = cross_spectra([(case.seat_mps2, residual)], case.rate_hz, spectrum)
         told = spectra.segments > 1
@@ -53,14 +55,17 @@ def _leftover(case: Case, residual: Floats, spectrum: SpectrumSettings | None) -
         chance = np.where(told, spectra.chance_coherence, np.nan)
     except InputError:  # shorter than a window
         coherent = chance = np.full(residual.shape[1], np.nan)
-    coloured = np.array([_coloured(column, case.rate_hz) for column in residual.T])
+    coloured = np.array([_coloured(column, case.rate_hz, cutoff_hz) for column in residual.T])
     return Leftover(case.name, case.case, coherent, chance, coloured)
 
 
-def _coloured(residual: Floats, rate_hz: float) -> float:
-    """The share of one segment's autocorrelations (n,) that white noise would have in one of twenty."""
+def _coloured(residual: Floats, rate_hz: float, cutoff_hz: float) -> float:
+    """The share of one segment's autocorrelations that lie beyond white noise's 95 % band; residual (n,).
+
+    At twice the cut-off: what lies closer together is coloured by the filter alone.
+    """
     begin, end = max(stretches(~np.isnan(residual)), key=lambda s: s[1] - s[0], default=(0, 0))
-    apart = max(1, round(rate_hz / NOISE_RATE_HZ))
+    apart = max(1, round(0.5 * rate_hz / cutoff_hz))
     values = residual[begin:end:apart]
     lags = round(LAGS_S * rate_hz / apart)
     if values.size < 4 * lags:

@@ -8,8 +8,10 @@ from collections import deque
 from itertools import pairwise
 from typing import Any, Final
 
+from biodyn_ros.strip import BIN_NS
+
 HISTORY_S: Final = 60.0
-BIN_S: Final = 0.1
+BIN_S: Final = 1e-9 * BIN_NS
 HISTORY_BINS: Final = round(HISTORY_S / BIN_S)
 STRIPS: Final = ("predicted", "measured")
 MOST_CHARACTERS: Final = 1_000_000
