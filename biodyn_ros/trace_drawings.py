@@ -1,4 +1,4 @@
-"""Drawings of traces, and of fits: residual over time and frequency, the ladder of candidates, the surface of a joint."""
+"""Drawings of traces, and of fits: residual over time and frequency, ladder of candidates, surface of a joint."""
 
 from __future__ import annotations
 
