@@ -42,7 +42,7 @@ class Block(NamedTuple):
 class SensorStatus:
     """What one sensor's conditioning has seen so far; `fault` says in one line why it answers nothing.
 
-    rate_hz follows the sensor's clock; period_s is that of rest, by which samples are counted as seconds, 0 before it.
+    rate_hz follows the sensor's clock; period_s is that of rest, by which lost samples are seconds, 0 before it.
     Rejected samples by cause: stamp unset, reading not finite, duplicate, late, stamp astray. filled: interpolated;
     flat: of one that never changed for long. run_s: how long this run goes on, the rest before the first one included,
     None until there is one. uncounted_s passed before gravity was known, unrested_s of it in motion;
@@ -90,4 +90,5 @@ class SensorStatus:
     @property
     def recorded_s(self) -> float:
         """Seconds from the first sample to the newest, by accepted samples: one wild stamp does not count."""
-        return self.uncounted_s + (self.accepted + self.filled) * self.period_s + self.gap_s
+        counted_s = (self.accepted + self.filled) / self.rate_hz if self.rate_hz else 0.0
+        return self.uncounted_s + counted_s + self.gap_s

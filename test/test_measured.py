@@ -83,7 +83,7 @@ def test_each_fault_does_what_it_says() -> None:
     expected = np.imag(lag * np.exp(16j * np.pi * time_s))
     np.testing.assert_allclose(soft[inner], expected[inner], atol=5e-3)
 
-    np.testing.assert_array_equal(measured.lost(tone, 0.5).clipped, np.clip(tone, -0.5, 0.5))
+    np.testing.assert_array_equal(measured.clipped(tone, 0.5), np.clip(tone, -0.5, 0.5))
 
 
 def test_records_are_the_same_for_a_seed_and_keep_the_truth_apart() -> None:
