@@ -244,8 +244,8 @@ def test_what_the_low_pass_alone_colours_is_no_colour() -> None:
     fit = dataclasses.replace(fitted(subject, [case]), subject=subject)
     (as_it_is,) = leftovers(fit, [case], fitting.SPECTRUM, cutoff_hz=40.0)
     (as_if_wider,) = leftovers(fit, [case], fitting.SPECTRUM)
-    assert (as_it_is.coloured < 0.2).all()
-    assert (as_if_wider.coloured > as_it_is.coloured).all()
+    # 19 lags a segment, of which one in twenty lies outside by chance.
+    assert as_it_is.coloured.mean() < 0.15 and as_if_wider.coloured.mean() > 0.3
 
 
 def test_leftovers_tell_noise_from_what_follows_the_seat() -> None:
