@@ -22,7 +22,7 @@ from biodyn_ros.nearby import did_you_mean
 
 T = TypeVar("T")
 
-OVERRIDABLE: Final = "history, depth and reliability of the inputs' subscriptions and the samples' publishers may be"
+OVERRIDABLE: Final = "history, depth and reliability of input subscriptions and sample publishers can be"
 _OF_RCLPY: Final = ("use_sim_time", "start_type_description_service")
 
 
@@ -46,7 +46,7 @@ def declare(node: Node, kinds: tuple[type[Any], ...], qos: Container[str] = ()) 
     known = names(kinds)
     for name in node._parameter_overrides:  # rclpy offers no public list of what was given but never declared
         if name.startswith("qos_overrides.") and name not in qos:
-            raise InputError(f"parameter {name} overrides nothing: {OVERRIDABLE}")
+            raise InputError(f"parameter {name} overrides nothing: only {OVERRIDABLE}")
         if name not in known and name not in _OF_RCLPY and name not in qos:
             near = did_you_mean(name, known) or f" known are {', '.join(sorted(known))}"
             raise InputError(f"parameter {name} is unknown;{near}")
