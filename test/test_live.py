@@ -320,7 +320,7 @@ def test_a_subject_that_cannot_be_read_fails_the_transition_in_one_line(graph: G
         ({"cutof_hz": 100.0}, "parameter cutof_hz is unknown; did you mean cutoff_hz?"),
         ({"cutoff_hz": 3.0}, "parameter cutoff_hz"),
         ({"queue_depth": 10}, "parameter queue_depth"),
-        ({"qos_overrides./imu/seat/data.publisher.depth": 10}, "overrides nothing: only history, depth and reliability"),
+        ({"qos_overrides./imu/seat/data.publisher.depth": 10}, "overrides nothing: only history, depth"),
         ({"qos_overrides./biodyn/exposure/dri.publisher.depth": 10}, "overrides nothing"),
     ],
 )
