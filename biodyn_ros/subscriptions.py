@@ -48,12 +48,13 @@ class Subscriptions:
     def open(self) -> None:
         """Listen to the six topics."""
         qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=self._depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+        # The seat first: what it sends while others are being matched is not to be missed.
+        seat = guarded(self._on_seat, partial(self._refuse, SEAT))
+        self._subscriptions[SEAT] = self._subscribe(SEAT, seat, qos)
         for sensor, inbox in self._inbox.items():
             inbox.clear()
             # Five sensors in six only wait for the next drain: nothing but the append runs per message.
             self._subscriptions[sensor] = self._subscribe(sensor, inbox.append, qos)
-        seat = guarded(self._on_seat, partial(self._refuse, SEAT))
-        self._subscriptions[SEAT] = self._subscribe(SEAT, seat, qos)
 
     def close(self) -> None:
         """Listen no more."""
