@@ -27,10 +27,9 @@ class AccelTopics:
     """The AccelStamped topics of one kind, a column of its frames each."""
 
     def __init__(self, node: LifecycleNode, names: dict[str, str]) -> None:
-        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=OUTPUT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
         overrides = QoSOverridingOptions.with_default_policies()
         self.publishers = [
-            node.create_publisher(AccelStamped, topic, qos, qos_overriding_options=overrides)
+            node.create_publisher(AccelStamped, topic, _reliable(), qos_overriding_options=overrides)
             for topic in names.values()
         ]
         self._fills = [AccelStampedTemplate(frame_id=name).fill for name in names]
@@ -53,6 +52,11 @@ class AccelTopics:
                     value = row[column]
                     if not math.isnan(value):
                         publish(fill(stamp_ns, value))
+
+
+def _reliable() -> QoSProfile:
+    """A profile for one publisher: rclpy writes what is overridden into the one that it is given."""
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=OUTPUT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class Publications:

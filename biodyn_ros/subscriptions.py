@@ -47,14 +47,13 @@ class Subscriptions:
 
     def open(self) -> None:
         """Listen to the six topics."""
-        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=self._depth, reliability=ReliabilityPolicy.BEST_EFFORT)
         # The seat first: what it sends while others are being matched is not to be missed.
         seat = guarded(self._on_seat, partial(self._refuse, SEAT))
-        self._subscriptions[SEAT] = self._subscribe(SEAT, seat, qos)
+        self._subscriptions[SEAT] = self._subscribe(SEAT, seat)
         for sensor, inbox in self._inbox.items():
             inbox.clear()
             # Five sensors in six only wait for the next drain: nothing but the append runs per message.
-            self._subscriptions[sensor] = self._subscribe(sensor, inbox.append, qos)
+            self._subscriptions[sensor] = self._subscribe(sensor, inbox.append)
 
     def close(self) -> None:
         """Listen no more."""
@@ -85,7 +84,9 @@ class Subscriptions:
 
     # --- messages ----------------------------------------------------------------------------------------------------
 
-    def _subscribe(self, sensor: str, callback: Callable[[bytes], None], qos: QoSProfile) -> Any:
+    def _subscribe(self, sensor: str, callback: Callable[[bytes], None]) -> Any:
+        # A profile for each: rclpy writes what is overridden into the one that it is given.
+        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=self._depth, reliability=ReliabilityPolicy.BEST_EFFORT)
         return self._node.create_subscription(
             Imu,
             topics.INPUT[sensor],

@@ -209,6 +209,20 @@ def test_a_publisher_of_another_type_is_an_error_naming_the_topic(graph: Graph) 
         graph.wait(lambda: diagnostics.says("head", ERROR, wanted), "the wrong type")
 
 
+def test_an_override_of_qos_is_of_its_own_topic_alone(graph: Graph) -> None:
+    given = (
+        ("/imu/seat/data.subscription.reliability", "reliable"),
+        ("/biodyn/predicted/pelvis/accel.publisher.reliability", "best_effort"),
+    )
+    node = graph.active(tuple(word for name, value in given for word in ("-p", f"qos_overrides.{name}:={value}")))
+    inputs = {name: node.get_subscriptions_info_by_topic(f"/imu/{name}/data") for name in SENSORS}
+    outputs = {name: node.get_publishers_info_by_topic(f"/biodyn/predicted/{name}/accel") for name in SEGMENTS}
+    asked = {name: one[0].qos_profile.reliability == ReliabilityPolicy.RELIABLE for name, one in inputs.items()}
+    offered = {name: one[0].qos_profile.reliability == ReliabilityPolicy.RELIABLE for name, one in outputs.items()}
+    assert asked == {name: name == SEAT for name in SENSORS}
+    assert offered == {name: name != "pelvis" for name in SEGMENTS}
+
+
 def test_incompatible_qos_is_an_error_naming_the_topic(graph: Graph) -> None:
     tester = graph.node()
     diagnostics = Diagnostics(graph, tester)
