@@ -24,9 +24,9 @@ from biodyn_core.response import SpectrumSettings
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.synthesis import CASES, NATIVE_RATE_HZ, imu_streams, load_case
-from biodyn_ros.executors import executor_of
 from biodyn_ros.resources import subject_file
-from biodyn_ros.work import Work
+from biodyn_ros.work.executors import executor_of
+from biodyn_ros.work.tasks import Work
 
 SECONDS = 6.0
 """Of each case behind the warm-up, as the paper's windows."""

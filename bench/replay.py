@@ -25,10 +25,10 @@ from biodyn_core.subject import load_subject
 from biodyn_core.synthesis import CASES, SensorSettings
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
-from biodyn_ros.replay import replay_to_directory
+from biodyn_ros.node.warmup import warm_up
+from biodyn_ros.replay.replaying import replay_to_directory
 from biodyn_ros.resources import subject_file
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
-from biodyn_ros.warmup import warm_up
 
 LONG_S, SHORT_S = 300.0, 60.0
 ROUNDS = 3

@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from biodyn_core.errors import InputError
-from biodyn_ros.arguments import ADDERS, parser, settings_of
+from biodyn_ros.commands.arguments import ADDERS, parser, settings_of
+from biodyn_ros.commands.parsing import EXIT_INPUT
 from biodyn_ros.environment import ONE_THREAD
 from biodyn_ros.nearby import did_you_mean
-from biodyn_ros.parsing import EXIT_INPUT
 from biodyn_ros.progress import Progress
 
 if TYPE_CHECKING:
-    from biodyn_ros.fit import FitOptions
-    from biodyn_ros.recordings import RecordingOptions
-    from biodyn_ros.trace import TraceOptions
+    from biodyn_ros.fit.fitting import FitOptions
+    from biodyn_ros.reading.recordings import RecordingOptions
+    from biodyn_ros.trace.tracing import TraceOptions
 
 Handler = Callable[[argparse.Namespace], int]
 
@@ -78,7 +78,7 @@ def _live(arguments: list[str]) -> int:
 
 
 def _completion(options: argparse.Namespace) -> int:
-    from biodyn_ros.completion import script
+    from biodyn_ros.commands.completion import script
 
     print(script(options.shell))
     return 0
@@ -106,9 +106,9 @@ def _page(options: argparse.Namespace) -> int:
 def _simulate(options: argparse.Namespace) -> int:
     from biodyn_core.subject import load_subject
     from biodyn_core.synthesis import CASE_S, SensorSettings
-    from biodyn_ros.mapping import parse_map
+    from biodyn_ros.reading.mapping import parse_map
+    from biodyn_ros.reading.seat_motion import read_seat_motion
     from biodyn_ros.resources import subject_file
-    from biodyn_ros.seat_motion import read_seat_motion
     from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
     subject = load_subject(subject_file(options.subject))
@@ -169,8 +169,8 @@ def _play(options: argparse.Namespace) -> int:
 def _info(options: argparse.Namespace) -> int:
     from biodyn_core.conditioning import ConditioningSettings
     from biodyn_ros.info import info, text_of
-    from biodyn_ros.mapping import parse_map
-    from biodyn_ros.sensor_reading import ReadingOptions
+    from biodyn_ros.reading.mapping import parse_map
+    from biodyn_ros.reading.sensors import ReadingOptions
 
     how = ReadingOptions(parse_map(options.map), options.time, settings_of(options, ConditioningSettings))
     with Progress("reading") as progress:
@@ -184,8 +184,8 @@ def _replay(options: argparse.Namespace) -> int:
     from biodyn_core.limits import EU_LIMITS, load_limits
     from biodyn_core.pipeline_settings import PipelineSettings
     from biodyn_core.subject import load_subject
-    from biodyn_ros.mapping import parse_map
-    from biodyn_ros.replay import ReplayOptions, replay_to_directory
+    from biodyn_ros.reading.mapping import parse_map
+    from biodyn_ros.replay.replaying import ReplayOptions, replay_to_directory
     from biodyn_ros.resources import subject_file
 
     how = ReplayOptions(
@@ -203,7 +203,7 @@ def _replay(options: argparse.Namespace) -> int:
             options.bag, subject, Path(options.output), how, progress=progress, report=not options.no_report,
             predicted=not options.no_predicted,
         )  # fmt: skip
-    from biodyn_ros.summary import summary
+    from biodyn_ros.replay.text import summary
 
     _print(options, replayed.document, summary(replayed.document))
     return 0
@@ -212,7 +212,7 @@ def _replay(options: argparse.Namespace) -> int:
 def _compare(options: argparse.Namespace) -> int:
     from biodyn_core.identification.compare import compare
     from biodyn_core.subject import load_subject
-    from biodyn_ros.comparison_text import comparison_document, text_of
+    from biodyn_ros.fit.comparison import comparison_document, text_of
     from biodyn_ros.resources import subject_file
 
     a, b = (load_subject(subject_file(name)) for name in (options.first, options.second))
@@ -225,9 +225,9 @@ def _validate(options: argparse.Namespace) -> int:
     from biodyn_core.response import SpectrumSettings
     from biodyn_core.subject import load_subject
     from biodyn_ros.resources import subject_file
-    from biodyn_ros.validate import ValidateOptions, validate, validate_to_directory
-    from biodyn_ros.validation_findings import ValidationSettings
-    from biodyn_ros.validation_text import text_of
+    from biodyn_ros.validate.findings import ValidationSettings
+    from biodyn_ros.validate.text import text_of
+    from biodyn_ros.validate.validating import ValidateOptions, validate, validate_to_directory
 
     how = ValidateOptions(
         case=options.case,
@@ -254,11 +254,11 @@ def _fit(options: argparse.Namespace) -> int:
         return _fit_campaign(options)
     from biodyn_core.parameters import UNFITTED
     from biodyn_core.subject import load_subject
-    from biodyn_ros.executors import executor_of
-    from biodyn_ros.fit import check_output, fit_bags, write_fit_page, write_fitted
-    from biodyn_ros.fit_text import text_of
+    from biodyn_ros.fit.fitting import check_output, fit_bags, write_fit_page, write_fitted
+    from biodyn_ros.fit.text import text_of
     from biodyn_ros.resources import subject_file
-    from biodyn_ros.work import Work
+    from biodyn_ros.work.executors import executor_of
+    from biodyn_ros.work.tasks import Work
 
     if not (options.bag and options.subject):
         raise InputError("BAG... and --subject are needed, or --campaign; biodyn fit -h shows how")
@@ -285,9 +285,9 @@ def _fit(options: argparse.Namespace) -> int:
 
 
 def _fit_campaign(options: argparse.Namespace) -> int:
-    from biodyn_ros.campaign import check_failed, fit_campaign, text_of, write_campaign_page
-    from biodyn_ros.campaign_file import load_campaign
-    from biodyn_ros.executors import executor_of
+    from biodyn_ros.fit.campaign import check_failed, fit_campaign, text_of, write_campaign_page
+    from biodyn_ros.fit.campaign_file import load_campaign
+    from biodyn_ros.work.executors import executor_of
 
     if options.bag or options.subject or options.hold_out or options.case:
         raise InputError("BAG, --subject, --hold-out and --case are each subject's own: give them in the campaign file")
@@ -311,7 +311,7 @@ def _fit_options(options: argparse.Namespace) -> FitOptions:
     from biodyn_core.identification.settings import PAPER, FitSettings
     from biodyn_core.identification.uncertainty import UncertaintySettings
     from biodyn_core.response import SpectrumSettings
-    from biodyn_ros.fit import FitOptions, parse_cases
+    from biodyn_ros.fit.fitting import FitOptions, parse_cases
 
     base = PAPER if options.paper else FitSettings()
     settings = dataclasses.replace(
@@ -336,10 +336,10 @@ def _trace(options: argparse.Namespace) -> int:
     from biodyn_core.parameters import UNFITTED
     from biodyn_core.subject import load_subject
     from biodyn_ros.files import check_directory
-    from biodyn_ros.kept import Kept
     from biodyn_ros.resources import subject_file
-    from biodyn_ros.trace import trace_bags, write_traced
-    from biodyn_ros.trace_text import text_of
+    from biodyn_ros.trace.text import text_of
+    from biodyn_ros.trace.tracing import trace_bags, write_traced
+    from biodyn_ros.work.kept import Kept
 
     directory, how = Path(options.output), _trace_options(options)
     check_directory(directory)
@@ -369,8 +369,8 @@ def _trace_options(options: argparse.Namespace) -> TraceOptions:
     from biodyn_core.tracing.gate import FloorSettings
     from biodyn_core.tracing.rows import WeightSettings
     from biodyn_core.tracing.settings import TraceSettings
-    from biodyn_ros.fit import parse_cases
-    from biodyn_ros.trace import TraceOptions
+    from biodyn_ros.fit.fitting import parse_cases
+    from biodyn_ros.trace.tracing import TraceOptions
 
     settings = dataclasses.replace(
         settings_of(options, TraceSettings),
@@ -395,7 +395,7 @@ def _trace_options(options: argparse.Namespace) -> TraceOptions:
 def _check_reports(options: argparse.Namespace) -> None:
     """Say what a page would lack before the long work."""
     if not options.no_report:
-        from biodyn_ros.report import check_reports  # an extra of its own
+        from biodyn_ros.reports.pages import check_reports  # an extra of its own
 
         check_reports()
 
@@ -403,8 +403,8 @@ def _check_reports(options: argparse.Namespace) -> None:
 def _reading(options: argparse.Namespace) -> RecordingOptions:
     from biodyn_core.conditioning import ConditioningSettings
     from biodyn_core.recording import RecordingSettings
-    from biodyn_ros.mapping import parse_map
-    from biodyn_ros.recordings import RecordingOptions
+    from biodyn_ros.reading.mapping import parse_map
+    from biodyn_ros.reading.recordings import RecordingOptions
 
     return RecordingOptions(
         mapping=parse_map(options.map),

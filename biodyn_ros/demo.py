@@ -19,9 +19,9 @@ from biodyn_core.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.subject import load_subject
 from biodyn_ros import topics
 from biodyn_ros.provenance import MADE_BY_MODEL
-from biodyn_ros.replay import replay_to_directory
+from biodyn_ros.replay.replaying import replay_to_directory
+from biodyn_ros.replay.text import summary
 from biodyn_ros.resources import bag_file, subject_file
-from biodyn_ros.summary import summary
 
 BAG: Final = "subject_1.mcap"
 START_WITHIN_S: Final = 60.0

@@ -15,11 +15,11 @@ from biodyn_core.errors import InputError
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.cdr import IMU_TYPE
-from biodyn_ros.mapping import SensorMap, imu_topics, map_sensors
-from biodyn_ros.replay import check_seat
-from biodyn_ros.saturation import limits_of
-from biodyn_ros.sensor_reading import ReadingOptions
-from biodyn_ros.stamps import SensorClock, TimeChoice, choose_times, clock_warnings
+from biodyn_ros.reading.mapping import SensorMap, imu_topics, map_sensors
+from biodyn_ros.reading.saturation import limits_of
+from biodyn_ros.reading.sensors import ReadingOptions
+from biodyn_ros.reading.stamps import SensorClock, TimeChoice, choose_times, clock_warnings
+from biodyn_ros.replay.replaying import check_seat
 from biodyn_ros.wording import number, stuck
 
 CAUSES: Final = ("unset", "non_finite", "duplicate", "late", "stray")

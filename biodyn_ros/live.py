@@ -32,17 +32,18 @@ from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject, load_subject
-from biodyn_ros import params, topics
-from biodyn_ros.callbacks import guarded, make_executor, spin
+from biodyn_ros import topics
 from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page
-from biodyn_ros.health import Status, Watch, keeping_status, page_status
-from biodyn_ros.publications import Publications
+from biodyn_ros.node import params
+from biodyn_ros.node.callbacks import guarded, make_executor, spin
+from biodyn_ros.node.health import Status, Watch, keeping_status, page_status
+from biodyn_ros.node.publications import Publications
+from biodyn_ros.node.showing import Showing
+from biodyn_ros.node.state import BELIEVED, Keeper, StateFile, belongs_to, state_path
+from biodyn_ros.node.subscriptions import Subscriptions
+from biodyn_ros.node.warmup import warm_up
 from biodyn_ros.resources import subject_file
-from biodyn_ros.showing import Showing
-from biodyn_ros.state import BELIEVED, Keeper, StateFile, belongs_to, state_path
-from biodyn_ros.subscriptions import Subscriptions
-from biodyn_ros.warmup import warm_up
 
 DRAIN_RATE_HZ: Final = 100.0
 """One of the six sensors is served at each tick, so that no drain holds up the seat for long."""

@@ -20,7 +20,7 @@ from biodyn_core.segments import SENSORS
 from biodyn_core.subject import load_subject
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
-from biodyn_ros.replay import Replayed, ReplayOptions, replay
+from biodyn_ros.replay.replaying import Replayed, ReplayOptions, replay
 from biodyn_ros.resources import subject_file
 from biodyn_ros.topics import INPUT
 

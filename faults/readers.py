@@ -23,12 +23,12 @@ from biodyn_core.subject import load_subject
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
 from biodyn_ros.blue_trident.found import find_exports
-from biodyn_ros.campaign_file import load_campaign
 from biodyn_ros.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, frame_id_of
-from biodyn_ros.checkpoint import Checkpoint
-from biodyn_ros.kept import Kept as KeptParts
+from biodyn_ros.fit.campaign_file import load_campaign
+from biodyn_ros.node.state import StateFile, belongs_to
 from biodyn_ros.resources import config_file, subject_file
-from biodyn_ros.state import StateFile, belongs_to
+from biodyn_ros.work.checkpoint import Checkpoint
+from biodyn_ros.work.kept import Kept as KeptParts
 from faults.ride import ride, subject
 
 TOPIC: Final = "/imu/seat/data"

@@ -14,11 +14,11 @@ from biodyn_core.errors import InputError
 from biodyn_core.identification.identify import Task
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.parameters import LOWER, UPPER
-from biodyn_ros.campaign import Fits
-from biodyn_ros.campaign_file import Entry
-from biodyn_ros.executors import executor_of
-from biodyn_ros.fit import FitOptions
-from biodyn_ros.work import Work
+from biodyn_ros.fit.campaign import Fits
+from biodyn_ros.fit.campaign_file import Entry
+from biodyn_ros.fit.fitting import FitOptions
+from biodyn_ros.work.executors import executor_of
+from biodyn_ros.work.tasks import Work
 
 NAMES = ("search a", "search b", "search c", "search d")
 PROBLEM = "the four letters"

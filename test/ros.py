@@ -21,10 +21,10 @@ from streams import noisy_streams
 
 from biodyn_core.synthesis import ImuStream
 from biodyn_ros import topics
-from biodyn_ros.callbacks import make_executor
 from biodyn_ros.cdr import encode_imu
 from biodyn_ros.environment import hold_domain
 from biodyn_ros.live import BiodynNode
+from biodyn_ros.node.callbacks import make_executor
 
 DEADLINE_S = 30.0
 STARTUP_S = 120.0  # a cold cache compiles every kernel first

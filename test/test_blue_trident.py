@@ -37,9 +37,9 @@ from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, rows, te
 from biodyn_ros.blue_trident.starting import parse_start
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.info import info
-from biodyn_ros.recordings import read_recordings
-from biodyn_ros.replay import ReplayOptions, replay
-from biodyn_ros.sensor_reading import ReadingOptions
+from biodyn_ros.reading.recordings import read_recordings
+from biodyn_ros.reading.sensors import ReadingOptions
+from biodyn_ros.replay.replaying import ReplayOptions, replay
 from biodyn_ros.topics import INPUT
 
 SERIALS = {name: f"TS-0237{number}" for number, name in enumerate(SENSORS)}

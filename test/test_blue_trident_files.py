@@ -20,8 +20,8 @@ from biodyn_core.errors import LONGEST, InputError
 from biodyn_ros.bag import open_bag
 from biodyn_ros.cli import main
 from biodyn_ros.info import info
-from biodyn_ros.replay import ReplayOptions, replay
-from biodyn_ros.sensor_reading import ReadingOptions
+from biodyn_ros.reading.sensors import ReadingOptions
+from biodyn_ros.replay.replaying import ReplayOptions, replay
 from biodyn_ros.topics import INPUT
 
 Floats = NDArray[np.float64]

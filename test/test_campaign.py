@@ -18,13 +18,13 @@ from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.subject import load_subject
 from biodyn_core.synthesis import SensorSettings
-from biodyn_ros import campaign as campaigns
 from biodyn_ros import cli
-from biodyn_ros.campaign import check_failed, fit_campaign, text_of
-from biodyn_ros.campaign_file import load_campaign
-from biodyn_ros.executors import executor_of
-from biodyn_ros.fit import FitOptions, fit_bags
+from biodyn_ros.fit import campaign as campaigns
+from biodyn_ros.fit.campaign import check_failed, fit_campaign, text_of
+from biodyn_ros.fit.campaign_file import load_campaign
+from biodyn_ros.fit.fitting import FitOptions, fit_bags
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
+from biodyn_ros.work.executors import executor_of
 
 QUICK = FitOptions(
     settings=FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=400, refined_starts=1)

@@ -24,8 +24,8 @@ from biodyn_core.recording import Recorder, Recording, RecordingSettings
 from biodyn_core.segments import MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
-from biodyn_ros.recordings import RecordingOptions, read_recordings
-from biodyn_ros.seat_motion import read_seat_motion
+from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
+from biodyn_ros.reading.seat_motion import read_seat_motion
 from biodyn_ros.topics import INPUT
 
 Floats = NDArray[np.float64]

@@ -20,14 +20,14 @@ from trident import capture_u_files, nexus_text, shock, still
 
 from biodyn_core.segments import SEAT
 from biodyn_ros import cli, topics
-from biodyn_ros.arguments import ADDERS, parser
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
-from biodyn_ros.completion import script
-from biodyn_ros.help_texts import GROUPS, HELP
-from biodyn_ros.params import names
-from biodyn_ros.parsing import CommandParser
+from biodyn_ros.commands.arguments import ADDERS, parser
+from biodyn_ros.commands.completion import script
+from biodyn_ros.commands.help_texts import GROUPS, HELP
+from biodyn_ros.commands.parsing import CommandParser
+from biodyn_ros.node.params import names
 from biodyn_ros.resources import config_file, subject_file, subject_names
 
 ROOT = Path(__file__).resolve().parents[1]

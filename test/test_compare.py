@@ -18,7 +18,7 @@ from biodyn_core.identification.compare import Deviation, SubjectComparison, com
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.segments import SEGMENTS
 from biodyn_core.subject import Subject, load_subject
-from biodyn_ros.comparison_text import comparison_document, text_of
+from biodyn_ros.fit.comparison import comparison_document, text_of
 
 DATA = Path(__file__).parent / "data"
 SHIPPED = Path(__file__).parents[1] / "config" / "subjects"

@@ -18,9 +18,9 @@ from trident import capture_u_files, shock
 
 from biodyn_core.subject import load_subject
 from biodyn_core.synthesis import CASES, SensorSettings
-from biodyn_ros.arguments import parser
-from biodyn_ros.campaign_file import load_campaign
+from biodyn_ros.commands.arguments import parser
 from biodyn_ros.environment import hold_domain
+from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.resources import bag_file, subject_file
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 

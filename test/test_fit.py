@@ -19,8 +19,8 @@ from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import load_subject
 from biodyn_core.synthesis import SensorSettings
 from biodyn_ros.cli import main
-from biodyn_ros.fit import FitOptions, Fitted, check_output, fit_bags, parse_cases, write_fitted
-from biodyn_ros.fit_text import text_of
+from biodyn_ros.fit.fitting import FitOptions, Fitted, check_output, fit_bags, parse_cases, write_fitted
+from biodyn_ros.fit.text import text_of
 from biodyn_ros.provenance import bag_sha256, role_of
 from biodyn_ros.resources import subject_file
 from biodyn_ros.simulate import motion_of_cases, simulate_bag

@@ -59,17 +59,17 @@ CORE_NEEDS = {"numpy", "scipy", "yaml"}
 COMPILED = "biodyn_core.kernels.compiling"
 
 NEEDS_ROS = {
-    "callbacks",
     "cli",
     "dashboard.feed",
     "dashboard.site",
     "demo",
     "live",
+    "node.callbacks",
+    "node.params",
+    "node.publications",
+    "node.subscriptions",
     "parameters_yaml",
-    "params",
     "player",
-    "publications",
-    "subscriptions",
 }
 """What of biodyn_ros reaches ROS; all else works where there is none."""
 
@@ -178,6 +178,34 @@ def ros_faults(root: Path, needs_ros: set[str] = NEEDS_ROS) -> list[str]:
     return faults
 
 
+def rooms(root: Path) -> dict[str, set[str]]:
+    """Which rooms of biodyn_ros, packages or modules of their own, each of them imports from."""
+    found: dict[str, set[str]] = {}
+    for name, targets in graph(root, "biodyn_ros").items():
+        room = name.partition(".")[2].partition(".")[0]
+        inner = {target.split(".")[1] for target in targets if target.startswith("biodyn_ros.")}
+        found.setdefault(room, set()).update(inner - {room})
+    return found
+
+
+def test_the_rooms_of_the_node_package_make_no_circle() -> None:
+    TopologicalSorter(rooms(ROOT)).prepare()
+
+
+def test_a_circle_of_rooms_is_seen_where_modules_make_none(tmp_path: Path) -> None:
+    for path, source in {
+        "fit/a": "import biodyn_ros.work.b",
+        "work/b": "",
+        "work/c": "import biodyn_ros.fit.a",
+    }.items():
+        file = tmp_path / "biodyn_ros" / f"{path}.py"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(source)
+    TopologicalSorter(graph(tmp_path, "biodyn_ros")).prepare()
+    with pytest.raises(CycleError):
+        TopologicalSorter(rooms(tmp_path)).prepare()
+
+
 def test_core_imports_point_downward() -> None:
     assert core_faults(ROOT) == []
 
@@ -244,7 +272,7 @@ def test_numba_is_allowed_in_the_kernels(tmp_path: Path) -> None:
 
 
 def test_ros_behind_a_second_module_is_seen(tmp_path: Path) -> None:
-    (tmp_path / "biodyn_ros").mkdir()
-    (tmp_path / "biodyn_ros/bag_reader.py").write_text("from biodyn_ros.params import Table")
-    (tmp_path / "biodyn_ros/params.py").write_text("from rcl_interfaces.msg import ParameterDescriptor")
-    assert ros_faults(tmp_path) == ["biodyn_ros.bag_reader: biodyn_ros.params imports rcl_interfaces.msg"]
+    (tmp_path / "biodyn_ros/node").mkdir(parents=True)
+    (tmp_path / "biodyn_ros/bag_reader.py").write_text("from biodyn_ros.node.params import Table")
+    (tmp_path / "biodyn_ros/node/params.py").write_text("from rcl_interfaces.msg import ParameterDescriptor")
+    assert ros_faults(tmp_path) == ["biodyn_ros.bag_reader: biodyn_ros.node.params imports rcl_interfaces.msg"]

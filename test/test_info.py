@@ -19,10 +19,10 @@ from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
 from biodyn_ros.info import info, text_of
-from biodyn_ros.replay import ReplayOptions, replay
+from biodyn_ros.reading.sensors import ReadingOptions
+from biodyn_ros.reading.stamps import choose_times
+from biodyn_ros.replay.replaying import ReplayOptions, replay
 from biodyn_ros.resources import bag_file
-from biodyn_ros.sensor_reading import ReadingOptions
-from biodyn_ros.stamps import choose_times
 
 START_NS = 1_700_000_000_000_000_000
 UP = (0.0, 0.0, 9.81)
@@ -252,7 +252,7 @@ def test_nothing_is_left_behind_by_a_refusal(capsys: pytest.CaptureFixture[str],
 
 
 def test_what_a_failing_replay_had_begun_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from biodyn_ros import replay as module
+    from biodyn_ros.replay import replaying as module
 
     bag = write(tmp_path / "a.mcap", {"seat": still(10.0)})
 

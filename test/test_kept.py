@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from biodyn_core.errors import InputError
-from biodyn_ros.kept import MOST, Kept
+from biodyn_ros.work.kept import MOST, Kept
 
 
 def test_parts_come_back_to_the_bit(tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ from std_msgs.msg import Float64
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_ros import topics
-from biodyn_ros.health import SensorHealth, sensor_status
 from biodyn_ros.layouts import lichtblick, plotjuggler
+from biodyn_ros.node.health import SensorHealth, sensor_status
 from biodyn_ros.player import message_class
 from biodyn_ros.resources import config_file
 

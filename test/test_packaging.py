@@ -24,7 +24,7 @@ import yaml
 import biodyn_ros
 from biodyn_core.errors import InputError
 from biodyn_ros import resources
-from biodyn_ros.arguments import parser
+from biodyn_ros.commands.arguments import parser
 from biodyn_ros.environment import clean_environment
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FIND_ALL = """
 import biodyn_ros, biodyn_core
 from biodyn_ros import resources
-from biodyn_ros.arguments import parser
+from biodyn_ros.commands.arguments import parser
 print(biodyn_ros.__file__)
 print(biodyn_core.__file__)
 print(resources.launch_file("biodyn.launch.py"))
@@ -258,7 +258,7 @@ def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Calla
 def declared() -> dict[str, str]:
     """The parameters that the live node declares, each as it is described."""
     from biodyn_ros.live import SETTINGS
-    from biodyn_ros.params import description
+    from biodyn_ros.node.params import description
 
     return {item.name: description(item) for kind in SETTINGS for item in dataclasses.fields(kind)}
 

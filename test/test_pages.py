@@ -30,24 +30,26 @@ from biodyn_core.recording import Recording
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 from biodyn_core.subject import load_subject
 from biodyn_core.synthesis import SensorSettings
-from biodyn_ros import campaign as campaigns
-from biodyn_ros import fit_report, validate_report
-from biodyn_ros import validate as validating
-from biodyn_ros.campaign import fit_campaign, write_campaign_page
-from biodyn_ros.campaign_file import load_campaign
-from biodyn_ros.campaign_report import campaign_page, judge_campaign
 from biodyn_ros.cli import main
-from biodyn_ros.fit import FitOptions, Fitted, fit_bags, write_fit_page, write_fitted
-from biodyn_ros.fit_drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
-from biodyn_ros.fit_report import doubts, fit_events, fit_page, judge_fit
-from biodyn_ros.frequency_drawings import driving_point, residual_channels, transmissibility, waterfall
+from biodyn_ros.fit import campaign as campaigns
+from biodyn_ros.fit import page as fit_report
+from biodyn_ros.fit.campaign import fit_campaign, write_campaign_page
+from biodyn_ros.fit.campaign_file import load_campaign
+from biodyn_ros.fit.campaign_page import campaign_page, judge_campaign
+from biodyn_ros.fit.drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
+from biodyn_ros.fit.fitting import FitOptions, Fitted, fit_bags, write_fit_page, write_fitted
+from biodyn_ros.fit.page import doubts, fit_events, fit_page, judge_fit
 from biodyn_ros.provenance import MADE_BY_MODEL
-from biodyn_ros.report import frequency_parts, render
+from biodyn_ros.replay.page import frequency_parts
+from biodyn_ros.replay.traces import Traces
+from biodyn_ros.reports.frequency import driving_point, residual_channels, transmissibility, waterfall
+from biodyn_ros.reports.pages import render
 from biodyn_ros.resources import subject_file
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
-from biodyn_ros.traces import Traces
-from biodyn_ros.validate import Validated, validate_recordings, validate_to_directory
-from biodyn_ros.validate_report import residual_waterfall, strongest_event, tone, validation_page, worst_segment
+from biodyn_ros.validate import page as validate_report
+from biodyn_ros.validate import validating
+from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page, worst_segment
+from biodyn_ros.validate.validating import Validated, validate_recordings, validate_to_directory
 from biodyn_ros.wording import number
 
 RATE_HZ = 400.0

@@ -22,7 +22,7 @@ from biodyn_core.prediction import MOST_STRETCH_M
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import ImuStream, SeatMotion, imu_streams, load_case
 from biodyn_ros.exposure_json import exposure_document
-from biodyn_ros.warmup import warm_up
+from biodyn_ros.node.warmup import warm_up
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

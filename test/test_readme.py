@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from biodyn_ros import topics
-from biodyn_ros.arguments import parser
+from biodyn_ros.commands.arguments import parser
 from biodyn_ros.live import SETTINGS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -93,7 +93,7 @@ def test_what_contributors_are_told_to_change_is_there() -> None:
         "SENSORS": "biodyn_core/segments.py",
         "BagWriter": "biodyn_ros/blue_trident/importing.py",
         "encode_imu": "biodyn_ros/blue_trident/importing.py",
-        "everyday": "biodyn_ros/arguments.py",
+        "everyday": "biodyn_ros/commands/arguments.py",
     }
     for name, path in told.items():
         assert name in text

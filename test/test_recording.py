@@ -24,7 +24,7 @@ from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SENS
 from biodyn_core.synthesis import ImuStream, SensorSettings, load_case
 from biodyn_core.worn import LEFT_OF_AN_ERROR
 from biodyn_ros.provenance import MADE_BY_MODEL
-from biodyn_ros.recordings import RecordingOptions, case_of, read_recordings
+from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
 from biodyn_ros.simulate import simulate_bag
 
 HEAD = MEASURED_SEGMENTS.index("head")
@@ -439,7 +439,7 @@ def test_the_file_names_the_case(bag, case):
 
 
 def test_reading_recordings_needs_no_ros():
-    script = "import sys, biodyn_ros.recordings; assert not {'rclpy', 'sensor_msgs'} & set(sys.modules)"
+    script = "import sys, biodyn_ros.reading.recordings; assert not {'rclpy', 'sensor_msgs'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", script], check=True)
 
 

@@ -19,12 +19,13 @@ from biodyn_core.errors import InputError
 from biodyn_core.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
 from biodyn_core.limits import EU_LIMITS
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
-from biodyn_ros import traces as traces_of_replay
-from biodyn_ros.report import write_replay_report
+from biodyn_ros.replay import traces as traces_of_replay
+from biodyn_ros.replay.page import write_replay_report
+from biodyn_ros.replay.text import summary
+from biodyn_ros.replay.traces import DIGEST_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Traces
+from biodyn_ros.reports.motion import Envelope
+from biodyn_ros.reports.verdict import judge
 from biodyn_ros.strip import BIN_NS
-from biodyn_ros.summary import summary
-from biodyn_ros.traces import DIGEST_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Envelope, Traces
-from biodyn_ros.verdict import judge
 from biodyn_ros.wording import bound, duration, number, sentence, shocks, time_left
 
 START_NS = 1_767_225_600 * 10**9 + 37

@@ -13,8 +13,8 @@ from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.exposure_json import exposure_document
-from biodyn_ros.health import SensorHealth, Watch
-from biodyn_ros.showing import ROWS, STILL_MPS2, Showing
+from biodyn_ros.node.health import SensorHealth, Watch
+from biodyn_ros.node.showing import ROWS, STILL_MPS2, Showing
 
 GENTLE = {"case": "road", "seconds": 6.0, "seed": 3}
 

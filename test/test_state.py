@@ -21,8 +21,8 @@ from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_core.subject import load_subject
 from biodyn_ros import topics
+from biodyn_ros.node.state import Keeper, StateFile, belongs_to, refused, state_path
 from biodyn_ros.resources import subject_file
-from biodyn_ros.state import Keeper, StateFile, belongs_to, refused, state_path
 
 BELONGS = belongs_to(subject(), topics.INPUT)
 HOUR_NS = 3600 * 10**9

@@ -14,7 +14,7 @@ from biodyn_core.frames import MeasuredFrames
 from biodyn_core.response import SpectraMeter, SpectrumSettings, cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.waterfall import BIN_NS, BINS, WaterfallMeter
-from biodyn_ros.replay_spectra import ReplaySpectra
+from biodyn_ros.replay.spectra import ReplaySpectra
 
 RATE_HZ = 200.0
 START_NS = 1_767_225_600 * 10**9

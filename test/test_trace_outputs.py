@@ -39,14 +39,14 @@ from biodyn_core.tracing.findings import (
 from biodyn_ros.cli import main
 from biodyn_ros.files import check_directory
 from biodyn_ros.provenance import MADE_BY_MODEL, bag_sha256, role_of
+from biodyn_ros.reports.residuals import residual_spectra, windowed
 from biodyn_ros.resources import subject_file
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
-from biodyn_ros.trace import Stages, Traced, TraceOptions, deal, trace_bags, write_traced
-from biodyn_ros.trace_drawings import residual_spectra, windowed
-from biodyn_ros.trace_json import PROOF, trace_document
-from biodyn_ros.trace_report import trace_page, worst_event
-from biodyn_ros.trace_text import text_of
-from biodyn_ros.trace_wording import belief, diagnosed, effect_name, headline, parameters_of, tone
+from biodyn_ros.trace.document import PROOF, trace_document
+from biodyn_ros.trace.page import trace_page, worst_event
+from biodyn_ros.trace.text import text_of
+from biodyn_ros.trace.tracing import Stages, Traced, TraceOptions, deal, trace_bags, write_traced
+from biodyn_ros.trace.wording import belief, diagnosed, effect_name, headline, parameters_of, tone
 
 SUBJECT = load_subject(subject_file("subject_1"))
 RATE_HZ = 200.0

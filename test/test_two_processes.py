@@ -20,7 +20,7 @@ from streams import subject
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros import topics
 from biodyn_ros.cdr import decode_accel_stamped
-from biodyn_ros.replay import replay
+from biodyn_ros.replay.replaying import replay
 from biodyn_ros.resources import bag_file
 
 BAG_DEPTH = 200_000

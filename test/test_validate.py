@@ -21,9 +21,9 @@ from biodyn_core.subject import load_subject
 from biodyn_core.synthesis import SensorSettings, load_case
 from biodyn_ros.resources import subject_file
 from biodyn_ros.simulate import simulate_bag
-from biodyn_ros.validate import ValidateOptions, validate_recordings, validate_to_directory
-from biodyn_ros.validation_findings import ValidationSettings, findings, verdict
-from biodyn_ros.validation_text import text_of
+from biodyn_ros.validate.findings import ValidationSettings, findings, verdict
+from biodyn_ros.validate.text import text_of
+from biodyn_ros.validate.validating import ValidateOptions, validate_recordings, validate_to_directory
 
 RATE_HZ = 1000.0
 BEHIND = round(WARM_UP_S * RATE_HZ)

@@ -28,13 +28,13 @@ from biodyn_core.identification.phase2 import Refined
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER
-from biodyn_ros import executors
-from biodyn_ros.checkpoint import Checkpoint, decoded, encoded
 from biodyn_ros.environment import ONE_THREAD
-from biodyn_ros.executors import as_done, executor_of, result_of
 from biodyn_ros.json_files import LARGEST_BYTES
 from biodyn_ros.progress import Progress
-from biodyn_ros.work import Work
+from biodyn_ros.work import executors
+from biodyn_ros.work.checkpoint import Checkpoint, decoded, encoded
+from biodyn_ros.work.executors import as_done, executor_of, result_of
+from biodyn_ros.work.tasks import Work
 
 QUICK = FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=400, refined_starts=1)
 SUBJECT = fitting.drawn(1, "segment")

@@ -24,7 +24,7 @@ from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
-from biodyn_ros.recordings import read_recordings
+from biodyn_ros.reading.recordings import read_recordings
 
 WORLD = Path(__file__).parent / "world"
 ALL = (*development_forms.FORMS, *blind_forms.FORMS)

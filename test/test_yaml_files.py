@@ -10,7 +10,7 @@ from biodyn_core.errors import LONGEST, InputError
 from biodyn_core.limits import load_limits
 from biodyn_core.subject import load_subject
 from biodyn_core.yaml_files import LARGEST_BYTES, MOST_ALIASES, read_yaml
-from biodyn_ros.campaign_file import load_campaign
+from biodyn_ros.fit.campaign_file import load_campaign
 
 LAUGHS = "a: &a [x, x]\n" + "\n".join(
     f"{b}: &{b} [*{a}, *{a}]" for a, b in zip("abcdefghijklmnopqrs", "bcdefghijklmnopqrst", strict=True)

@@ -14,7 +14,7 @@ from biodyn_ros.blue_trident.capture_u import capture_u, is_capture_u, is_magnet
 from biodyn_ros.blue_trident.nexus import is_nexus, nexus
 from biodyn_ros.blue_trident.rows import head_of, lines_of
 from biodyn_ros.blue_trident.samples import Channel, Export
-from biodyn_ros.mapping import parse_map
+from biodyn_ros.reading.mapping import parse_map
 
 MOST_FILES: Final = 10_000
 

@@ -24,7 +24,7 @@ from biodyn_ros.blue_trident.survey import Read, in_time_order, survey
 from biodyn_ros.blue_trident.wide import Comparison, Taken
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.provenance import sha256_of
-from biodyn_ros.saturation import stated
+from biodyn_ros.reading.saturation import stated
 from biodyn_ros.topics import INPUT
 
 MADE_BY: Final = "biodyn import-blue-trident"

@@ -12,7 +12,7 @@ from typing import Any, Final, Protocol, TypeVar
 from world.effects.draw import Split
 from world.effects.sitting import TOGETHER
 
-from biodyn_ros.executors import as_done, executor_of, result_of
+from biodyn_ros.work.executors import as_done, executor_of, result_of
 from blind.tracing.answer import Tracer, answered, traced
 from blind.tracing.outcome import FAILED, Answer, Outcome, Score, line_of
 from blind.tracing.records import record, sittings

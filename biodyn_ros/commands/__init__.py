@@ -1,0 +1,1 @@
+"""The subcommands of `biodyn`, a module each, and how they are parsed."""

@@ -1,0 +1,78 @@
+"""`biodyn completion SHELL`: a script that completes commands, options, choices, bundled subjects and files.
+
+The script is static: what it completes was known when it was printed, and no Python starts at a Tab.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from biodyn_core.errors import InputError
+from biodyn_ros.commands.arguments import parser
+from biodyn_ros.resources import subject_names
+
+SUBJECT: Final = ("S", "A", "B")
+"""What stands in the help for a subject: a bundled name or a file."""
+
+
+def script(shell: str) -> str:
+    """The script for a shell; raises InputError where shtab, which makes it, is missing."""
+    if importlib.util.find_spec("shtab") is None:
+        raise InputError("completion needs shtab: pip install 'biodyn_ros[completion]'")
+    import shtab
+
+    whole = parser()
+    for action in _actions(whole):
+        if (how := _complete(str(action.metavar))) is not None:
+            action.complete = how
+    return shtab.complete(whole, shell)
+
+
+def _actions(whole: argparse.ArgumentParser) -> Iterator[Any]:
+    """Every argument of every subcommand."""
+    for action in whole._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                yield from command._actions
+
+
+def _complete(metavar: str) -> Any:
+    """How the word that stands for a value in the help is completed; None: not at all, or by its choices."""
+    import shtab
+
+    from biodyn_core.synthesis import CASES
+
+    if metavar in SUBJECT:
+        return _words_or_files("subject", subject_names(), "yaml")
+    if metavar == "CASES":
+        return _words_or_files("case", list(CASES))
+    if metavar == "DIR":
+        return shtab.DIRECTORY
+    if metavar in ("BAG", "BAG=CASE"):
+        return shtab.glob("*.mcap", "*.db3")
+    return shtab.FILE if metavar in ("FILE", "OUT.yaml") else None
+
+
+def _words_or_files(what: str, words: Sequence[str], suffix: str = "") -> dict[str, Any]:
+    """Completion by words, and by files of a suffix and the directories that may hold them."""
+    listed, name = " ".join(words), f"_biodyn_{what}_files" if suffix else f"_biodyn_{what}"
+    bash = [f"compgen -W '{listed}' -- \"$1\""]
+    fish = [f"printf '%s\\n' {listed}"]
+    zsh = [f"'{what}s:{what}:({listed})'"]
+    if suffix:
+        bash += [f"compgen -f -X '!*.{suffix}' -- \"$1\"", 'compgen -d -- "$1"']
+        fish += [f"__fish_complete_suffix .{suffix}"]
+        zsh += [f"'files:file:_files -g \"*.{suffix}\"'"]
+    return {
+        "bash": name,
+        "zsh": name,
+        "fish": f"({name})",
+        "preamble": {
+            "bash": f"{name}() {{\n  " + "\n  ".join(bash) + "\n}",
+            "zsh": f"{name}() {{\n  _alternative {' '.join(zsh)}\n}}",
+            "fish": f"function {name}\n  " + "\n  ".join(fish) + "\nend",
+        },
+    }

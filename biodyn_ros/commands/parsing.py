@@ -1,0 +1,199 @@
+"""The parsers behind `biodyn`: help that fits a screen, every setting on request, errors of one line with a hint.
+
+What `command.add_argument` adds is everyday, shown by -h; what `command.tuning(title).add_argument` adds is shown by
+--help-all alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, NoReturn
+
+from biodyn_ros.commands.help_texts import GROUPS, HELP, PURPOSE
+from biodyn_ros.nearby import did_you_mean
+
+EXIT_INPUT: Final = 2
+_NARROWEST, _WIDEST = 40, 100
+"""Longer lines are hard to read, however wide the terminal is."""
+
+
+class Parser(argparse.ArgumentParser):
+    """What the command and its subcommands have in common: no abbreviations, and errors of one line.
+
+    An abbreviation in a script would break with the next setting that begins alike.
+    """
+
+    def __init__(self, **words: Any) -> None:
+        super().__init__(allow_abbrev=False, add_help=False, formatter_class=_Formatter, **words)
+        self.register("type", int, _whole_number)
+        self.register("type", float, _number)
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line with what to do next, and exit with code 2."""
+        end = "" if message.endswith("?") else ";"
+        self.exit(EXIT_INPUT, f"{self.prog}: {message}{end} {self.prog} -h shows how\n")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            near = did_you_mean(str(value), known)
+            raise argparse.ArgumentError(action, f"{value!r} is none of {', '.join(known)}{';' if near else ''}{near}")
+
+
+class WholeParser(Parser):
+    """The command itself: its help lists all subcommands, whichever of them it can parse."""
+
+    def __init__(self) -> None:
+        super().__init__(prog="biodyn")
+        self.add_argument("-h", "--help", action="help", help="show this help")
+
+    def format_help(self) -> str:
+        """The commands by what a person does; fits a screen of 24 lines of 80 columns."""
+        rows = [(title if name == names[0] else "", name) for title, names in GROUPS.items() for name in names]
+        wide = max(len(name) for _, name in rows)
+        lines = [f"  {title:<8}{name:<{wide}}  {HELP[name].line}" for title, name in rows]
+        ends = ("biodyn COMMAND -h shows everyday options and examples, --help-all every setting;", "biodyn --version.")
+        return "\n".join(["usage: biodyn COMMAND [option ...]", "", PURPOSE, "", *lines, "", *ends, ""])
+
+
+class CommandParser(Parser):
+    """A subcommand: -h shows its everyday options and examples, --help-all every setting with its range."""
+
+    def __init__(self, **words: Any) -> None:
+        super().__init__(**words)
+        self._tuning: list[Any] = []
+        self._positionals.title = "arguments"
+        self.add_argument("-h", "--help", action="help", help="show everyday options and examples")
+        self.add_argument("--help-all", action=_HelpAll, help="show every setting with its range and default")
+
+    def tuning(self, title: str) -> Any:
+        """A new group of options that only --help-all shows."""
+        self._tuning.append(self.add_argument_group(title))
+        return self._tuning[-1]
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As of argparse; an option that does not exist is told by itself, before what is missing because of it."""
+        given = list(sys.argv[1:] if args is None else args)
+        self._check_options(given[: given.index("--")] if "--" in given else given)
+        parsed, more = super().parse_known_args(given, namespace)
+        if more:
+            self.error(f"{' '.join(more)}: nothing of that kind is expected here")
+        return parsed, more
+
+    def _check_options(self, given: Sequence[str]) -> None:
+        for name in (word.partition("=")[0] for word in given if word.startswith("--")):
+            if name not in self._option_string_actions:
+                near = did_you_mean(name, self._option_string_actions)
+                self.error(f"there is no option {name}{';' if near else ''}{near}")
+
+    def format_help(self) -> str:
+        """Everyday options and examples."""
+        return self._helped([group for group in self._action_groups if group not in self._tuning], self._ends())
+
+    def format_all(self) -> str:
+        """Every option there is."""
+        return self._helped(self._action_groups, self._examples())
+
+    def _helped(self, groups: Sequence[Any], end: str) -> str:
+        formatter = self._get_formatter()
+        for group in groups:
+            formatter.start_section(group.title)
+            formatter.add_arguments(sorted(group._group_actions, key=_rank))
+            formatter.end_section()
+        return f"{self._usage()}\n\n{self.description}\n\n{formatter.format_help()}\n{end}"
+
+    def _usage(self) -> str:
+        """What must be given, in the order in which it is typed, unless usage says it in words of its own."""
+        if self.usage:
+            return f"usage: {self.usage}"
+        return "\n".join(_folded(["usage:", *self.prog.split(), *self._needed(), "[option ...]"], " " * 9))
+
+    def _needed(self) -> Iterator[str]:
+        for action in self._get_positional_actions():
+            name = action.metavar or f"{{{','.join(action.choices or [action.dest])}}}"
+            yield f"[{name} ...]" if action.nargs == "*" else str(name)
+        yield from (_shown(action) for action in self._get_optional_actions() if action.required)
+        for group in self._mutually_exclusive_groups:
+            if group.required:
+                yield f"({' | '.join(_shown(action) for action in group._group_actions)})"
+
+    def _ends(self) -> str:
+        count = sum(len(group._group_actions) for group in self._tuning)
+        more = (
+            f"{count} more setting{'s' if count > 1 else ''}, with ranges: {self.prog} --help-all\n\n" if count else ""
+        )
+        return f"{more}{self._examples()}"
+
+    def _examples(self) -> str:
+        lines = ["examples:"]
+        for example in HELP[self.prog.rpartition(" ")[2]].examples:
+            *first, last = _folded(_pairs(example), " " * 6, _width() - 4)
+            lines += [*(f"  {line} \\" for line in first), f"  {last}"]
+        return "\n".join([*lines, ""])
+
+
+class _HelpAll(argparse.Action):
+    """Prints every option, and ends."""
+
+    def __init__(self, **words: Any) -> None:
+        super().__init__(nargs=0, default=argparse.SUPPRESS, **{**words, "dest": argparse.SUPPRESS})
+
+    def __call__(self, parser: Any, *told: Any) -> None:
+        sys.stdout.write(parser.format_all())
+        parser.exit()
+
+
+class _Formatter(argparse.RawDescriptionHelpFormatter):
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=26, width=_width())
+
+
+def _width() -> int:
+    return max(_NARROWEST, min(shutil.get_terminal_size().columns - 2, _WIDEST))
+
+
+def _rank(action: argparse.Action) -> int:
+    """What must be given first, help last; otherwise in the order in which options were added."""
+    return 2 if isinstance(action, (argparse._HelpAction, _HelpAll)) else int(not action.required)
+
+
+def _shown(action: argparse.Action) -> str:
+    return f"{action.option_strings[0]} {action.metavar or action.dest.upper()}"
+
+
+def _pairs(example: str) -> list[str]:
+    """The words of a line, an option with its value as one."""
+    words: list[str] = []
+    for word in example.split():
+        if words and words[-1].startswith("-") and " " not in words[-1] and not word.startswith("-"):
+            words[-1] += f" {word}"
+        else:
+            words.append(word)
+    return words
+
+
+def _folded(words: Sequence[str], indent: str, width: int | None = None) -> list[str]:
+    """Lines of words, none of which is broken though it may hold spaces."""
+    text = " ".join(word.replace(" ", "\0") for word in words)
+    lines = textwrap.wrap(
+        text, width or _width(), subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
+    )
+    return [line.replace("\0", " ") for line in lines]
+
+
+def _whole_number(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None

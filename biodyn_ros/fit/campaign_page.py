@@ -1,0 +1,95 @@
+"""The page over a campaign: who is done, how well, and how the subjects' parameters lie beside each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+from biodyn_core.errors import InputError
+from biodyn_ros.fit.drawings import MARKERS, estimates_of, subjects
+from biodyn_ros.fit.fitting import json_beside
+from biodyn_ros.fit.page import judge_fit
+from biodyn_ros.json_files import read_json
+from biodyn_ros.reports.pages import check_reports, render
+from biodyn_ros.reports.verdict import Verdict
+from biodyn_ros.wording import number
+
+Document = dict[str, Any]
+
+MOST_DRAWN: Final = 40
+"""So many subjects are drawn beside each other, the first; the table has all."""
+
+
+WORST_FIRST: Final = ("bad", "warn", "none", "good")
+
+
+def campaign_page(document: Document, directory: Path) -> str:
+    """The page; raises InputError where jinja2 or matplotlib is missing, or a subject's fit.json is not ours."""
+    check_reports()
+    rows = document["subjects"]
+    fits = {row["name"]: _fit(directory, row) for row in rows if row["state"] == "done"}
+    done = [row["name"] for row in rows if row["state"] == "done"]
+    drawn = done[:MOST_DRAWN]
+    unseen = {name: _unseen(fit) for name, fit in fits.items()}
+    known = [row["mean_error_percent"] for row in rows] + list(unseen.values())
+    return render(
+        "campaign.html.j2",
+        document=document,
+        verdict=judge_campaign(document, unseen, {name: judge_fit(fit).tone for name, fit in fits.items()}),
+        numbers={name: place + 1 for place, name in enumerate(done)},
+        unseen=unseen,
+        links={row["name"]: quote(row["page"], errors="surrogateescape") for row in rows if row["page"]},
+        scale=max((value for value in known if value is not None), default=1.0) or 1.0,
+        calls=tuple(MARKERS),
+        drawn=len(drawn),
+        done=len(done),
+        subjects_svg=subjects([estimates_of(fits[name]) for name in drawn]) if drawn else None,
+    )
+
+
+def judge_campaign(document: Document, unseen: dict[str, float | None], tones: dict[str, str]) -> Verdict:
+    """How many subjects are done, and how well they predict: no better than the worst of their own pages."""
+    rows = document["subjects"]
+    of = {state: [row["name"] for row in rows if row["state"] == state] for state in ("done", "failed", "waiting")}
+    headline = f"{len(of['done'])} of {len(rows)} subjects fitted"
+    reasons = []
+    for state, text in (("failed", "Failed, --resume tries them again"), ("waiting", "Not begun, or not finished")):
+        if of[state]:
+            reasons.append(f"{text}: {', '.join(of[state])}.")
+    means = [row["mean_error_percent"] for row in rows if row["mean_error_percent"] is not None]
+    if means:
+        reasons.append(f"Error on the events fitted to: {_span(means)} % of the rms.")
+    known = [value for value in unseen.values() if value is not None]
+    if known:
+        reasons.append(f"On events not fitted to: {_span(known)} %.")
+    unknown = [name for name, value in unseen.items() if value is None]
+    if unknown:
+        reasons.append(f"How it predicts is not known, nothing being held out: {', '.join(unknown)}.")
+    poor = [name for name, tone in tones.items() if tone == "bad"]
+    if poor:
+        reasons.append(f"They predict events they were not fitted to badly: {', '.join(poor)}.")
+    own = {"bad"} if of["failed"] else {"warn"} if of["waiting"] else {"good"}
+    return Verdict(next(tone for tone in WORST_FIRST if tone in own | set(tones.values())), headline, tuple(reasons))
+
+
+def _span(values: list[float]) -> str:
+    return " to ".join(dict.fromkeys((number(min(values)), number(max(values)))))
+
+
+def _fit(directory: Path, row: Document) -> Document:
+    path = json_beside(directory / row["result"])
+    try:
+        found = read_json(path)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    if not (isinstance(found, dict) and {"intervals", "identifiable", "held_out", "result"} <= found.keys()):
+        raise InputError(f"{path}: is no fit.json of ours; fit the subject anew")
+    return found
+
+
+def _unseen(fit: Document) -> float | None:
+    """Mean error on the events that were only predicted, percent."""
+    means = [event[fit["result"]]["mean"] for event in fit["held_out"]]
+    known = [mean for mean in means if mean is not None]
+    return sum(known) / len(known) if known else None

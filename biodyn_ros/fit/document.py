@@ -1,0 +1,271 @@
+"""The mapping of fit.json, and the provenance that a fitted subject's file carries."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from biodyn_core.arrays import Floats
+from biodyn_core.identification.fit import Fit, prediction_errors
+from biodyn_core.identification.idealize import Idealized
+from biodyn_core.identification.identify import Identification
+from biodyn_core.identification.problem import Case, Errors
+from biodyn_core.identification.residuals import Leftover, leftovers
+from biodyn_core.identification.uncertainty import Estimate, Profile, Uncertainty
+from biodyn_core.response import SpectrumSettings
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.subject import Subject
+from biodyn_ros.json_files import finite
+from biodyn_ros.reading.events import Event
+
+Document = dict[str, Any]
+Prepared = tuple[Event, Case]
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What is known of the joint fit's parameters."""
+
+    uncertainty: Uncertainty
+    profiles: tuple[Profile, ...]
+    not_profiled: tuple[str, ...]
+    spectrum: SpectrumSettings
+    cutoff_hz: float
+
+
+def fit_document(
+    subject: Subject,
+    found: Identification,
+    findings: Findings,
+    fitted: Sequence[Prepared],
+    held_out: Sequence[Prepared],
+    seed: int,
+) -> Document:
+    """Everything but the seconds it took."""
+    sure = findings.uncertainty
+    return {
+        "subject": subject.name,
+        "body_mass_kg": subject.body_mass_kg,
+        "result": found.settings.result,
+        "parameters": _parameters(found.subject),
+        "cases": [
+            _case(event, case, fit) | _predicted(case, found)
+            for (event, case), fit in zip(fitted, found.fits, strict=True)
+        ],
+        "phase1": _swarms(found),
+        "joint": _joint(found),
+        "idealized": _idealized(found),
+        "weights": dict(found.idealized.weights),
+        "cv": {name: finite(percent) for name, percent in found.idealized.cv_percent.items()},
+        "flagged": list(found.idealized.flagged),
+        "intervals": {estimate.name: _interval(estimate) for estimate in sure.estimates},
+        "identifiable": {estimate.name: estimate.call for estimate in sure.estimates},
+        "correlation": {"names": list(sure.names), "matrix": sure.correlation.tolist()},
+        "least_known": {"combination": sure.least_known, "half_width": finite(sure.least_known_half_width)},
+        "profiles": {profile.name: _profile(profile) for profile in findings.profiles},
+        "not_profiled": list(findings.not_profiled),
+        "residuals": [
+            _residual(leftover)
+            for leftover in leftovers(found.joint, found.cases, findings.spectrum, findings.cutoff_hz)
+        ],
+        "held_out": [_held_out(event, case, found) for event, case in held_out],
+        "mass_matrix": _mass_matrix(found, [case for _, case in held_out]),
+        "refiners": _refiners(found),
+        "evaluations": found.evaluations,
+        "penalties": dict(_penalties(found)),
+        "seed": seed,
+        "settings": _settings(found),
+        "warnings": warnings_of([*fitted, *held_out]),
+    }
+
+
+def provenance(document: Document) -> Document:
+    """What the subject's file keeps of its fit."""
+    result = document["result"]
+    intervals = {name: [of["lower"], of["upper"]] for name, of in document["intervals"].items()}
+    return {
+        "made_by": "biodyn fit",
+        "version": document["version"],
+        "seed": document["seed"],
+        "result": result,
+        "fitted": [_origin(event) | {"nrmse_rms_percent": event[result]["mean"]} for event in document["cases"]],
+        "held_out": [
+            _origin(event) | {"nrmse_rms_percent": event[result]["nrmse_rms"]} for event in document["held_out"]
+        ],
+        "at_bound": document["joint"]["at_bound"] if result == "joint" else [],
+        "seat_peak_mps2": max(event["seat_peak_mps2"] for event in document["cases"]),
+        "intervals": intervals if result == "joint" else {},
+        "identifiable": document["identifiable"] if result == "joint" else {},
+    }
+
+
+def _case(event: Event, case: Case, fit: Fit) -> Document:
+    """One case fitted by itself."""
+    seconds = case.seat_mps2.size / case.rate_hz
+    return {
+        "bag": event.bag,
+        "sha256": event.sha256,
+        "case": case.case,
+        "seconds": seconds,
+        "compared_s": by_segment(case.compared.sum(axis=0) / case.rate_hz),
+        "not_fitted": [name for name in MEASURED_SEGMENTS if name not in case.fitted],
+        "seat_rms_mps2": float(np.sqrt(np.mean(case.seat_mps2**2))),
+        "seat_peak_mps2": float(np.abs(case.seat_mps2).max()),
+        "error": _error(fit.errors[0]) | {"objective": fit.refined.objective},
+        "parameters": _parameters(fit.subject),
+        "at_bound": list(fit.at_bound),
+        "starts": _starts(fit),
+        "clock_delay_ms": _delays(fit, 0),
+    }
+
+
+def _joint(found: Identification) -> Document:
+    fit = found.joint
+    return {
+        "parameters": _parameters(fit.subject),
+        "objective": fit.refined.objective,
+        "error_percent": fit.error_percent,
+        "at_bound": list(fit.at_bound),
+        "starts": _starts(fit),
+        "clock_delay_ms": {case.name: _delays(fit, number) for number, case in enumerate(found.cases)},
+    }
+
+
+def _idealized(found: Identification) -> Document:
+    idealized: Idealized = found.idealized
+    return {
+        "parameters": _parameters(idealized.subject),
+        "weighted_error_percent": idealized.weighted_error_percent,
+        "error_percent": float(np.mean([e.mean_percent for e in prediction_errors(idealized.subject, found.cases)])),
+    }
+
+
+def _held_out(event: Event, case: Case, found: Identification) -> Document:
+    why = "held out" if event.held_out else "another repetition"
+    return {"bag": event.bag, "sha256": event.sha256, "case": case.case, "why": why} | _predicted(case, found)
+
+
+def _predicted(case: Case, found: Identification) -> Document:
+    """Errors of both subjects that are made from all cases."""
+    subjects = {"joint": found.joint.subject, "idealized": found.idealized.subject}
+    return {name: _error(prediction_errors(subject, [case])[0]) for name, subject in subjects.items()}
+
+
+def _mass_matrix(found: Identification, held_out: Sequence[Case]) -> Document:
+    better, errors = found.better_mass_matrix(held_out)
+    return {
+        "declared": found.joint.subject.mass_matrix,
+        "better": better,
+        "error_percent": dict(errors),
+        "judged_by": "held_out" if held_out else "fitted",
+        "other_parameters": _parameters(found.other.subject),
+    }
+
+
+def _refiners(found: Identification) -> Document:
+    """Both refiners on Eq. 33 as printed, with the pull of the settings, from one start."""
+    return {
+        "case": found.compared_on.case,
+        "objective": {run.refiner: run.refined.objective for run in found.refiners},
+        "evaluations": {run.refiner: run.refined.evaluations for run in found.refiners},
+    }
+
+
+def _penalties(found: Identification) -> Counter[str]:
+    """Objectives that were not finite, by cause."""
+    refined = [fit.refined for fit in (*found.fits, found.joint, found.other)] + [run.refined for run in found.refiners]
+    return sum((part.penalties for part in (*found.searches, *refined)), Counter())
+
+
+def _settings(found: Identification) -> Document:
+    s = found.settings
+    return {
+        "phase1": s.phase1, "refine": s.refine, "regularization": s.regularization, "lambda_1": s.surrogate.lambda_1,
+        "lambda_2": s.lambda_2, "clocks": s.clocks, "mass_scale": s.mass_scale, "particles": s.swarm.particles,
+        "iterations": s.swarm.iterations, "starts": s.swarm.starts, "refined_starts": s.refined_starts,
+        "segment_weights": list(s.surrogate.segment_weights),
+    }  # fmt: skip
+
+
+def _starts(fit: Fit) -> Document:
+    """The waterfall: where every refined start ended, and how many reached the lowest."""
+    return {"objectives": fit.refined.costs.tolist(), "reached": fit.reached, "of": int(fit.refined.costs.size)}
+
+
+def _swarms(found: Identification) -> list[Document]:
+    """The same of phase 1, under the subject's own mass matrix: one search for each case, or one of all."""
+    searches = found.searches[: len(found.searches) // 2]
+    names = [case.case for case in found.cases] if len(searches) == len(found.cases) else ["all"]
+    return [
+        {"case": name, "objectives": one.costs.tolist(), "reached": one.reached, "of": int(one.costs.size)}
+        for name, one in zip(names, searches, strict=True)
+    ]
+
+
+def _error(error: Errors) -> Document:
+    return {
+        "nrmse_rms": by_segment(error.nrmse_rms_percent),
+        "nrmse_range": by_segment(error.nrmse_range_percent),
+        "mean": error.mean_percent,
+    }
+
+
+def _interval(estimate: Estimate) -> Document:
+    return {
+        "value": estimate.value,
+        "unit": estimate.unit,
+        "lower": float(estimate.lower),
+        "upper": float(estimate.upper),
+        "half_width_percent": finite(100.0 * estimate.half_width),
+        "at_bound": estimate.at_bound,
+    }
+
+
+def _profile(profile: Profile) -> Document:
+    return {
+        "values": profile.values.tolist(),
+        "rise": profile.rise.tolist(),
+        "threshold": profile.threshold,
+        "lower": profile.lower,
+        "upper": profile.upper,
+    }
+
+
+def _residual(leftover: Leftover) -> Document:
+    return {
+        "bag": leftover.name,
+        "case": leftover.case,
+        "input_coherence": by_segment(leftover.coherent),
+        "chance_coherence": by_segment(leftover.chance),
+        "coloured": by_segment(leftover.coloured),
+    }
+
+
+def _delays(fit: Fit, number: int) -> Document:
+    """Delay of each sensor behind the seat's at the middle of a case; None where clocks are trusted."""
+    if not fit.clock_delays_s.size:
+        return dict.fromkeys(MEASURED_SEGMENTS)
+    return by_segment(1e3 * fit.clock_delays_s[number, :, 0])
+
+
+def warnings_of(events: Iterable[Prepared]) -> list[str]:
+    """What is to be said of the events, with their bags, each once."""
+    return list(dict.fromkeys(f"{event.bag}: {line}" for event, case in events for line in case.warnings))
+
+
+def _origin(event: Document) -> Document:
+    return {key: event[key] for key in ("bag", "case", "sha256")}
+
+
+def _parameters(subject: Subject) -> Document:
+    parameters: Document = subject.to_dict()["parameters"]
+    return parameters
+
+
+def by_segment(values: Floats) -> Document:
+    """Values (5,) by measured segment, None where one is not finite."""
+    return {name: finite(float(value)) for name, value in zip(MEASURED_SEGMENTS, values, strict=True)}

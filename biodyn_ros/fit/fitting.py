@@ -1,0 +1,189 @@
+"""Fit: bags to a subject. Reads the events, identifies, and says of every number how it was found and how sure it is.
+
+Of several recordings of one case the representative one is fitted to (Zaman et al., 5.3); the others, and the bags held
+out by name, are predicted by the finished fits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.effects import needs_channels
+from biodyn_core.errors import InputError
+from biodyn_core.identification.identify import Identification, fingerprint, identify
+from biodyn_core.identification.problem import Case, CaseSettings
+from biodyn_core.identification.settings import FitSettings
+from biodyn_core.identification.uncertainty import UncertaintySettings, profile, uncertainty
+from biodyn_core.recording import representative
+from biodyn_core.response import SpectrumSettings
+from biodyn_core.subject import Subject
+from biodyn_ros import __version__
+from biodyn_ros.files import write_text
+from biodyn_ros.fit.document import Findings, fit_document, provenance
+from biodyn_ros.json_files import write_json
+from biodyn_ros.reading.events import Event, check_bags, read_events
+from biodyn_ros.reading.recordings import RecordingOptions
+from biodyn_ros.work.tasks import Work
+
+Document = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How bags are read, prepared and fitted.
+
+    held_out: bags that are only predicted; cases: the loading condition of a bag where its name does not tell it;
+    profiles: parameters whose likelihood is profiled, or `all`.
+    """
+
+    seed: int = 0
+    held_out: tuple[str, ...] = ()
+    cases: Mapping[str, str] = field(default_factory=dict)
+    profiles: tuple[str, ...] = ()
+    reading: RecordingOptions = field(default_factory=RecordingOptions)
+    spectra: SpectrumSettings = field(default_factory=SpectrumSettings)
+    preparing: CaseSettings = field(default_factory=CaseSettings)
+    settings: FitSettings = field(default_factory=FitSettings)
+    uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The document of fit.json, the subject with its provenance, and the identification behind both.
+
+    given: the subject as it was before; held_out: the events that were only predicted, prepared like the cases.
+    """
+
+    document: Document
+    subject: Subject
+    identification: Identification
+    given: Subject
+    held_out: tuple[Case, ...]
+
+
+def fit_bags(
+    bags: Sequence[str | Path],
+    subject: Subject,
+    options: FitOptions | None = None,
+    work: Work | None = None,
+) -> Fitted:
+    """Fit a subject to bags; raises InputError, one line, for bags that nothing can be fitted to."""
+    o, work, begin = options or FitOptions(), work or Work(), time.monotonic()
+    _check(bags, o)
+    reading = dataclasses.replace(o.reading, channels=needs_channels(subject.effects))
+    with work.watch("reading") as tell:
+        events = read_events(bags, o.held_out, o.cases, reading, tell)
+    fitted, spare = choose(events)
+    # A bag that holds nothing to compare with must be heard of before the work, not after it.
+    cases, held_out = [_prepared(event, o) for event in fitted], [_prepared(event, o) for event in spare]
+    problem = fingerprint(cases, subject, o.seed, o.settings)
+    identification = identify(cases, subject, o.seed, o.settings, work.run(problem))
+    findings = _findings(identification, cases, o)
+    document = fit_document(
+        subject, identification, findings, list(zip(fitted, cases, strict=True)),
+        list(zip(spare, held_out, strict=True)), o.seed,
+    )  # fmt: skip
+    document |= {"seconds": time.monotonic() - begin, "version": __version__}
+    fitted_subject = dataclasses.replace(identification.subject, provenance=provenance(document))
+    return Fitted(document, fitted_subject, identification, subject, tuple(held_out))
+
+
+def write_fitted(fitted: Fitted, output: Path) -> None:
+    """Write the subject file and its fit.json."""
+    subject = fitted.subject.to_yaml()
+    write_json(json_beside(output), fitted.document)
+    write_text(output, subject)
+
+
+def parse_cases(pairs: Iterable[str]) -> dict[str, str]:
+    """Read `bag=case` pairs; raises InputError naming the pair."""
+    cases: dict[str, str] = {}
+    for pair in pairs:
+        bag, _, case = pair.rpartition("=")
+        if not bag or not case:
+            raise InputError(f"--case {pair}: expected BAG=CASE, such as drive_3.mcap=pothole")
+        if bag in cases:
+            raise InputError(f"--case {pair}: the bag is given twice")
+        cases[bag] = case
+    return cases
+
+
+def check_output(output: Path) -> None:
+    """Raise InputError for a place where the results cannot be written, before the work."""
+    if output.suffix not in (".yaml", ".yml"):
+        raise InputError(f"{output}: a subject file ends in .yaml")
+    if output.is_dir():
+        raise InputError(f"{output}: is a directory, give a file")
+    if not os.access(output.parent, os.W_OK):
+        raise InputError(f"{output.parent}: is no directory that can be written to")
+
+
+def write_fit_page(fitted: Fitted, output: Path) -> None:
+    """Write the page beside a subject file that is there already; raises InputError as `write_drawn`."""
+    from biodyn_ros.fit.page import fit_page  # an extra of its own
+    from biodyn_ros.reports.pages import write_drawn
+
+    write_drawn(page_beside(output), lambda: fit_page(fitted))
+
+
+def json_beside(output: Path) -> Path:
+    """Where the fit.json of a subject file lies: `anna.yaml` has `anna.fit.json`."""
+    return output.with_name(f"{output.stem}.fit.json")
+
+
+def page_beside(output: Path) -> Path:
+    """Where the page of a subject file lies: `anna.yaml` has `anna.fit.html`."""
+    return output.with_name(f"{output.stem}.fit.html")
+
+
+def choose(events: Sequence[Event]) -> tuple[list[Event], list[Event]]:
+    """The events that are fitted to, the representative one of each case, and those that are only predicted."""
+    by_case: dict[str, list[Event]] = {}
+    for event in events:
+        if not event.held_out:
+            by_case.setdefault(event.recording.case, []).append(event)
+    fitted = [_representative(case, repetitions) for case, repetitions in by_case.items()]
+    return fitted, [event for event in events if event not in fitted]
+
+
+def _representative(case: str, repetitions: Sequence[Event]) -> Event:
+    if len(repetitions) == 1:
+        return repetitions[0]
+    try:
+        chosen = representative([event.recording for event in repetitions])
+    except InputError as error:
+        raise InputError(f"{case}: {error}; give one bag of this case, the others with --hold-out") from error
+    return next(event for event in repetitions if event.recording is chosen)
+
+
+def _check(bags: Sequence[str | Path], options: FitOptions) -> None:
+    check_bags(bags, options.held_out, options.cases)
+    known = options.settings.fitted
+    for name in options.profiles:
+        if name != "all" and name not in known:
+            raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}")
+
+
+def _prepared(event: Event, options: FitOptions) -> Case:
+    return Case.of(event.recording, options.spectra, options.preparing)
+
+
+def _findings(identification: Identification, cases: Sequence[Case], options: FitOptions) -> Findings:
+    joint = identification.joint
+    sure = uncertainty(joint, cases, options.uncertainty)
+    asked = [estimate for estimate in sure.estimates if {estimate.name, "all"} & set(options.profiles)]
+    names = [estimate.name for estimate in asked if not estimate.at_bound]
+    return Findings(
+        not_profiled=tuple(estimate.name for estimate in asked if estimate.at_bound),
+        uncertainty=sure,
+        profiles=tuple(profile(joint, cases, name, options.uncertainty) for name in names),
+        spectrum=options.spectra,
+        cutoff_hz=(options.reading.conditioning or ConditioningSettings()).cutoff_hz,
+    )

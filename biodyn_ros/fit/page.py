@@ -1,0 +1,158 @@
+"""The page of a fit: one HTML file that shows what came out, how sure it is, and whether to believe it."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from biodyn_core.identification.fit import predictions
+from biodyn_core.identification.problem import Case, errors
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.tracing.findings import Event
+from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
+from biodyn_ros.fit.fitting import Fitted
+from biodyn_ros.fit.text import BY, said
+from biodyn_ros.provenance import MADE_BY_MODEL, without_note
+from biodyn_ros.reports.pages import check_reports, render
+from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
+from biodyn_ros.reports.verdict import Verdict
+from biodyn_ros.validate.findings import ValidationSettings
+from biodyn_ros.wording import number, parameter_name
+
+Document = dict[str, Any]
+
+_MOST_PERCENT: Final = ValidationSettings().nrmse_percent
+
+
+def fit_page(fitted: Fitted) -> str:
+    """The page; raises InputError where jinja2 or matplotlib is missing."""
+    check_reports()
+    document, events = fitted.document, fit_events(fitted)
+    compared = [event for event in events if event.use == ("held_out" if fitted.held_out else "train")]
+    worst = max(compared, key=lambda event: event.after.mean_percent)
+    note, warnings = made_by_model(document["warnings"])
+    return render(
+        "fit.html.j2",
+        document=document,
+        verdict=judge_fit(document),
+        known=list(said(document)),
+        doubts=doubts(document),
+        note=note,
+        warnings=warnings,
+        segments=MEASURED_SEGMENTS,
+        by=BY,
+        rows=_rows(document),
+        scale=_largest(document),
+        calls=tuple(MARKERS),
+        names={name: parameter_name(name) for name in (*document["cv"], *document["least_known"]["combination"])},
+        intervals_svg=intervals(document),
+        correlation_svg=correlation(document),
+        profiles_svg=profiles(document),
+        worst=worst,
+        compared=len(compared),
+        drawn=len(of_one_rate(compared)),
+        time_svg=over_time(worst),
+        spectra_svg=over_frequency(compared),
+    )
+
+
+def fit_events(fitted: Fitted) -> list[Event]:
+    """Every event under the subject as it was given and as it came out, those held out last."""
+    cases = [(case, "train") for case in fitted.identification.cases] + [(case, "held_out") for case in fitted.held_out]
+    both = [
+        list(predictions(subject, [case for case, _ in cases]))
+        for subject in (fitted.given, fitted.identification.subject)
+    ]
+    return [_event(case, use, *parts) for (case, use), *parts in zip(cases, *both, strict=True)]
+
+
+def _event(case: Case, use: Any, before: Any, after: Any) -> Event:
+    measured, *models = (np.where(case.compared, values, np.nan) for values in (case.measured_mps2, before, after))
+    found = [errors(case, accel) for accel in (before, after)]
+    return Event(case.name, case.case, use, case.rate_hz, measured, *models, *found)
+
+
+def judge_fit(document: Document) -> Verdict:
+    """How well the subject predicts what it was not fitted to, and what weighs against it."""
+    result, held_out = document["result"], document["held_out"]
+    fitted = _mean([case[result]["mean"] for case in document["cases"]])
+    unseen = _mean([event[result]["mean"] for event in held_out])
+    against = list(_against(document))
+    if unseen is None:
+        headline = f"Fitted to {number(fitted)} % of the rms; how it predicts an unused event is not known"
+        return Verdict("none", headline, ("Nothing was held out: --hold-out, or validate on another event.", *against))
+    headline = f"Predicts events it was not fitted to with a mean error of {number(unseen)} % of their rms"
+    events = "1 such event" if len(held_out) == 1 else f"{len(held_out)} such events"
+    first = f"Mean over {events}; {number(fitted)} % on those fitted to."
+    if unseen > _MOST_PERCENT:
+        line = f"More than {_MOST_PERCENT:g} %, from where on a validation disagrees."
+        return Verdict("bad", headline, (first, line, *against))
+    made, _ = made_by_model(document["warnings"])
+    return Verdict("warn" if against else "none" if made else "good", headline, (first, *against))
+
+
+def _against(document: Document) -> list[str]:
+    """What keeps a fit from being taken as it is."""
+    lines = []
+    pinned = document["joint"]["at_bound"]
+    for call in ("not identifiable", "weakly identifiable"):
+        found = [name for name, of in document["identifiable"].items() if of == call and name not in pinned]
+        if found:
+            lines.append(f"{call.capitalize()} from these recordings: {_listed(found, document)}.")
+    if pinned:
+        lines.append(f"On a bound of Table 1, so perhaps beyond it: {_listed(pinned, document)}.")
+    matrix = document["mass_matrix"]
+    if matrix["better"] not in (None, matrix["declared"]):
+        lines.append(f"Mass matrix {matrix['better']} predicts better than the declared {matrix['declared']}.")
+    starts = document["joint"]["starts"]
+    if starts["of"] > 1 and starts["reached"] < 2:
+        lines.append(f"Only {starts['reached']} of {starts['of']} refined starts reached the lowest objective.")
+    return lines
+
+
+def _listed(names: list[str], document: Document) -> str:
+    if len(names) == len(document["identifiable"]):
+        return f"all {len(names)} parameters"
+    return "; ".join(parameter_name(name) for name in names)
+
+
+def doubts(document: Document) -> list[str]:
+    """What the page must not be taken for."""
+    lines = [
+        "Intervals know the noise and colour of what is left over, not what is wrong with the model itself.",
+        "A small error over time passes nothing by itself: validate looks at transmissibility and doses too.",
+    ]
+    if document["settings"]["mass_scale"] == "fixed":
+        lines.append("The mass scale was held and is no finding.")
+    if document["result"] == "idealized":
+        lines.append("The subject is the fusion of the cases; intervals and calls are those of the joint fit.")
+    if len(document["cases"]) == 1:
+        lines.append("One case alone: nothing says that another road or speed gives the same parameters.")
+    missing = sorted({name for case in document["cases"] for name in case["not_fitted"]}, key=MEASURED_SEGMENTS.index)
+    if missing:
+        lines.append(f"Not measured, or too short, in some case: {', '.join(missing).replace('_', ' ')}.")
+    return lines
+
+
+def made_by_model(warnings: list[str]) -> tuple[str | None, list[str]]:
+    """The note that recordings were made by the model, once for all of them, and all other warnings."""
+    made, rest = without_note(warnings)
+    return (f"{made} recording{'s' if made > 1 else ''}: {MADE_BY_MODEL}" if made else None), rest
+
+
+def _rows(document: Document) -> list[tuple[Document, str, list[str]]]:
+    """Every event, what it was for, and by which fits its errors are known."""
+    fitted = [(case, "fitted", ["error", "joint", "idealized"]) for case in document["cases"]]
+    return fitted + [(event, event["why"], ["joint", "idealized"]) for event in document["held_out"]]
+
+
+def _largest(document: Document) -> float:
+    """The end of the bars of errors, percent."""
+    means = [event[key]["mean"] for event, _, keys in _rows(document) for key in keys]
+    return max((mean for mean in means if mean is not None), default=1.0) or 1.0
+
+
+def _mean(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known else None

@@ -1,0 +1,122 @@
+"""The node's voice: arrays and figures become messages; samples are serialised only where somebody listens."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import AccelStamped
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_msgs.msg import Float64, String
+
+from biodyn_core.frames import Frames, MeasuredFrames, PredictedFrames
+from biodyn_core.pipeline import Pipeline
+from biodyn_ros import topics
+from biodyn_ros.cdr import AccelStampedTemplate
+from biodyn_ros.node.health import Status
+
+OUTPUT_DEPTH: Final = 2000
+SCALAR_DEPTH: Final = 10
+
+
+class AccelTopics:
+    """The AccelStamped topics of one kind, a column of its frames each."""
+
+    def __init__(self, node: LifecycleNode, names: dict[str, str]) -> None:
+        overrides = QoSOverridingOptions.with_default_policies()
+        self.publishers = [
+            node.create_publisher(AccelStamped, topic, _reliable(), qos_overriding_options=overrides)
+            for topic in names.values()
+        ]
+        self._fills = [AccelStampedTemplate(frame_id=name).fill for name in names]
+        self._wanted: list[tuple[int, Any, Any]] = []
+
+    def look_who_listens(self) -> None:
+        """Only columns that somebody subscribes to are sent from now on."""
+        outputs = enumerate(zip(self.publishers, self._fills, strict=True))
+        self._wanted = [
+            (column, publisher.publish, fill)
+            for column, (publisher, fill) in outputs
+            if publisher.get_subscription_count() > 0
+        ]
+
+    def publish(self, frames: PredictedFrames | MeasuredFrames) -> None:
+        """Send every value that there is."""
+        if self._wanted and frames.stamps_ns.size:
+            for stamp_ns, row in zip(frames.stamps_ns.tolist(), frames.accel_mps2.tolist(), strict=True):
+                for column, publish, fill in self._wanted:
+                    value = row[column]
+                    if not math.isnan(value):
+                        publish(fill(stamp_ns, value))
+
+
+def _reliable() -> QoSProfile:
+    """A profile for one publisher: rclpy writes what is overridden into the one that it is given."""
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=OUTPUT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class Publications:
+    """Everything that the node publishes, from configuration to clean-up."""
+
+    def __init__(self, node: LifecycleNode, with_measured: bool) -> None:
+        self._node = node
+        self._predicted, self._measured = AccelTopics(node, topics.PREDICTED), AccelTopics(node, topics.MEASURED)
+        self._with_measured = with_measured
+        self._scalars = {topic: node.create_publisher(Float64, topic, SCALAR_DEPTH) for topic in topics.SCALARS}
+        self._diagnostics = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, SCALAR_DEPTH)
+        self._snapshots = node.create_publisher(String, topics.SNAPSHOT, SCALAR_DEPTH)
+
+    def close(self) -> None:
+        """Take every publisher down."""
+        accel = (*self._predicted.publishers, *self._measured.publishers)
+        for publisher in (*accel, *self._scalars.values(), self._diagnostics, self._snapshots):
+            self._node.destroy_publisher(publisher)
+
+    def look_who_listens(self) -> None:
+        """Look anew which topics have subscribers."""
+        self._predicted.look_who_listens()
+        if self._with_measured:
+            self._measured.look_who_listens()
+
+    def frames(self, frames: Frames) -> None:
+        """Publish accelerations, of the model and, where asked, of the sensors."""
+        self._predicted.publish(frames.predicted)
+        self._measured.publish(frames.measured)
+
+    def exposure(self, pipeline: Pipeline) -> None:
+        """Publish the figures since reset and of the window."""
+        since, rolling = pipeline.exposure(), pipeline.exposure(rolling=True)
+        values = topics.exposure_values(since, topics.EXPOSURE) | topics.exposure_values(rolling, topics.ROLLING)
+        values |= topics.residual_values(rolling) | topics.seat_values(pipeline.seat())
+        for topic, value in values.items():
+            self._scalars[topic].publish(Float64(data=value))
+
+    def diagnostics(self, statuses: Sequence[Status]) -> None:
+        """Publish what the node says of itself."""
+        message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    @property
+    def snapshot_is_wanted(self) -> bool:
+        """Whether anybody listens to snapshots."""
+        return bool(self._snapshots.get_subscription_count() > 0)
+
+    def snapshot(self, text: str) -> None:
+        """Publish what the live page shows."""
+        self._snapshots.publish(String(data=text))
+
+
+def _diagnostic(status: Status) -> DiagnosticStatus:
+    values = [KeyValue(key=key, value=value) for key, value in status.values.items()]
+    return DiagnosticStatus(
+        level=bytes([status.level]),
+        name=topics.status_name(status.of),
+        message=status.message,
+        hardware_id=topics.NODE_NAME,
+        values=values,
+    )

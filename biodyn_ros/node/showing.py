@@ -1,0 +1,171 @@
+"""What the live page shows, gathered beside the ride: four times a second one plain mapping of words and numbers."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from biodyn_core.frames import Frames, joined
+from biodyn_core.pipeline import Exposure, Pipeline
+from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
+from biodyn_core.shocks import Shock, Shocks
+from biodyn_ros import __version__
+from biodyn_ros.exposure_json import exposure_document
+from biodyn_ros.json_files import finite
+from biodyn_ros.node.health import ERROR, Status
+from biodyn_ros.reports.verdict import judge
+from biodyn_ros.strip import Bins, Strip
+from biodyn_ros.wording import left, words
+
+STILL_MPS2: Final = 0.05
+"""A seat that shakes less moves nobody: a transmissibility would be that of the sensors' noise."""
+
+ROWS: Final = (*reversed(SEGMENTS), SEAT)
+"""From the head down."""
+
+HEAD_COLUMN: Final = SENSORS.index(HEAD), SEGMENTS.index(HEAD)
+
+
+class Showing:
+    """`add` every push's frames, `gather` a few times a second, `snapshot` when somebody looks."""
+
+    def __init__(self, shock_mps2: float) -> None:
+        self._frames: list[Frames] = []
+        self._shock_mps2 = shock_mps2
+        self._shocks = Shocks(shock_mps2)
+        self._predicted, self._measured = Strip(N_SEGMENTS), Strip(N_SENSORS)
+        self._bins: dict[str, Bins] = {}
+
+    def add(self, frames: Frames) -> None:
+        """Take one push's frames; they must not be written to afterwards."""
+        self._frames.append(frames)
+
+    def gather(self) -> None:
+        """Look at what came: shocks, and the bins of the strip that are complete since the last look."""
+        frames, self._frames = joined(self._frames), []
+        self._shocks.push(*frames)
+        self._predicted.add(*frames.predicted)
+        self._measured.add(frames.measured.stamps_ns, frames.measured.accel_mps2)
+        self._bins = {"predicted": self._predicted.take(), "measured": self._measured.take()}
+
+    def snapshot(self, pipeline: Pipeline, statuses: list[Status]) -> dict[str, Any]:
+        """Everything that the page shows of this moment, finite numbers and texts alone."""
+        document = exposure_document(pipeline, "", pipeline.seconds(), [])
+        by_name = {status.of: status for status in statuses}
+        seat, doubt = document["seat"], _doubt(by_name)
+        return {
+            "version": __version__,
+            "subject": document["subject"],
+            "mass_matrix": document["mass_matrix"],
+            "window_s": document["window_s"],
+            "shock_mps2": self._shock_mps2,
+            "limits": document["limits"],
+            "seconds": document["seconds"],
+            "verdict": vars(judge(document, doubt)),
+            "seat": _seat(seat, document, doubt) if seat else None,
+            "rows": _rows(pipeline.exposure(rolling=True), by_name),
+            "prediction": _status(by_name["prediction"]) | {"extrapolated": _extrapolated(document)},
+            "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
+            "dri": document["dri"],
+            "shocks": [_shock(shock) for shock in self._shocks.latest()],
+            "strip": {name: _strip(bins) for name, bins in self._bins.items()},
+            "mark": by_name["prediction"].values["last_mark"],
+        }
+
+
+def _doubt(statuses: dict[str, Status]) -> str:
+    """What is wrong with the seat now that the figures since reset need not show yet."""
+    seat, prediction = statuses[SEAT], statuses["prediction"]
+    if seat.level == ERROR or int(seat.values["publishers"]) > 1:
+        return f"seat: {seat.message}"
+    return "" if seat.values["rate_hz"] else prediction.message
+
+
+def _extrapolated(document: dict[str, Any]) -> bool:
+    return any(each["status"] == "extrapolated" for each in document["predicted"].values())
+
+
+def _status(status: Status) -> dict[str, Any]:
+    return {"level": status.level, "message": status.message}
+
+
+def _seat(seat: dict[str, Any], document: dict[str, Any], doubt: str) -> dict[str, Any]:
+    """The seat against its limits: both measures with their values, who governs, and the time left in words.
+
+    Nobody is promised time while there is a doubt.
+    """
+    seat = seat | ({"withheld": doubt} if doubt else {})
+    limits = document["limits"]
+    figures = (
+        ("A(8)", "a8", "m/s²", seat["a8_so_far_mps2"], seat["a8_axis"], "a8_mps2"),
+        ("VDV", "vdv", "m/s^1.75", seat["vdv_so_far_mps175"], seat["vdv_axis"], "vdv_mps175"),
+    )
+    return {
+        "figures": [
+            {
+                "name": name, "unit": unit, "so_far": so_far, "axis": words(axis), "governs": seat["governing"] == key,
+                "action": limits[f"action_{suffix}"], "limit": limits[f"limit_{suffix}"],
+            }
+            for name, key, unit, so_far, axis, suffix in figures
+        ],
+        "lower_bound": seat["lower_bound"],
+        "counted_s": seat["seconds"],
+        "missing_s": document["sensors"][SEAT]["missing_s"],
+        "left": {kind: left(kind, seat) for kind in ("action", "limit")},
+    }  # fmt: skip
+
+
+def _rows(rolling: Exposure, statuses: dict[str, Status]) -> list[dict[str, Any]]:
+    """From the head down: weighted acceleration of the window, measured and predicted, and how each sensor does."""
+    measured, predicted = rolling.measured_low_passed, rolling.predicted
+    seat_mps2 = measured[SEAT].aw_mps2 if SEAT in measured else 0.0
+    rows = []
+    for name in ROWS:
+        found = measured[name].aw_mps2 if name in measured and measured[name].seconds > 0.0 else None
+        model = predicted[name].aw_mps2 if name in predicted and predicted[name].seconds > 0.0 else None
+        rms_mps2, percent = rolling.residual.get(name, (None, None))
+        rows.append(
+            {
+                "name": words(name),
+                "measured_mps2": found,
+                "predicted_mps2": model,
+                "measured_ratio": _ratio(found, seat_mps2) if name != SEAT else None,
+                "predicted_ratio": _ratio(model, seat_mps2),
+                "residual_mps2": rms_mps2,
+                "residual_percent": percent if percent is not None and math.isfinite(percent) else None,
+                "measured_column": SENSORS.index(name) if name in SENSORS else None,
+                "predicted_column": SEGMENTS.index(name) if name in SEGMENTS else None,
+                "sensor": _sensor(statuses[name]) if name in SENSORS else None,
+            }
+        )
+    return rows
+
+
+def _sensor(status: Status) -> dict[str, Any]:
+    """How a sensor does, with its rate and lag."""
+    numbers = {key: float(status.values[key]) if status.values[key] else None for key in ("rate_hz", "lag_ms")}
+    return _status(status) | numbers
+
+
+def _ratio(figure: float | None, seat_mps2: float) -> float | None:
+    return None if figure is None or seat_mps2 < STILL_MPS2 else figure / seat_mps2
+
+
+def _shock(shock: Shock) -> dict[str, Any]:
+    """A shock: when, and how hard it hit seat and head."""
+    sensor, segment = HEAD_COLUMN
+    return {
+        "at_s": 1e-9 * shock.peak_ns,
+        "seat_mps2": shock.seat_mps2,
+        "head_measured_mps2": finite(float(shock.measured_mps2[sensor])),
+        "head_predicted_mps2": finite(float(shock.predicted_mps2[segment])),
+    }
+
+
+def _strip(bins: Bins) -> dict[str, Any]:
+    """Bins with their beginnings in seconds, columns by channel; None where a channel gave nothing."""
+    return {
+        "begin_s": (1e-9 * bins.begins_ns).round(1).tolist(),
+        "low": [[finite(value) for value in row] for row in bins.low_mps2.round(3).tolist()],
+        "high": [[finite(value) for value in row] for row in bins.high_mps2.round(3).tolist()],
+    }

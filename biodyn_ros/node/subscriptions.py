@@ -1,0 +1,161 @@
+"""The node's ears: six subscriptions whose messages become arrays, and what their transport tells of each sensor.
+
+The seat's message is handed on at once, because it carries the model. The other sensors are drained in turn: only the
+comparison needs them, and many messages decode together for the price of a few.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import HistoryPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Imu
+
+from biodyn_core.arrays import Floats, Integers
+from biodyn_core.errors import InputError
+from biodyn_core.segments import SEAT, SENSORS
+from biodyn_ros import topics
+from biodyn_ros.cdr import IMU_TYPE, decode_imu, decode_imu_one
+from biodyn_ros.node.callbacks import guarded
+from biodyn_ros.node.health import SensorHealth
+
+Take = Callable[[str, Integers, Floats], None]
+"""Takes a sensor's stamps (n,) ns and specific force (n, 3) m/s^2."""
+
+
+class Subscriptions:
+    """`open` them on activation, `close` them again; meanwhile `drain` and `look_around` in turn.
+
+    health: what transport tells, by sensor. It outlives a closing, as figures do.
+    """
+
+    def __init__(self, node: LifecycleNode, depth: int, window_s: float, take: Take) -> None:
+        self._node, self._depth, self._window_s, self._take = node, depth, window_s, take
+        self.health = {sensor: SensorHealth() for sensor in SENSORS}
+        self._subscriptions: dict[str, Any] = {}
+        self._seat_stamp_ns: int | None = None
+        self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS if sensor != SEAT}
+        self._next_drained = itertools.cycle(SENSORS)
+        self._next_compared = itertools.cycle(SENSORS)
+
+    def open(self) -> None:
+        """Listen to the six topics."""
+        # The seat first: what it sends while others are being matched is not to be missed.
+        seat = guarded(self._on_seat, partial(self._refuse, SEAT))
+        self._subscriptions[SEAT] = self._subscribe(SEAT, seat)
+        for sensor, inbox in self._inbox.items():
+            inbox.clear()
+            # Five sensors in six only wait for the next drain: nothing but the append runs per message.
+            self._subscriptions[sensor] = self._subscribe(sensor, inbox.append)
+
+    def close(self) -> None:
+        """Listen no more."""
+        for subscription in self._subscriptions.values():
+            self._node.destroy_subscription(subscription)
+        self._subscriptions = {}
+
+    def drain(self) -> None:
+        """Hand on the next sensor's messages; the seat's have gone already, and only its clock is looked at."""
+        sensor = next(self._next_drained)
+        if sensor == SEAT:
+            stamp_ns, self._seat_stamp_ns = self._seat_stamp_ns, None
+            if stamp_ns is not None:
+                self._note_arrival(SEAT, stamp_ns)
+        elif messages := self._inbox[sensor]:
+            taken = messages.copy()
+            messages.clear()
+            guarded(self._on_messages, partial(self._refuse, sensor))(sensor, taken)
+
+    def look_around(self) -> None:
+        """Look who publishes, and at one of the six clocks, which takes a millisecond or two.
+
+        The event for a wrong message type does not fire across processes, so publishers are polled.
+        """
+        self.health[next(self._next_compared)].compare_clock()
+        for sensor, health in self.health.items():
+            self._look_at_publishers(sensor, health)
+
+    # --- messages ----------------------------------------------------------------------------------------------------
+
+    def _subscribe(self, sensor: str, callback: Callable[[bytes], None]) -> Any:
+        # A profile for each: rclpy writes what is overridden into the one that it is given.
+        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=self._depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+        return self._node.create_subscription(
+            Imu,
+            topics.INPUT[sensor],
+            callback,
+            qos,
+            raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            event_callbacks=SubscriptionEventCallbacks(
+                message_lost=partial(self._on_lost, sensor),
+                incompatible_qos=partial(self._on_incompatible_qos, sensor),
+            ),
+        )
+
+    def _on_seat(self, message: bytes) -> None:
+        stamp_ns, accel_mps2 = decode_imu_one(message)
+        self._take(SEAT, np.array([stamp_ns]), np.array([accel_mps2]))
+        self.health[SEAT].arrived()
+        self._seat_stamp_ns = stamp_ns
+
+    def _on_messages(self, sensor: str, messages: list[bytes]) -> None:
+        self.health[sensor].arrived(len(messages))
+        try:
+            block = decode_imu(messages)
+        except InputError:
+            block = decode_imu([message for message in messages if self._is_readable(sensor, message)])
+        if len(block):
+            self._take(sensor, block.stamps_ns, block.accel_mps2)
+            self._note_arrival(sensor, int(block.stamps_ns[-1]))
+
+    def _is_readable(self, sensor: str, message: bytes) -> bool:
+        """Whether a message can be decoded; one that cannot is counted and costs nothing but itself."""
+        try:
+            decode_imu_one(message)
+        except InputError as error:
+            self._refuse(sensor, str(error))
+            return False
+        return True
+
+    def _refuse(self, sensor: str, why: str) -> None:
+        self.health[sensor].refused(why)
+        self._node.get_logger().error(f"{sensor}: {why}", throttle_duration_sec=1.0)
+
+    def _note_arrival(self, sensor: str, stamp_ns: int) -> None:
+        self.health[sensor].timed(stamp_ns, self._node.get_clock().now().nanoseconds, self._window_s)
+
+    # --- transport ---------------------------------------------------------------------------------------------------
+
+    def _on_lost(self, sensor: str, event: Any) -> None:
+        self.health[sensor].lost += event.total_count_change
+
+    def _on_incompatible_qos(self, sensor: str, event: Any) -> None:
+        text = f"{self._topic(sensor)}: a publisher offers incompatible QoS, override it or ours"
+        self.health[sensor].incompatible_qos = text
+        self._node.get_logger().error(text)
+
+    def _look_at_publishers(self, sensor: str, health: SensorHealth) -> None:
+        found = self._node.get_publishers_info_by_topic(self._topic(sensor))
+        wrong = [info.topic_type for info in found if info.topic_type != IMU_TYPE]
+        text = f"{self._topic(sensor)}: a publisher sends {wrong[0]}, {IMU_TYPE} is needed" if wrong else ""
+        if text and text != health.wrong_type:
+            self._node.get_logger().error(text)
+        health.publishers, health.wrong_type = len(found), text
+        if all(self._hears(sensor, info) for info in found if info.topic_type == IMU_TYPE):
+            health.incompatible_qos = ""  # whoever offered it has gone
+
+    def _hears(self, sensor: str, publisher: Any) -> bool:
+        """Whether a publisher's QoS is compatible with ours, as far as both are known."""
+        ours = self._subscriptions[sensor].qos_profile
+        return qos_check_compatible(publisher.qos_profile, ours)[0] != QoSCompatibility.ERROR
+
+    def _topic(self, sensor: str) -> str:
+        return self._node.resolve_topic_name(topics.INPUT[sensor])

@@ -1,0 +1,65 @@
+"""Recordings from a bag: what identification and validation fit to, read as replay reads it, without ROS."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.recording import Recorder, Recording, RecordingSettings
+from biodyn_core.synthesis import CASES
+from biodyn_ros.provenance import MADE_BY_MODEL
+from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
+
+
+@dataclass(frozen=True)
+class RecordingOptions(ReadingOptions):
+    """How a bag is read, and how its recordings are masked.
+
+    vertical: where sensors' axes see up if not by gravity, as `PipelineSettings.vertical`. channels: whether what they
+    measure beside their vertical is read too, `Recording.channels`.
+    """
+
+    vertical: str = ""
+    recording: RecordingSettings | None = None
+    channels: bool = False
+
+
+def read_recordings(
+    bag: str | Path,
+    case: str | None = None,
+    options: RecordingOptions | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Recording]:
+    """Read a bag's recordings, one for each run of its seat; the case by the file's name where it is not given.
+
+    `progress` hears (samples done, samples in all). Raises InputError for a bag without Imu or seat, and as
+    `Recorder.finish`.
+    """
+    options = options or RecordingOptions()
+    verticals = PipelineSettings(vertical=options.vertical).verticals()
+    with_rates = options.channels or not (options.recording or RecordingSettings()).keep_lean
+    with open_sensors(bag, options) as sensors:
+        settings, named = sensors.conditioning, case or case_of(bag)
+        recorder = Recorder(named, str(bag), settings, options.recording, verticals, options.channels)
+        for sensor, block in sensors.blocks(progress, with_rates):
+            recorder.push(sensor, block.stamps_ns, block.accel_mps2, block.gyro_radps)
+        warnings = [*([MADE_BY_MODEL] if sensors.made_by_model else []), *sensors.bag_warnings()]
+    recordings = recorder.finish()
+    seconds = 1e-9 * float(recordings[-1].stamps_ns[-1] - recordings[0].stamps_ns[0])
+    warnings += sensors.clock_warnings(seconds)
+    return [dataclasses.replace(each, warnings=(*warnings, *each.warnings)) for each in recordings]
+
+
+def case_of(bag: str | Path) -> str:
+    """The loading condition by a bag's name: the one case it names, or its name without a trailing number.
+
+    `rail_crossing_2.mcap` is a rail, `gravel_03` is gravel; a name with two cases is a case of its own.
+    """
+    path = Path(bag)
+    stem = path.stem if path.suffix in (".mcap", ".db3") else path.name
+    named = [case for case in CASES if case in re.split(r"[^a-z]+", stem.lower())]
+    return named[0] if len(named) == 1 else re.sub(r"[-_. ]*\d*$", "", stem) or stem

@@ -1,0 +1,136 @@
+"""A measured seat motion from a CSV file or a bag, for `biodyn simulate`: any rate, any mounting.
+
+Gravity in the record tells the vertical and is removed; a record without it must have its third axis up.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.arrays import Floats
+from biodyn_core.errors import InputError
+from biodyn_core.levelling import rotation_to_vertical
+from biodyn_core.segments import SEAT, STANDARD_GRAVITY_MPS2
+from biodyn_core.synthesis import MOTION_S, SeatMotion
+from biodyn_ros.bag import imu_blocks, open_bag
+from biodyn_ros.reading.mapping import sensors_of
+from biodyn_ros.reading.stamps import choose_times
+
+TIME_NAMES: Final = ("t", "t_s", "time", "time_s", "timestamp_s", "seconds")
+ACCEL_PREFIXES: Final = ("a_", "a", "acc_", "acc", "accel_")
+MIN_RATE_HZ: Final = 20.0
+
+
+def read_seat_motion(
+    path: str | Path, rate_hz: float | None, mapping: dict[str, str], time: str = "header"
+) -> SeatMotion:
+    """Read a seat motion; a CSV without a time column needs `rate_hz`. Raises InputError naming file and place.
+
+    mapping and time ("header" or "log") are for bags.
+    """
+    path = Path(path)
+    if path.suffix.lower() in (".csv", ".txt"):
+        time_s, accel, pitch = _from_csv(path, rate_hz)
+    else:
+        time_s, accel, pitch = _from_bag(path, mapping, time)
+    return _even(path, time_s, accel, pitch)
+
+
+def _from_bag(path: Path, mapping: dict[str, str], time: str) -> tuple[Floats, Floats, Floats]:
+    with open_bag(path) as reader:
+        sensors = sensors_of(reader, mapping)
+        topic = next(name for name, sensor in sensors.items() if sensor == SEAT)
+        # A driver may leave its stamps zero: then the recorder's times serve.
+        choice = choose_times(reader, [topic], time)[topic]
+        blocks = [block for _, block in imu_blocks(reader, [topic], choice.time, gyro=True)]
+    stamps_ns = np.concatenate([block.stamps_ns for block in blocks])
+    accel = np.concatenate([block.accel_mps2 for block in blocks])
+    bad = int((~np.isfinite(accel).all(axis=1)).sum())
+    if bad:
+        raise InputError(f"{path}: {topic}: readings that are not finite: {bad}")
+    # Without a gyro the seat does not pitch, as in a CSV file.
+    gyro = np.concatenate([block.gyro_radps for block in blocks])
+    gyro[~np.isfinite(gyro)] = 0.0
+    rotation, levelled = _level(accel)
+    return (stamps_ns - stamps_ns[0]) * 1e-9, levelled, (gyro @ rotation.T)[:, 1]
+
+
+def _from_csv(path: Path, rate_hz: float | None) -> tuple[Floats, Floats, Floats]:
+    names, table = _read_table(path)
+    time_column = next((i for i, name in enumerate(names) if name in TIME_NAMES), None)
+    if time_column is None and rate_hz is None:
+        raise InputError(f"{path}: no time column among {', '.join(names)}: give --seat-rate")
+    time_s = (
+        table[:, time_column] - table[0, time_column]
+        if time_column is not None
+        else np.arange(len(table)) / (rate_hz or 1.0)
+    )
+    columns = _accel_columns(path, names)
+    accel = table[:, columns]
+    if accel.shape[1] == 1:
+        up = accel[:, 0] - accel[:, 0].mean()
+        return time_s, np.column_stack([np.zeros_like(up), np.zeros_like(up), up]), np.zeros_like(up)
+    return time_s, _level(accel)[1], np.zeros(len(table))
+
+
+def _read_table(path: Path) -> tuple[list[str], Floats]:
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error})") from None
+    if len(lines) < 2:
+        raise InputError(f"{path}: a header line and rows of numbers are needed")
+    delimiter = next((mark for mark in ",;\t" if mark in lines[0]), None)
+    split = (lambda line: next(csv.reader([line], delimiter=delimiter))) if delimiter else str.split
+    names = [name.strip().lower() for name in split(lines[0])]
+    try:
+        rows = [[float(cell) for cell in split(line)] for line in lines[1:] if line.strip()]
+        table = np.array(rows, dtype=np.float64)
+    except ValueError as error:
+        raise InputError(f"{path}: rows of {len(names)} numbers are needed ({error})") from None
+    if table.ndim != 2 or table.shape[1] != len(names):
+        raise InputError(f"{path}: rows of {len(names)} numbers are needed, as many as the header has names")
+    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    if bad.size:
+        raise InputError(f"{path}: line {bad[0] + 2} holds a value that is not finite")
+    return names, table
+
+
+def _accel_columns(path: Path, names: list[str]) -> list[int]:
+    """Three acceleration columns, or one: by names such as x y z, ax ay az, a_forward, acc_z."""
+    if {"x", "y", "z"} <= set(names):
+        return [names.index(axis) for axis in "xyz"]
+    for prefix in ACCEL_PREFIXES:
+        found = [i for i, name in enumerate(names) if name.startswith(prefix) and name not in TIME_NAMES]
+        if len(found) in (1, 3):
+            return found
+    raise InputError(f"{path}: no acceleration columns among {', '.join(names)}: name them ax, ay, az or x, y, z")
+
+
+def _level(accel: Floats) -> tuple[Floats, Floats]:
+    mean = accel.mean(axis=0)
+    norm = float(np.linalg.norm(mean))
+    if norm < 0.5 * STANDARD_GRAVITY_MPS2:
+        return np.eye(3), accel - mean
+    rotation = rotation_to_vertical(mean / norm)
+    return rotation, (accel - mean) @ rotation.T
+
+
+def _even(path: Path, time_s: Floats, accel: Floats, pitch: Floats) -> SeatMotion:
+    """Lay the motion on an even grid at its own mean rate."""
+    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time_s)) > 0.0])
+    time_s, accel, pitch = time_s[rising], accel[rising], pitch[rising]
+    if time_s.size < 3 or time_s[-1] < MOTION_S[0]:
+        raise InputError(f"{path}: at least {MOTION_S[0]:g} s of motion are needed, with a time that moves on")
+    rate = (time_s.size - 1) / float(time_s[-1])
+    if rate < MIN_RATE_HZ:
+        raise InputError(
+            f"{path}: a rate of {rate:.3g} Hz does not carry a seat motion, at least {MIN_RATE_HZ:g} Hz is needed"
+        )
+    grid = np.arange(int(time_s[-1] * rate)) / rate
+    even = np.column_stack([np.interp(grid, time_s, column) for column in (*accel.T, pitch)])
+    return SeatMotion(rate, even[:, :3], even[:, 3])

@@ -1,0 +1,72 @@
+"""A bag's sensors, block by block: which topic is which, whose stamps count, and what is to be said of both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from biodyn_core.clocks import ClockComparison
+from biodyn_core.conditioning import ConditioningSettings
+from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
+from biodyn_ros.progress import Tell
+from biodyn_ros.provenance import is_made_by_model
+from biodyn_ros.reading.mapping import sensors_of
+from biodyn_ros.reading.saturation import limits_of
+from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """How a bag's sensors are read: which topic is which, whose clock, and how they are conditioned."""
+
+    mapping: dict[str, str] = field(default_factory=dict)
+    time: str = "header"
+    conditioning: ConditioningSettings | None = None
+
+
+class SensorReading:
+    """The sensors of a bag that is open: `blocks` once, and what is known then.
+
+    conditioning: settings by sensor, with the bag's own limits; times: whose stamps count, by sensor.
+    """
+
+    def __init__(self, reader: BagReader, options: ReadingOptions) -> None:
+        self._reader = reader
+        self._sensors = sensors_of(reader, options.mapping)
+        self.conditioning, self._told = limits_of(reader, self._sensors, options.conditioning)
+        self._choices = choose_times(reader, self._sensors, options.time)
+        self._clocks = {topic: ClockComparison() for topic in self._sensors}
+        self.times = {sensor: self._choices[topic].time for topic, sensor in self._sensors.items()}
+        self.made_by_model = is_made_by_model(reader)
+
+    def blocks(self, tell: Tell, gyro: bool = False) -> Iterator[tuple[str, LoggedImu]]:
+        """Each sensor's next samples, in order of log time; `tell` hears (samples done, samples in all)."""
+        total = sum(topic.messages for topic in self._reader.topics if topic.name in self._sensors)
+        done = 0
+        times = {topic: choice.time for topic, choice in self._choices.items()}
+        for topic, block in imu_blocks(self._reader, self._sensors, times, gyro):
+            yield self._sensors[topic], block
+            self._clocks[topic].push(block.header_ns, block.log_ns)
+            done += len(block.stamps_ns)
+            tell(done, total)
+
+    def bag_warnings(self) -> list[str]:
+        """What is to be said of the bag itself."""
+        return [*map(str, self._reader.warnings), *self._told]
+
+    def clock_warnings(self, seconds: float) -> list[str]:
+        """What is to be said of stamps and clocks over so many seconds."""
+        clocks = {
+            sensor: SensorClock(self._choices[topic], self._clocks[topic].result())
+            for topic, sensor in self._sensors.items()
+        }
+        return clock_warnings(clocks, seconds)
+
+
+@contextmanager
+def open_sensors(bag: str | Path, options: ReadingOptions) -> Iterator[SensorReading]:
+    """Open a bag to read its sensors; raises InputError for a bag without Imu or seat."""
+    with open_bag(bag) as reader:
+        yield SensorReading(reader, options)

@@ -1,0 +1,193 @@
+"""Replay: the live pipeline over a bag, as fast as it goes, by the same causal path."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from biodyn_core.conditioned import SensorStatus
+from biodyn_core.conditioning import Mode
+from biodyn_core.errors import InputError
+from biodyn_core.frames import Frames
+from biodyn_core.limits import EU_LIMITS, Limits
+from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
+from biodyn_core.subject import Subject
+from biodyn_ros import __version__, topics
+from biodyn_ros.bag import BagWriter
+from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
+from biodyn_ros.exposure_json import exposure_document, sensor_warnings
+from biodyn_ros.files import check_directory, make_directory
+from biodyn_ros.json_files import write_json
+from biodyn_ros.provenance import MADE_BY_MODEL
+from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
+from biodyn_ros.replay.traces import Traces
+
+
+@dataclass(frozen=True)
+class ReplayOptions(ReadingOptions):
+    """How a bag is read and replayed."""
+
+    pipeline: PipelineSettings | None = None
+    limits: Limits = EU_LIMITS
+    mode: Mode = "causal"
+    project: bool = False
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What a replay brought: the document of exposure.json and the pipeline behind it."""
+
+    document: dict[str, Any]
+    pipeline: Pipeline
+
+
+def replay(
+    bag: str | Path,
+    subject: Subject,
+    options: ReplayOptions | None = None,
+    each: Callable[[Frames], Any] = lambda frames: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Replayed:
+    """Drive the pipeline with a bag and hand every push's frames to `each`.
+
+    `progress` hears (samples done, samples in all). Raises InputError for a bag without Imu or seat, or whose seat
+    gives no prediction, saying why.
+    """
+    options = options or ReplayOptions()
+    with open_sensors(bag, options) as sensors:
+        pipeline = Pipeline(subject, sensors.conditioning, options.pipeline, options.limits, options.mode)
+        for sensor, block in sensors.blocks(progress):
+            each(pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
+        each(pipeline.finish())
+        warnings = sensors.bag_warnings()
+    check_seat(pipeline.status(SEAT), str(bag))
+    seconds = pipeline.seconds()
+    warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.times]
+    warnings += sensor_warnings(pipeline, sensors.times) + sensors.clock_warnings(seconds)
+    document = exposure_document(pipeline, str(bag), seconds, warnings, options.project)
+    document["time"] = sensors.times
+    if sensors.made_by_model:
+        document["bag_made_by_model"] = MADE_BY_MODEL
+    return Replayed(document, pipeline)
+
+
+def check_seat(status: SensorStatus, bag: str) -> None:
+    """Raise InputError, saying why, where a bag's seat gives no prediction."""
+    if status.fault:
+        raise InputError(f"{bag}: {status.fault}")
+    if status.rate_hz is None:
+        raise InputError(
+            f"{bag}: seat: shorter than the seconds of rest that gravity needs: record longer, or lower rest_s"
+        )
+
+
+class PredictedBag:
+    """Writes every frame of a replay to a bag, topics and stamps as the live node publishes them."""
+
+    def __init__(self, writer: BagWriter) -> None:
+        self._writer = writer
+        for topic in (*topics.PREDICTED.values(), *topics.MEASURED.values()):
+            writer.add_topic(topics.absolute(topic), ACCEL_STAMPED_TYPE)
+
+    def add(self, frames: Frames) -> None:
+        """Add one push's frames; an instant without a number is not written."""
+        self._write(topics.PREDICTED, SEGMENTS, frames.predicted.stamps_ns, frames.predicted.accel_mps2)
+        self._write(topics.MEASURED, SENSORS, frames.measured.stamps_ns, frames.measured.accel_mps2)
+
+    def _write(self, names: dict[str, str], order: tuple[str, ...], stamps_ns: Any, accel_mps2: Any) -> None:
+        if stamps_ns.size == 0:
+            return
+        for column, name in enumerate(order):
+            values = accel_mps2[:, column]
+            here = ~np.isnan(values)
+            if not here.all():
+                stamps, values = stamps_ns[here], values[here]
+            else:
+                stamps = stamps_ns
+            if stamps.size:
+                self._writer.write(topics.absolute(names[name]), stamps, encode_accel_stamped(stamps, values, name))
+
+
+def replay_to_directory(
+    bag: str | Path,
+    subject: Subject,
+    directory: Path,
+    options: ReplayOptions | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    predicted: bool = True,
+    report: bool = True,
+) -> Replayed:
+    """Replay a bag into a directory: `predicted.mcap`, `exposure.json`, `report.html`; nothing is left half-written.
+
+    The directory is made once there is something to write: a bag that is refused leaves none.
+    """
+    check_directory(directory)
+    listeners: list[Callable[[Frames], None]] = []
+    with contextlib.ExitStack() as open_files:
+        if report:
+            from biodyn_ros.replay.page import check_reports, write_replay_report  # an extra of its own
+
+            check_reports()
+            traces = Traces()
+            listeners.append(traces.add)
+        if predicted:
+            listeners.append(_LatePredictedBag(directory, subject, str(bag), open_files).add)
+
+        def each(frames: Frames) -> None:
+            for listen in listeners:
+                listen(frames)
+
+        replayed = replay(bag, subject, options, each, progress)
+    _make(directory)
+    write_json(directory / "exposure.json", replayed.document)
+    if report:
+        write_replay_report(directory / "report.html", replayed.document, traces)
+    return replayed
+
+
+class _LatePredictedBag:
+    """A predicted bag that is begun with the first prediction; taken back, with what was made for it, on failure."""
+
+    def __init__(self, directory: Path, subject: Subject, bag: str, open_files: contextlib.ExitStack) -> None:
+        self._directory, self._open_files = directory, open_files
+        self._metadata = {"subject": subject.name, "bag": bag, "version": __version__}
+        self._bag: PredictedBag | None = None
+
+    def add(self, frames: Frames) -> None:
+        if self._bag is None:
+            if not (frames.predicted.stamps_ns.size or frames.measured.stamps_ns.size):
+                return
+            self._bag = self._begin()
+        self._bag.add(frames)
+
+    def _begin(self) -> PredictedBag:
+        self._open_files.push(_unmake_on_failure(_make(self._directory)))
+        path = self._directory / "predicted.mcap"
+        writer = self._open_files.enter_context(BagWriter(path, compression="lz4", overwrite=True))
+        writer.add_metadata("biodyn", self._metadata)
+        return PredictedBag(writer)
+
+
+def _make(directory: Path) -> list[Path]:
+    """Make a directory; returns what was not there, innermost first."""
+    made = [path for path in (directory, *directory.parents) if not path.exists()]
+    make_directory(directory)
+    return made
+
+
+def _unmake_on_failure(made: list[Path]) -> Callable[..., None]:
+    """An exit callback that removes directories that are empty, if there was an error."""
+
+    def leave(kind: type[BaseException] | None, *_: object) -> None:
+        with contextlib.suppress(OSError):
+            for path in made if kind else []:
+                path.rmdir()
+
+    return leave

@@ -1,0 +1,171 @@
+"""Traces: what the replay report draws, gathered while replaying in memory that does not grow with the bag."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.arrays import Floats, Integers
+from biodyn_core.frames import Frames
+from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SENSORS
+from biodyn_ros.replay.spectra import ReplaySpectra
+from biodyn_ros.reports.motion import EVENT_HALF_NS, Envelope, Event
+from biodyn_ros.strip import BIN_NS, binned
+
+ENVELOPE_BINS: Final = 800
+"""As many bins as a page can show; a longer record doubles their width."""
+
+DIGEST_SAMPLES: Final = 4096
+"""Frames are digested in batches of so many instants, because a block alone is too short. No figure depends on it."""
+
+RECENT_SAMPLES: Final = 1 << 16
+"""Predictions wait for their measurement no longer than this: 16 s at the highest rate, more than a pipeline waits."""
+
+EVENT_SENSORS: Final = (SENSORS.index(SEAT), SENSORS.index(HEAD))
+
+
+class Traces:
+    """Keeps what the replay report draws, in memory that does not grow with the bag: `add` every push's frames.
+
+    spectra: what it draws over frequency.
+
+    The envelope has bins of 0.1 s, aligned to whole tenths of a second of stamp time; beyond ENVELOPE_BINS of them
+    neighbours join and the width doubles. The event is EVENT_HALF_NS long on either side of the strongest instant.
+    Cutting the frames differently changes nothing.
+    """
+
+    def __init__(self) -> None:
+        self._predicted = _Stream(N_SEGMENTS)
+        self._measured = _Stream(N_SENSORS)
+        self.spectra = ReplaySpectra()
+        self._event: Event | None = None
+        self._event_open = False
+
+    def add(self, frames: Frames) -> None:
+        """Take one push's frames; they must not be written to afterwards."""
+        self._predicted.add(frames.predicted.stamps_ns, frames.predicted.accel_mps2)
+        self._measured.add(frames.measured.stamps_ns, frames.measured.accel_mps2)
+        self.spectra.add(frames.measured)
+        if self._predicted.waiting + self._measured.waiting >= DIGEST_SAMPLES:
+            self._digest()
+
+    def predicted(self) -> Envelope:
+        """The envelope of the six segments' predictions."""
+        self._digest()
+        return self._predicted.envelope
+
+    def measured(self) -> Envelope:
+        """The envelope of the six sensors' measurements."""
+        self._digest()
+        return self._measured.envelope
+
+    @property
+    def first_ns(self) -> int:
+        """The earliest stamp; 0 where nothing came."""
+        self._digest()
+        return min((s.first_ns for s in (self._predicted, self._measured) if s.first_ns is not None), default=0)
+
+    def event(self) -> Event | None:
+        """What surrounds the strongest instant; None where seat and head gave no number."""
+        self._digest()
+        return self._event
+
+    @property
+    def stored_samples(self) -> int:
+        """Rows held right now: instants and bins."""
+        event = 0 if self._event is None else self._event.predicted_ns.size + self._event.measured_ns.size
+        return self._predicted.stored + self._measured.stored + self.spectra.stored + event
+
+    def _digest(self) -> None:
+        # A prediction comes before the measurement of its instant, so it is there when the event closes.
+        self._predicted.digest()
+        stamps_ns, accel_mps2 = self._measured.digest()
+        if stamps_ns.size == 0:
+            return
+        self._look_for_event(stamps_ns, accel_mps2)
+        last_ns = int(stamps_ns[-1])
+        if self._event is not None and self._event_open:
+            self._event = self._around(self._event)
+            self._event_open = abs(last_ns - self._event.peak_ns) < EVENT_HALF_NS
+        for stream in (self._predicted, self._measured):
+            stream.forget_before(last_ns - 2 * EVENT_HALF_NS)
+
+    def _look_for_event(self, stamps_ns: Integers, accel_mps2: Floats) -> None:
+        felt = np.abs(accel_mps2[:, EVENT_SENSORS])
+        felt[np.isnan(felt)] = -1.0
+        row, column = divmod(int(felt.argmax()), len(EVENT_SENSORS))
+        peak = float(felt[row, column])
+        if peak > (-1.0 if self._event is None else self._event.peak_mps2):
+            nothing = np.empty(0, dtype=np.int64), np.empty((0, N_SEGMENTS))
+            self._event = Event(SENSORS[EVENT_SENSORS[column]], int(stamps_ns[row]), peak, *nothing, *nothing)
+            self._event_open = True
+
+    def _around(self, event: Event) -> Event:
+        begin, end = event.peak_ns - EVENT_HALF_NS, event.peak_ns + EVENT_HALF_NS
+        predicted, measured = self._predicted.between(begin, end), self._measured.between(begin, end)
+        return Event(event.sensor, event.peak_ns, event.peak_mps2, *predicted, *measured)
+
+
+class _Stream:
+    """One stream of six channels: what waits to be digested, what came of late, and the envelope of everything."""
+
+    def __init__(self, channels: int) -> None:
+        self._stamps_ns: list[Integers] = []
+        self._accel_mps2: list[Floats] = []
+        self._recent: tuple[Integers, Floats] = np.empty(0, dtype=np.int64), np.empty((0, channels))
+        self.waiting = 0
+        self.first_ns: int | None = None
+        none = np.empty((0, channels))
+        self.envelope = Envelope(BIN_NS, np.empty(0, dtype=np.int64), none, none)
+
+    @property
+    def stored(self) -> int:
+        return self.waiting + self._recent[0].size + self.envelope.begins_ns.size
+
+    def add(self, stamps_ns: Integers, accel_mps2: Floats) -> None:
+        if stamps_ns.size:
+            self._stamps_ns.append(stamps_ns)
+            self._accel_mps2.append(accel_mps2)
+            self.waiting += stamps_ns.size
+
+    def digest(self) -> tuple[Integers, Floats]:
+        """Take what waits into envelope and recent rows, and return it."""
+        if not self.waiting:
+            return self._recent[0][:0], self._recent[1][:0]
+        stamps_ns, accel_mps2 = np.concatenate(self._stamps_ns), np.concatenate(self._accel_mps2)
+        self._stamps_ns, self._accel_mps2, self.waiting = [], [], 0
+        first_ns = int(stamps_ns.min())
+        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
+        self.envelope = _widened(self.envelope, stamps_ns, accel_mps2)
+        old_ns, old = self._recent
+        recent_ns, recent = np.concatenate([old_ns, stamps_ns]), np.concatenate([old, accel_mps2])
+        self._recent = recent_ns[-RECENT_SAMPLES:], recent[-RECENT_SAMPLES:]
+        return stamps_ns, accel_mps2
+
+    def between(self, begin_ns: int, end_ns: int) -> tuple[Integers, Floats]:
+        stamps_ns, accel_mps2 = self._recent
+        here = (stamps_ns >= begin_ns) & (stamps_ns <= end_ns)
+        return stamps_ns[here], accel_mps2[here]
+
+    def forget_before(self, begin_ns: int) -> None:
+        stamps_ns, accel_mps2 = self._recent
+        keep = stamps_ns >= begin_ns
+        if not keep.all():
+            self._recent = stamps_ns[keep], accel_mps2[keep]
+
+
+def _widened(envelope: Envelope, stamps_ns: Integers, accel_mps2: Floats) -> Envelope:
+    """The envelope with more samples in it, its bins doubled until there are few enough."""
+    width = envelope.width_ns
+    begins, low, high = binned(stamps_ns, accel_mps2, accel_mps2, width)
+    begins, low, high = (np.concatenate(p) for p in zip(_columns(envelope), (begins, low, high), strict=True))
+    begins, low, high = binned(begins, low, high, width)
+    while begins.size > ENVELOPE_BINS:
+        width *= 2
+        begins, low, high = binned(begins, low, high, width)
+    return Envelope(width, begins, low, high)
+
+
+def _columns(envelope: Envelope) -> tuple[Integers, Floats, Floats]:
+    return envelope.begins_ns, envelope.low_mps2, envelope.high_mps2

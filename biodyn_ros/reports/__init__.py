@@ -1,0 +1,1 @@
+"""What the pages share: drawings, the template engine, the verdict on a seat."""

@@ -1,0 +1,85 @@
+"""How the reports draw: matplotlib figures as inline SVG, measured in grey and predicted in orange."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+MEASURED_COLOUR: Final = "#1f2933"
+PREDICTED_COLOUR: Final = "#d9480f"
+BAND_COLOUR: Final = "#a9b5c0"
+OTHER_COLOUR: Final = "#1971c2"
+"""A second model beside the prediction: the linear one, or the one that came out."""
+
+PALETTE: Final = {
+    "measured": MEASURED_COLOUR, "predicted": PREDICTED_COLOUR, "band": BAND_COLOUR, "other": OTHER_COLOUR,
+}  # fmt: skip
+"""The colours of drawings as the legends beside them name them."""
+SOFT_COLOUR: Final = "#52606d"
+
+_STYLE: Final[Any] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": "#8894a0",
+    "axes.grid": True,
+    "axes.linewidth": 0.6,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 9.0,
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 8.0,
+    "grid.color": "#e3e8ec",
+    "grid.linewidth": 0.6,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "biodyn",
+    "xtick.color": SOFT_COLOUR,
+    "ytick.color": SOFT_COLOUR,
+}
+
+
+def drawn(width_in: float, height_in: float, fill: Callable[[Any], None]) -> Any:
+    """A figure in the style of the reports, which `fill(figure)` fills, as markup."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context():
+        mpl.rcdefaults()  # the user's own style is for the user's own figures
+        mpl.rcParams.update(_STYLE)
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        fill(figure)
+        _settle(figure)
+        return _markup(figure)
+
+
+def say(axes: Any, text: str) -> None:
+    """Say why an axes is empty."""
+    axes.set_yticks([])
+    axes.minorticks_off()
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=SOFT_COLOUR)
+
+
+def _settle(figure: Any) -> None:
+    """Lay out for good, to a millionth: the solver's last digits differ between runs, and clips are named by them."""
+    figure.get_layout_engine().execute(figure)
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        axes.set_position(np.round(axes.get_position().bounds, 6))
+
+
+def _markup(figure: Any) -> Any:
+    """A figure as SVG inside HTML: without prolog, metadata and names that a second drawing repeats, numbers short."""
+    from markupsafe import Markup
+
+    file = io.StringIO()
+    figure.savefig(file, format="svg", metadata={"Date": None})
+    text = file.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r' id="[A-Za-z]+\w*_\d+"', "", text)
+    # Hundredths of a point are finer than any screen or printer, and half of the file.
+    text = re.sub(r' d="[^"]+"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), text)
+    return Markup(text)  # noqa: S704  # drawn from numbers and our own names only

@@ -1,0 +1,1 @@
+"""`biodyn trace`: bags to the effect that a subject's model lacks."""

@@ -1,0 +1,102 @@
+"""The page of a trace: one HTML file that shows the residual, what took it away, and how far to believe it."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from biodyn_core.effects import CATALOGUE
+from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.tracing.findings import Event, Round, Trace
+from biodyn_ros.reports.pages import check_reports, render
+from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
+from biodyn_ros.trace.document import event_document
+from biodyn_ros.trace.drawings import RUNGS, ladder, surface_map
+from biodyn_ros.trace.text import USES
+from biodyn_ros.trace.wording import because, belief, diagnosed, effect_name, grouped, headline, parameters_of, tone
+from biodyn_ros.wording import number, parameter_name
+
+Document = dict[str, Any]
+
+_ORDER: Final = ("held_out", "choose", "train")
+"""Which event is drawn: a held-out one where there is any."""
+
+_DEPARTURES: Final = 16
+"""So many are shown, the first; trace.json has all."""
+
+
+def trace_page(document: Document, trace: Trace) -> str:
+    """The page of a trace and its document; raises InputError where jinja2 or matplotlib is missing."""
+    check_reports()
+    worst = worst_event(trace)
+    compared = [event for event in trace.events if worst is not None and event.use == worst.use]
+    return render(
+        "trace.html.j2",
+        document=document,
+        tone=tone(document),
+        headline=headline(document),
+        belief=belief(document),
+        reasons=because(document),
+        departures=document["departures"][:_DEPARTURES],
+        diagnosed=diagnosed(document["diagnostics"]),
+        added=[_added(effect) for effect in document["effects"] if effect["added"]],
+        named=[_added(effect) for effect in document["effects"] if not effect["added"]],
+        rivals=grouped(document["ambiguous_with"]),
+        rows=(*MEASURED_SEGMENTS, "all"),
+        uses={use: title for use, title in USES.items() if use in document["error"]["before"]},
+        scale=_largest(document),
+        moved=_moved(document),
+        worst=worst,
+        compared=len(compared),
+        drawn=len(of_one_rate(compared)),
+        time_svg=over_time(worst) if worst is not None else None,
+        spectra_svg=over_frequency(compared),
+        ladders=[(ladder(each), _objections(each)) for each in trace.rounds if each.ladder],
+        surface_svg=surface_map(trace.surface) if trace.surface is not None else None,
+    )
+
+
+def worst_event(trace: Trace) -> Event | None:
+    """The event with the largest error after, of those held out where there are any; None where none is compared."""
+    for use in _ORDER:
+        errors = {event: event_document(event)["after"]["all"] for event in trace.events if event.use == use}
+        known = {event: error for event, error in errors.items() if error is not None}
+        if known:
+            return max(known, key=known.__getitem__)
+    return None
+
+
+def _added(effect: Document) -> Document:
+    """An effect as the page shows it, with its equation and mark from the catalogue."""
+    known = CATALOGUE[effect["name"]]
+    return {
+        "name": effect_name(effect["name"], effect["site"]),
+        "family": effect["family"],
+        "equation": known.equation,
+        "signature": known.signature,
+        "parameters": parameters_of(effect),
+    }
+
+
+def _objections(found: Round) -> list[str]:
+    """What speaks against each candidate that is drawn, where anything does."""
+    rungs = [(rung.applied, rung.against) for rung in found.ladder[:RUNGS] if rung.against]
+    return [f"{effect_name(applied.effect.name, applied.site)}: {', '.join(against)}" for applied, against in rungs]
+
+
+def _largest(document: Document) -> float:
+    """The end of the bars of errors, percent."""
+    error = document["error"]
+    known = [value for when in error.values() for use in when.values() for value in use.values() if value is not None]
+    return max(known, default=1.0) or 1.0
+
+
+def _moved(document: Document) -> list[tuple[str, Document, float]]:
+    """Every parameter with its values as texts, and the length of its bar, 100 for the one that moved most."""
+    moved = document["parameters_moved"]
+    most = max((abs(of["percent"]) for of in moved.values() if of["percent"] is not None), default=0.0)
+    rows = []
+    for name, of in moved.items():
+        percent = of["percent"]
+        shown = {"before": number(of["before"]), "after": number(of["after"]), "unit": of["unit"], "percent": percent}
+        rows.append((parameter_name(name), shown, 100.0 * abs(percent or 0.0) / most if most else 0.0))
+    return rows

@@ -1,0 +1,162 @@
+"""Trace: bags to the effect that a subject's model lacks. Reads the events, traces, and says what it rests on.
+
+Without bags held out by name, those given are dealt: what chooses an effect must not also say how good it is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Mapping, MutableMapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from biodyn_core.identification.problem import Case, CaseSettings
+from biodyn_core.response import SpectrumSettings
+from biodyn_core.subject import Subject
+from biodyn_core.tracing.findings import Trace
+from biodyn_core.tracing.settings import TraceSettings
+from biodyn_ros.files import make_directory, write_text
+from biodyn_ros.fit.document import Prepared, warnings_of
+from biodyn_ros.json_files import write_json
+from biodyn_ros.progress import Tell
+from biodyn_ros.provenance import MADE_BY_MODEL, role_of, without_note
+from biodyn_ros.reading.events import check_bags, read_events
+from biodyn_ros.reading.recordings import RecordingOptions, case_of
+from biodyn_ros.trace.document import origin, provenance, trace_document
+from biodyn_ros.work.tasks import Watch, Work
+
+Document = dict[str, Any]
+Bag = str | Path
+
+
+@dataclass(frozen=True)
+class TraceOptions:
+    """How bags are read, prepared and traced.
+
+    held_out: bags that have no say in the effect; cases: the loading condition of a bag where its name does not tell.
+    """
+
+    seed: int = 0
+    held_out: tuple[str, ...] = ()
+    cases: Mapping[str, str] = field(default_factory=dict)
+    reading: RecordingOptions = field(default_factory=RecordingOptions)
+    spectra: SpectrumSettings = field(default_factory=SpectrumSettings)
+    preparing: CaseSettings = field(default_factory=CaseSettings)
+    settings: TraceSettings = field(default_factory=TraceSettings)
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """The document of trace.json, the subject with what was added and its provenance, and the trace behind both."""
+
+    document: Document
+    subject: Subject
+    trace: Trace
+
+
+def trace_bags(
+    bags: Sequence[Bag],
+    subject: Subject,
+    options: TraceOptions | None = None,
+    work: Work | None = None,
+    kept: MutableMapping[str, Any] | None = None,
+) -> Traced:
+    """Trace what a subject lacks in bags; raises InputError, one line, for bags that cannot be read or compared.
+
+    kept: the long parts of earlier traces, such as a `Kept`.
+    """
+    from biodyn_core.tracing.trace import trace  # late: bags that are refused need none of it
+
+    o, work, begin = options or TraceOptions(), work or Work(), time.monotonic()
+    check_bags(bags, o.held_out, o.cases)
+    train, held_out = (bags, o.held_out) if o.held_out else deal(bags, o.cases)
+    with work.watch("reading") as tell:
+        # Every channel that was measured lets one effect more be tried.
+        events = read_events(train, held_out, o.cases, dataclasses.replace(o.reading, channels=True), tell)
+    prepared = [(event, Case.of(event.recording, o.spectra, o.preparing)) for event in events]
+    fitted, spare = ([case for event, case in prepared if event.held_out is out] for out in (False, True))
+    with Stages(work.watch) as stages:
+        found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, tell=stages, kept=kept)
+    document = trace_document(found) | {
+        "bags": [origin(event, case, found) for event, case in prepared],
+        "dealt": None if o.held_out else _dealt(train, held_out),
+        "warnings": [*_warnings(prepared), *_seen_before(subject, prepared)],
+        "seconds": time.monotonic() - begin,
+    }
+    new = dataclasses.replace(found.after, provenance=provenance(document, found, prepared, subject))
+    return Traced(document, new, found)
+
+
+def deal(bags: Sequence[Bag], cases: Mapping[str, str]) -> tuple[list[Bag], list[str]]:
+    """Bags of every loading condition by turns, in the order given: those to fit to, and those held out."""
+    turns: dict[str, int] = {}
+    train: list[Bag] = []
+    held_out: list[str] = []
+    for bag in bags:
+        case = cases.get(str(bag), case_of(bag))
+        turn = turns.get(case, 0)
+        turns[case] = turn + 1
+        if turn % 2:
+            held_out.append(str(bag))
+        else:
+            train.append(bag)
+    return train, held_out
+
+
+def write_traced(traced: Traced, directory: Path, report: bool = True) -> None:
+    """Write trace.json, subject.yaml and trace.html; raises InputError, of the page as `write_drawn`."""
+    make_directory(directory)
+    write_json(directory / "trace.json", traced.document)
+    write_text(directory / "subject.yaml", traced.subject.to_yaml())
+    if report:
+        from biodyn_ros.reports.pages import write_drawn  # an extra of its own
+        from biodyn_ros.trace.page import trace_page
+
+        write_drawn(directory / "trace.html", lambda: trace_page(traced.document, traced.trace))
+
+
+class Stages:
+    """Shows each stage of long work on a line of its own: `with Stages(watch) as tell: work(tell)`.
+
+    It hears (stage, share done).
+    """
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch, self._open, self._stage = watch, ExitStack(), ""
+        self._tell: Tell = lambda done, total: None
+
+    def __enter__(self) -> Stages:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._open.close()
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Show that this share of a stage is done."""
+        if stage != self._stage:
+            self._open.close()
+            self._stage, self._tell = stage, self._open.enter_context(self._watch(stage))
+        self._tell(round(1000 * share), 1000)
+
+
+def _dealt(train: Sequence[Bag], held_out: Sequence[str]) -> str:
+    if not held_out:
+        return "nothing is held out: no loading condition has two bags to deal; give more, or --hold-out"
+    names = ", ".join(Path(bag).name for bag in held_out)
+    return f"none was held out by name, so each condition's were dealt by turns: {len(train)} to fit, held out {names}"
+
+
+def _warnings(prepared: Sequence[Prepared]) -> list[str]:
+    """What is to be said of the bags; what holds for many in the same words is said once."""
+    made, rest = without_note(warnings_of(prepared))
+    return [f"{made} of {len(prepared)} recordings: {MADE_BY_MODEL}", *rest] if made else rest
+
+
+def _seen_before(subject: Subject, prepared: Sequence[Prepared]) -> list[str]:
+    """What is held out but not new: theta is fitted anew, yet the theta that it starts from knew."""
+    seen = [event.bag for event, _ in prepared if event.held_out and role_of(subject, event.sha256) == "fitted"]
+    return [f"{bag}: held out, but the subject that was given had been fitted to it" for bag in dict.fromkeys(seen)]

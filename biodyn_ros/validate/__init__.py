@@ -1,0 +1,1 @@
+"""`biodyn validate`: the forward prediction of an event that was not fitted to."""
