@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import re
 import shlex
@@ -19,19 +20,19 @@ from streams import noisy_streams
 from trident import capture_u_files, nexus_text, shock, still
 
 from biodyn_core.segments import SEAT
-from biodyn_ros import cli, topics
+from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
-from biodyn_ros.commands.arguments import ADDERS, parser
+from biodyn_ros.commands import fit, info, trace
 from biodyn_ros.commands.completion import script
-from biodyn_ros.commands.help_texts import GROUPS, HELP
 from biodyn_ros.commands.parsing import CommandParser
+from biodyn_ros.commands.table import GROUPS, NAMES, command_of, parser
 from biodyn_ros.node.params import names
 from biodyn_ros.resources import config_file, subject_file, subject_names
 
 ROOT = Path(__file__).resolve().parents[1]
-EXAMPLES = [example for command in HELP.values() for example in command.examples]
+EXAMPLES = [example for name in NAMES for example in command_of(name).examples]
 TOO_LONG = ("fit", "trace", "demo", "play", "live", "page")
 """Commands whose examples are parsed, not run: they take minutes, or never end."""
 
@@ -70,14 +71,15 @@ def test_the_help_fits_a_screen_and_lists_every_command_once(capsys: pytest.Capt
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 80
     listed = [name for names_of in GROUPS.values() for name in names_of]
-    assert sorted(listed) == sorted(ADDERS) == sorted(HELP)
-    assert max(len(command.line) for command in HELP.values()) <= 48  # beside a name as long as import-blue-trident
+    files = [path for path in (ROOT / "biodyn_ros/commands").glob("*.py") if "\nCOMMAND = Command(" in path.read_text()]
+    assert sorted(listed) == sorted(path.stem.replace("_", "-") for path in files)
+    assert max(len(command_of(name).line) for name in NAMES) <= 48  # beside a name as long as import-blue-trident
     rows = [match[1] for match in re.finditer(r"^  .{8}([a-z-]+) +\S", out, re.MULTILINE)]
     assert rows == listed
     assert out == said(capsys, "help")[1]
 
 
-@pytest.mark.parametrize("name", ADDERS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_command_s_help_is_everyday_and_all_of_it_is_there_on_request(
     capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
@@ -98,13 +100,13 @@ def test_a_command_s_help_is_everyday_and_all_of_it_is_there_on_request(
     assert len(short.split("\n")) <= 60
     count = len([action for group in command._tuning for action in group._group_actions])
     assert (f"{count} more setting" in short) == bool(count)
-    assert 1 <= len(HELP[name].examples) <= 3
+    assert 1 <= len(command_of(name).examples) <= 3
     unfolded = re.sub(r" \\\n +", " ", short)
-    assert unfolded.endswith("examples:\n" + "".join(f"  {example}\n" for example in HELP[name].examples))
+    assert unfolded.endswith("examples:\n" + "".join(f"  {example}\n" for example in command_of(name).examples))
 
 
 def test_every_tuning_setting_states_its_range_or_choices(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ADDERS:
+    for name in NAMES:
         for group in command_parser(name)._tuning:
             for action in group._group_actions:
                 stated = action.nargs == 0 or action.choices or action.metavar == "TEXT" or " to " in action.help
@@ -112,7 +114,7 @@ def test_every_tuning_setting_states_its_range_or_choices(capsys: pytest.Capture
 
 
 def test_json_is_everywhere_but_where_it_would_say_nothing() -> None:
-    without = {name for name in ADDERS if "--json" not in command_parser(name)._option_string_actions}
+    without = {name for name in NAMES if "--json" not in command_parser(name)._option_string_actions}
     assert without == WITHOUT_JSON
 
 
@@ -180,7 +182,7 @@ def test_the_example_is_understood(monkeypatch: pytest.MonkeyPatch, place: Path,
     words = words_of(example)
     options = parser([words[0]]).parse_args(words)
     assert all(Path(word).exists() for word in words if word.endswith(".mcap"))
-    settings: dict[str, Callable[[Any], Any]] = {"fit": cli._fit_options, "trace": cli._trace_options}
+    settings: dict[str, Callable[[Any], Any]] = {"fit": fit.how_of, "trace": trace.how_of}
     if words[0] in settings:
         how = settings[words[0]](options)
         assert list(how.held_out) == options.hold_out
@@ -189,7 +191,7 @@ def test_the_example_is_understood(monkeypatch: pytest.MonkeyPatch, place: Path,
 def test_the_examples_of_the_live_node_name_what_it_has(place: Path) -> None:
     from biodyn_ros.live import SETTINGS
 
-    for example in HELP["live"].examples:
+    for example in command_of("live").examples:
         words = words_of(example)
         assert words[:2] == ["live", "--ros-args"]
         for flag, value in zip(words[2::2], words[3::2], strict=True):
@@ -338,7 +340,7 @@ def test_fish_completes(scripts: Path, files: Path, line: str, offered: set[str]
 def test_the_script_is_read_by_its_shell_and_starts_no_python(scripts: Path, shell: str) -> None:
     text = (scripts / shell).read_text(encoding="utf-8")
     assert "python" not in text.lower()
-    assert all(name in text for name in (*ADDERS, *subject_names()))
+    assert all(name in text for name in (*NAMES, *subject_names()))
     if shutil.which(shell):
         subprocess.run([shell, "-n", str(scripts / shell)], check=True)
 
@@ -355,8 +357,8 @@ def test_without_shtab_it_says_what_to_install(
 def test_an_interruption_while_a_command_loads_is_one_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(commands: Any) -> None:
+    def interrupted(command: CommandParser) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(ADDERS, "info", interrupted)
+    monkeypatch.setattr(info, "COMMAND", dataclasses.replace(info.COMMAND, add=interrupted))
     assert said(capsys, "info", "drive.mcap") == (130, "", "biodyn info: interrupted\n")

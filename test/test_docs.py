@@ -18,7 +18,7 @@ from trident import capture_u_files, shock
 
 from biodyn_core.subject import load_subject
 from biodyn_core.synthesis import CASES, SensorSettings
-from biodyn_ros.commands.arguments import parser
+from biodyn_ros.commands.table import parser
 from biodyn_ros.environment import hold_domain
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.resources import bag_file, subject_file

@@ -60,6 +60,10 @@ COMPILED = "biodyn_core.kernels.compiling"
 
 NEEDS_ROS = {
     "cli",
+    "commands.demo",
+    "commands.live",
+    "commands.page",
+    "commands.play",
     "dashboard.feed",
     "dashboard.site",
     "demo",

@@ -24,7 +24,7 @@ import yaml
 import biodyn_ros
 from biodyn_core.errors import InputError
 from biodyn_ros import resources
-from biodyn_ros.commands.arguments import parser
+from biodyn_ros.commands.table import parser
 from biodyn_ros.environment import clean_environment
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FIND_ALL = """
 import biodyn_ros, biodyn_core
 from biodyn_ros import resources
-from biodyn_ros.commands.arguments import parser
+from biodyn_ros.commands.table import parser
 print(biodyn_ros.__file__)
 print(biodyn_core.__file__)
 print(resources.launch_file("biodyn.launch.py"))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from biodyn_ros import topics
-from biodyn_ros.commands.arguments import parser
+from biodyn_ros.commands.table import parser
 from biodyn_ros.live import SETTINGS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -94,6 +94,7 @@ def test_what_contributors_are_told_to_change_is_there() -> None:
         "BagWriter": "biodyn_ros/blue_trident/importing.py",
         "encode_imu": "biodyn_ros/blue_trident/importing.py",
         "everyday": "biodyn_ros/commands/arguments.py",
+        "COMMAND = Command(": "biodyn_ros/commands/compare.py",
     }
     for name, path in told.items():
         assert name in text

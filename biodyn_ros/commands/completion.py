@@ -11,11 +11,21 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from biodyn_core.errors import InputError
-from biodyn_ros.commands.arguments import parser
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser
 from biodyn_ros.resources import subject_names
 
+SHELLS: Final = ("bash", "zsh", "fish")
 SUBJECT: Final = ("S", "A", "B")
 """What stands in the help for a subject: a bundled name or a file."""
+
+
+def _add(command: CommandParser) -> None:
+    command.add_argument("shell", choices=SHELLS, help="the shell that is to run the script")
+
+
+def _run(options: argparse.Namespace) -> None:
+    print(script(options.shell))
 
 
 def script(shell: str) -> str:
@@ -23,6 +33,8 @@ def script(shell: str) -> str:
     if importlib.util.find_spec("shtab") is None:
         raise InputError("completion needs shtab: pip install 'biodyn_ros[completion]'")
     import shtab
+
+    from biodyn_ros.commands.table import parser
 
     whole = parser()
     for action in _actions(whole):
@@ -76,3 +88,15 @@ def _words_or_files(what: str, words: Sequence[str], suffix: str = "") -> dict[s
             "fish": f"function {name}\n  " + "\n  ".join(fish) + "\nend",
         },
     }
+
+
+COMMAND = Command(
+    line="prints a script that completes on your Tab key",
+    examples=(
+        "biodyn completion bash > ~/.local/share/bash-completion/completions/biodyn",
+        "biodyn completion zsh > ~/.zfunc/_biodyn",
+    ),
+    add=_add,
+    run=_run,
+    json=False,  # a script for a shell is text by its nature
+)

@@ -13,7 +13,6 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, NoReturn
 
-from biodyn_ros.commands.help_texts import GROUPS, HELP, PURPOSE
 from biodyn_ros.nearby import did_you_mean
 
 EXIT_INPUT: Final = 2
@@ -44,27 +43,12 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"{value!r} is none of {', '.join(known)}{';' if near else ''}{near}")
 
 
-class WholeParser(Parser):
-    """The command itself: its help lists all subcommands, whichever of them it can parse."""
-
-    def __init__(self) -> None:
-        super().__init__(prog="biodyn")
-        self.add_argument("-h", "--help", action="help", help="show this help")
-
-    def format_help(self) -> str:
-        """The commands by what a person does; fits a screen of 24 lines of 80 columns."""
-        rows = [(title if name == names[0] else "", name) for title, names in GROUPS.items() for name in names]
-        wide = max(len(name) for _, name in rows)
-        lines = [f"  {title:<8}{name:<{wide}}  {HELP[name].line}" for title, name in rows]
-        ends = ("biodyn COMMAND -h shows everyday options and examples, --help-all every setting;", "biodyn --version.")
-        return "\n".join(["usage: biodyn COMMAND [option ...]", "", PURPOSE, "", *lines, "", *ends, ""])
-
-
 class CommandParser(Parser):
     """A subcommand: -h shows its everyday options and examples, --help-all every setting with its range."""
 
-    def __init__(self, **words: Any) -> None:
+    def __init__(self, examples: Sequence[str] = (), **words: Any) -> None:
         super().__init__(**words)
+        self._lines = examples
         self._tuning: list[Any] = []
         self._positionals.title = "arguments"
         self.add_argument("-h", "--help", action="help", help="show everyday options and examples")
@@ -130,7 +114,7 @@ class CommandParser(Parser):
 
     def _examples(self) -> str:
         lines = ["examples:"]
-        for example in HELP[self.prog.rpartition(" ")[2]].examples:
+        for example in self._lines:
             *first, last = _folded(_pairs(example), " " * 6, _width() - 4)
             lines += [*(f"  {line} \\" for line in first), f"  {last}"]
         return "\n".join([*lines, ""])

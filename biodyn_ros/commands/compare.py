@@ -1,0 +1,42 @@
+"""`biodyn compare`: which parameters two subjects share."""
+
+from __future__ import annotations
+
+import argparse
+
+from biodyn_ros.commands.arguments import show
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser
+
+
+def _add(command: CommandParser) -> None:
+    from biodyn_core.identification.compare import THRESHOLD_PERCENT
+
+    command.add_argument("first", metavar="A", help="subject file or bundled name; deviations are from it")
+    command.add_argument("second", metavar="B", help="the other subject")
+    command.add_argument(
+        "--threshold", type=float, default=THRESHOLD_PERCENT, metavar="PERCENT",
+        help=f"deviation from which a parameter diverges (default {THRESHOLD_PERCENT:g} %%)",
+    )  # fmt: skip
+
+
+def _run(options: argparse.Namespace) -> None:
+    from biodyn_core.identification.compare import compare
+    from biodyn_core.subject import load_subject
+    from biodyn_ros.fit.comparison import comparison_document, text_of
+    from biodyn_ros.resources import subject_file
+
+    a, b = (load_subject(subject_file(name)) for name in (options.first, options.second))
+    document = comparison_document(compare(a, b, options.threshold))
+    show(options, document, text_of(document))
+
+
+COMMAND = Command(
+    line="which parameters two subjects share",
+    examples=(
+        "biodyn compare subject_1 subject_2",
+        "biodyn compare anna_fitted.yaml subject_2 --threshold 10 --json",
+    ),
+    add=_add,
+    run=_run,
+)

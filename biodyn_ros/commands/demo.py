@@ -1,0 +1,29 @@
+"""`biodyn demo`: the main job on the bundled bag."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser
+
+
+def _add(command: CommandParser) -> None:
+    command.add_argument("--out", default="out", metavar="DIR", help="directory of report and bag (default out)")
+    command.add_argument("--subject", default="subject_1", metavar="S", help="subject file or bundled name")
+
+
+def _run(options: argparse.Namespace) -> None:
+    from biodyn_ros.demo import demo
+
+    demo(Path(options.out), options.subject)
+
+
+COMMAND = Command(
+    line="the bundled bag live, and the same offline",
+    examples=("biodyn demo --out demo_results",),
+    add=_add,
+    run=_run,
+    json=False,  # it is for looking at while it runs; `biodyn replay --json` has its figures
+)

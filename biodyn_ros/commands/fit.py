@@ -1,0 +1,164 @@
+"""`biodyn fit`: recorded events to a subject, one or a campaign of many."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from biodyn_core.errors import InputError
+from biodyn_ros.commands.arguments import (
+    add_all_settings,
+    add_held_out,
+    add_reading,
+    add_seed,
+    all_settings,
+    check_reports,
+    reading_of,
+    show,
+)
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser
+from biodyn_ros.progress import Progress
+
+if TYPE_CHECKING:
+    from biodyn_ros.fit.fitting import FitOptions
+
+
+def _kinds() -> dict[str, type[Any]]:
+    from biodyn_core.identification.objectives import SurrogateSettings
+    from biodyn_core.identification.phase1 import SwarmSettings
+    from biodyn_core.identification.problem import CaseSettings
+    from biodyn_core.identification.settings import FitSettings
+    from biodyn_core.identification.uncertainty import UncertaintySettings
+    from biodyn_core.response import SpectrumSettings
+
+    return {
+        "fitting": FitSettings,
+        "phase 1": SwarmSettings,
+        "surrogate": SurrogateSettings,
+        "spectra": SpectrumSettings,
+        "cases": CaseSettings,
+        "uncertainty": UncertaintySettings,
+    }
+
+
+def _add(command: CommandParser) -> None:
+    command.add_argument("bag", nargs="*", metavar="BAG", help="one or more of each loading condition")
+    command.add_argument(
+        "--subject", metavar="S", help="who it is: a subject file, whose parameters may be missing, or a bundled name"
+    )
+    command.add_argument("--campaign", metavar="FILE", help="many subjects, from a file; -o is then a directory")
+    add_held_out(command, "bags that are only predicted")
+    command.add_argument(
+        "--profile", action="append", default=[], metavar="NAME",
+        help="profile the likelihood of a parameter, such as natural_frequency_hz[head], or of all",
+    )  # fmt: skip
+    command.add_argument("--paper", action="store_true", help="the paper's way; single options still change it")
+    command.add_argument(
+        "--no-report", action="store_true", help="leave out OUT.fit.html and, of a campaign, campaign.html"
+    )
+    add_seed(command, "of the swarms")
+    command.add_argument("--resume", action="store_true", help="take up what an interrupted fit left")
+    command.add_argument(
+        "--executor", default="processes", metavar="WHERE",
+        help="none, processes[:N], threads[:N] or a Dask scheduler's tcp://HOST:PORT, on trusted networks only"
+        " (default processes)",
+    )  # fmt: skip
+    add_reading(command)
+    add_all_settings(command, _kinds())
+    command.add_argument(
+        "-o", "--output", required=True, metavar="OUT.yaml", help="the subject; OUT.fit.json and OUT.fit.html beside it"
+    )
+
+
+def _run(options: argparse.Namespace) -> None:
+    if options.campaign:
+        _campaign(options)
+    else:
+        _subject(options)
+
+
+def _subject(options: argparse.Namespace) -> None:
+    from biodyn_core.parameters import UNFITTED
+    from biodyn_core.subject import load_subject
+    from biodyn_ros.fit.fitting import check_output, fit_bags, write_fit_page, write_fitted
+    from biodyn_ros.fit.text import text_of
+    from biodyn_ros.resources import subject_file
+    from biodyn_ros.work.executors import executor_of
+    from biodyn_ros.work.tasks import Work
+
+    if not (options.bag and options.subject):
+        raise InputError("BAG... and --subject are needed, or --campaign; biodyn fit -h shows how")
+    output = Path(options.output)
+    check_output(output)
+    check_reports(options)
+    how = how_of(options)
+    subject = load_subject(subject_file(options.subject), UNFITTED)
+    checkpoint = output.with_name(f"{output.stem}.checkpoint.json")
+    try:
+        with executor_of(options.executor) as executor:
+            work = Work(executor, checkpoint, options.resume)
+            fitted = fit_bags(options.bag, subject, how, work)
+    except KeyboardInterrupt:
+        if checkpoint.exists():
+            print(f"biodyn fit: {checkpoint} keeps what is done; --resume takes it up", file=sys.stderr)
+        raise
+    write_fitted(fitted, output)
+    work.finish()
+    show(options, fitted.document, text_of(fitted.document))
+    if not options.no_report:
+        write_fit_page(fitted, output)
+
+
+def _campaign(options: argparse.Namespace) -> None:
+    from biodyn_ros.fit.campaign import check_failed, fit_campaign, text_of, write_campaign_page
+    from biodyn_ros.fit.campaign_file import load_campaign
+    from biodyn_ros.work.executors import executor_of
+
+    if options.bag or options.subject or options.hold_out or options.case:
+        raise InputError("BAG, --subject, --hold-out and --case are each subject's own: give them in the campaign file")
+    campaign, directory = load_campaign(options.campaign), Path(options.output)
+    check_reports(options)
+    with executor_of(options.executor) as executor, Progress("fitting") as progress:
+        document = fit_campaign(
+            campaign, directory, how_of(options), executor, options.resume, progress, not options.no_report
+        )
+    show(options, document, text_of(document))
+    if not options.no_report:
+        write_campaign_page(document, directory)
+    check_failed(document, directory)
+
+
+def how_of(options: argparse.Namespace) -> FitOptions:
+    """How bags are read, prepared and fitted, as it was given."""
+    from biodyn_core.identification.settings import PAPER, FitSettings
+    from biodyn_ros.fit.fitting import FitOptions, parse_cases
+
+    base = PAPER if options.paper else FitSettings()
+    given = all_settings(options, _kinds(), {"fitting": base, "phase 1": base.swarm, "surrogate": base.surrogate})
+    return FitOptions(
+        seed=options.seed,
+        held_out=tuple(options.hold_out),
+        cases=parse_cases(options.case),
+        profiles=tuple(options.profile),
+        reading=reading_of(options),
+        spectra=given["spectra"],
+        preparing=given["cases"],
+        settings=dataclasses.replace(given["fitting"], swarm=given["phase 1"], surrogate=given["surrogate"]),
+        uncertainty=given["uncertainty"],
+    )
+
+
+COMMAND = Command(
+    line="recorded events to a subject, and how surely",
+    examples=(
+        "biodyn fit road.mcap pothole.mcap rail.mcap --subject anna.yaml -o fitted.yaml --hold-out road_2.mcap",
+        "biodyn fit road.mcap --subject anna.yaml -o fitted.yaml --case road.mcap=road --resume",
+        "biodyn fit --campaign subjects.yaml -o fitted",
+    ),
+    add=_add,
+    run=_run,
+)

@@ -1,0 +1,72 @@
+"""`biodyn replay`: the live pipeline over a bag, as fast as it goes."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from biodyn_ros.commands.arguments import add_bag, add_map, add_settings, add_subject, add_time, settings_of, show
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser
+from biodyn_ros.progress import Progress
+
+
+def _add(command: CommandParser) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.pipeline_settings import PipelineSettings
+
+    add_bag(command)
+    add_subject(command)
+    add_map(command)
+    add_time(command)
+    command.add_argument("--limits", metavar="FILE", help="limits file (default: 2002/44/EC)")
+    command.add_argument(
+        "--zero-phase", action="store_true", help="filter forward and backward, as identification does; labelled so"
+    )
+    command.add_argument("--project", action="store_true", help="project exposure to 8 h from less than 20 minutes too")
+    command.add_argument("--no-predicted", action="store_true", help="leave out predicted.mcap")
+    command.add_argument("--no-report", action="store_true", help="leave out report.html")
+    add_settings(command, "conditioning", ConditioningSettings)
+    add_settings(command, "pipeline", PipelineSettings, ("yaw_deg", "vertical", "also_weighted", "window_s"))
+    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
+
+
+def _run(options: argparse.Namespace) -> None:
+    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.limits import EU_LIMITS, load_limits
+    from biodyn_core.pipeline_settings import PipelineSettings
+    from biodyn_core.subject import load_subject
+    from biodyn_ros.reading.mapping import parse_map
+    from biodyn_ros.replay.replaying import ReplayOptions, replay_to_directory
+    from biodyn_ros.resources import subject_file
+
+    how = ReplayOptions(
+        mapping=parse_map(options.map),
+        time=options.time,
+        conditioning=settings_of(options, ConditioningSettings),
+        pipeline=settings_of(options, PipelineSettings),
+        limits=load_limits(options.limits) if options.limits else EU_LIMITS,
+        mode="zero_phase" if options.zero_phase else "causal",
+        project=options.project,
+    )
+    subject = load_subject(subject_file(options.subject))
+    with Progress("replaying") as progress:
+        replayed = replay_to_directory(
+            options.bag, subject, Path(options.output), how, progress=progress, report=not options.no_report,
+            predicted=not options.no_predicted,
+        )  # fmt: skip
+    from biodyn_ros.replay.text import summary
+
+    show(options, replayed.document, summary(replayed.document))
+
+
+COMMAND = Command(
+    line="a bag offline: exposure, predictions, a report",
+    examples=(
+        "biodyn replay drive.mcap --subject subject_1 -o results",
+        "biodyn replay drive.mcap --subject anna.yaml -o results --yaw-deg 90 --limits limits.yaml",
+        "biodyn replay drive.mcap --subject subject_1 -o results --no-predicted --no-report --json",
+    ),
+    add=_add,
+    run=_run,
+)

@@ -1,0 +1,70 @@
+"""The subcommands of `biodyn` in the order in which a person needs them, and the parser of them all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib import import_module
+from typing import Any, Final
+
+from biodyn_ros import __version__
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser, Parser
+
+PURPOSE: Final = "Six IMUs on a seated person in a vehicle: predicted motion, exposure, a model."
+
+GROUPS: Final[dict[str, tuple[str, ...]]] = {
+    "look": ("import-blue-trident", "info", "simulate", "demo"),
+    "live": ("live", "page", "play"),
+    "replay": ("replay",),
+    "fit": ("fit", "compare", "validate"),
+    "trace": ("trace",),
+    "shell": ("completion",),
+}
+"""Every command once; its file in this room has its name."""
+
+NAMES: Final = tuple(name for names in GROUPS.values() for name in names)
+
+
+def command_of(name: str) -> Command:
+    """The command of a name in NAMES."""
+    found: Command = import_module(f"biodyn_ros.commands.{name.replace('-', '_')}").COMMAND
+    return found
+
+
+class WholeParser(Parser):
+    """The command itself: its help lists all subcommands, whichever of them it can parse."""
+
+    def __init__(self) -> None:
+        super().__init__(prog="biodyn")
+        self.add_argument("-h", "--help", action="help", help="show this help")
+        self.add_argument("--version", action="version", version=f"biodyn {__version__}", help="show the version")
+
+    def format_help(self) -> str:
+        """The commands by what a person does; fits a screen of 24 lines of 80 columns."""
+        rows = [(title if name == names[0] else "", name) for title, names in GROUPS.items() for name in names]
+        wide = max(map(len, NAMES))
+        lines = [f"  {title:<8}{name:<{wide}}  {command_of(name).line}" for title, name in rows]
+        ends = ("biodyn COMMAND -h shows everyday options and examples, --help-all every setting;", "biodyn --version.")
+        return "\n".join(["usage: biodyn COMMAND [option ...]", "", PURPOSE, "", *lines, "", *ends, ""])
+
+
+def parser(names: Iterable[str] = NAMES) -> Parser:
+    """These subcommands; which one was given is `command` of what it parses.
+
+    Each costs what its settings import, so whoever knows which one is asked for names it.
+    """
+    whole = WholeParser()
+    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=CommandParser)
+    for name in names:
+        _add(commands, name, command_of(name))
+    return whole
+
+
+def _add(commands: Any, name: str, what: Command) -> None:
+    line = what.line
+    added: CommandParser = commands.add_parser(
+        name, help=line, description=line[0].upper() + line[1:] + ".", examples=what.examples
+    )
+    if what.json:
+        added.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
+    what.add(added)

@@ -1,0 +1,119 @@
+"""`biodyn trace`: the effect that a subject's model lacks."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from biodyn_core.errors import InputError
+from biodyn_ros.commands.arguments import (
+    add_all_settings,
+    add_held_out,
+    add_reading,
+    add_seed,
+    all_settings,
+    check_reports,
+    reading_of,
+    show,
+)
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser
+
+if TYPE_CHECKING:
+    from biodyn_ros.trace.tracing import TraceOptions
+
+
+def _kinds() -> dict[str, type[Any]]:
+    from biodyn_core.identification.problem import CaseSettings
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_core.tracing.background import BackgroundSettings
+    from biodyn_core.tracing.departures import UsualSettings
+    from biodyn_core.tracing.gate import FloorSettings
+    from biodyn_core.tracing.rows import WeightSettings
+    from biodyn_core.tracing.settings import TraceSettings
+
+    return {
+        "tracing": TraceSettings,
+        "least data": FloorSettings,
+        "background": BackgroundSettings,
+        "weights": WeightSettings,
+        "usual departures": UsualSettings,
+        "spectra": SpectrumSettings,
+        "cases": CaseSettings,
+    }
+
+
+def _add(command: CommandParser) -> None:
+    command.add_argument("bag", nargs="*", metavar="BAG", help="several of each loading condition")
+    command.add_argument(
+        "--subject", required=True, metavar="S", help="who it is: a subject file, fitted or not, or a bundled name"
+    )
+    add_held_out(command, "bags that have no say in the effect (default: every second one of each condition)")
+    add_seed(command, "of everything drawn")
+    command.add_argument(
+        "--fresh", action="store_true", help="compute anew what DIR.kept.json holds of an interrupted or earlier trace"
+    )
+    command.add_argument("--no-report", action="store_true", help="leave out trace.html")
+    add_reading(command)
+    add_all_settings(command, _kinds())
+    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
+
+
+def _run(options: argparse.Namespace) -> None:
+    from biodyn_core.parameters import UNFITTED
+    from biodyn_core.subject import load_subject
+    from biodyn_ros.files import check_directory
+    from biodyn_ros.resources import subject_file
+    from biodyn_ros.trace.text import text_of
+    from biodyn_ros.trace.tracing import trace_bags, write_traced
+    from biodyn_ros.work.kept import Kept
+
+    directory, how = Path(options.output), how_of(options)
+    check_directory(directory)
+    check_reports(options)
+    subject = load_subject(subject_file(options.subject), UNFITTED)
+    file = directory.with_name(f"{directory.name}.kept.json")
+    kept = Kept(file, options.fresh)
+    try:
+        traced = trace_bags(options.bag, subject, how, kept=kept)
+    except InputError:
+        if not kept:
+            file.unlink(missing_ok=True)
+        raise
+    except KeyboardInterrupt:
+        print(f"biodyn trace: {file} keeps what is done; the same command goes on from there", file=sys.stderr)
+        raise
+    write_traced(traced, directory, report=not options.no_report)
+    show(options, traced.document, text_of(traced.document))
+
+
+def how_of(options: argparse.Namespace) -> TraceOptions:
+    """How bags are read, prepared and traced, as it was given."""
+    from biodyn_ros.fit.fitting import parse_cases
+    from biodyn_ros.trace.tracing import TraceOptions
+
+    given = all_settings(options, _kinds())
+    background = dataclasses.replace(given["background"], weights=given["weights"], usual=given["usual departures"])
+    return TraceOptions(
+        seed=options.seed,
+        held_out=tuple(options.hold_out),
+        cases=parse_cases(options.case),
+        reading=reading_of(options),
+        spectra=given["spectra"],
+        preparing=given["cases"],
+        settings=dataclasses.replace(given["tracing"], floor=given["least data"], background=background),
+    )
+
+
+COMMAND = Command(
+    line="the effect that a subject's model lacks",
+    examples=(
+        "biodyn trace road.mcap road_2.mcap rail.mcap rail_2.mcap --subject anna_fitted.yaml -o traced",
+        "biodyn trace road.mcap rail.mcap --subject anna_fitted.yaml -o traced --hold-out road_2.mcap rail_2.mcap",
+    ),
+    add=_add,
+    run=_run,
+)

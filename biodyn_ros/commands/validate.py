@@ -1,0 +1,72 @@
+"""`biodyn validate`: predicts an event that was not fitted to."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from biodyn_ros.commands.arguments import (
+    add_bag,
+    add_reading,
+    add_settings,
+    add_subject,
+    reading_of,
+    settings_of,
+    show,
+)
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser
+from biodyn_ros.progress import Progress
+
+
+def _add(command: CommandParser) -> None:
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_ros.validate.findings import ValidationSettings
+
+    add_bag(command)
+    add_subject(command)
+    add_reading(command)
+    command.add_argument("--case", metavar="CASE", help="loading condition (default: by the bag's name)")
+    command.add_argument(
+        "--seat-force", choices=("inertia", "joint", "paper"), default="inertia", help="form of the force at the seat"
+    )
+    command.add_argument("--as-printed", action="store_true", help="forces under cascade masses too, labelled")
+    add_settings(command, "spectra", SpectrumSettings)
+    add_settings(command, "judging", ValidationSettings)
+    command.add_argument("--no-report", action="store_true", help="leave out validate.html")
+    command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json and validate.html")
+
+
+def _run(options: argparse.Namespace) -> None:
+    from biodyn_core.response import SpectrumSettings
+    from biodyn_core.subject import load_subject
+    from biodyn_ros.resources import subject_file
+    from biodyn_ros.validate.findings import ValidationSettings
+    from biodyn_ros.validate.text import text_of
+    from biodyn_ros.validate.validating import ValidateOptions, validate, validate_to_directory
+
+    how = ValidateOptions(
+        case=options.case,
+        reading=reading_of(options),
+        spectra=settings_of(options, SpectrumSettings),
+        limits=settings_of(options, ValidationSettings),
+        seat_force=options.seat_force,
+        as_printed=options.as_printed,
+    )
+    subject = load_subject(subject_file(options.subject))
+    with Progress("validating") as progress:
+        if options.output:
+            validated = validate_to_directory(
+                options.bag, subject, Path(options.output), how, progress, report=not options.no_report
+            )
+        else:
+            validated = validate(options.bag, subject, how, progress)
+    show(options, validated.document, text_of(validated.document))
+
+
+COMMAND = Command(
+    line="predicts an event that was not fitted to",
+    examples=("biodyn validate rail.mcap --subject anna_fitted.yaml -o results",),
+    add=_add,
+    run=_run,
+)
