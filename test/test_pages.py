@@ -37,8 +37,8 @@ from biodyn_ros.fit.campaign import fit_campaign, write_campaign_page
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.fit.campaign_page import campaign_page, judge_campaign
 from biodyn_ros.fit.drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
-from biodyn_ros.fit.fitting import FitOptions, Fitted, fit_bags, write_fit_page, write_fitted
-from biodyn_ros.fit.page import doubts, fit_events, fit_page, judge_fit
+from biodyn_ros.fit.fitting import FitOptions, Fitted, fit_bags, write_fitted
+from biodyn_ros.fit.page import doubts, fit_events, fit_page, judge_fit, write_fit_page
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.replay.page import frequency_parts
 from biodyn_ros.replay.traces import Traces

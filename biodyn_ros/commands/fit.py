@@ -84,7 +84,7 @@ def _run(options: argparse.Namespace) -> None:
 def _subject(options: argparse.Namespace) -> None:
     from biodyn_core.parameters import UNFITTED
     from biodyn_core.subject import load_subject
-    from biodyn_ros.fit.fitting import check_output, fit_bags, write_fit_page, write_fitted
+    from biodyn_ros.fit.fitting import check_output, fit_bags, write_fitted
     from biodyn_ros.fit.text import text_of
     from biodyn_ros.resources import subject_file
     from biodyn_ros.work.executors import executor_of
@@ -110,6 +110,8 @@ def _subject(options: argparse.Namespace) -> None:
     work.finish()
     show(options, fitted.document, text_of(fitted.document))
     if not options.no_report:
+        from biodyn_ros.fit.page import write_fit_page  # an extra of its own
+
         write_fit_page(fitted, output)
 
 

@@ -125,14 +125,6 @@ def check_output(output: Path) -> None:
         raise InputError(f"{output.parent}: is no directory that can be written to")
 
 
-def write_fit_page(fitted: Fitted, output: Path) -> None:
-    """Write the page beside a subject file that is there already; raises InputError as `write_drawn`."""
-    from biodyn_ros.fit.page import fit_page  # an extra of its own
-    from biodyn_ros.reports.pages import write_drawn
-
-    write_drawn(page_beside(output), lambda: fit_page(fitted))
-
-
 def json_beside(output: Path) -> Path:
     """Where the fit.json of a subject file lies: `anna.yaml` has `anna.fit.json`."""
     return output.with_name(f"{output.stem}.fit.json")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -11,10 +12,10 @@ from biodyn_core.identification.problem import Case, errors
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.tracing.findings import Event
 from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
-from biodyn_ros.fit.fitting import Fitted
+from biodyn_ros.fit.fitting import Fitted, page_beside
 from biodyn_ros.fit.text import BY, said
 from biodyn_ros.provenance import MADE_BY_MODEL, without_note
-from biodyn_ros.reports.pages import check_reports, render
+from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.reports.verdict import Verdict
 from biodyn_ros.validate.findings import ValidationSettings
@@ -23,6 +24,11 @@ from biodyn_ros.wording import number, parameter_name
 Document = dict[str, Any]
 
 _MOST_PERCENT: Final = ValidationSettings().nrmse_percent
+
+
+def write_fit_page(fitted: Fitted, output: Path) -> None:
+    """Write the page beside a subject file that is there already; raises InputError as `write_drawn`."""
+    write_drawn(page_beside(output), lambda: fit_page(fitted))
 
 
 def fit_page(fitted: Fitted) -> str:
