@@ -8,7 +8,8 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -49,19 +50,19 @@ class Result:
 
 @dataclass(frozen=True)
 class OverDds:
-    """A fault that begins and ends while the ride is sent; says: what the diagnostics of its sensor must hold."""
+    """A fault that lasts as long as `during` while the ride is sent; says: what its sensor's diagnostics must hold."""
 
     name: str
-    begin: Callable[[Rig], None]
-    end: Callable[[Rig], None]
+    during: Callable[[Rig], AbstractContextManager[None]]
     of: str = "head"
     says: str = ""
     parameters: tuple[str, ...] = ()
 
     def run(self) -> Result:
         """Drive it."""
-        with rig(*self.parameters) as one:
-            one.play(UNTIL_S, {BEGIN_S: self.begin, END_S: self.end})
+        with rig(*self.parameters) as one, ExitStack() as lasting:
+            begin, end = (lambda one: lasting.enter_context(self.during(one)), lambda one: lasting.close())
+            one.play(UNTIL_S, {BEGIN_S: begin, END_S: end})
             return Result(self.name, *_judged(one, self))
 
 
@@ -104,46 +105,6 @@ def _silences(one: Rig) -> list[str]:
 
 # --- what is done to the node ----------------------------------------------------------------------------------------
 
-_KEPT: dict[str, Any] = {}
-"""What a fault begins with and ends."""
-
-
-def _nothing(_: Rig) -> None:
-    """No deed."""
-
-
-def _aside(name: str, code: str) -> Callable[[Rig], None]:
-    """Another process on the graph, until `_ended`."""
-
-    def begin(_: Rig) -> None:
-        _KEPT[name] = subprocess.Popen([sys.executable, "-c", f"import rclpy; rclpy.init(); {code}; rclpy.spin(n)"])
-
-    return begin
-
-
-def _hanging(one: Rig) -> None:
-    """Somebody who listens, reliably, and after two seconds takes nothing any more, and does not leave either."""
-    _aside("hanging", LISTENER)(one)
-    threading.Timer(2.0, _KEPT["hanging"].send_signal, (signal.SIGSTOP,)).start()
-
-
-def _killed(name: str) -> Callable[[Rig], None]:
-    def end(_: Rig) -> None:
-        process = _KEPT.pop(name)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-
-    return end
-
-
-def _left(name: str) -> Callable[[Rig], None]:
-    def end(_: Rig) -> None:
-        process = _KEPT.pop(name)
-        process.send_signal(signal.SIGINT)
-
-    return end
-
-
 OF_ANOTHER_TYPE: Final = (
     f"from std_msgs.msg import String; n = rclpy.create_node('other'); p = n.create_publisher(String, '{HEAD}', 10)"
 )
@@ -153,21 +114,56 @@ LISTENER: Final = (
 )
 
 
-def _unreliable(one: Rig) -> None:
-    """Ours is asked to be reliable by an override; this one is not."""
-    qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    _KEPT["publisher"] = one.node.create_publisher(Imu, HEAD, qos)
+@contextmanager
+def _aside(code: str, stopping: signal.Signals = signal.SIGINT) -> Iterator[subprocess.Popen[bytes]]:
+    """Another process on the graph, in which `code` makes the node n; the ride does not wait until it has left."""
+    spinning = "with contextlib.suppress(KeyboardInterrupt): rclpy.spin(n)"
+    words = [sys.executable, "-c", f"import contextlib, rclpy; rclpy.init(); {code}\n{spinning}"]
+    process = subprocess.Popen(words)
+    try:
+        yield process
+    finally:
+        process.send_signal(stopping)
+        if stopping is signal.SIGKILL:
+            process.wait()
 
 
-def _second(one: Rig) -> None:
-    _KEPT["publisher"] = one.node.create_publisher(Imu, HEAD, 10)
+@contextmanager
+def _other_type(_: Rig) -> Iterator[None]:
+    with _aside(OF_ANOTHER_TYPE):
+        yield
 
 
-def _gone(one: Rig) -> None:
-    one.node.destroy_publisher(_KEPT.pop("publisher"))
+@contextmanager
+def _listener(_: Rig) -> Iterator[None]:
+    with _aside(LISTENER, signal.SIGKILL):
+        yield
 
 
-def _garbage(one: Rig) -> None:
+@contextmanager
+def _hanging(_: Rig) -> Iterator[None]:
+    """Somebody who listens, reliably, and after two seconds takes nothing any more, and does not leave either."""
+    with _aside(LISTENER, signal.SIGKILL) as process:
+        stopping = threading.Timer(2.0, process.send_signal, (signal.SIGSTOP,))
+        stopping.start()
+        yield
+        stopping.cancel()
+
+
+def _published(kind: Any, topic: str, qos: Any = 10) -> Callable[[Rig], AbstractContextManager[None]]:
+    """One more publisher."""
+
+    @contextmanager
+    def during(one: Rig) -> Iterator[None]:
+        publisher = one.node.create_publisher(kind, topic, qos)
+        yield
+        one.node.destroy_publisher(publisher)
+
+    return during
+
+
+@contextmanager
+def _garbage(one: Rig) -> Iterator[None]:
     """Messages that end too early, or claim a frame_id longer than they are.
 
     None is shorter than the four bytes that every message of ROS has: behind an empty one a reliable reader of Fast DDS
@@ -179,48 +175,45 @@ def _garbage(one: Rig) -> None:
         b"\0\1\0\0" + b"\0" * 8 + b"\xff\xff\xff\x7f" + b"a" * 300,
     ):
         one.outputs["head"].publish(message)
+    yield
 
 
-def _framed(length: int) -> Callable[[Rig], None]:
-    def begin(one: Rig) -> None:
-        one.frame_id = "f" * length
+def _framed(length: int) -> Callable[[Rig], AbstractContextManager[None]]:
+    @contextmanager
+    def during(one: Rig) -> Iterator[None]:
+        usual, one.frame_id = one.frame_id, "f" * length
+        yield
+        one.frame_id = usual
 
-    return begin
+    return during
 
 
-def _named_again(one: Rig) -> None:
-    one.frame_id = "imu"
-
-
-def _clock(one: Rig) -> None:
+@contextmanager
+def _clock(one: Rig) -> Iterator[None]:
     """Time that somebody simulates, and then does not any more."""
-    publisher = _KEPT["clock"] = one.node.create_publisher(Clock, "/clock", 10)
+    publisher = one.node.create_publisher(Clock, "/clock", 10)
     for second in range(5):
         message = Clock()
         message.clock.sec = 1_767_225_600 + second
         publisher.publish(message)
+    yield
+    one.node.destroy_publisher(publisher)
 
 
-def _clock_gone(one: Rig) -> None:
-    one.node.destroy_publisher(_KEPT.pop("clock"))
-
+UNRELIABLE: Final = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""The rig's node is asked to be reliable by an override; who offers this is not."""
 
 STREAMED: Final = (
-    OverDds(
-        "a publisher of another type", _aside("other", OF_ANOTHER_TYPE), _left("other"),
-        says="a publisher sends std_msgs/msg/String",
-    ),
-    OverDds(
-        "a publisher of incompatible QoS", _unreliable, _gone, says="incompatible QoS",
-    ),
-    OverDds("two publishers on one topic", _second, _gone, says="2 publishers"),
-    OverDds("messages that are cut, or lie about their length", _garbage, _nothing, says="messages refused"),
-    OverDds("frame_id empty", _framed(0), _named_again),
-    OverDds("frame_id of 4,000 characters", _framed(4000), _named_again),
-    OverDds("a subscriber killed with -9", _aside("listener", LISTENER), _killed("listener")),
-    OverDds("a subscriber that hangs", _hanging, _killed("hanging")),
-    OverDds("simulated time that stops", _clock, _clock_gone, parameters=("use_sim_time:=true",)),
-)  # fmt: skip
+    OverDds("a publisher of another type", _other_type, says="a publisher sends std_msgs/msg/String"),
+    OverDds("a publisher of incompatible QoS", _published(Imu, HEAD, UNRELIABLE), says="incompatible QoS"),
+    OverDds("two publishers on one topic", _published(Imu, HEAD), says="2 publishers"),
+    OverDds("messages that are cut, or lie about their length", _garbage, says="messages refused"),
+    OverDds("frame_id empty", _framed(0)),
+    OverDds("frame_id of 4,000 characters", _framed(4000)),
+    OverDds("a subscriber killed with -9", _listener),
+    OverDds("a subscriber that hangs", _hanging),
+    OverDds("simulated time that stops", _clock, parameters=("use_sim_time:=true",)),
+)
 
 
 # --- faults of another kind ------------------------------------------------------------------------------------------
@@ -297,19 +290,12 @@ def looping_bag() -> Result:
         one.wait(one.matched, "the node listens")
         for output in one.outputs.values():
             one.node.destroy_publisher(output)
-        words = [
-            sys.executable,
-            "-m",
-            "biodyn_ros.cli",
-            "play",
-            str(bag_file("subject_1.mcap")),
-            "--loop",
-            "--keep-stamps",
-        ]
-        player = subprocess.Popen(words, text=True, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+        words = [sys.executable, "-m", "biodyn_ros.cli", "play", str(bag_file("subject_1.mcap")), "--loop"]
+        player = subprocess.Popen(
+            [*words, "--keep-stamps"], text=True, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
+        )
         try:
-            one._begun = 1e-9
-            one.heard.vdv.clear()
+            one.begin()
             one.wait(lambda: len(one.heard.vdv) > 60, "half a minute of exposure", 90.0)
         finally:
             ended(player)

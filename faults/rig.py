@@ -73,6 +73,10 @@ class Rig:
         """Seconds since the ride began."""
         return time.monotonic() - self._begun
 
+    def begin(self) -> None:
+        """Let the ride begin now: what is heard from here on counts."""
+        self.heard, self._begun = Heard(), time.monotonic()
+
     def play(self, until_s: float, deeds: Mapping[float, Any]) -> None:
         """Send the ride in real time; each deed is done once at its second."""
         self.wait(self.matched, "the node listens")
@@ -81,7 +85,7 @@ class Rig:
             for name, one in ride().items()
         }
         done, left = dict.fromkeys(SENSORS, 0), sorted(deeds.items(), key=lambda item: item[0])
-        self._begun = time.monotonic()
+        self.begin()
         while (now_s := self.now_s) < until_s:
             while left and left[0][0] <= now_s:
                 left.pop(0)[1](self)
