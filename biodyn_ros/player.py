@@ -2,6 +2,7 @@
 
 Serialized messages go out as they are; only the header stamp is patched. It publishes RELIABLE, which serves both
 kinds of subscriber, and waits until it is matched, because a publisher that does not wait loses its first messages.
+One that leaves at once loses its last: best-effort subscribers acknowledge none, and what they have not taken goes too.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from biodyn_ros.progress import Tell
 CLOCK_STEP_NS: Final = 10_000_000
 TOLD_STEP_NS: Final = 100_000_000
 PATIENCE_S: Final = 0.05
+MOMENT_S: Final = 0.5
 
 
 class Player(Node):
@@ -76,6 +78,8 @@ class Player(Node):
         while alone and going() and time.monotonic() < deadline:
             time.sleep(PATIENCE_S)
             alone = [name for name, output in self._outputs.items() if output.get_subscription_count() == 0]
+        if len(alone) < len(self._outputs):
+            time.sleep(MOMENT_S)  # a subscriber knows of its publisher a moment later than the publisher of it
         return alone
 
     def play(self, going: Callable[[], bool] = lambda: True) -> Played:
@@ -89,8 +93,10 @@ class Player(Node):
         return Played(sent, time.monotonic() - began)
 
     def flush(self, timeout_s: float = 20.0) -> bool:
-        """Wait until reliable subscribers have acknowledged everything; False when the time ran out."""
-        return all(output.wait_for_all_acked(Duration(seconds=timeout_s)) for output in self._outputs.values())
+        """Wait until reliable subscribers have acknowledged all, and a moment for others; False when time ran out."""
+        acknowledged = all(output.wait_for_all_acked(Duration(seconds=timeout_s)) for output in self._outputs.values())
+        time.sleep(MOMENT_S)
+        return acknowledged
 
     def _play_once(self, sent: dict[str, int], going: Callable[[], bool]) -> None:
         with open_bag(self.bag) as reader:

@@ -19,7 +19,7 @@ from biodyn_core.errors import InputError
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, decode_imu, encode_imu
 from biodyn_ros.playback import PlayerSettings
-from biodyn_ros.player import Player
+from biodyn_ros.player import MOMENT_S, Player
 
 COUNT = 300
 START_NS = 1_700_000_000 * 10**9
@@ -120,3 +120,18 @@ def test_an_empty_bag_is_refused(graph: Graph, tmp_path: Path) -> None:
         pass
     with pytest.raises(InputError, match=r"empty\.mcap: the bag is empty"):
         Player(tmp_path / "empty.mcap", context=graph.context)
+
+
+def test_subscribers_have_a_moment_before_the_first_message_and_behind_the_last(
+    graph: Graph, bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tester, waited_s = graph.node(), []
+    for topic in ("imu/seat/data", "imu/head/data"):
+        tester.create_subscription(Imu, topic, lambda message: None, 10)
+    player = graph.add(Player(bag, context=graph.context))
+    sleep = time.sleep
+    monkeypatch.setattr(time, "sleep", lambda seconds: (waited_s.append(seconds), sleep(seconds)))
+    assert player.wait_for_subscribers() == []
+    assert waited_s[-1] == MOMENT_S
+    assert player.flush()
+    assert waited_s[-2:] == [MOMENT_S, MOMENT_S]
