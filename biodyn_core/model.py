@@ -25,6 +25,8 @@ from biodyn_core.wiring import Element, Wiring
 
 SeatForce = Literal["inertia", "joint", "paper"]
 
+CASCADE_FORCES: Final = "forces under mass_matrix cascade are those of a body three times as heavy: ask for as_printed"
+
 MAX_STEP_S: Final = 1e-3
 """Largest integration step, the paper's own setting (3.3)."""
 
@@ -206,9 +208,7 @@ class Chain:
         if form not in ("inertia", "joint", "paper"):
             raise InputError(f"seat_force is {form!r}, allowed are inertia, joint and paper")
         if self.mass_matrix_form == "cascade" and not as_printed:
-            raise InputError(
-                "forces under mass_matrix cascade are those of a body three times as heavy: ask for as_printed"
-            )
+            raise InputError(CASCADE_FORCES)
 
     @functools.cached_property
     def largest_eigenvalue_rad_per_s(self) -> float:

@@ -62,6 +62,11 @@ class Recording:
     headings: Mapping[str, float] = field(default_factory=dict)
     """How far x of these sensors' `Channels` is turned to the left of the seat's, rad, where their motion tells it."""
 
+    @property
+    def begin(self) -> int:
+        """The first sample behind the warm-up."""
+        return round(WARM_UP_S * self.rate_hz)
+
     def named_channels(self) -> dict[str, Floats]:
         """Every channel by its name, such as `seat.x` or `head.bend_rate_y`, (n,) each, 0 where masked."""
         found = {
@@ -264,8 +269,7 @@ def representative(recordings: Sequence[Recording]) -> Recording:
 
 
 def _head(recording: Recording) -> Floats:
-    behind = round(WARM_UP_S * recording.rate_hz)
-    return recording.measured_mps2[behind:, MEASURED_SEGMENTS.index(HEAD)]
+    return recording.measured_mps2[recording.begin :, MEASURED_SEGMENTS.index(HEAD)]
 
 
 def level_mps2(values: Floats, rate_hz: float) -> float | None:

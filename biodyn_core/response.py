@@ -1,8 +1,8 @@
-"""Response over frequency: transmissibility, apparent mass and impedance by Welch's method, with their coherence.
+"""Response over frequency: outputs per input by Welch's method, with their coherence, of records and of streams.
 
 H1 estimates, S_yx / S_xx: noise on the answer is averaged out, noise on the seat makes them too small. A segment in
 which anything is masked is left out, of the input's spectrum too. The linear model's own response is `Chain`'s.
-Zaman et al., 4.1 and 4.2; Welch 1967; Bendat and Piersol, Random Data, 4th ed., 9.2.
+Zaman et al., 4.1; Welch 1967; Bendat and Piersol, Random Data, 4th ed., 9.2.
 """
 
 from __future__ import annotations
@@ -18,10 +18,7 @@ from scipy import signal
 
 from biodyn_core.arrays import Complexes, Flags, Floats, Integers
 from biodyn_core.errors import InputError
-from biodyn_core.model import Chain, Response, SeatForce
-from biodyn_core.recording import WARM_UP_S
 from biodyn_core.settings import check_settings, setting
-from biodyn_core.subject import Subject
 
 Part = tuple[Floats, Floats]
 """One stretch of time: input (n,) and outputs (n, m), NaN where masked."""
@@ -237,93 +234,6 @@ def peak(frequency_hz: Floats, magnitude: Floats, among: Flags | None = None) ->
         return None
     at = int(np.argmax(np.where(allowed, magnitude, -np.inf)))
     return Peak(float(frequency_hz[at]), float(magnitude[at]))
-
-
-@dataclass(frozen=True, eq=False)
-class DrivingPoint:
-    """What the seat feels of a body over frequency_hz (f,): apparent_mass_kg (f,), complex, and its coherence (f,).
-
-    Where the seat hardly moves the coherence is low, and what stands there is no apparent mass; below chance_coherence
-    nothing is told. body_mass_kg is the whole person's (Eq. 20), upper_body_mass_kg the model's, by which the paper's
-    printed 1.686 and 2.709 are normalised.
-    """
-
-    frequency_hz: Floats
-    apparent_mass_kg: Complexes
-    coherence: Floats
-    chance_coherence: float
-    body_mass_kg: float
-    upper_body_mass_kg: float
-
-    def tells(self, least_coherence: float) -> Flags:
-        """Where, (f,), the coherence is above the least that is asked for, and above chance."""
-        return np.nan_to_num(self.coherence) > max(self.chance_coherence, least_coherence)
-
-    @property
-    def by_body_mass(self) -> Floats:
-        """Magnitude over the body's mass, (f,)."""
-        return np.abs(self.apparent_mass_kg) / self.body_mass_kg
-
-    @property
-    def by_upper_body_mass(self) -> Floats:
-        """Magnitude over the mass of the six segments, (f,)."""
-        return np.abs(self.apparent_mass_kg) / self.upper_body_mass_kg
-
-    @property
-    def phase_deg(self) -> Floats:
-        """Phase of the force against the acceleration, (f,) degrees."""
-        return np.degrees(np.angle(self.apparent_mass_kg))
-
-    @property
-    def impedance_n_s_per_m(self) -> Complexes:
-        """Force over the seat's velocity, (f,) N s/m (Eq. 22).
-
-        S_FV / S_VV is 2 pi i f S_FA / S_AA: integrated over frequency, where a velocity summed up over time drifts.
-        """
-        return 2j * np.pi * self.frequency_hz * self.apparent_mass_kg
-
-
-def driving_point(
-    subject: Subject,
-    responses: Sequence[Response],
-    form: SeatForce = "inertia",
-    as_printed: bool = False,
-    settings: SpectrumSettings | None = None,
-) -> DrivingPoint:
-    """Apparent mass and impedance of simulated responses, `WARM_UP_S` of each left out; options of `Chain.seat_force`.
-
-    Raises InputError as that does, and as `cross_spectra`.
-    """
-    chain = Chain.of(subject)
-    rate_hz = common_rate_hz([response.rate_hz for response in responses])
-    parts = []
-    for response in responses:
-        begin = round(WARM_UP_S * rate_hz)
-        parts.append((response.seat_mps2[begin:], chain.seat_force(response, form, as_printed)[begin:, None]))
-    found = cross_spectra(parts, rate_hz, settings)
-    return DrivingPoint(
-        frequency_hz=found.frequency_hz,
-        apparent_mass_kg=found.h1[:, 0],
-        coherence=found.coherence[:, 0],
-        chance_coherence=float(found.chance_coherence[0]),
-        body_mass_kg=subject.body_mass_kg,
-        upper_body_mass_kg=float(chain.mass_kg.sum()),
-    )
-
-
-def linear_driving_point(
-    subject: Subject, frequency_hz: Floats, form: SeatForce = "inertia", as_printed: bool = False
-) -> DrivingPoint:
-    """The same of the linear model (s_nl = 0), exactly."""
-    chain = Chain.of(subject)
-    return DrivingPoint(
-        frequency_hz=frequency_hz,
-        apparent_mass_kg=chain.apparent_mass(frequency_hz, form, as_printed),
-        coherence=np.ones(frequency_hz.size),
-        chance_coherence=0.0,
-        body_mass_kg=subject.body_mass_kg,
-        upper_body_mass_kg=float(chain.mass_kg.sum()),
-    )
 
 
 def common_rate_hz(rates_hz: Sequence[float]) -> float:

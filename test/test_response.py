@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy import integrate, signal
 
 from biodyn_core import kernels
+from biodyn_core.driving_point import driving_point, linear_driving_point
 from biodyn_core.errors import InputError
 from biodyn_core.model import Chain, Response
 from biodyn_core.response import (
@@ -19,8 +20,6 @@ from biodyn_core.response import (
     SpectrumSettings,
     common_rate_hz,
     cross_spectra,
-    driving_point,
-    linear_driving_point,
     peak,
 )
 from biodyn_core.segments import SEGMENTS

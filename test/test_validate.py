@@ -383,7 +383,7 @@ def test_a_bag_becomes_a_document(tmp_path):
     assert "made by the model itself" in text_of(written)
     assert written["error"]["mean_nrmse_rms_percent"] < 15.0  # offsets of the clocks, 0.2 ms
     assert set(written["transmissibility"]) == set(SEGMENTS)
-    assert len(validated.responses) == len(validated.recordings) == 1
+    assert len(validated.runs) == 1
     for name in MEASURED_SEGMENTS:
         doses = written["exposure"]["segments"][name]
         assert doses["predicted"]["vdv_mps175"] == pytest.approx(doses["measured"]["vdv_mps175"], rel=0.02)

@@ -68,7 +68,7 @@ class Case:
         if not np.isfinite(seat).all():
             raise InputError(f"{name}: the seat has samples that are not finite; split the recording there")
         compared = np.isfinite(recording.measured_mps2)
-        compared[: round(WARM_UP_S * recording.rate_hz)] = False
+        compared[: recording.begin] = False
         short = compared.sum(axis=0) < s.least_compared_s * recording.rate_hz
         if short.all():
             raise InputError(

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.recording import WARM_UP_S
 from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
+from biodyn_core.validation import PredictedRun
 from biodyn_core.waterfall import Waterfall, WaterfallMeter
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses, injury
 from biodyn_ros.reports.frequency import driving_point, powers, residual_channels, transmissibility, waterfall
@@ -31,7 +31,7 @@ def validation_page(validated: Validated) -> str:
     check_reports()
     document = validated.document
     event = strongest_event(validated)
-    origin_ns = int(validated.recordings[0].stamps_ns[0])
+    origin_ns = int(validated.runs[0].recording.stamps_ns[0])
     found, shown = residual_waterfall(validated), worst_segment(document)
     return render(
         "validate.html.j2",
@@ -77,32 +77,29 @@ def doubts(document: Document) -> list[str]:
 
 def strongest_event(validated: Validated) -> Event | None:
     """What surrounds the largest measured acceleration of seat or head behind the warm-up; None where nothing is."""
-    best: tuple[float, str, int, int] | None = None
-    head = MEASURED_SEGMENTS.index(HEAD)
-    for run, recording in enumerate(validated.recordings):
-        begin = round(WARM_UP_S * recording.rate_hz)
-        for name, values in ((SEAT, recording.seat_mps2), (HEAD, recording.measured_mps2[:, head])):
-            felt = np.nan_to_num(np.abs(values[begin:]), nan=-1.0)
+    best: tuple[float, str, PredictedRun, int] | None = None
+    head = SEGMENTS.index(HEAD)
+    for run in validated.runs:
+        for name, values in ((SEAT, run.seat_mps2), (HEAD, run.measured_mps2[:, head])):
+            felt = np.nan_to_num(np.abs(values[run.begin :]), nan=-1.0)
             if felt.size and felt.max() > (best[0] if best else -1.0):
-                best = float(felt.max()), name, run, begin + int(felt.argmax())
+                best = float(felt.max()), name, run, run.begin + int(felt.argmax())
     if best is None:
         return None
     peak, name, run, at = best
-    recording, predicted = validated.recordings[run], validated.predicted[run]
-    stamps = recording.stamps_ns
+    stamps = run.recording.stamps_ns
     near = np.abs(stamps - stamps[at]) <= EVENT_HALF_NS
-    measured = np.column_stack([recording.seat_mps2, recording.measured_mps2])
-    return Event(name, int(stamps[at]), peak, stamps[near], predicted[near], stamps[near], measured[near])
+    measured = np.column_stack([run.seat_mps2, run.recording.measured_mps2])[near]
+    return Event(name, int(stamps[at]), peak, stamps[near], run.predicted_mps2[near], stamps[near], measured)
 
 
 def residual_waterfall(validated: Validated) -> Waterfall | None:
     """Of all measured segments, then of all their residuals, behind the warm-up; None where there is no second."""
     meter = WaterfallMeter(validated.document["rate_hz"], 2 * len(MEASURED_SEGMENTS))
-    for recording, predicted in zip(validated.recordings, validated.predicted, strict=True):
-        begin = round(WARM_UP_S * recording.rate_hz)
-        measured = recording.measured_mps2[begin:]
-        residual = predicted[begin:, MEASURED_SEGMENT_INDEX] - measured
-        meter.push(recording.stamps_ns[begin:], np.hstack([measured, residual]))
+    for run in validated.runs:
+        measured = run.recording.measured_mps2[run.begin :]
+        residual = run.predicted_mps2[run.begin :, MEASURED_SEGMENT_INDEX] - measured
+        meter.push(run.recording.stamps_ns[run.begin :], np.hstack([measured, residual]))
         meter.part()
     found = meter.waterfall()
     return found if found.begins_ns.size else None

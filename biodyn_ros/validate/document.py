@@ -1,0 +1,169 @@
+"""The mapping of validate.json."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any, Final
+
+import numpy as np
+
+from biodyn_core.driving_point import DrivingPoint
+from biodyn_core.exposure import Dose
+from biodyn_core.injury import Hic
+from biodyn_core.model import CASCADE_FORCES
+from biodyn_core.recording import WARM_UP_S
+from biodyn_core.response import Peak, SpectrumSettings, peak
+from biodyn_core.segments import HEAD, SEAT, SEGMENTS
+from biodyn_core.validation import Exposures, HeadPeaks, Validation
+from biodyn_ros import __version__
+from biodyn_ros.provenance import MADE_BY_MODEL, Role, without_note
+from biodyn_ros.spectra_json import array, power_document, spectra_document, transmissibility_document
+from biodyn_ros.validate.findings import ValidationSettings, findings, verdict
+
+Document = dict[str, Any]
+
+PRINTED_BAND: Final = (0.80, 0.95)
+"""The paper's printed band of the normalised apparent mass's peak (4.1), which it ascribes to ISO 5982; unverified."""
+
+
+def validation_document(
+    found: Validation, bag: str, role: Role | None, spectra: SpectrumSettings, limits: ValidationSettings
+) -> Document:
+    """All that was compared, with the findings and the verdict by these limits; role is what the bag was to the fit."""
+    recordings = [run.recording for run in found.runs]
+    made, rest = without_note(dict.fromkeys(line for recording in recordings for line in recording.warnings))
+    document: Document = {
+        "bag": bag or recordings[0].name,
+        "case": recordings[0].case,
+        "subject": found.subject.name,
+        "mass_matrix": found.subject.mass_matrix,
+        "role": role,
+        "path": "zero_phase",
+        "limits": asdict(limits),
+        "rate_hz": found.rate_hz,
+        "seconds": found.seconds,
+        "warm_up_s": WARM_UP_S,
+        "runs": len(found.runs),
+        "error": {
+            "segments": {name: asdict(error) if error else None for name, error in found.errors.items()},
+            "mean_nrmse_rms_percent": found.mean_nrmse_rms_percent,
+        },
+        "spectra": spectra_document(found.measured, found.predicted, spectra),
+        "transmissibility": transmissibility_document(found.measured, found.predicted, found.subject),
+        "power_spectral_density": power_document(found.measured, found.predicted),
+        "stht": _stht(found.head),
+        "driving_point": _driving_point(found, limits.least_coherence),
+        "exposure": _exposure(found.exposures),
+        "warnings": rest,
+        "version": __version__,
+    }
+    if made:
+        document["bag_made_by_model"] = MADE_BY_MODEL
+    document["findings"] = list(findings(document, limits))
+    document["verdict"] = verdict(document["findings"])
+    return document
+
+
+# --- doses -----------------------------------------------------------------------------------------------------------
+
+
+def _exposure(found: Exposures) -> Document:
+    document: Document = {
+        "channel": "low_passed",
+        SEAT: _dose(found.seat),
+        "segments": {
+            name: {
+                "measured": _dose(found.measured[name]),
+                "predicted": _dose(found.predicted[name]),
+                "lower_bound": name in found.masked,
+            }
+            for name in SEGMENTS
+        },
+        "dri": {"compression": found.dri.compression, "as_printed": found.dri.as_printed, "class": found.dri.band},
+    }
+    for name, measured in found.measured_hic.items():
+        document[name] = {
+            "measured": _hic(measured),
+            "predicted": _hic(found.predicted_hic[name]),
+            "bandwidth_hz": measured.bandwidth_hz,
+        }
+        if HEAD in found.masked:
+            document[name]["lower_bound"] = True
+    return document
+
+
+def _dose(dose: Dose) -> Document | None:
+    if dose.seconds == 0.0:
+        return None
+    return {
+        "aw_mps2": dose.aw_mps2,
+        "mtvv_mps2": dose.mtvv_mps2,
+        "crest_factor": dose.crest_factor,
+        "vdv_mps175": dose.vdv_mps175,
+        "peak_mps2": dose.peak_mps2,
+        "counted_s": dose.seconds,
+    }
+
+
+def _hic(found: Hic) -> Document | None:
+    """Both definitions that the vertical alone can answer; None where nothing was counted."""
+    return {"as_printed": found.as_printed, "vertical": found.vertical} if found.as_printed > 0.0 else None
+
+
+# --- over frequency --------------------------------------------------------------------------------------------------
+
+
+def _stht(head: HeadPeaks) -> Document:
+    """Seat-to-head transmissibility's peaks, and their ratio with its error."""
+    document: Document = {
+        "least_coherence": head.least_coherence,
+        "telling_share": head.telling_share,
+        "measured": _peak(head.measured),
+        "predicted": _peak(head.predicted),
+        "predicted_anywhere": _peak(head.predicted_anywhere),
+        "linear_anywhere": _peak(head.linear_anywhere),
+        "peak_ratio": head.ratio.magnitude if head.ratio else None,
+        "peak_ratio_relative_error": head.ratio.relative_error if head.ratio else None,
+        "frequency_ratio": head.ratio.frequency if head.ratio else None,
+    }
+    if head.ratio:
+        document["measured"]["coherence"] = head.ratio.coherence
+    return document
+
+
+def _driving_point(found: Validation, least_coherence: float) -> Document:
+    """Apparent mass and impedance: no force is measured, so both are the model's, over this event and linear."""
+    over_event, linear = found.driving_point, found.linear_driving_point
+    if over_event is None or linear is None:
+        return {"refused": CASCADE_FORCES}
+    return {
+        "seat_force": over_event.form,
+        "as_printed": over_event.as_printed,
+        "body_mass_kg": over_event.body_mass_kg,
+        "upper_body_mass_kg": over_event.upper_body_mass_kg,
+        "printed_band": list(PRINTED_BAND),
+        "predicted": _point(over_event, least_coherence)
+        | {"coherence": array(over_event.coherence), "chance_coherence": over_event.chance_coherence},
+        "linear": _point(linear, least_coherence),
+    }
+
+
+def _point(point: DrivingPoint, least_coherence: float) -> Document:
+    """One driving point; its peaks only where the coherence can tell."""
+    mass, impedance = np.abs(point.apparent_mass_kg), np.abs(point.impedance_n_s_per_m)
+    tells = point.tells(least_coherence)
+    peaks = {
+        "peak": mass, "peak_by_body_mass": point.by_body_mass, "peak_by_upper_body_mass": point.by_upper_body_mass,
+        "impedance_peak": impedance,
+    }  # fmt: skip
+    return {
+        "apparent_mass_kg": array(mass),
+        "phase_deg": array(point.phase_deg),
+        "impedance_n_s_per_m": array(impedance),
+        "impedance_phase_deg": array(np.degrees(np.angle(point.impedance_n_s_per_m))),
+        **{name: _peak(peak(point.frequency_hz, values, tells)) for name, values in peaks.items()},
+    }
+
+
+def _peak(found: Peak | None) -> Document | None:
+    return found._asdict() if found else None
