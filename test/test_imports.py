@@ -44,6 +44,7 @@ LAYERS = (
         "response",
         "rest",
         "runs",
+        "sampling_clock",
         "synthesis",
         "timelines",
         "upright",

@@ -1,4 +1,4 @@
-"""Rest: the clock that stamps tell, whatever they suffer, and which of the first seconds of a sensor count as rest."""
+"""Rest: which of the first seconds of a sensor count as rest, whatever their stamps suffer."""
 
 from __future__ import annotations
 
@@ -7,81 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ticks import COUNT, RATE_HZ, even_s, lost_at_random
 
 from biodyn_core.errors import InputError
-from biodyn_core.rest import Rest, RestWindow, fit_clock
+from biodyn_core.rest import Rest, RestWindow
 
-RATE_HZ = 1129.3
 START_NS = 1_767_225_600 * 10**9
 SEEDS = st.integers(0, 2**32 - 1)
-COUNT = 904
-"""Samples of 0.8 s."""
-
-
-def even_s(count: int = COUNT, rate_hz: float = RATE_HZ) -> np.ndarray:
-    """Stamps (n,) of an even clock, seconds."""
-    return np.arange(count) / rate_hz
-
-
-def lost_at_random(share: float, seed: int, rate_hz: float = RATE_HZ) -> np.ndarray:
-    """Even stamps without a share of them, the first and the last kept."""
-    kept = np.random.default_rng(seed).random(COUNT) >= share
-    kept[[0, -1]] = True
-    return even_s(rate_hz=rate_hz)[kept]
-
-
-# --- the clock -------------------------------------------------------------------------------------------------------
-
-
-@given(st.floats(250.0, 4000.0), SEEDS, st.lists(st.integers(1, 398), max_size=20, unique=True))
-def test_fit_clock_counts_lost_periods(rate_hz, seed, lost):
-    index = np.delete(np.arange(400), lost)
-    jitter = np.random.default_rng(seed).uniform(-0.1, 0.1, index.size)
-    clock = fit_clock((index + jitter) / rate_hz)
-    assert clock.period_s == pytest.approx(1.0 / rate_hz, rel=1e-3)  # 0.1 period of jitter over 400
-    assert clock.last_s == pytest.approx(399.0 / rate_hz, abs=0.1 / rate_hz)
-    assert clock.jitter_s == pytest.approx(0.05 / rate_hz, rel=0.2)  # the mean of |uniform|
-    assert clock.jitter_s < clock.worst_s < 0.21 / rate_hz and clock.samples == index.size
-
-
-@given(st.floats(0.01, 0.45), SEEDS, st.floats(250.0, 20_000.0))
-def test_random_loss_up_to_nearly_half_of_all_does_not_change_the_rate(share, seed, rate_hz):
-    clock = fit_clock(lost_at_random(share, seed, rate_hz))
-    assert clock.period_s == pytest.approx(1.0 / rate_hz, rel=1e-9) and clock.jitter_s < 1e-9
-
-
-@given(st.floats(255.0, 5000.0), st.integers(0, 10**7), st.sampled_from([1e-3, 2e-3, 4e-3, 10e-3]))
-def test_quantised_stamps_are_no_losses(rate_hz, begins_ns, quantum_s):
-    index = np.arange(round(0.8 * rate_hz))
-    stamps_s = np.floor((index / rate_hz + begins_ns * 1e-9) / quantum_s) * quantum_s
-    clock = fit_clock(stamps_s - stamps_s[0])
-    # A sawtooth over n samples bends a line's slope by no more than 6 (quantum / 2) / (n period) / 2; up to 5 stamps
-    # that are one quantum too far apart may be as many lost samples of a clock that ticks in quanta.
-    few = 5.0 / index.size if abs(rate_hz * quantum_s - 1.0) < 0.03 else 0.0
-    assert clock.period_s * rate_hz == pytest.approx(1.0, abs=1.5 * quantum_s / 0.8 + few + 0.02 * (few > 0.0))
-
-
-@pytest.mark.parametrize("many", [2, 3, 4, 5, 8, 20])
-@pytest.mark.parametrize("within", [0.01, 0.1, 0.5, 0.7])
-def test_bursts_are_no_losses(many, within):
-    index = np.arange(COUNT // many * many)
-    stamps_s = (index // many * many + index % many * within) / RATE_HZ
-    # The last burst leans the line by as much as its samples are early.
-    assert fit_clock(stamps_s).period_s == pytest.approx(1.0 / RATE_HZ, rel=0.01 + 2.0 * (many / COUNT) ** 2)
-
-
-@pytest.mark.parametrize("delay_ms", [0.05, 0.3, 1.0, 5.0])
-@pytest.mark.parametrize("seed", range(5))
-def test_stamps_of_late_callbacks_are_no_losses(delay_ms, seed):
-    delays_s = np.random.default_rng(seed).exponential(1e-3 * delay_ms, COUNT)
-    clock = fit_clock(np.maximum.accumulate(even_s() + delays_s))
-    assert clock.period_s == pytest.approx(1.0 / RATE_HZ, rel=1e-3 + 5e-3 * delay_ms)
-
-
-@pytest.mark.parametrize("stamps_s", [[], [0.0], [0.0, 1.0]])
-def test_two_stamps_tell_no_rate(stamps_s):
-    with pytest.raises(InputError, match="fewer than three different samples"):
-        fit_clock(np.array(stamps_s))
 
 
 # --- the window ------------------------------------------------------------------------------------------------------
