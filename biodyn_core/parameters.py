@@ -66,6 +66,14 @@ PARAMETERS: Final[tuple[Parameter, ...]] = (
 """Table 1 in the order of theta. Not validated beyond the paper's two adult men."""
 
 N_PARAMETERS: Final = len(PARAMETERS)
+FREQUENCIES: Final = slice(0, N_SEGMENTS)
+"""Where in theta f_n stands; below, the others (Eq. 28)."""
+
+DAMPINGS: Final = slice(N_SEGMENTS, 2 * N_SEGMENTS)
+RAYLEIGH: Final = 2 * N_SEGMENTS
+STIFFENING: Final = RAYLEIGH + 1
+MASS_SCALE: Final = STIFFENING + 1
+
 LOWER: Final[Floats] = np.array([p.lower for p in PARAMETERS])
 UPPER: Final[Floats] = np.array([p.upper for p in PARAMETERS])
 
@@ -112,10 +120,10 @@ class Parameters:
         t = np.asarray(theta, dtype=np.float64)
         if t.shape != (N_PARAMETERS,):
             raise InputError(f"theta: {N_PARAMETERS} values are needed, got shape {t.shape}")
-        return cls(t[:6], t[6:12], float(t[12]), float(t[13]), float(t[14]))
+        return cls(t[FREQUENCIES], t[DAMPINGS], float(t[RAYLEIGH]), float(t[STIFFENING]), float(t[MASS_SCALE]))
 
 
-UNFITTED: Final = Parameters.from_vector([*np.sqrt(LOWER[:14] * UPPER[:14]), 1.0])
+UNFITTED: Final = Parameters.from_vector([*np.sqrt(LOWER * UPPER)[:MASS_SCALE], 1.0])
 """The middle of Table 1 in log space, with m_scale 1: what stands for a person before any fit."""
 
 

@@ -89,7 +89,7 @@ class Subject:
             parameters=Parameters(
                 natural_frequency_hz=_numbers(values["natural_frequency_hz"], "parameters.natural_frequency_hz"),
                 damping_ratio=_numbers(values["damping_ratio"], "parameters.damping_ratio"),
-                **{key: _number(values[key], f"parameters.{key}") for key in _PARAMETER_KEYS[2:]},
+                **{key: _number(values[key], f"parameters.{key}") for key in _WHOLE_CHAIN_KEYS},
             ),
             effects=_effects(top.get("effects")),
             provenance=_mapping({} if top.get("provenance") is None else top["provenance"], "provenance"),
@@ -106,22 +106,15 @@ def load_subject(path: str | Path, unfitted: Parameters | None = None) -> Subjec
 
 
 _TOP_REQUIRED: Final = ("schema", "name", "body_mass_kg", "stature_m", "mass_matrix", "parameters")
-_PARAMETER_KEYS: Final = (
-    "natural_frequency_hz",
-    "damping_ratio",
-    "rayleigh_rad_per_s",
-    "stiffening_scale",
-    "mass_scale",
-)
+_WHOLE_CHAIN_KEYS: Final = ("rayleigh_rad_per_s", "stiffening_scale", "mass_scale")
+_PARAMETER_KEYS: Final = ("natural_frequency_hz", "damping_ratio", *_WHOLE_CHAIN_KEYS)
 
 
 def _parameters_dict(parameters: Parameters) -> dict[str, Any]:
     return {
         "natural_frequency_hz": [float(v) for v in parameters.natural_frequency_hz],
         "damping_ratio": [float(v) for v in parameters.damping_ratio],
-        "rayleigh_rad_per_s": parameters.rayleigh_rad_per_s,
-        "stiffening_scale": parameters.stiffening_scale,
-        "mass_scale": parameters.mass_scale,
+        **{key: getattr(parameters, key) for key in _WHOLE_CHAIN_KEYS},
     }
 
 

@@ -21,7 +21,19 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.kernels.cost import LANES, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
 from biodyn_core.model import Chain, Stepper
-from biodyn_core.parameters import LOWER, N_PARAMETERS, UPPER, Parameters, from_log, to_log
+from biodyn_core.parameters import (
+    DAMPINGS,
+    FREQUENCIES,
+    LOWER,
+    MASS_SCALE,
+    N_PARAMETERS,
+    RAYLEIGH,
+    STIFFENING,
+    UPPER,
+    Parameters,
+    from_log,
+    to_log,
+)
 from biodyn_core.segments import (
     MASS_FRACTION,
     MEASURED_SEGMENT_INDEX,
@@ -34,7 +46,7 @@ from biodyn_core.subject import MassMatrix, Subject
 Regularization = Literal["physical", "log"]
 Clocks = Literal["trusted", "estimated"]
 
-N_LINEAR: Final = 13
+N_LINEAR: Final = STIFFENING
 """Parameters of phase 1: f_n, zeta and alpha_r; s_nl = 0 and m_scale = 1 are held (Eq. 29)."""
 
 SEGMENT_WEIGHTS: Final = {"pelvis": 0.5, "lower_torso": 0.2, "upper_torso": 0.8, "neck": 2.5, "head": 3.0}
@@ -54,13 +66,13 @@ class Constants:
     """Constants of the joints per kg of body mass for many theta (p, 15), as `Chain.of` has them, each (p, 6)."""
 
     def __init__(self, theta: Floats, mass_matrix: MassMatrix) -> None:
-        mass = theta[:, 14:] * MASS_FRACTION
+        mass = theta[:, MASS_SCALE, None] * MASS_FRACTION
         cascade = np.cumsum(mass[:, ::-1], axis=1)[:, ::-1]
-        self.k = (2.0 * np.pi * theta[:, :6]) ** 2 * cascade
-        self.b = 2.0 * theta[:, 6:12] * np.sqrt(self.k * cascade)
-        self.k_alpha = self.k * theta[:, 13:14] * STIFFENING_SHAPE_PER_M
+        self.k = (2.0 * np.pi * theta[:, FREQUENCIES]) ** 2 * cascade
+        self.b = 2.0 * theta[:, DAMPINGS] * np.sqrt(self.k * cascade)
+        self.k_alpha = self.k * theta[:, STIFFENING, None] * STIFFENING_SHAPE_PER_M
         self.mass = np.ascontiguousarray(mass if mass_matrix == "segment" else cascade)
-        self.alpha_r = np.ascontiguousarray(theta[:, 12])
+        self.alpha_r = np.ascontiguousarray(theta[:, RAYLEIGH])
 
     def lanes(self) -> Floats:
         """The rows `integrate_lanes` reads, (25, LANES); lanes without a theta repeat the last."""

@@ -16,12 +16,12 @@ from biodyn_core.identification.objectives import N_LINEAR, PENALTY, Pull, TimeD
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.parameters import LOWER, N_PARAMETERS, UPPER, from_sigmoid, to_sigmoid
+from biodyn_core.parameters import LOWER, MASS_SCALE, N_PARAMETERS, STIFFENING, UPPER, from_sigmoid, to_sigmoid
 from biodyn_core.subject import Subject
 
 Linearised = Callable[[Floats], tuple[Floats, Floats]]
 
-FIRST_STIFFENING: Final = float(np.sqrt(LOWER[13] * UPPER[13]))
+FIRST_STIFFENING: Final = float(np.sqrt(LOWER[STIFFENING] * UPPER[STIFFENING]))
 """Start of s_nl, which phase 1 does not see: the middle of Table 1 in log space."""
 
 INTERIOR: Final = 0.02
@@ -76,7 +76,8 @@ def _starts(
     """Starts (k, 15) with s_nl and m_scale added (Eq. 32), best first and no twins; the simulations it took."""
     found = np.concatenate([search.theta for search in searches])
     theta = np.empty((len(found), N_PARAMETERS))
-    theta[:, :N_LINEAR], theta[:, 13], theta[:, 14] = found, FIRST_STIFFENING, subject.parameters.mass_scale
+    theta[:, :N_LINEAR] = found
+    theta[:, STIFFENING], theta[:, MASS_SCALE] = FIRST_STIFFENING, subject.parameters.mass_scale
     unpulled = TimeDomain(cases, subject, Pull(theta[0], 0.0))
     kept: list[Floats] = []
     for point in theta[np.argsort(unpulled.costs(theta), kind="stable")]:
