@@ -96,7 +96,7 @@ class Tally:
         rows[:, : self.sums] /= self._rate_hz
         return rows
 
-    def go_on_from(self, rows: Floats) -> None:
+    def resume(self, rows: Floats) -> None:
         """Add what was kept; the rolling window knows nothing of it."""
         earlier = rows.copy()
         earlier[:, : self.sums] *= self._rate_hz
@@ -163,14 +163,14 @@ class Meter(ABC):
         self._tally.reset()
 
     def kept(self) -> Floats:
-        """What was counted since reset, for `go_on_from` of a meter of another run."""
+        """What was counted since reset, for `resume` of a meter of another run."""
         return self._tally.kept()
 
-    def go_on_from(self, kept: Floats) -> None:
+    def resume(self, kept: Floats) -> None:
         """Count on from what was kept; raises InputError for what no meter counts."""
         if kept.min(initial=0.0) < 0.0:
             raise InputError("kept with a sum of powers below zero")
-        self._tally.go_on_from(kept)
+        self._tally.resume(kept)
 
 
 class DoseMeter(Meter):
@@ -236,9 +236,9 @@ class HorizontalMeter(Meter):
         self._tally.skip(seconds)
         self._weighting.restart()
 
-    def go_on_from(self, kept: Floats) -> None:
+    def resume(self, kept: Floats) -> None:
         """Count on from what was kept; mixed moments of both axes may be below zero."""
-        self._tally.go_on_from(kept)
+        self._tally.resume(kept)
 
     def along(self, angles_rad: ArrayLike, rolling: bool = False) -> tuple[Floats, Floats]:
         """Return (aw m/s^2, VDV m/s^1.75) along directions (n,) from the first axis, each (n,)."""

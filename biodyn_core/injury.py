@@ -98,13 +98,13 @@ class DriMeter(Meter):
         """As of every meter, with the seconds that passed and when it was largest, (1, 4)."""
         return np.column_stack([super().kept(), self._seen[None] / self._rate_hz])
 
-    def go_on_from(self, kept: Floats) -> None:
+    def resume(self, kept: Floats) -> None:
         """Count on from what was kept."""
         largest, before = self._tally.since_reset()[0, 0], np.rint(kept[0, 2:] * self._rate_hz).astype(np.int64)
         self._seen += before[0]
         if kept[0, 0] >= largest:
             self._seen[1] = before[1]
-        super().go_on_from(np.ascontiguousarray(kept[:, :2]))
+        super().resume(np.ascontiguousarray(kept[:, :2]))
 
     def _dri(self, rows: Floats) -> Dri:
         scale = DRI_OMEGA_RAD_PER_S**2 / STANDARD_GRAVITY_MPS2

@@ -72,7 +72,7 @@ class KeptSensor:
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class KeptExposure:
     """Exposure since reset: of whom, by sensor, and beside the sensors that of the model and of comparisons."""
 
     belongs: Mapping[str, str]
@@ -105,7 +105,7 @@ class Kept:
         }
 
     @classmethod
-    def from_dict(cls, document: object) -> Kept:
+    def from_dict(cls, document: object) -> KeptExposure:
         """Raises InputError for what `to_dict` never wrote."""
         try:
             top = _mapping(document)

@@ -126,20 +126,20 @@ class SensorMeters:
         self._settle()
         return {name: meter.kept() for name, meter in self._named.items()}
 
-    def go_on_from(self, kept: Mapping[str, Floats], gap_s: float) -> None:
+    def resume(self, kept: Mapping[str, Floats], gap_s: float) -> None:
         """Count on from what was kept, so long ago; raises InputError for rows that no meter of this name has."""
         self._settle()
         for name, meter in self._named.items():
             if name in kept:
-                go_on(meter, kept[name], name)
+                resume_meter(meter, kept[name], name)
             meter.skip(gap_s)
 
 
-def go_on(meter: Meter, kept: Floats, name: str) -> None:
+def resume_meter(meter: Meter, kept: Floats, name: str) -> None:
     """Let a meter go on from what was kept; raises InputError where its rows are another meter's, or nobody's."""
     if kept.shape != meter.kept().shape:
         raise InputError(f"{name}: kept as {kept.shape}, {meter.kept().shape} are needed")
     try:
-        meter.go_on_from(kept)
+        meter.resume(kept)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None

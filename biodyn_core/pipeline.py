@@ -19,13 +19,13 @@ import numpy as np
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning import Conditioner, Mode, SettingsOf, settings_for
-from biodyn_core.earlier import Earlier
+from biodyn_core.earlier_run import EarlierRun
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose
 from biodyn_core.frames import NO_FRAMES, NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames, joined
 from biodyn_core.injury import Dri, Hic
 from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
-from biodyn_core.keeping import NOTHING_LOST, Kept, KeptSensor, Lost
+from biodyn_core.keeping import NOTHING_LOST, KeptExposure, KeptSensor, Lost
 from biodyn_core.levelling import Vector, first_axis_rad
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.metering import SensorMeters
@@ -95,7 +95,7 @@ class Pipeline:
         self._whole_runs: list[tuple[str, Block]] = []
         self._early: dict[str, deque[Block]] = {name: deque() for name in SENSORS}
         self._at_reset = dict.fromkeys(SENSORS, NOTHING_LOST)
-        self._earlier = Earlier.none(self._conditioners)
+        self._earlier = EarlierRun.none(self._conditioners)
 
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
@@ -125,22 +125,22 @@ class Pipeline:
             meters.reset()
         if self._seat:
             self._seat.reset()
-        self._earlier = Earlier.none(self._conditioners)
+        self._earlier = EarlierRun.none(self._conditioners)
         self._at_reset = {name: self._lost(name) for name in SENSORS}
 
-    def go_on_from(self, kept: Kept) -> None:
+    def resume(self, kept: KeptExposure) -> None:
         """Go on with the exposure of a run before this one, whose first sample is still to come.
 
         Raises InputError where it does not fit.
         """
         meters = {name: self._new_meters(name, 1.0 / one.rest.period_s) for name, one in kept.sensors.items()}
-        earlier = Earlier.of(kept, self._conditioners, meters)
+        earlier = EarlierRun.of(kept, self._conditioners, meters)
         if SEAT in meters:  # whether the rest fits is to be known now, not in the middle of the ride
-            self._new_seat_side(meters[SEAT].rate_hz).go_on_from(kept.beside, 0.0)
+            self._new_seat_side(meters[SEAT].rate_hz).resume(kept.beside, 0.0)
         self._earlier = earlier
 
-    def kept(self, belongs: Mapping[str, str]) -> Kept | None:
-        """Exposure since reset as plain data, None while nothing was counted; belongs: see `Kept`."""
+    def kept(self, belongs: Mapping[str, str]) -> KeptExposure | None:
+        """Exposure since reset as plain data, None while nothing was counted; belongs: see `KeptExposure`."""
         sensors = dict(self._earlier.sensors)
         for name, meters in self._meters.items():
             conditioner = self._conditioners[name]
@@ -148,7 +148,7 @@ class Pipeline:
             if conditioner.rest is not None and newest_ns is not None:
                 sensors[name] = KeptSensor(newest_ns, self.lost(name), conditioner.rest, meters.kept())
         beside = self._seat.kept() if self._seat else self._earlier.beside
-        return Kept(belongs, sensors, beside) if sensors else None
+        return KeptExposure(belongs, sensors, beside) if sensors else None
 
     def exposure(self, rolling: bool = False) -> Exposure:
         """The figures since reset, or over the last `window_s`."""
@@ -275,7 +275,7 @@ class Pipeline:
             return NO_FRAMES
         if sensor not in self._meters:
             meters = self._new_meters(sensor, self._conditioners[sensor].rate_hz)
-            self._meters[sensor] = self._earlier.taken_up(sensor, meters)
+            self._meters[sensor] = self._earlier.resumed(sensor, meters)
         for block in blocks:
             self._meters[sensor].push(block)
         return self._predict(blocks) if sensor == SEAT else Frames(NO_PREDICTED, self._compare(sensor, blocks))
@@ -285,7 +285,7 @@ class Pipeline:
         if self._seat is None:
             rate_hz = self._conditioners[SEAT].rate_hz
             self._seat = self._new_seat_side(rate_hz)
-            self._seat.go_on_from(self._earlier.beside, self._earlier.between_s(SEAT))
+            self._seat.resume(self._earlier.beside, self._earlier.between_s(SEAT))
             for sensor, early in self._early.items():
                 if early:
                     self._seat.comparison.sensor(sensor, list(early))

@@ -13,7 +13,7 @@ from biodyn_core.arrays import Floats
 from biodyn_core.comparison import Comparison
 from biodyn_core.conditioned import Block
 from biodyn_core.exposure import Dose, DoseMeter, Meter
-from biodyn_core.metering import Batch, go_on
+from biodyn_core.metering import Batch, resume_meter
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 
@@ -102,12 +102,12 @@ class SeatSide:
         self._digest(self._batch.take())
         return {name: meter.kept() for name, meter in self._meters.items()}
 
-    def go_on_from(self, kept: Mapping[str, Floats], gap_s: float) -> None:
+    def resume(self, kept: Mapping[str, Floats], gap_s: float) -> None:
         """Count on from what was kept, so long ago."""
         self._digest(self._batch.take())
         for name, meter in self._meters.items():
             if name in kept:
-                go_on(meter, kept[name], name)
+                resume_meter(meter, kept[name], name)
             meter.skip(gap_s)
 
     @property

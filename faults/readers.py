@@ -107,7 +107,7 @@ def _state(path: Path) -> None:
         pass
     kept = StateFile(path).read()
     assert kept is not None
-    Pipeline(subject()).go_on_from(kept)
+    Pipeline(subject()).resume(kept)
 
 
 def _import(path: Path) -> None:

@@ -27,7 +27,7 @@ LAYERS = (
         "conditioning",
         "driving_point",
         "dual_range",
-        "earlier",
+        "earlier_run",
         "exposure",
         "flags",
         "frames",

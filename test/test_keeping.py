@@ -10,7 +10,7 @@ from streams import RATE_HZ, noisy_streams, subject
 from test_pipeline import in_turn, run
 
 from biodyn_core.errors import InputError
-from biodyn_core.keeping import Kept, digest
+from biodyn_core.keeping import KeptExposure, digest
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SEAT, SENSORS
@@ -28,7 +28,7 @@ def parted(begin: int, end: int, held_out: tuple[str, ...] = ()) -> tuple[Pipeli
     first = run(streams, before, finish=False, pipeline=Pipeline(subject(), settings=ALSO)).pipeline
     text = json.dumps(first.kept(BELONGS).to_dict())
     second = Pipeline(subject(), settings=ALSO)
-    second.go_on_from(Kept.from_dict(json.loads(text)))
+    second.resume(KeptExposure.from_dict(json.loads(text)))
     return whole, run(streams, after, finish=False, pipeline=second).pipeline
 
 
@@ -70,7 +70,7 @@ def test_after_a_minute_rest_is_looked_for_anew() -> None:
     first = run(streams, in_turn(streams, 140), finish=False).pipeline
     late = [(one.sensor, one.stamps_ns + 70 * 10**9 + 10**10, one.accel_mps2) for one in streams]
     second = Pipeline(subject())
-    second.go_on_from(first.kept(BELONGS))
+    second.resume(first.kept(BELONGS))
     for at in range(0, 8000, 140):
         for sensor, stamps_ns, accel in late:
             second.push(sensor, stamps_ns[at : at + 140], accel[at : at + 140])
@@ -93,7 +93,7 @@ def test_reset_forgets_what_was_before_the_restart_too() -> None:
     second.reset()
     assert second.lost(SEAT).missing_s == 0.0 and second.exposure().sensors[SEAT].seconds == 0.0
     waiting = Pipeline(subject())
-    waiting.go_on_from(second.kept(BELONGS))
+    waiting.resume(second.kept(BELONGS))
     waiting.reset()
     assert waiting.exposure().sensors == {} and waiting.kept(BELONGS) is None
 
@@ -140,7 +140,7 @@ def spoilt() -> dict:
 @pytest.mark.parametrize("name", spoilt())
 def test_what_was_never_kept_is_refused_in_one_line(name: str) -> None:
     with pytest.raises(InputError, match="no exposure that was kept") as caught:
-        Kept.from_dict(spoilt()[name])
+        KeptExposure.from_dict(spoilt()[name])
     assert "\n" not in str(caught.value)
 
 
@@ -148,13 +148,13 @@ def test_rows_of_another_meter_are_refused() -> None:
     document = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline.kept(BELONGS).to_dict()
     document["sensors"]["seat"]["meters"]["plane"] = [[1.0, 2.0]]
     with pytest.raises(InputError, match=r"plane: kept as \(1, 2\), \(1, 9\) are needed"):
-        Pipeline(subject()).go_on_from(Kept.from_dict(document))
+        Pipeline(subject()).resume(KeptExposure.from_dict(document))
 
 
 def test_sums_of_powers_below_zero_are_refused_before_the_ride() -> None:
     document = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline.kept(BELONGS).to_dict()
     assert min(document["sensors"]["seat"]["meters"]["plane"][0]) < 0.0  # a mixed moment may be
-    Pipeline(subject()).go_on_from(Kept.from_dict(document))
+    Pipeline(subject()).resume(KeptExposure.from_dict(document))
     document["sensors"]["head"]["meters"]["vertical"][0][0] *= -1.0
     with pytest.raises(InputError, match="vertical: kept with a sum of powers below zero"):
-        Pipeline(subject()).go_on_from(Kept.from_dict(document))
+        Pipeline(subject()).resume(KeptExposure.from_dict(document))

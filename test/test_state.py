@@ -16,7 +16,7 @@ from streams import RATE_HZ, noisy_streams, subject
 from test_pipeline import in_turn, run
 
 from biodyn_core.errors import InputError
-from biodyn_core.keeping import Kept, digest
+from biodyn_core.keeping import KeptExposure, digest
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_core.subject import load_subject
@@ -33,7 +33,7 @@ def counted() -> Pipeline:
     return run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline
 
 
-def kept() -> Kept:
+def kept() -> KeptExposure:
     """Its exposure."""
     found = counted().kept(BELONGS)
     assert found is not None
@@ -74,7 +74,7 @@ def test_a_keeper_goes_on_and_what_it_keeps_adds_up(tmp_path: Path) -> None:
     second, pipeline = keeper(tmp_path / "state.json"), Pipeline(subject())
     assert second.waits
     second.keep(pipeline)  # nothing has come: what is there stays
-    assert "goes on" in second.begin(pipeline, kept().newest_ns + 10**9) and second.went_on
+    assert "goes on" in second.begin(pipeline, kept().newest_ns + 10**9) and second.resumed
     assert pipeline.exposure().sensors[SEAT].vdv_mps175 == pytest.approx(counted().exposure().sensors[SEAT].vdv_mps175)
 
 
@@ -102,7 +102,7 @@ def test_what_is_not_believed_is_set_aside_and_nothing_is_lost(tmp_path: Path, s
     path.write_text(spoil(path.read_text()))
     text, again, pipeline = path.read_text(), keeper(path), Pipeline(subject())
     said = again.begin(pipeline, kept().newest_ns + 10**9)
-    assert why in said and "begins anew" in said and "\n" not in said and not again.went_on
+    assert why in said and "begins anew" in said and "\n" not in said and not again.resumed
     assert pipeline.exposure().sensors == {}
     assert path.with_name("state.json.before").read_text() == text and not path.exists()
     path.write_text("another")

@@ -271,7 +271,7 @@ def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: Growth, ma
 def keeping_status(keeper: Keeper) -> Status:
     """Judge whether exposure would survive a restart."""
     level, message = (WARN, keeper.failed) if keeper.failed else (OK, "kept across restarts")
-    values = {"state_file": str(keeper.path), "went_on": str(keeper.went_on).lower()}
+    values = {"state_file": str(keeper.path), "went_on": str(keeper.resumed).lower()}
     return Status("exposure", level, message, values)
 
 

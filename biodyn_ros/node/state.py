@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from biodyn_core.errors import InputError
-from biodyn_core.keeping import Kept, digest
+from biodyn_core.keeping import KeptExposure, digest
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
@@ -56,7 +56,7 @@ class StateFile:
         if not os.access(path.parent, os.W_OK):
             raise InputError(f"{path}: cannot be written (Permission denied)")
 
-    def read(self) -> Kept | None:
+    def read(self) -> KeptExposure | None:
         """What is kept there; None where there is no file. Raises InputError, naming it, for one that is damaged."""
         if not is_there(self.path):
             return None
@@ -66,7 +66,7 @@ class StateFile:
                 raise InputError(f"schema is {str(document['schema'])[:40]}, this version reads {SCHEMA}")
             if document["digest"] != digest(document["kept"]):
                 raise InputError("is damaged, its digest is of another content")
-            return Kept.from_dict(document["kept"])
+            return KeptExposure.from_dict(document["kept"])
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
 
@@ -77,13 +77,13 @@ class StateFile:
         self.path.replace(aside)
         return aside
 
-    def save(self, kept: Kept) -> None:
+    def save(self, kept: KeptExposure) -> None:
         """Write in the background; left out while the last one is still being written."""
         if self._writing is None or self._writing.done():
             self._raised()
             self._writing = self._writer.submit(self._write, kept.to_dict())
 
-    def close(self, kept: Kept | None) -> None:
+    def close(self, kept: KeptExposure | None) -> None:
         """Write for the last time, and wait for it."""
         self._writer.shutdown(wait=True)
         if kept is None:
@@ -110,7 +110,7 @@ class Keeper:
 
     def __init__(self, file: StateFile, belongs: Mapping[str, str], most_h: float, believed: Believed) -> None:
         self._file, self._belongs, self._most_h, self._believed = file, belongs, most_h, believed
-        self.went_on, self.failed = False, ""
+        self.resumed, self.failed = False, ""
         self.waits = is_there(file.path)
         """Whether the first sample is still to come that says what becomes of the file."""
 
@@ -121,8 +121,8 @@ class Keeper:
             kept = self._file.read()
             why = refused(kept, self._belongs, stamp_ns, self._most_h, self._believed) if kept else "it is gone"
             if kept and not why:
-                pipeline.go_on_from(kept)
-                self.went_on = True
+                pipeline.resume(kept)
+                self.resumed = True
                 return f"exposure goes on from {self._file.path}"
         except InputError as error:
             why = str(error)
@@ -162,7 +162,7 @@ def belongs_to(subject: Subject, topics: Mapping[str, str]) -> dict[str, str]:
     return {"subject": digest(person), "sensors": digest(dict(topics))}
 
 
-def refused(kept: Kept, belongs: Mapping[str, str], stamp_ns: int, most_h: float, believed: Believed) -> str:
+def refused(kept: KeptExposure, belongs: Mapping[str, str], stamp_ns: int, most_h: float, believed: Believed) -> str:
     """Why an exposure that was kept is not gone on from at a stamp; empty where it is."""
     if believed == "none":
         return "kept_exposure is none"

@@ -1,4 +1,4 @@
-"""Earlier: the run before this one whose exposure goes on, until each of its sensors has come back."""
+"""Earlier run: the one before this whose exposure goes on, until each of its sensors has come back."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioning import Conditioner
 from biodyn_core.errors import InputError
-from biodyn_core.keeping import NOTHING_LOST, STILL_AT_REST_S, Kept, KeptSensor, Lost
+from biodyn_core.keeping import NOTHING_LOST, STILL_AT_REST_S, KeptExposure, KeptSensor, Lost
 from biodyn_core.metering import SensorMeters
 
 
-class Earlier:
+class EarlierRun:
     """What was kept of an earlier run, or nothing: its sensors, what its meters hold, and what stood beside them."""
 
     def __init__(
@@ -28,15 +28,17 @@ class Earlier:
         self.held = dict(held)
 
     @classmethod
-    def none(cls, conditioners: Mapping[str, Conditioner]) -> Earlier:
+    def none(cls, conditioners: Mapping[str, Conditioner]) -> EarlierRun:
         """There was none, or it is forgotten."""
         return cls(conditioners, {}, {}, {})
 
     @classmethod
-    def of(cls, kept: Kept, conditioners: Mapping[str, Conditioner], meters: Mapping[str, SensorMeters]) -> Earlier:
+    def of(
+        cls, kept: KeptExposure, conditioners: Mapping[str, Conditioner], meters: Mapping[str, SensorMeters]
+    ) -> EarlierRun:
         """What was kept, with new meters of its sensors that count on from it; InputError where they do not fit."""
         for sensor, one in kept.sensors.items():
-            meters[sensor].go_on_from(one.meters, 0.0)
+            meters[sensor].resume(one.meters, 0.0)
         return cls(conditioners, kept.sensors, meters, kept.beside)
 
     def begin(self, sensor: str, stamps_ns: Integers) -> None:
@@ -49,10 +51,10 @@ class Earlier:
             with contextlib.suppress(InputError):  # other settings: rest is looked for as ever
                 conditioner.begin_known(before.rest, int(stamps_ns[given[0]]))
 
-    def taken_up(self, sensor: str, meters: SensorMeters) -> SensorMeters:
+    def resumed(self, sensor: str, meters: SensorMeters) -> SensorMeters:
         """The sensor's meters of this run, gone on from those that were held."""
         if sensor in self.held:
-            meters.go_on_from(self.held.pop(sensor).kept(), self.between_s(sensor))
+            meters.resume(self.held.pop(sensor).kept(), self.between_s(sensor))
         return meters
 
     def lost(self, sensor: str) -> Lost:
