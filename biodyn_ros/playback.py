@@ -1,4 +1,4 @@
-"""What playing a bag means, without ROS: its settings, what was sent, and the order of messages."""
+"""What playing a bag means, without ROS: its settings, what goes where, what was sent, and the order of messages."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from biodyn_core.settings import check_settings, setting
 from biodyn_ros.bag import BagReader
+from biodyn_ros.reading.mapping import check_given
+from biodyn_ros.topics import INPUT
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,19 @@ class Played:
 
     messages: dict[str, int]
     seconds: float
+
+
+def played_on(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
+    """Return {topic of the bag: topic that it is played on}: its own, or the input of the sensor which it is given as.
+
+    What is given takes the place of a topic of that name, which is left out. Raises InputError for a given topic that
+    is not there.
+    """
+    check_given(reader, given)
+    inputs = {topic: INPUT[sensor] for sensor, topic in given.items()}
+    taken = set(inputs.values())
+    names = [topic.name for topic in reader.topics if topic.messages]
+    return {name: inputs.get(name, name) for name in names if name in inputs or name.lstrip("/") not in taken}
 
 
 def in_order(reader: BagReader, topics: list[str]) -> Iterator[tuple[int, str, bytes]]:

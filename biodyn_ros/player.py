@@ -1,8 +1,9 @@
 """Plays a bag onto its topics: paced by log time, stamps rebased to now unless kept, waiting for its subscribers.
 
-Serialized messages go out as they are; only the header stamp is patched. It publishes RELIABLE, which serves both
-kinds of subscriber, and waits until it is matched, because a publisher that does not wait loses its first messages.
-One that leaves at once loses its last: best-effort subscribers acknowledge none, and what they have not taken goes too.
+Serialized messages go out as they are; only the header stamp is patched: moved, or set by the recorder's clock. It
+publishes RELIABLE, which serves both kinds of subscriber, and waits until it is matched, because a publisher that does
+not wait loses its first messages. One that leaves at once loses its last: best-effort subscribers acknowledge none, and
+what they have not taken goes too.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import importlib
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import rclpy
 from builtin_interfaces.msg import Time
@@ -25,8 +26,8 @@ from rosgraph_msgs.msg import Clock
 
 from biodyn_core.errors import InputError
 from biodyn_ros.bag import open_bag
-from biodyn_ros.cdr import shift_stamp
-from biodyn_ros.playback import Played, PlayerSettings, in_order
+from biodyn_ros.cdr import restamp, shift_stamp
+from biodyn_ros.playback import Played, PlayerSettings, in_order, played_on
 from biodyn_ros.progress import Tell
 
 CLOCK_STEP_NS: Final = 10_000_000
@@ -38,7 +39,8 @@ MOMENT_S: Final = 0.5
 class Player(Node):
     """A node that publishes a bag's topics: `wait_for_subscribers`, then `play`.
 
-    `tell` hears (milliseconds played, milliseconds in all) ten times a second of the bag, unless it loops.
+    `tell` hears (milliseconds played, milliseconds in all) ten times a second of the bag, unless it loops. mapping:
+    the bag's topic by sensor where its name does not tell; time: whose stamps go out, the `header`'s or the `log`'s.
     """
 
     def __init__(
@@ -46,29 +48,36 @@ class Player(Node):
         bag: str | Path,
         settings: PlayerSettings | None = None,
         tell: Tell = lambda done, total: None,
+        mapping: dict[str, str] | None = None,
+        time: Literal["header", "log"] = "header",
         **kwargs: Any,
     ) -> None:
         super().__init__("biodyn_player", **kwargs)
         self._tell = (lambda done, total: None) if settings and settings.loop else tell
         self.settings = settings or PlayerSettings()
         self.bag = Path(bag)
+        self._by_log = time == "log"
         with open_bag(bag) as reader:
-            self._types = {topic.name: topic.type for topic in reader.topics if topic.messages}
+            self._names = played_on(reader, mapping or {})
+            types = {topic.name: topic.type for topic in reader.topics if topic.name in self._names}
+            replaced = [topic.name for topic in reader.topics if topic.messages and topic.name not in self._names]
             for warning in reader.warnings:
                 self.get_logger().warning(warning)
-        if not self._types:
+        if not types:
             raise InputError(f"{bag}: the bag is empty, there is nothing to play")
+        for name in replaced:
+            self.get_logger().warning(f"{name}: not played: another topic is given as its sensor")
         qos = QoSProfile(
             history=HistoryPolicy.KEEP_LAST, depth=self.settings.depth, reliability=ReliabilityPolicy.RELIABLE
         )
         self._outputs = {
-            name: self.create_publisher(cls, name, qos)
-            for name, cls in ((name, message_class(kind)) for name, kind in self._types.items())
+            name: self.create_publisher(cls, self._names[name], qos)
+            for name, cls in ((name, message_class(kind)) for name, kind in types.items())
             if cls is not None
         }
         self._stamped = {name for name, output in self._outputs.items() if _has_header(output.msg_type)}
-        for name in self._types.keys() - self._outputs.keys():
-            self.get_logger().warning(f"{name}: no Python class for {self._types[name]} is installed: not played")
+        for name in types.keys() - self._outputs.keys():
+            self.get_logger().warning(f"{name}: no Python class for {types[name]} is installed: not played")
         self._clock_output = self.create_publisher(Clock, "/clock", 10) if self.settings.clock else None
 
     def wait_for_subscribers(self, going: Callable[[], bool] = lambda: True) -> list[str]:
@@ -77,10 +86,10 @@ class Player(Node):
         alone = list(self._outputs)
         while alone and going() and time.monotonic() < deadline:
             time.sleep(PATIENCE_S)
-            alone = [name for name, output in self._outputs.items() if output.get_subscription_count() == 0]
+            alone = [name for name in self._outputs if self._outputs[name].get_subscription_count() == 0]
         if len(alone) < len(self._outputs):
             time.sleep(MOMENT_S)  # a subscriber knows of its publisher a moment later than the publisher of it
-        return alone
+        return [self._names[name] for name in alone]
 
     def play(self, going: Callable[[], bool] = lambda: True) -> Played:
         """Publish everything, in order of log time, as long as `going()`."""
@@ -90,7 +99,7 @@ class Player(Node):
             self._play_once(sent, going)
             if not self.settings.loop:
                 break
-        return Played(sent, time.monotonic() - began)
+        return Played({self._names[name]: count for name, count in sent.items()}, time.monotonic() - began)
 
     def flush(self, timeout_s: float = 20.0) -> bool:
         """Wait until reliable subscribers have acknowledged all, and a moment for others; False when time ran out."""
@@ -117,10 +126,16 @@ class Player(Node):
                 if self._clock_output and elapsed_ns >= next_clock_ns:
                     self._publish_clock(log_ns + rebase_ns)
                     next_clock_ns = elapsed_ns + CLOCK_STEP_NS
-                moves = rebase_ns and name in self._stamped
-                self._outputs[name].publish(shift_stamp(message, rebase_ns) if moves else message)
+                self._outputs[name].publish(self._stamp(name, message, log_ns, rebase_ns))
                 sent[name] += 1
             self._tell(total_ms, total_ms)
+
+    def _stamp(self, name: str, message: bytes, log_ns: int, rebase_ns: int) -> bytes:
+        if name not in self._stamped:
+            return message
+        if self._by_log:
+            return restamp(message, log_ns + rebase_ns)
+        return shift_stamp(message, rebase_ns) if rebase_ns else message
 
     def _publish_clock(self, now_ns: int) -> None:
         assert self._clock_output is not None
@@ -141,12 +156,12 @@ def _has_header(cls: Any) -> bool:
     return bool(fields) and fields[0] == "std_msgs/Header"
 
 
-def play(bag: Path, settings: PlayerSettings, tell: Tell = lambda done, total: None) -> Played:
-    """Play a bag as a process of its own until its end, SIGINT or SIGTERM."""
+def play(bag: Path, settings: PlayerSettings, tell: Tell = lambda done, total: None, **how: Any) -> Played:
+    """Play a bag as a process of its own until its end, SIGINT or SIGTERM; how: mapping and time of the `Player`."""
     rclpy.init()
     player = None
     try:
-        player = Player(bag, settings, tell)
+        player = Player(bag, settings, tell, **how)
         for topic in player.wait_for_subscribers(rclpy.ok):
             player.get_logger().warning(f"nobody listens to {topic}")
         played = player.play(rclpy.ok)

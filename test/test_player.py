@@ -16,9 +16,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 
 from biodyn_core.errors import InputError
-from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.cdr import IMU_TYPE, decode_imu, encode_imu
-from biodyn_ros.playback import PlayerSettings
+from biodyn_ros.playback import PlayerSettings, played_on
 from biodyn_ros.player import MOMENT_S, Player
 
 COUNT = 300
@@ -34,23 +34,25 @@ def graph() -> Iterator[Graph]:
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    """Two topics at 1 kHz, 0.3 s, with an x acceleration that counts."""
+    """Two topics at 1 kHz, 0.3 s, with an x acceleration that counts, and a y that is 1 on the second."""
     path = tmp_path / "bag.mcap"
     with BagWriter(path) as writer:
-        for topic in ("imu/seat/data", "imu/head/data"):
+        for which, topic in enumerate(("imu/seat/data", "imu/head/data")):
             writer.add_topic(topic, IMU_TYPE)
             stamps = START_NS + np.arange(COUNT) * STEP_NS
-            accel = np.column_stack([np.arange(COUNT), np.zeros(COUNT), np.zeros(COUNT)]).astype(float)
+            accel = np.column_stack([np.arange(COUNT), np.full(COUNT, which), np.zeros(COUNT)]).astype(float)
             writer.write(topic, stamps + 5_000_000, encode_imu(stamps, accel, np.zeros_like(accel), "imu"))
     return path
 
 
-def play(graph: Graph, bag: Path, **given: Any) -> tuple[dict[str, Any], list[Any], Any]:
+def play(
+    graph: Graph, bag: Path, mapping: dict[str, str] | None = None, stamps: str = "header", **given: Any
+) -> tuple[dict[str, Any], list[Any], Any]:
     """Play in a thread while the graph spins: (decoded samples by topic, clock messages, what was played)."""
     tester = graph.node()
     got = {topic: graph.collect(tester, Imu, topic, raw=True) for topic in ("imu/seat/data", "imu/head/data")}
     clock = graph.collect(tester, Clock, "/clock")
-    player = graph.add(Player(bag, PlayerSettings(**given), context=graph.context))
+    player = graph.add(Player(bag, PlayerSettings(**given), mapping=mapping, time=stamps, context=graph.context))
     assert player.wait_for_subscribers() == []
     result: list[Any] = []
     loops = 2 if given.get("loop") else 1
@@ -80,6 +82,26 @@ def test_kept_stamps_are_those_of_the_recording(graph: Graph, bag: Path) -> None
     got, _, _ = play(graph, bag, keep_stamps=True)
     for block in got.values():
         np.testing.assert_array_equal(block.stamps_ns, START_NS + np.arange(COUNT) * STEP_NS)
+
+
+def test_a_topic_is_played_as_the_sensor_it_is_given_as_by_the_recorder_s_clock(graph: Graph, bag: Path) -> None:
+    got, _, played = play(
+        graph, bag, {"seat": "imu/head/data", "head": "imu/seat/data"}, "log", rate=1.0, keep_stamps=True
+    )
+    assert played.messages == {"imu/seat/data": COUNT, "imu/head/data": COUNT}
+    for block, which in ((got["imu/seat/data"], 1.0), (got["imu/head/data"], 0.0)):
+        np.testing.assert_array_equal(block.stamps_ns, START_NS + 5_000_000 + np.arange(COUNT) * STEP_NS)
+        np.testing.assert_array_equal(block.accel_mps2[:, 1], which)
+
+
+def test_what_is_given_as_a_sensor_takes_the_place_of_the_topic_of_that_name(bag: Path) -> None:
+    with open_bag(bag) as reader:
+        assert played_on(reader, {}) == {"imu/seat/data": "imu/seat/data", "imu/head/data": "imu/head/data"}
+        assert played_on(reader, {"seat": "imu/head/data"}) == {"imu/head/data": "imu/seat/data"}
+        with pytest.raises(
+            InputError, match="--map seat=/floor: no such Imu topic; there is imu/seat/data, imu/head/d"
+        ):
+            played_on(reader, {"seat": "/floor"})
 
 
 def test_slower_is_slower_and_the_clock_follows_the_bag(graph: Graph, bag: Path) -> None:

@@ -48,10 +48,8 @@ def sensors_of(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
 
 def map_sensors(reader: BagReader, given: dict[str, str]) -> SensorMap:
     """Map what can be mapped and say why the rest cannot; raises InputError for a given topic that is not there."""
+    check_given(reader, given)
     imus = imu_topics(reader)
-    for sensor, topic in given.items():
-        if topic not in imus:
-            raise InputError(f"{reader.path}: --map {sensor}={topic}: no such Imu topic; there is {_listed(imus)}")
     if not imus:
         there = _listed([f"{topic.name} ({topic.type})" for topic in reader.topics])
         return SensorMap({}, f"{reader.path}: no {IMU_TYPE} in the bag; there is {there}")
@@ -70,6 +68,14 @@ def map_sensors(reader: BagReader, given: dict[str, str]) -> SensorMap:
     if refusal is None and SEAT not in found.values():
         refusal = f"{reader.path}: no seat sensor among {_listed(imus)}: name it with --map seat=TOPIC"
     return SensorMap(dict(sorted(found.items(), key=lambda item: SENSORS.index(item[1]))), refusal)
+
+
+def check_given(reader: BagReader, given: dict[str, str]) -> None:
+    """Raise InputError for a topic that is given as a sensor's and is no Imu of the bag."""
+    imus = imu_topics(reader)
+    for sensor, topic in given.items():
+        if topic not in imus:
+            raise InputError(f"{reader.path}: --map {sensor}={topic}: no such Imu topic; there is {_listed(imus)}")
 
 
 def _listed(names: Iterable[str]) -> str:
