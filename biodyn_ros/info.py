@@ -15,6 +15,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.cdr import IMU_TYPE
+from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.reading.mapping import SensorMap, imu_topics, map_sensors
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.sensors import ReadingOptions
@@ -33,7 +34,7 @@ _MOST_KINDS: Final = 12
 def info(
     bag: str | Path,
     options: ReadingOptions | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: OnProgress = unwatched,
 ) -> dict[str, Any]:
     """Look through a bag and return the mapping of `biodyn info --json`.
 

@@ -28,7 +28,7 @@ from biodyn_core.errors import InputError
 from biodyn_ros.bag import open_bag
 from biodyn_ros.cdr import restamp, shift_stamp
 from biodyn_ros.playback import Played, PlayerSettings, in_order, played_on
-from biodyn_ros.progress import Tell
+from biodyn_ros.progress import OnProgress, unwatched
 
 CLOCK_STEP_NS: Final = 10_000_000
 TOLD_STEP_NS: Final = 100_000_000
@@ -39,7 +39,7 @@ MOMENT_S: Final = 0.5
 class Player(Node):
     """A node that publishes a bag's topics: `wait_for_subscribers`, then `play`.
 
-    `tell` hears (milliseconds played, milliseconds in all) ten times a second of the bag, unless it loops. mapping:
+    `progress` hears (milliseconds played, milliseconds in all) ten times a second of the bag, unless it loops. mapping:
     the bag's topic by sensor where its name does not tell; time: whose stamps go out, the `header`'s or the `log`'s.
     """
 
@@ -47,13 +47,13 @@ class Player(Node):
         self,
         bag: str | Path,
         settings: PlayerSettings | None = None,
-        tell: Tell = lambda done, total: None,
+        progress: OnProgress = unwatched,
         mapping: dict[str, str] | None = None,
         time: Literal["header", "log"] = "header",
         **kwargs: Any,
     ) -> None:
         super().__init__("biodyn_player", **kwargs)
-        self._tell = (lambda done, total: None) if settings and settings.loop else tell
+        self._progress = unwatched if settings and settings.loop else progress
         self.settings = settings or PlayerSettings()
         self.bag = Path(bag)
         self._by_log = time == "log"
@@ -116,7 +116,7 @@ class Player(Node):
             for log_ns, name, message in in_order(reader, list(self._outputs)):
                 elapsed_ns = log_ns - start_ns
                 if elapsed_ns >= next_told_ns:
-                    self._tell(elapsed_ns // 10**6, total_ms)
+                    self._progress(elapsed_ns // 10**6, total_ms)
                     next_told_ns = elapsed_ns + TOLD_STEP_NS
                 due_s = begin_s + elapsed_ns * 1e-9 / self.settings.rate
                 if due_s > time.monotonic() + 0.0005:
@@ -128,7 +128,7 @@ class Player(Node):
                     next_clock_ns = elapsed_ns + CLOCK_STEP_NS
                 self._outputs[name].publish(self._stamp(name, message, log_ns, rebase_ns))
                 sent[name] += 1
-            self._tell(total_ms, total_ms)
+            self._progress(total_ms, total_ms)
 
     def _stamp(self, name: str, message: bytes, log_ns: int, rebase_ns: int) -> bytes:
         if name not in self._stamped:
@@ -156,12 +156,12 @@ def _has_header(cls: Any) -> bool:
     return bool(fields) and fields[0] == "std_msgs/Header"
 
 
-def play(bag: Path, settings: PlayerSettings, tell: Tell = lambda done, total: None, **how: Any) -> Played:
+def play(bag: Path, settings: PlayerSettings, progress: OnProgress = unwatched, **how: Any) -> Played:
     """Play a bag as a process of its own until its end, SIGINT or SIGTERM; how: mapping and time of the `Player`."""
     rclpy.init()
     player = None
     try:
-        player = Player(bag, settings, tell, **how)
+        player = Player(bag, settings, progress, **how)
         for topic in player.wait_for_subscribers(rclpy.ok):
             player.get_logger().warning(f"nobody listens to {topic}")
         played = player.play(rclpy.ok)

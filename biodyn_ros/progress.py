@@ -9,13 +9,18 @@ from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
 from typing import Final, TextIO
 
-Tell = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
+"""Hears how much is done, of how much."""
 
 REDRAWN_S: Final = 1.0
 """A line whose percent stands still is drawn again after this long, for its ETA."""
 
 _ERASE: Final = "\x1b[K"
 """To the end of the line: a shorter text must not leave the tail of a longer one."""
+
+
+def unwatched(done: int, total: int) -> None:
+    """An `OnProgress` for nobody."""
 
 
 class Progress:
@@ -62,6 +67,6 @@ class Progress:
         return ", ETA " + time.strftime(pattern, time.localtime(time.time() + left_s))
 
 
-def silent(what: str) -> AbstractContextManager[Tell]:  # noqa: ARG001 - it is called as Progress is
+def silent(what: str) -> AbstractContextManager[OnProgress]:  # noqa: ARG001 - it is called as Progress is
     """What takes the place of a `Progress` that nobody is to see."""
-    return nullcontext(lambda done, total: None)
+    return nullcontext(unwatched)

@@ -13,7 +13,7 @@ from biodyn_core.synthesis import SeatMotion, SensorSettings, imu_streams, joine
 from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
-from biodyn_ros.progress import Tell
+from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY, RECORD
 from biodyn_ros.topics import INPUT
 
@@ -44,20 +44,20 @@ def simulate_bag(
     seed: int,
     sensors: SensorSettings,
     compression: str = "zstd",
-    tell: Tell = lambda done, total: None,
+    progress: OnProgress = unwatched,
 ) -> Simulated:
     """Write the bag; it says in its metadata that the model made it. Raises InputError where the path cannot be.
 
-    `tell` hears (sensors written, sensors in all).
+    `progress` hears (sensors written, sensors in all).
     """
     streams = imu_streams(subject, motion, _generator(seed, 1), sensors, START_NS)
     with BagWriter(path, compression=compression) as writer:
         for written, stream in enumerate(streams):
-            tell(written, len(streams))
+            progress(written, len(streams))
             writer.add_topic(INPUT[stream.sensor], IMU_TYPE)
             payload = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, f"imu_{stream.sensor}")
             writer.write(INPUT[stream.sensor], stream.stamps_ns, payload)
-        tell(len(streams), len(streams))
+        progress(len(streams), len(streams))
         writer.add_metadata(
             RECORD, {"made_by": MADE_BY, "subject": subject.name, "seed": str(seed), "version": __version__}
         )

@@ -187,7 +187,7 @@ def refused(path: Path, fault: str) -> None:
 def test_a_campaign_fits_each_subject_as_if_it_were_alone(field: Path, tmp_path: Path, alone) -> None:
     heard = []
     document = fit_campaign(
-        load_campaign(field / "campaign.yaml"), tmp_path / "out", QUICK, tell=lambda *told: heard.append(told)
+        load_campaign(field / "campaign.yaml"), tmp_path / "out", QUICK, progress=lambda *told: heard.append(told)
     )
     assert written(tmp_path / "out") == alone
     assert document == json.loads((tmp_path / "out" / "campaign.json").read_text())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -23,6 +23,7 @@ from biodyn_ros.blue_trident.samples import Export, Samples, joined
 from biodyn_ros.blue_trident.survey import Read, in_time_order, survey
 from biodyn_ros.blue_trident.wide import Comparison, Taken
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import sha256_of
 from biodyn_ros.reading.saturation import stated
 from biodyn_ros.topics import INPUT
@@ -50,7 +51,7 @@ def import_blue_trident(
     place: Path,
     bag: Path,
     options: ImportOptions,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: OnProgress = unwatched,
 ) -> dict[str, Any]:
     """Write the bag and return the mapping of `biodyn import-blue-trident --json`.
 
@@ -234,7 +235,7 @@ class _Telling:
     sizes: how long the files were at first: one that is still being written is read as far in every pass.
     """
 
-    def __init__(self, chosen: Chosen, progress: Callable[[int, int], None]) -> None:
+    def __init__(self, chosen: Chosen, progress: OnProgress) -> None:
         self.sizes = {export: export.path.stat().st_size for export in chosen.exports}
         lows = [export for export in chosen.exports if any(held.channel == "low" for held in export.held)]
         self._total, self._done, self._progress = 2 * sum(self.sizes[export] for export in lows), 0, progress

@@ -20,7 +20,8 @@ NEAR_RAIL: Final = 0.9
 REPEATED: Final = 4
 """A largest reading that returns so often, close below the limit, is a rail that lies lower than is thought."""
 
-Tell = Callable[[int], None]
+OnRead = Callable[[int], None]
+"""Hears how many bytes were read."""
 
 
 @dataclass(eq=False)
@@ -100,8 +101,10 @@ class Read:
     damage: dict[Export, Damage]
 
 
-def survey(chosen: Chosen, settings: DualRangeSettings, sizes: Mapping[Export, int], start_ns: int, tell: Tell) -> Read:
-    """Read every low-g channel once, so many bytes of each file; `tell` hears the bytes read."""
+def survey(
+    chosen: Chosen, settings: DualRangeSettings, sizes: Mapping[Export, int], start_ns: int, on_read: OnRead
+) -> Read:
+    """Read every low-g channel once, so many bytes of each file; `on_read` hears the bytes read."""
     sensors = {serial: Surveyed() for serial in chosen.sensors}
     damage: dict[Export, Damage] = {}
     for export in chosen.exports:
@@ -113,7 +116,7 @@ def survey(chosen: Chosen, settings: DualRangeSettings, sizes: Mapping[Export, i
                 if part.channel == "low" and part.serial in sensors:
                     seen = sensors[part.serial]
                     seen.push(seen.cleaner.push(part.samples), settings)
-            tell(read)
+            on_read(read)
     for seen in sensors.values():
         if (last := seen.cleaner.finish()) is not None:
             seen.push(last, settings)
@@ -121,7 +124,7 @@ def survey(chosen: Chosen, settings: DualRangeSettings, sizes: Mapping[Export, i
 
 
 def in_time_order(
-    exports: Sequence[Export], damage: dict[Export, Damage], sizes: Mapping[Export, int], start_ns: int, tell: Tell
+    exports: Sequence[Export], damage: dict[Export, Damage], sizes: Mapping[Export, int], start_ns: int, on_read: OnRead
 ) -> Iterator[list[Part]]:
     """What several files hold, block by block, always of the one that is furthest behind."""
     reading = {export: export.parts(damage.setdefault(export, Damage()), start_ns, sizes[export]) for export in exports}
@@ -135,5 +138,5 @@ def in_time_order(
         read, parts = block
         ends = [int(part.samples.stamps_ns[-1]) for part in parts if len(part.samples.stamps_ns)]
         upto[export] = max(ends, default=upto[export])
-        tell(read)
+        on_read(read)
         yield parts

@@ -18,7 +18,7 @@ from biodyn_ros.files import make_directory, write_text
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.fitting import FitOptions, Fitted, fit_bags, json_beside, page_beside
 from biodyn_ros.json_files import keys_of, read_json, write_json
-from biodyn_ros.progress import Tell, silent
+from biodyn_ros.progress import OnProgress, silent, unwatched
 from biodyn_ros.provenance import bag_sha256
 from biodyn_ros.reading.recordings import case_of
 from biodyn_ros.wording import number
@@ -67,13 +67,13 @@ def fit_campaign(
     options: FitOptions | None = None,
     executor: Executor | None = None,
     resume: bool = False,
-    tell: Tell = lambda done, total: None,
+    progress: OnProgress = unwatched,
     report: bool = False,
 ) -> Document:
     """Fit all subjects into a directory; the document of campaign.json, which is rewritten after each.
 
     Held-out bags and cases are each subject's own. A subject that fails is `failed` and the others go on. With resume
-    a subject whose result is there is left as it is. tell hears (bags of finished subjects, bags in all).
+    a subject whose result is there is left as it is. progress hears (bags of finished subjects, bags in all).
 
     Raises InputError for a directory that holds a campaign and no resume, for a result of another fit in it, and for
     results that would overwrite what the campaign reads or cannot be written.
@@ -87,11 +87,11 @@ def fit_campaign(
     make_directory(directory)
     results.write()
     waiting = results.waiting
-    tell(*results.progress)
+    progress(*results.progress)
     fit = fit_and_draw if report else fit_one
     for index, future in as_done(executor, [(fit, (entry, o)) for entry in waiting]):
         results.add(waiting[index], future)
-        tell(*results.progress)
+        progress(*results.progress)
     return results.document
 
 

@@ -20,10 +20,10 @@ from biodyn_core.response import SpectrumSettings
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
 from biodyn_ros.json_files import finite
-from biodyn_ros.reading.events import Event
+from biodyn_ros.reading.events import BagEvent
 
 Document = dict[str, Any]
-Prepared = tuple[Event, Case]
+Prepared = tuple[BagEvent, Case]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def provenance(document: Document) -> Document:
     }
 
 
-def _case(event: Event, case: Case, fit: Fit) -> Document:
+def _case(event: BagEvent, case: Case, fit: Fit) -> Document:
     """One case fitted by itself."""
     seconds = case.seat_mps2.size / case.rate_hz
     return {
@@ -144,7 +144,7 @@ def _idealized(found: Identification) -> Document:
     }
 
 
-def _held_out(event: Event, case: Case, found: Identification) -> Document:
+def _held_out(event: BagEvent, case: Case, found: Identification) -> Document:
     why = "held out" if event.held_out else "another repetition"
     return {"bag": event.bag, "sha256": event.sha256, "case": case.case, "why": why} | _predicted(case, found)
 

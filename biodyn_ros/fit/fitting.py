@@ -28,7 +28,7 @@ from biodyn_ros import __version__
 from biodyn_ros.files import write_text
 from biodyn_ros.fit.document import Findings, fit_document, provenance
 from biodyn_ros.json_files import write_json
-from biodyn_ros.reading.events import Event, check_bags, read_events
+from biodyn_ros.reading.events import BagEvent, check_bags, read_events
 from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.work.tasks import Work
 
@@ -78,8 +78,8 @@ def fit_bags(
     o, work, begin = options or FitOptions(), work or Work(), time.monotonic()
     _check(bags, o)
     reading = dataclasses.replace(o.reading, channels=needs_channels(subject.effects))
-    with work.watch("reading") as tell:
-        events = read_events(bags, o.held_out, o.cases, reading, tell)
+    with work.watch("reading") as progress:
+        events = read_events(bags, o.held_out, o.cases, reading, progress)
     fitted, spare = choose(events)
     # A bag that holds nothing to compare with must be heard of before the work, not after it.
     cases, held_out = [_prepared(event, o) for event in fitted], [_prepared(event, o) for event in spare]
@@ -135,9 +135,9 @@ def page_beside(output: Path) -> Path:
     return output.with_name(f"{output.stem}.fit.html")
 
 
-def choose(events: Sequence[Event]) -> tuple[list[Event], list[Event]]:
+def choose(events: Sequence[BagEvent]) -> tuple[list[BagEvent], list[BagEvent]]:
     """The events that are fitted to, the representative one of each case, and those that are only predicted."""
-    by_case: dict[str, list[Event]] = {}
+    by_case: dict[str, list[BagEvent]] = {}
     for event in events:
         if not event.held_out:
             by_case.setdefault(event.recording.case, []).append(event)
@@ -145,7 +145,7 @@ def choose(events: Sequence[Event]) -> tuple[list[Event], list[Event]]:
     return fitted, [event for event in events if event not in fitted]
 
 
-def _representative(case: str, repetitions: Sequence[Event]) -> Event:
+def _representative(case: str, repetitions: Sequence[BagEvent]) -> BagEvent:
     if len(repetitions) == 1:
         return repetitions[0]
     try:
@@ -163,7 +163,7 @@ def _check(bags: Sequence[str | Path], options: FitOptions) -> None:
             raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}")
 
 
-def _prepared(event: Event, options: FitOptions) -> Case:
+def _prepared(event: BagEvent, options: FitOptions) -> Case:
     return Case.of(event.recording, options.spectra, options.preparing)
 
 

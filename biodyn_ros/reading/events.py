@@ -8,13 +8,13 @@ from pathlib import Path
 
 from biodyn_core.errors import InputError
 from biodyn_core.recording import Recording
-from biodyn_ros.progress import Tell
+from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import bag_sha256
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
 
 
 @dataclass(frozen=True, eq=False)
-class Event:
+class BagEvent:
     """One recording, the bag it is of, and whether it was held out by name."""
 
     bag: str
@@ -38,22 +38,26 @@ def check_bags(bags: Sequence[str | Path], held_out: Sequence[str], cases: Itera
 
 
 def read_events(
-    bags: Sequence[str | Path], held_out: Sequence[str], cases: Mapping[str, str], reading: RecordingOptions, tell: Tell
-) -> list[Event]:
+    bags: Sequence[str | Path],
+    held_out: Sequence[str],
+    cases: Mapping[str, str],
+    reading: RecordingOptions,
+    progress: OnProgress,
+) -> list[BagEvent]:
     """The recordings of all bags, those held out last; raises InputError for the same recording by two names."""
-    events: list[Event] = []
+    events: list[BagEvent] = []
     given = [(bag, False) for bag in bags] + [(bag, True) for bag in held_out]
     for number, (bag, is_held_out) in enumerate(given):
-        tell(number, len(given))
+        progress(number, len(given))
         sha256 = bag_sha256(bag)
         _refuse_twin(bag, sha256, events)
         found = read_recordings(bag, cases.get(str(bag), case_of(bag)), reading)
-        events += [Event(str(bag), sha256, recording, is_held_out) for recording in found]
-    tell(len(given), len(given))
+        events += [BagEvent(str(bag), sha256, recording, is_held_out) for recording in found]
+    progress(len(given), len(given))
     return events
 
 
-def _refuse_twin(bag: str | Path, sha256: str, events: Sequence[Event]) -> None:
+def _refuse_twin(bag: str | Path, sha256: str, events: Sequence[BagEvent]) -> None:
     for event in events:
         if event.sha256 == sha256:
             raise InputError(f"{bag}: the same recording as {event.bag}; give it once")

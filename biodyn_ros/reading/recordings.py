@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.recording import Recorder, Recording, RecordingSettings
 from biodyn_core.synthesis import CASES
+from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 
@@ -32,7 +32,7 @@ def read_recordings(
     bag: str | Path,
     case: str | None = None,
     options: RecordingOptions | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: OnProgress = unwatched,
 ) -> list[Recording]:
     """Read a bag's recordings, one for each run of its seat; the case by the file's name where it is not given.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from biodyn_core.clocks import ClockComparison
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
-from biodyn_ros.progress import Tell
+from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import is_made_by_model
 from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.saturation import limits_of
@@ -41,8 +41,8 @@ class SensorReading:
         self.times = {sensor: self._choices[topic].time for topic, sensor in self._sensors.items()}
         self.made_by_model = is_made_by_model(reader)
 
-    def blocks(self, tell: Tell, gyro: bool = False) -> Iterator[tuple[str, LoggedImu]]:
-        """Each sensor's next samples, in order of log time; `tell` hears (samples done, samples in all)."""
+    def blocks(self, progress: OnProgress, gyro: bool = False) -> Iterator[tuple[str, LoggedImu]]:
+        """Each sensor's next samples, in order of log time; `progress` hears (samples done, samples in all)."""
         total = sum(topic.messages for topic in self._reader.topics if topic.name in self._sensors)
         done = 0
         times = {topic: choice.time for topic, choice in self._choices.items()}
@@ -50,7 +50,7 @@ class SensorReading:
             yield self._sensors[topic], block
             self._clocks[topic].push(block.header_ns, block.log_ns)
             done += len(block.stamps_ns)
-            tell(done, total)
+            progress(done, total)
 
     def bag_warnings(self) -> list[str]:
         """What is to be said of the bag itself."""

@@ -25,6 +25,7 @@ from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
 from biodyn_ros.files import check_directory, make_directory
 from biodyn_ros.json_files import write_json
+from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 from biodyn_ros.replay.traces import Traces
@@ -53,7 +54,7 @@ def replay(
     subject: Subject,
     options: ReplayOptions | None = None,
     each: Callable[[Frames], Any] = lambda frames: None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: OnProgress = unwatched,
 ) -> Replayed:
     """Drive the pipeline with a bag and hand every push's frames to `each`.
 
@@ -120,7 +121,7 @@ def replay_to_directory(
     subject: Subject,
     directory: Path,
     options: ReplayOptions | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: OnProgress = unwatched,
     predicted: bool = True,
     report: bool = True,
 ) -> Replayed:

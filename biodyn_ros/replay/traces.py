@@ -10,7 +10,7 @@ from biodyn_core.arrays import Floats, Integers
 from biodyn_core.frames import Frames
 from biodyn_core.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 from biodyn_ros.replay.spectra import ReplaySpectra
-from biodyn_ros.reports.motion import EVENT_HALF_NS, Envelope, Event
+from biodyn_ros.reports.motion import EVENT_HALF_NS, Envelope, StrongestEvent
 from biodyn_ros.strip import BIN_NS, binned
 
 ENVELOPE_BINS: Final = 800
@@ -39,7 +39,7 @@ class Traces:
         self._predicted = _Stream(N_SEGMENTS)
         self._measured = _Stream(N_SENSORS)
         self.spectra = ReplaySpectra()
-        self._event: Event | None = None
+        self._event: StrongestEvent | None = None
         self._event_open = False
 
     def add(self, frames: Frames) -> None:
@@ -66,7 +66,7 @@ class Traces:
         self._digest()
         return min((s.first_ns for s in (self._predicted, self._measured) if s.first_ns is not None), default=0)
 
-    def event(self) -> Event | None:
+    def event(self) -> StrongestEvent | None:
         """What surrounds the strongest instant; None where seat and head gave no number."""
         self._digest()
         return self._event
@@ -98,13 +98,13 @@ class Traces:
         peak = float(felt[row, column])
         if peak > (-1.0 if self._event is None else self._event.peak_mps2):
             nothing = np.empty(0, dtype=np.int64), np.empty((0, N_SEGMENTS))
-            self._event = Event(SENSORS[EVENT_SENSORS[column]], int(stamps_ns[row]), peak, *nothing, *nothing)
+            self._event = StrongestEvent(SENSORS[EVENT_SENSORS[column]], int(stamps_ns[row]), peak, *nothing, *nothing)
             self._event_open = True
 
-    def _around(self, event: Event) -> Event:
+    def _around(self, event: StrongestEvent) -> StrongestEvent:
         begin, end = event.peak_ns - EVENT_HALF_NS, event.peak_ns + EVENT_HALF_NS
         predicted, measured = self._predicted.between(begin, end), self._measured.between(begin, end)
-        return Event(event.sensor, event.peak_ns, event.peak_mps2, *predicted, *measured)
+        return StrongestEvent(event.sensor, event.peak_ns, event.peak_mps2, *predicted, *measured)
 
 
 class _Stream:

@@ -34,7 +34,7 @@ class Envelope:
 
 
 @dataclass(frozen=True)
-class Event:
+class StrongestEvent:
     """Full-rate samples around the largest measured |acceleration| of seat or head: `peak_mps2`, at `peak_ns`.
 
     predicted_mps2 (n, 6) by segment at predicted_ns (n,), measured_mps2 (m, 6) by sensor at measured_ns (m,).
@@ -49,7 +49,7 @@ class Event:
     measured_mps2: Floats
 
 
-def overlay(event: Event, origin_ns: int, document: dict[str, Any]) -> Any:
+def overlay(event: StrongestEvent, origin_ns: int, document: dict[str, Any]) -> Any:
     """Measured and predicted at full rate around the strongest event, a panel per segment and one for the seat."""
 
     def draw(axes: Any, name: str) -> None:
@@ -67,7 +67,7 @@ def overlay(event: Event, origin_ns: int, document: dict[str, Any]) -> Any:
     return _draw(draw, 7.4, _seconds(event.measured_ns, origin_ns))
 
 
-def envelopes(predicted: Envelope, measured: Envelope, event: Event | None, origin_ns: int) -> Any:
+def envelopes(predicted: Envelope, measured: Envelope, event: StrongestEvent | None, origin_ns: int) -> Any:
     """Smallest and largest value per bin over the whole record."""
 
     def draw(axes: Any, name: str) -> None:

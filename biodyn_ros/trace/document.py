@@ -18,7 +18,7 @@ from biodyn_core.tracing.findings import Candidate, Diagnostics, Event, Interval
 from biodyn_ros import __version__
 from biodyn_ros.fit.document import Prepared, by_segment
 from biodyn_ros.json_files import finite
-from biodyn_ros.reading.events import Event as Given
+from biodyn_ros.reading.events import BagEvent
 
 Document = dict[str, Any]
 
@@ -92,7 +92,7 @@ def provenance(document: Document, trace: Trace, bags: Sequence[Prepared], subje
     }
 
 
-def origin(event: Given, case: Case, trace: Trace) -> Document:
+def origin(event: BagEvent, case: Case, trace: Trace) -> Document:
     """One bag with what it was for in the end, and its error after, None where the event was left out."""
     found = [each for each in trace.events if each.name == case.name]
     return {

@@ -22,7 +22,7 @@ from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.files import make_directory, write_text
 from biodyn_ros.fit.document import Prepared, warnings_of
 from biodyn_ros.json_files import write_json
-from biodyn_ros.progress import Tell
+from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL, role_of, without_note
 from biodyn_ros.reading.events import check_bags, read_events
 from biodyn_ros.reading.recordings import RecordingOptions, case_of
@@ -74,9 +74,9 @@ def trace_bags(
     o, work, begin = options or TraceOptions(), work or Work(), time.monotonic()
     check_bags(bags, o.held_out, o.cases)
     train, held_out = (bags, o.held_out) if o.held_out else deal(bags, o.cases)
-    with work.watch("reading") as tell:
+    with work.watch("reading") as progress:
         # Every channel that was measured lets one effect more be tried.
-        events = read_events(train, held_out, o.cases, dataclasses.replace(o.reading, channels=True), tell)
+        events = read_events(train, held_out, o.cases, dataclasses.replace(o.reading, channels=True), progress)
     prepared = [(event, Case.of(event.recording, o.spectra, o.preparing)) for event in events]
     fitted, spare = ([case for event, case in prepared if event.held_out is out] for out in (False, True))
     with Stages(work.watch) as stages:
@@ -120,14 +120,14 @@ def write_traced(traced: Traced, directory: Path, report: bool = True) -> None:
 
 
 class Stages:
-    """Shows each stage of long work on a line of its own: `with Stages(watch) as tell: work(tell)`.
+    """Shows each stage of long work on a line of its own: `with Stages(watch) as stages: work(stages)`.
 
     It hears (stage, share done).
     """
 
     def __init__(self, watch: Watch) -> None:
         self._watch, self._open, self._stage = watch, ExitStack(), ""
-        self._tell: Tell = lambda done, total: None
+        self._progress: OnProgress = unwatched
 
     def __enter__(self) -> Stages:
         return self
@@ -139,8 +139,8 @@ class Stages:
         """Show that this share of a stage is done."""
         if stage != self._stage:
             self._open.close()
-            self._stage, self._tell = stage, self._open.enter_context(self._watch(stage))
-        self._tell(round(1000 * share), 1000)
+            self._stage, self._progress = stage, self._open.enter_context(self._watch(stage))
+        self._progress(round(1000 * share), 1000)
 
 
 def _dealt(train: Sequence[Bag], held_out: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ from biodyn_core.validation import PredictedRun
 from biodyn_core.waterfall import Waterfall, WaterfallMeter
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses, injury
 from biodyn_ros.reports.frequency import driving_point, powers, residual_channels, transmissibility, waterfall
-from biodyn_ros.reports.motion import EVENT_HALF_NS, Event, overlay
+from biodyn_ros.reports.motion import EVENT_HALF_NS, StrongestEvent, overlay
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.validate.validating import Validated
 from biodyn_ros.wording import words
@@ -75,7 +75,7 @@ def doubts(document: Document) -> list[str]:
     return said
 
 
-def strongest_event(validated: Validated) -> Event | None:
+def strongest_event(validated: Validated) -> StrongestEvent | None:
     """What surrounds the largest measured acceleration of seat or head behind the warm-up; None where nothing is."""
     best: tuple[float, str, PredictedRun, int] | None = None
     head = SEGMENTS.index(HEAD)
@@ -90,7 +90,7 @@ def strongest_event(validated: Validated) -> Event | None:
     stamps = run.recording.stamps_ns
     near = np.abs(stamps - stamps[at]) <= EVENT_HALF_NS
     measured = np.column_stack([run.seat_mps2, run.recording.measured_mps2])[near]
-    return Event(name, int(stamps[at]), peak, stamps[near], run.predicted_mps2[near], stamps[near], measured)
+    return StrongestEvent(name, int(stamps[at]), peak, stamps[near], run.predicted_mps2[near], stamps[near], measured)
 
 
 def residual_waterfall(validated: Validated) -> Waterfall | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from biodyn_core.subject import Subject
 from biodyn_core.validation import PredictedRun
 from biodyn_ros.files import check_directory, make_directory
 from biodyn_ros.json_files import write_json
+from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import Role, bag_sha256, role_of
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
 from biodyn_ros.validate.document import validation_document
@@ -48,7 +49,7 @@ def validate(
     bag: str | Path,
     subject: Subject,
     options: ValidateOptions | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: OnProgress = unwatched,
 ) -> Validated:
     """Predict a bag's event from its seat alone and compare; raises InputError as `read_recordings`."""
     options = options or ValidateOptions()
@@ -62,7 +63,7 @@ def validate_to_directory(
     subject: Subject,
     directory: Path,
     options: ValidateOptions | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: OnProgress = unwatched,
     report: bool = True,
 ) -> Validated:
     """Validate and write `validate.json` and `validate.html`; a bag that is refused leaves no directory."""

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from biodyn_core.identification.identify import Run, Task
-from biodyn_ros.progress import Progress, Tell
+from biodyn_ros.progress import OnProgress, Progress
 from biodyn_ros.work.checkpoint import Checkpoint
 from biodyn_ros.work.executors import as_done, result_of
 
-Watch = Callable[[str], AbstractContextManager[Tell]]
+Watch = Callable[[str], AbstractContextManager[OnProgress]]
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class Work:
         if not waiting:
             return
         # A stage of its own for each call: a refinement takes longer than a search by far.
-        with self.watch(waiting[0].name.split()[0]) as tell:
-            told = _Told(tell, by_name, done)
+        with self.watch(waiting[0].name.split()[0]) as progress:
+            told = _Told(progress, by_name, done)
             calls = [(task.function, task.arguments) for task in waiting]
             for number, future in as_done(self.executor, calls):
                 name = waiting[number].name
@@ -66,10 +66,10 @@ class Work:
 class _Told:
     """Tells how much of the effort of tasks is done: that of each is its number of cases, which come first in all."""
 
-    def __init__(self, tell: Tell, tasks: Mapping[str, Task], done: Mapping[str, Any]) -> None:
-        self._tell = tell
+    def __init__(self, progress: OnProgress, tasks: Mapping[str, Task], done: Mapping[str, Any]) -> None:
+        self._progress = progress
         self._effort = {name: len(task.arguments[0]) for name, task in tasks.items()}
         self.now(done)
 
     def now(self, done: Mapping[str, Any]) -> None:
-        self._tell(sum(n for name, n in self._effort.items() if name in done), sum(self._effort.values()))
+        self._progress(sum(n for name, n in self._effort.items() if name in done), sum(self._effort.values()))
