@@ -12,6 +12,7 @@ from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import Refined, least_squares
 from biodyn_core.identification.problem import Case
+from biodyn_core.identification.profiles import profile
 from biodyn_core.identification.residuals import leftovers
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.identification.uncertainty import (
@@ -22,7 +23,6 @@ from biodyn_core.identification.uncertainty import (
     _inverse,
     _jackknifed,
     _windows,
-    profile,
     uncertainty,
 )
 from biodyn_core.model import Chain

@@ -1,10 +1,10 @@
-"""How sure a fit is of every parameter: intervals, what the data cannot tell, and profiles of the likelihood.
+"""How sure a fit is of every parameter: intervals, and what the data cannot tell.
 
 What a fit leaves over is coloured, follows the input, and is common to all sensors where the seat's errs: taken for
 white it gives intervals several times too short (sandwich: White 1982; lags: Newey and West 1987). A few shocks tell
 most of stiffening and the fit bends to them, so each window is left out in turn (moving-block jackknife: Kuensch 1989).
 Errors of sensors that last a whole recording do not average out at all, and are added. What is wrong with the model
-itself is in neither. Profiles: Raue et al. 2009.
+itself is in neither.
 """
 
 from __future__ import annotations
@@ -12,15 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 
 import numpy as np
 
 from biodyn_core.arrays import Flags, Floats
-from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import Fit
-from biodyn_core.identification.objectives import PENALTY, TimeDomain
-from biodyn_core.identification.phase2 import least_squares
+from biodyn_core.identification.objectives import TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.segments import MEASURED_SEGMENTS
@@ -37,7 +35,8 @@ LEAK_DELAYS_S: Final = np.linspace(0.0, 0.1, 6)
 WINDOW_STEPS: Final = 10
 """Windows of residuals begin so many times in each length of theirs."""
 
-_LOG_RANGE: Final = np.log(UPPER / LOWER)
+LOG_RANGE: Final = np.log(UPPER / LOWER)
+"""Of each parameter, by Table 1, (15,)."""
 
 
 @dataclass(frozen=True)
@@ -100,26 +99,26 @@ def uncertainty(fit: Fit, cases: Sequence[Case], settings: UncertaintySettings |
     """Intervals of a fit from the cases it was made of, by the sandwich H^-1 B H^-1 with H = J'J."""
     s = settings or UncertaintySettings()
     theta = fit.subject.parameters.vector()
-    inside = _inside(fit)
-    covariance, _ = _covariance(fit.unpulled(cases), theta, inside, s)
+    inside = off_bounds(fit)
+    covariance, _ = covariance_of(fit.unpulled(cases), theta, inside, s)
     half = np.full(theta.size, math.inf)
     half[inside] = NORMAL_95 * np.sqrt(np.diag(covariance))
     estimates = tuple(_estimate(int(i), theta[i], half[i], not inside[i], s) for i in np.flatnonzero(fit.settings.free))
     names = tuple(PARAMETERS[i].name for i in np.flatnonzero(inside))
-    scale = _LOG_RANGE[inside]
+    scale = LOG_RANGE[inside]
     squares, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     worst = {name: float(share) for name, share in zip(names, vectors[:, -1], strict=True) if abs(share) >= 0.3}
     return Uncertainty(estimates, names, covariance, worst, NORMAL_95 * math.sqrt(squares[-1]))
 
 
-def _inside(fit: Fit) -> Flags:
+def off_bounds(fit: Fit) -> Flags:
     """The fitted parameters that are not on a bound, (15,)."""
     pinned = np.array([parameter.name in fit.at_bound for parameter in PARAMETERS])
     return np.asarray(fit.settings.free & ~pinned)
 
 
 def _estimate(index: int, value: float, half_width: float, pinned: bool, settings: UncertaintySettings) -> Estimate:
-    parameter, share = PARAMETERS[index], half_width / _LOG_RANGE[index]
+    parameter, share = PARAMETERS[index], half_width / LOG_RANGE[index]
     call: Call = "not identifiable"
     if share <= settings.identifiable:
         call = "identifiable"
@@ -130,7 +129,7 @@ def _estimate(index: int, value: float, half_width: float, pinned: bool, setting
     return Estimate(parameter.name, parameter.unit, float(value), lower, upper, float(half_width), call, pinned)
 
 
-def _covariance(
+def covariance_of(
     problem: TimeDomain, theta: Floats, inside: Flags, settings: UncertaintySettings
 ) -> tuple[Floats, Floats]:
     """Covariance of ln theta of the parameters inside, (p, p), and (J'J)^-1 beside it."""
@@ -209,85 +208,3 @@ def _lasting_errors(case: Case, answers: Floats, settings: UncertaintySettings) 
 def _later(values: Floats, samples: int) -> Floats:
     """Values (n, c) so many samples later, zeros before."""
     return np.concatenate([np.zeros((samples, values.shape[1])), values[: len(values) - samples]])
-
-
-class Profile(NamedTuple):
-    """How the objective rises when one parameter is moved and all others follow, and where it passes the 95 % mark.
-
-    values (k,) ascending; rise (k,) of the objective over its least; lower and upper are where it passes `threshold`,
-    None where it does not within Table 1. Identifiable from these data if neither is None.
-    """
-
-    name: str
-    values: Floats
-    rise: Floats
-    threshold: float
-    lower: float | None
-    upper: float | None
-
-
-def profile(
-    fit: Fit, cases: Sequence[Case], name: str, settings: UncertaintySettings | None = None, points: int = 12
-) -> Profile:
-    """Profile likelihood of one parameter, with at most `points` refits to either side.
-
-    The mark is chi-squared's, scaled by what the coloured residual makes of the variance (Chandler and Bate 2007).
-    Raises InputError for a parameter that was not fitted or lies on a bound.
-    """
-    inside = _inside(fit)
-    known = [p.name for p in PARAMETERS]
-    if name not in known or not inside[known.index(name)]:
-        raise InputError(f"{name}: not fitted, or on a bound; profiles are drawn of parameters inside Table 1")
-    index, theta = known.index(name), fit.subject.parameters.vector()
-    problem = fit.unpulled(cases)
-    covariance, inverse = _covariance(problem, theta, inside, settings or UncertaintySettings())
-    place = int(inside[:index].sum())
-    threshold = float(NORMAL_95**2 * covariance[place, place] / inverse[place, place])
-    step = min(NORMAL_95 * math.sqrt(covariance[place, place]) / 3.0, _LOG_RANGE[index] / points)
-    free = fit.settings.free.copy()
-    free[index] = False
-    least = float(np.sum(problem.linearised(theta, free)[0] ** 2))
-    down, up = (_side(problem, theta, index, free, direction * step, least, threshold, points) for direction in (-1, 1))
-    walked = [*down[::-1], (float(theta[index]), 0.0), *up]
-    values, rise = (np.array(column) for column in zip(*walked, strict=True))
-    at = len(down)
-    return Profile(
-        name, values, rise, threshold,
-        _crossing(values[at::-1], rise[at::-1], threshold), _crossing(values[at:], rise[at:], threshold),
-    )  # fmt: skip
-
-
-def _side(
-    problem: TimeDomain,
-    theta: Floats,
-    index: int,
-    free: Flags,
-    step: float,
-    least: float,
-    threshold: float,
-    points: int,
-) -> list[tuple[float, float]]:
-    """Values and rises outwards from the fit until the mark is passed or Table 1 ends; steps grow by half each time."""
-    walked: list[tuple[float, float]] = []
-    at = theta
-    while len(walked) < points:
-        value = float(np.clip(at[index] * math.exp(step), LOWER[index], UPPER[index]))
-        moved = at.copy()
-        moved[index] = value
-        at, objective = least_squares(problem, moved, free, 600)
-        walked.append((value, min(objective, PENALTY) - least))
-        if walked[-1][1] > threshold or value in (LOWER[index], UPPER[index]):
-            break
-        step *= 1.5
-    return walked
-
-
-def _crossing(values: Floats, rise: Floats, threshold: float) -> float | None:
-    """Where the rise passes the mark, walking outwards; its root is nearly straight in the logarithm."""
-    above = np.flatnonzero(rise > threshold)
-    if not above.size:
-        return None
-    i = int(above[0])
-    before, after = math.sqrt(max(rise[i - 1], 0.0)), math.sqrt(rise[i])
-    share = (math.sqrt(threshold) - before) / (after - before)
-    return float(math.exp((1.0 - share) * math.log(values[i - 1]) + share * math.log(values[i])))

@@ -14,8 +14,9 @@ from biodyn_core.identification.fit import Fit, prediction_errors
 from biodyn_core.identification.idealize import Idealized
 from biodyn_core.identification.identify import Identification
 from biodyn_core.identification.problem import Case, Errors
+from biodyn_core.identification.profiles import Profile
 from biodyn_core.identification.residuals import Leftover, leftovers
-from biodyn_core.identification.uncertainty import Estimate, Profile, Uncertainty
+from biodyn_core.identification.uncertainty import Estimate, Uncertainty
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject

@@ -19,8 +19,9 @@ from biodyn_core.effects import needs_channels
 from biodyn_core.errors import InputError
 from biodyn_core.identification.identify import Identification, fingerprint, identify
 from biodyn_core.identification.problem import Case, CaseSettings
+from biodyn_core.identification.profiles import profile
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.identification.uncertainty import UncertaintySettings, profile, uncertainty
+from biodyn_core.identification.uncertainty import UncertaintySettings, uncertainty
 from biodyn_core.recording import representative
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
