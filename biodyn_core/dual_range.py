@@ -1,13 +1,7 @@
 """Dual range: where a 16 g channel is at its rail, a 200 g channel beside it takes over, set right against the first.
 
-The second channel is coarse: its bias is large and wanders with temperature, its scale is off by a few percent, its
-clock or its filter may lie a little off. All of that is measured on the spot, over the seconds around saturations in
-which the first channel is to be trusted (a *stretch*), by least squares with the fine channel as the regressor, so
-that the noise of the coarse one does not shrink its gain:
-
-    high(t) = gain low(t - delay) + bias
-
-gain per axis and one delay for the whole recording, bias per axis and stretch. An axis is taken over for itself.
+Where the one is at its rail, how the other reads between its samples, and how it fades in and out. What the second is
+off by is `range_alignment`'s. An axis is taken over for itself.
 """
 
 from __future__ import annotations
@@ -38,20 +32,9 @@ FADE: Final = 4
 GUARD: Final = 16
 """Samples beyond the rail, either side, that are not trusted in the comparison of the channels."""
 
-LEAST_TRUSTED: Final = 100
-"""With fewer samples than this a stretch says nothing of its bias."""
-
-GAIN_ERROR: Final = 0.01
-"""A gain is used where its standard error is below this, and a third of what it is off by; else it is 1."""
-
-GAIN_OFF: Final = 0.25
-DELAY_ERROR_S: Final = 0.0002
-LONGEST_DELAY_S: Final = 0.02
 AGREES: Final = 0.8
 """Where one channel is at its rail the other must reach this share of it, or they do not tell of the same motion."""
 
-_STEP_S: Final = 0.001
-_BASE: Final = 8
 _HALF: Final = 16
 _SHAPE: Final = 5.65
 """Of the Kaiser window: 60 dB beside a band edge that 32 samples make 180 Hz wide at 1600 Hz."""
@@ -97,20 +80,6 @@ class Stretch:
     high_mps2: Floats
     low_hz: float
     shared: bool = False
-
-
-@dataclass(frozen=True)
-class Alignment:
-    """What the wide channel is off by: gain (3,), delay; and the rms of what is left between the two, (3,) m/s^2.
-
-    measured: which of the gains (3,) the data supported; delay_measured: whether they supported the delay.
-    """
-
-    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    delay_s: float = 0.0
-    noise_mps2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    measured: tuple[bool, bool, bool] = (False, False, False)
-    delay_measured: bool = False
 
 
 def saturated(low_mps2: Floats, settings: DualRangeSettings) -> Signs:
@@ -185,53 +154,6 @@ def trusted(low_mps2: Floats, settings: DualRangeSettings) -> Flags:
     return ~_widened(bad, GUARD)
 
 
-def align(stretches: Sequence[Stretch], settings: DualRangeSettings) -> Alignment:
-    """Measure gain and delay of the wide channel over some stretches; what they do not support stays 1 and 0."""
-    delay_s, delay_measured = _delay(stretches, settings)
-    pairs = [_pair(stretch, delay_s, settings) for stretch in stretches]
-    low = [part - part.mean(axis=0) for part, _ in pairs if len(part)]
-    high = [part - part.mean(axis=0) for _, part in pairs if len(part)]
-    if not low:
-        return Alignment()
-    x, y = np.concatenate(low), np.concatenate(high)
-    gains, noise, measured = [], [], []
-    for axis in range(3):
-        energy = float(x[:, axis] @ x[:, axis])
-        gain = float(x[:, axis] @ y[:, axis]) / energy if energy else 1.0
-        scatter = float(np.std(y[:, axis] - gain * x[:, axis]))
-        error = scatter / np.sqrt(energy) if energy else np.inf
-        holds = error < GAIN_ERROR and abs(gain - 1.0) > 3.0 * error
-        gains.append(gain if holds else 1.0)
-        noise.append(scatter if holds else float(np.std(y[:, axis] - x[:, axis])))
-        measured.append(bool(holds))
-    return Alignment(_three(gains), delay_s, _three(noise), (measured[0], measured[1], measured[2]), delay_measured)
-
-
-def plausible(alignment: Alignment) -> bool:
-    """Whether the two channels can be one sensor's at all."""
-    return all(abs(gain - 1.0) <= GAIN_OFF for gain in alignment.gain)
-
-
-def levels(stretch: Stretch, settings: DualRangeSettings) -> Floats | None:
-    """Means of low and high (2, 3) m/s^2 where both are to be trusted; None where too little of a stretch is.
-
-    Over seconds no delay matters to them.
-    """
-    low, high = _pair(stretch, 0.0, settings)
-    return np.array([low.mean(axis=0), high.mean(axis=0)]) if len(low) >= LEAST_TRUSTED else None
-
-
-def bias(levels_mps2: Floats, alignment: Alignment) -> Floats:
-    """The bias of the wide channel (3,) m/s^2 where it and the fine one have these means."""
-    off: Floats = levels_mps2[1] - levels_mps2[0] * alignment.gain
-    return off
-
-
-def set_right(stretch: Stretch, alignment: Alignment, bias_mps2: Floats) -> Floats:
-    """The wide channel at the instants of the fine one, its bias, gain and delay taken off, (n, 3)."""
-    return (read_beside(stretch, alignment.delay_s) - bias_mps2) / np.array(alignment.gain)
-
-
 def covered(found: Sequence[Span], stretch: Stretch, right_mps2: Floats, settings: DualRangeSettings) -> list[Span]:
     """The spans that can be taken over: the wide channel is there all along, and reaches the rail as the other does."""
     kept = []
@@ -267,76 +189,9 @@ def take_over(low_mps2: Floats, right_mps2: Floats, share: Floats) -> Floats:
     return np.where(share > 0.0, (1.0 - share) * low_mps2 + share * np.where(share > 0.0, right_mps2, 0.0), low_mps2)
 
 
-def _three(values: Sequence[float]) -> tuple[float, float, float]:
-    return (float(values[0]), float(values[1]), float(values[2]))
-
-
 def _widened(flags: Flags, by: int) -> Flags:
     """The flags with as many neighbours on either side."""
     if not flags.size:
         return flags
     ones = np.convolve(flags.astype(np.int64), np.ones(2 * by + 1, dtype=np.int64), mode="full")
     return ones[by : by + flags.size] > 0
-
-
-def _pair(stretch: Stretch, delay_s: float, settings: DualRangeSettings) -> tuple[Floats, Floats]:
-    """Both channels (k, 3) where both are to be trusted."""
-    high = read_beside(stretch, delay_s)
-    good = trusted(stretch.low_mps2, settings) & np.isfinite(high).all(axis=1)
-    return stretch.low_mps2[good], high[good]
-
-
-def _delay(stretches: Sequence[Stretch], settings: DualRangeSettings) -> tuple[float, bool]:
-    """By how much the wide channel is late, seconds: a search, then Gauss-Newton; 0 where its error is too large."""
-    if all(stretch.shared for stretch in stretches):
-        return 0.0, False
-    delay_s, error_s = _roughly(stretches, settings), np.inf
-    for _ in range(4):
-        slope, excess, energy = _slopes(stretches, delay_s, settings)
-        if energy <= 0.0:
-            return 0.0, False
-        error_s = float(np.std(excess)) / np.sqrt(energy)
-        # Read too late, the wide channel is ahead by the slope.
-        delay_s -= float(np.clip((slope * excess).sum() / energy, -_STEP_S, _STEP_S))
-    holds = error_s < DELAY_ERROR_S and abs(delay_s) > 3.0 * error_s and abs(delay_s) < LONGEST_DELAY_S
-    return (delay_s, True) if holds else (0.0, False)
-
-
-def _roughly(stretches: Sequence[Stretch], settings: DualRangeSettings) -> float:
-    """The delay that leaves least between the channels, to a millisecond, the wide one read on straight lines."""
-    grid_s = np.arange(-LONGEST_DELAY_S, LONGEST_DELAY_S + 0.5 * _STEP_S, _STEP_S)
-    left = np.zeros(grid_s.size)
-    for stretch in stretches:
-        good = trusted(stretch.low_mps2, settings)
-        there = np.isfinite(stretch.high_mps2).all(axis=1)
-        if good.sum() < LEAST_TRUSTED or there.sum() < LEAST_TRUSTED:
-            continue
-        for number, delay_s in enumerate(grid_s):
-            for axis in range(3):
-                at_s = stretch.low_s[good] + delay_s
-                high = np.interp(at_s, stretch.high_s[there], stretch.high_mps2[there, axis])
-                left[number] += float(np.var(high - stretch.low_mps2[good, axis])) * at_s.size
-    return float(grid_s[int(np.argmin(left))]) if left.any() else 0.0
-
-
-def _slopes(stretches: Sequence[Stretch], delay_s: float, settings: DualRangeSettings) -> tuple[Floats, Floats, float]:
-    """The fine channel's slope (k, 3), the wide one's excess at a delay (k, 3), and the slope's energy without noise.
-
-    A slope spans so many samples that its neighbour shares none with it: their product is the motion's alone.
-    """
-    slopes, excesses, energy = [np.empty((0, 3))], [np.empty((0, 3))], 0.0
-    for stretch in stretches:
-        high = read_beside(stretch, delay_s)
-        slope = np.full(stretch.low_mps2.shape, np.nan)
-        low, low_s = stretch.low_mps2, stretch.low_s
-        if low_s.size > 2 * _BASE:
-            rise = low[2 * _BASE :] - low[: -2 * _BASE]
-            slope[_BASE:-_BASE] = rise / (low_s[2 * _BASE :] - low_s[: -2 * _BASE])[:, None]
-        good = trusted(low, settings) & np.isfinite(high + slope).all(axis=1)
-        if good.any():
-            excess = high[good] - low[good]
-            slopes.append(slope[good])
-            excesses.append(excess - excess.mean(axis=0))
-            both = good[1:] & good[:-1]
-            energy += float((slope[1:][both] * slope[:-1][both]).sum())
-    return np.concatenate(slopes), np.concatenate(excesses), energy

@@ -11,25 +11,20 @@ from biodyn_core.dual_range import (
     FADE,
     HIGH_RAIL_MPS2,
     MARGIN,
-    Alignment,
     DualRangeSettings,
     Span,
     Stretch,
-    align,
-    bias,
     covered,
-    levels,
-    plausible,
     read_at,
     read_beside,
     saturated,
-    set_right,
     shares,
     spans,
     take_over,
     trusted,
 )
 from biodyn_core.errors import InputError
+from biodyn_core.range_alignment import Alignment, align, bias, levels, plausible, set_right
 
 SETTINGS = DualRangeSettings()
 PERIOD_S = 1.0 / LOW_HZ

@@ -40,6 +40,7 @@ LAYERS = (
         "metering",
         "pipeline_settings",
         "prediction",
+        "range_alignment",
         "recording",
         "response",
         "rest",
