@@ -10,7 +10,7 @@ import fitting
 import naive
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate, signal
+from scipy import signal
 
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
@@ -31,38 +31,39 @@ NECK, HEAD = 3, 4
 
 def answers(seats: Floats, law: Law) -> Floats:
     """Absolute accelerations (e, n, 6) to seats (e, n); a law gives more tension (e, 6) for stretch and rate (e, 6)."""
-    theta, events = TRUTH.parameters.vector(), len(seats)
-    M, C, K, k, alpha = naive.chain_matrices(theta, TRUTH.body_mass_kg, TRUTH.mass_matrix)
-    inverse, step = np.linalg.inv(M), 1.0 / fitting.RATE_HZ
+    M, C, K, k, alpha = matrices()
+    events, inverse, step = len(seats), np.linalg.inv(M), 1.0 / fitting.RATE_HZ
 
     def acceleration(x: Floats, v: Floats, seat: Floats) -> Floats:
-        stretch, rate = np.diff(x, axis=1, prepend=0.0), np.diff(v, axis=1, prepend=0.0)
+        stretch, rate = x @ naive.STRETCH.T, v @ naive.STRETCH.T
         tension = k * alpha * stretch * np.abs(stretch) + law(stretch, rate)
-        on = tension - np.append(tension[:, 1:], np.zeros((events, 1)), axis=1)
-        return -(v @ C.T + x @ K.T + on) @ inverse.T - seat[:, None]
-
-    def slope(t: float, y: Floats, before: Floats, rise: Floats) -> Floats:
-        x, v = y.reshape(2, events, 6)
-        return np.concatenate([v, acceleration(x, v, before + rise * t)]).ravel()
+        return -(v @ C.T + x @ K.T + tension @ naive.STRETCH) @ inverse.T - seat[:, None]
 
     out, y = np.zeros((*seats.shape, 6)), np.zeros(2 * events * 6)
     for n in range(1, seats.shape[1]):
         before, rise = seats[:, n - 1], (seats[:, n] - seats[:, n - 1]) / step
-        end = integrate.solve_ivp(
-            slope, (0.0, step), y, "DOP853", args=(before, rise), rtol=1e-5, atol=1e-8, first_step=step
-        )
-        y = end.y[:, -1]
+
+        def slope(t: float, y: Floats, before: Floats = before, rise: Floats = rise) -> Floats:
+            x, v = y.reshape(2, events, 6)
+            return np.concatenate([v, acceleration(x, v, before + rise * t)]).ravel()
+
+        y = naive.integrated(slope, y, step, 1e-5, 1e-8)
         x, v = y.reshape(2, events, 6)
         out[:, n] = acceleration(x, v, seats[:, n]) + seats[:, n, None]
     return out
 
 
 @cache
+def matrices() -> tuple[Floats, ...]:
+    """M, C, K, and k and alpha of the joints, of the true body."""
+    return naive.chain_matrices(fitting.theta_of(TRUTH), TRUTH.body_mass_kg, TRUTH.mass_matrix)
+
+
+@cache
 def stiffness_and_damping() -> tuple[Floats, Floats]:
     """N/m and N s/m of the joints, (6,) each, from the paper's matrices."""
-    theta = TRUTH.parameters.vector()
-    M, _, _, k, _ = naive.chain_matrices(theta, TRUTH.body_mass_kg, TRUTH.mass_matrix)
-    return k, 2.0 * theta[6:12] * np.sqrt(k * np.cumsum(np.diag(M)[::-1])[::-1])
+    M, _, _, k, _ = matrices()
+    return k, 2.0 * fitting.theta_of(TRUTH)[6:12] * np.sqrt(k * np.cumsum(np.diag(M)[::-1])[::-1])
 
 
 def nothing(measured: Floats) -> Floats:
@@ -122,7 +123,7 @@ def one_sided(stretch: Floats, rate: Floats) -> Floats:
 
 def thrown(stretch: Floats, rate: Floats) -> Floats:
     """A seat that cannot hold down: its joint in all carries no more than the weight."""
-    M, _, _, k, alpha = naive.chain_matrices(TRUTH.parameters.vector(), TRUTH.body_mass_kg, TRUTH.mass_matrix)
+    M, _, _, k, alpha = matrices()
     d, r, b = stretch[:, 0], rate[:, 0], stiffness_and_damping()[1]
     whole = k[0] * d * (1.0 + alpha[0] * np.abs(d)) + b[0] * r
     out = np.zeros_like(stretch)
@@ -146,7 +147,7 @@ def answered() -> Floats:
     """Absolute accelerations (laws, EVENTS, n, 6) of the true body with every law in turn."""
 
     def each(stretch: Floats, rate: Floats) -> Floats:
-        parts = [np.split(values, len(LAWS)) for values in (stretch, rate)]
+        parts = [values.reshape(len(LAWS), EVENTS, 6) for values in (stretch, rate)]
         return np.concatenate([law(d, r) for law, d, r in zip(LAWS, *parts, strict=True)])
 
     return answers(np.tile(seats(), (len(LAWS), 1)), each).reshape(len(LAWS), EVENTS, -1, 6)
