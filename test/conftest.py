@@ -2,7 +2,9 @@
 
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -36,6 +38,25 @@ def shared_data() -> Path:
     if not directory.is_dir():
         pytest.skip(f"the shared recordings are neither in {directory} nor where BIODYN_DATA says")
     return directory
+
+
+@pytest.fixture
+def graph() -> Iterator[Any]:
+    """A ROS graph of the test's own."""
+    from ros import ros_graph  # rclpy, once the environment is settled
+
+    with ros_graph() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    """The address of a Dask cluster with two workers on this machine."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", protocol="tcp", dashboard_address=":0"
+    ) as local:
+        yield local.scheduler_address
 
 
 @pytest.fixture(autouse=True)

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import rclpy
+from expecting import until
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -66,10 +67,7 @@ class Graph:
 
     def wait(self, condition: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S) -> None:
         """Spin until the condition holds; fails by name when the deadline passes."""
-        end = time.monotonic() + deadline_s
-        while not condition():
-            assert time.monotonic() < end, f"not within {deadline_s:g} s: {what}"
-            self.executor.spin_once(timeout_sec=0.02)
+        until(condition, what, deadline_s, lambda: self.executor.spin_once(timeout_sec=0.02))
 
     def spin(self, seconds: float) -> None:
         """Spin for so long, whatever comes."""
@@ -121,6 +119,10 @@ class Sensors:
             ),
             key=lambda item: item[0],
         )
+
+    def leave_out(self, count: int) -> None:
+        """Pass over the next messages: nobody will ever get them."""
+        self._queue = self._queue[count:]
 
     def matched(self) -> bool:
         """Whether everybody is listened to."""

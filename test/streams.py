@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+from naive import STRETCH
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -12,7 +15,11 @@ from biodyn_core.model import Chain
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.synthesis import ImuStream, SensorSettings, imu_streams, load_case
+from biodyn_ros.bag import BagWriter
+from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.resources import subject_file
+from biodyn_ros.simulate import motion_of_cases, simulate_bag
+from biodyn_ros.topics import INPUT
 
 RATE_HZ = 1129.3
 START_NS = 1_767_225_600 * 10**9
@@ -40,19 +47,37 @@ def noisy_streams(seconds: float = 3.0, case: str = "pothole", seed: int = 5) ->
     return tuple(imu_streams(subject(), load_case(case, seconds, rng), rng, start_ns=START_NS))
 
 
+def simulated(folder: Path, seconds: float, cases: dict[str, str]) -> dict[str, Path]:
+    """Bags of the first subject by name, one load case each, their seeds counted from 1."""
+    bags = {name: folder / f"{name}.mcap" for name in cases}
+    for seed, (name, case) in enumerate(cases.items(), 1):
+        simulate_bag(bags[name], subject(), motion_of_cases([case], seconds, seed), seed, SensorSettings())
+    return bags
+
+
+def write_bag(path: Path, streams: Iterable[ImuStream]) -> Path:
+    """A bag of streams on the topics of their sensors, logged as they are stamped."""
+    with BagWriter(path) as writer:
+        for stream in streams:
+            writer.add_topic(INPUT[stream.sensor], IMU_TYPE)
+            messages = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "imu")
+            writer.write(INPUT[stream.sensor], stream.stamps_ns, messages)
+    return path
+
+
 @cache
 def independent_streams(seconds: float = 4.0) -> tuple[ImuStream, ...]:
     """Perfect sensors on a chain that SciPy's DOP853 integrates, from matrices, with a smooth seat motion."""
     chain = Chain.of(subject())
+    K, C, stiffening = chain.K, chain.C, chain.stiffness_n_per_m * chain.stiffening_per_m
 
     def seat(t: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
         rise = np.clip((np.asarray(t) - 1.5) / 0.5, 0.0, 1.0)
         return rise**2 * (3 - 2 * rise) * (3.0 * np.sin(2 * np.pi * 4.1 * t) + 2.0 * np.sin(2 * np.pi * 9.3 * t + 1.0))
 
     def law(x: NDArray[np.float64], v: NDArray[np.float64], t: float) -> NDArray[np.float64]:
-        stretch = np.diff(x, prepend=0.0)
-        joint = chain.stiffness_n_per_m * chain.stiffening_per_m * stretch * np.abs(stretch)
-        force = chain.K @ x + chain.C @ v + joint - np.append(joint[1:], 0.0)
+        stretch = STRETCH @ x
+        force = K @ x + C @ v + (stiffening * stretch * np.abs(stretch)) @ STRETCH
         return -force / chain.inertia_kg - seat(t)
 
     t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ

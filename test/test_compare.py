@@ -2,51 +2,23 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 import math
-from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from paper import THETAS, person, printed, shipped
 
 from biodyn_core.errors import InputError
 from biodyn_core.identification.compare import Deviation, SubjectComparison, compare
-from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.segments import SEGMENTS
-from biodyn_core.subject import Subject, load_subject
 from biodyn_ros.fit.comparison import comparison_document, text_of
 
-DATA = Path(__file__).parent / "data"
-SHIPPED = Path(__file__).parents[1] / "config" / "subjects"
 PELVIS_SHAPE_PER_M = 30.0
 
-SUBJECTS = st.builds(
-    lambda shares, mass: Subject(
-        "somebody",
-        mass,
-        1.75,
-        "segment",
-        Parameters.from_vector(np.clip(LOWER + np.array(shares) * (UPPER - LOWER), LOWER, UPPER)),
-    ),
-    st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15),
-    st.floats(30.0, 200.0),
-)
-
-
-def printed(table: str) -> list[dict[str, str]]:
-    """The rows of a printed table."""
-    lines = (DATA / table).read_text(encoding="utf-8").splitlines()
-    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
-
-
-def shipped(number: int, **changes: float) -> Subject:
-    """A subject of the paper, some parameters changed."""
-    subject = load_subject(SHIPPED / f"subject_{number}.yaml")
-    return dataclasses.replace(subject, parameters=dataclasses.replace(subject.parameters, **changes))
+SUBJECTS = st.builds(person, THETAS, body_mass_kg=st.floats(30.0, 200.0))
 
 
 def rows(comparison: SubjectComparison) -> dict[tuple[str, str | None], Deviation]:
@@ -59,8 +31,8 @@ def rows(comparison: SubjectComparison) -> dict[tuple[str, str | None], Deviatio
 
 def with_printed_stiffening() -> SubjectComparison:
     """The paper's subjects with s_nl from the stiffening of the pelvis, which has a digit or two more than s_nl."""
-    alpha = [float(row["alpha_nl_per_m"]) for row in printed("tables_4_5.csv") if row["joint"] == "pelvis"]
-    return compare(*(shipped(k, stiffening_scale=alpha[k - 1] / PELVIS_SHAPE_PER_M) for k in (1, 2)))
+    alpha = [float(row["alpha_nl_per_m"]) for row in printed("tables_4_5.csv", joint="pelvis")]
+    return compare(*(shipped(f"subject_{k}", stiffening_scale=alpha[k - 1] / PELVIS_SHAPE_PER_M) for k in (1, 2)))
 
 
 # Table 6 has these two the wrong way round: Tables 4 and 5 give 12.44 for the upper torso and 19.76 for the central
@@ -76,7 +48,8 @@ EXCHANGED = {
 @pytest.mark.parametrize("row", printed("tables_6_7.csv"), ids=lambda row: f"{row['quantity']}-{row['segment']}")
 def test_a_deviation_of_tables_6_and_7(row):
     # s_nl is printed with three digits, from which its own deviation was printed, but not that of alpha_nl.
-    comparison = with_printed_stiffening() if row["quantity"] == "stiffening_per_m" else compare(shipped(1), shipped(2))
+    stiffening = row["quantity"] == "stiffening_per_m"
+    comparison = with_printed_stiffening() if stiffening else compare(shipped("subject_1"), shipped("subject_2"))
     key = (row["quantity"], row["segment"] or None)
     # Printed with pelvis k of subject 2 as in Table 5, which is 0.7 % off its f_n.
     pelvis_k = key == ("stiffness_n_per_m", "pelvis")
@@ -86,12 +59,12 @@ def test_a_deviation_of_tables_6_and_7(row):
 
 
 def test_the_printed_pelvis_stiffness_gives_the_printed_deviation():
-    k = [float(row["k_kn_per_m"]) for row in printed("tables_4_5.csv") if row["joint"] == "pelvis"]
+    k = [float(row["k_kn_per_m"]) for row in printed("tables_4_5.csv", joint="pelvis")]
     assert Deviation("stiffness_n_per_m", "pelvis", "N/m", *k).percent == pytest.approx(8.89, abs=0.005)
 
 
 def test_what_tables_6_and_7_do_not_print_is_there_too():
-    left = rows(compare(shipped(1), shipped(2)))
+    left = rows(compare(shipped("subject_1"), shipped("subject_2")))
     for row in printed("tables_6_7.csv"):
         del left[row["quantity"], row["segment"] or None]
     assert left.keys() == {
@@ -104,9 +77,9 @@ def test_what_tables_6_and_7_do_not_print_is_there_too():
 
 
 def test_the_values_beside_a_deviation_are_those_of_tables_4_and_5():
-    found = rows(compare(shipped(1), shipped(2)))
+    found = rows(compare(shipped("subject_1"), shipped("subject_2")))
     for number, side in (("1", "a"), ("2", "b")):
-        for row in (row for row in printed("tables_4_5.csv") if row["subject"] == number):
+        for row in printed("tables_4_5.csv", subject=number):
             stiffness = getattr(found["stiffness_n_per_m", row["joint"]], side)
             # 0.7 % where the printed masses or stiffnesses do not follow from gamma and f_n.
             assert stiffness == pytest.approx(1000.0 * float(row["k_kn_per_m"]), rel=7e-3)
@@ -141,7 +114,7 @@ def test_the_other_way_round_the_deviation_is_over_the_other_value(a, b):
 
 
 def test_a_heavier_twin_differs_in_stiffness_alone():
-    subject = shipped(1)
+    subject = shipped("subject_1")
     comparison = compare(subject, dataclasses.replace(subject, body_mass_kg=2.0 * subject.body_mass_kg))
     assert [(row.quantity, row.segment) for row in comparison.divergent] == [
         ("stiffness_n_per_m", name) for name in SEGMENTS
@@ -150,18 +123,18 @@ def test_a_heavier_twin_differs_in_stiffness_alone():
 
 
 def test_the_mass_scale_stands_in_its_own_row_alone():
-    found = rows(compare(shipped(1, mass_scale=1.0), shipped(1, mass_scale=1.1)))
+    found = rows(compare(shipped("subject_1", mass_scale=1.0), shipped("subject_1", mass_scale=1.1)))
     assert found.pop(("mass_scale", None)).percent == pytest.approx(10.0)
     assert max(row.percent for row in found.values()) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_exactly_the_threshold_diverges():
-    comparison = compare(shipped(1, mass_scale=1.0), shipped(1, mass_scale=1.125), 12.5)
+    comparison = compare(shipped("subject_1", mass_scale=1.0), shipped("subject_1", mass_scale=1.125), 12.5)
     assert [row.quantity for row in comparison.divergent] == ["mass_scale"]
 
 
 def test_a_linear_subject_is_infinitely_far_from_a_nonlinear_one_and_not_from_a_linear_one():
-    linear, nonlinear = shipped(1, stiffening_scale=0.0), shipped(1)
+    linear, nonlinear = shipped("subject_1", stiffening_scale=0.0), shipped("subject_1")
     assert rows(compare(linear, nonlinear))["stiffening_scale", None].percent == math.inf
     assert rows(compare(nonlinear, linear))["stiffening_scale", None].percent == 100.0
     assert rows(compare(linear, linear))["stiffening_scale", None].percent == 0.0
@@ -171,23 +144,23 @@ def test_a_linear_subject_is_infinitely_far_from_a_nonlinear_one_and_not_from_a_
 
 
 def test_subjects_of_different_mass_matrices_are_refused():
-    printed_twin = load_subject(SHIPPED / "subject_2_as_printed.yaml")
+    printed_twin = shipped("subject_2_as_printed")
     with pytest.raises(InputError, match="subject_1 has mass_matrix segment, subject_2_as_printed cascade") as told:
-        compare(shipped(1), printed_twin)
+        compare(shipped("subject_1"), printed_twin)
     assert "\n" not in str(told.value)
 
 
 @pytest.mark.parametrize("threshold", [0.0, -30.0, math.nan, math.inf])
 def test_a_threshold_that_is_not_positive_and_finite_is_refused(threshold):
     with pytest.raises(InputError, match=r"threshold is .* expected a positive number"):
-        compare(shipped(1), shipped(2), threshold)
+        compare(shipped("subject_1"), shipped("subject_2"), threshold)
 
 
 # --- what is printed -------------------------------------------------------------------------------------------------
 
 
 def test_the_document_holds_every_row_and_is_json():
-    document = comparison_document(compare(shipped(1), shipped(2)))
+    document = comparison_document(compare(shipped("subject_1"), shipped("subject_2")))
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     assert (document["a"]["name"], document["b"]["body_mass_kg"]) == ("subject_1", 74.0)
     assert (len(document["convergent"]), len(document["divergent"])) == (11, 16)
@@ -205,7 +178,7 @@ def test_the_document_holds_every_row_and_is_json():
 
 
 def test_the_text_names_both_people_the_threshold_and_every_row():
-    lines = text_of(comparison_document(compare(shipped(1), shipped(2)))).splitlines()
+    lines = text_of(comparison_document(compare(shipped("subject_1"), shipped("subject_2")))).splitlines()
     assert lines[:3] == ["A: subject_1, 58.6 kg", "B: subject_2, 74 kg", "deviation: |B - A| / A"]
     convergent, divergent = lines.index("convergent, below 30 %: 11"), lines.index("divergent, 30 % and more: 16")
     plain = [" ".join(line.split()) for line in lines]
@@ -217,7 +190,7 @@ def test_the_text_names_both_people_the_threshold_and_every_row():
 
 
 def test_columns_are_aligned():
-    lines = text_of(comparison_document(compare(shipped(1), shipped(2)))).splitlines()
+    lines = text_of(comparison_document(compare(shipped("subject_1"), shipped("subject_2")))).splitlines()
     table = [line for line in lines if line.endswith(" %") and line.startswith("  ")]
     assert len(table) == 27
     divergent = table[11:]
@@ -225,12 +198,12 @@ def test_columns_are_aligned():
 
 
 def test_a_deviation_from_zero_is_told_in_words_and_no_number_in_json():
-    document = comparison_document(compare(shipped(1, stiffening_scale=0.0), shipped(1)))
+    document = comparison_document(compare(shipped("subject_1", stiffening_scale=0.0), shipped("subject_1")))
     assert [row["percent"] for row in document["divergent"]] == [None] * 7
     json.dumps(document, allow_nan=False)
     assert text_of(document).count("from zero") == 7
 
 
 def test_nothing_divergent_leaves_no_empty_table():
-    lines = text_of(comparison_document(compare(shipped(1), shipped(1)))).splitlines()
+    lines = text_of(comparison_document(compare(shipped("subject_1"), shipped("subject_1")))).splitlines()
     assert lines[lines.index("divergent, 30 % and more: 0") + 1] == ""

@@ -10,6 +10,7 @@ import yaml
 from listed import assert_listed
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from streams import simulated, subject
 
 from biodyn_core.errors import InputError
 from biodyn_core.identification.phase1 import SwarmSettings
@@ -17,15 +18,12 @@ from biodyn_core.identification.settings import FitSettings
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import load_subject
-from biodyn_core.synthesis import SensorSettings
 from biodyn_ros.cli import main
 from biodyn_ros.fit.fitting import FitOptions, Fitted, check_output, fit_bags, parse_cases, write_fitted
 from biodyn_ros.fit.text import text_of
 from biodyn_ros.provenance import bag_sha256, role_of
-from biodyn_ros.resources import subject_file
-from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
-SUBJECT = load_subject(subject_file("subject_1"))
+SUBJECT = subject()
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=200)
 SMALL = [
     "--particles",
@@ -45,12 +43,8 @@ SMALL = [
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Two repetitions of a rail, a road and one that is held out."""
-    folder = tmp_path_factory.mktemp("bags")
-    made = {}
-    for name, case, seed in (("rail_1", "rail", 1), ("rail_2", "rail", 2), ("road", "road", 3), ("spare", "rail", 4)):
-        made[name] = folder / f"{name}.mcap"
-        simulate_bag(made[name], SUBJECT, motion_of_cases([case], 5.0, seed), seed, SensorSettings())
-    return made
+    cases = {"rail_1": "rail", "rail_2": "rail", "road": "road", "spare": "rail"}
+    return simulated(tmp_path_factory.mktemp("bags"), 5.0, cases)
 
 
 @pytest.fixture(scope="module")
@@ -109,16 +103,16 @@ def test_one_repetition_is_fitted_and_the_other_predicted(fitted: Fitted, bags: 
 
 def test_the_subject_file_remembers_its_bags(fitted: Fitted, bags: dict[str, Path], tmp_path: Path) -> None:
     write_fitted(fitted, tmp_path / "anna.yaml")
-    subject = load_subject(tmp_path / "anna.yaml")
-    assert subject.parameters == fitted.subject.parameters
-    assert role_of(subject, bag_sha256(bags["road"])) == "fitted"
-    assert role_of(subject, bag_sha256(bags["spare"])) == "held_out"
+    written = load_subject(tmp_path / "anna.yaml")
+    assert written.parameters == fitted.subject.parameters
+    assert role_of(written, bag_sha256(bags["road"])) == "fitted"
+    assert role_of(written, bag_sha256(bags["spare"])) == "held_out"
     moved = shutil.copy(bags["road"], tmp_path / "another_name.mcap")
-    assert role_of(subject, bag_sha256(moved)) == "fitted"
+    assert role_of(written, bag_sha256(moved)) == "fitted"
     assert role_of(SUBJECT, bag_sha256(bags["road"])) is None
     assert json.loads((tmp_path / "anna.fit.json").read_text()) == fitted.document
     kept = yaml.safe_load((tmp_path / "anna.yaml").read_text())["provenance"]
-    assert kept["intervals"]["natural_frequency_hz[head]"][0] < subject.parameters.natural_frequency_hz[5]
+    assert kept["intervals"]["natural_frequency_hz[head]"][0] < written.parameters.natural_frequency_hz[5]
     assert kept["seed"] == 0 and kept["result"] == "joint" and len(kept["held_out"]) == 2
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from paper import THETAS, person, printed
 
 from biodyn_core.errors import InputError
 from biodyn_core.identification.idealize import FittedCase, Idealized, idealize
@@ -20,29 +18,18 @@ from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
 from biodyn_core.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.subject import Subject
 
-DATA = Path(__file__).parent / "data"
 COLUMNS = ("case_1", "case_2", "case_3")
 NAMES = [parameter.name for parameter in PARAMETERS]
 WEIGHTS_OF_SUBJECT_1 = (0.3926, 0.4264, 0.1810)
 BODY_MASS_KG = {"1": 58.6, "2": 74.0}
 
-THETAS = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15).map(
-    lambda shares: np.clip(LOWER + np.array(shares) * (UPPER - LOWER), LOWER, UPPER)
-)
 ERRORS = st.floats(0.01, 1000.0)
 FITS = st.lists(st.tuples(THETAS, ERRORS), min_size=1, max_size=6)
 
 
-def printed(table: str, number: str) -> dict[str, dict[str, str]]:
+def by_parameter(table: str, number: str) -> dict[str, dict[str, str]]:
     """The rows of a printed table for one subject, by parameter."""
-    lines = (DATA / table).read_text(encoding="utf-8").splitlines()
-    found = csv.DictReader(line for line in lines if not line.startswith("#"))
-    return {row["parameter"]: row for row in found if row["subject"] == number}
-
-
-def person(theta: np.ndarray, **changes: object) -> Subject:
-    """Somebody with this theta."""
-    return dataclasses.replace(Subject("somebody", 70.0, 1.75, "segment", Parameters.from_vector(theta)), **changes)
+    return {row["parameter"]: row for row in printed(table, subject=number)}
 
 
 def fits(pairs: list[tuple[np.ndarray, float]]) -> list[FittedCase]:
@@ -52,7 +39,7 @@ def fits(pairs: list[tuple[np.ndarray, float]]) -> list[FittedCase]:
 
 def table_idealized(number: str, stiffening_from: str | None = None) -> Idealized:
     """The case columns of Table 2 or 3, fused; s_nl as printed, or from the stiffening of a joint over its shape."""
-    table = printed("tables_2_3.csv", number)
+    table = by_parameter("tables_2_3.csv", number)
     cases = []
     for column in COLUMNS:
         theta = np.array([float(table[name][column]) for name in NAMES])
@@ -74,13 +61,13 @@ def table_idealized(number: str, stiffening_from: str | None = None) -> Idealize
 def test_the_idealized_columns_of_tables_2_and_3(number, name):
     found = table_idealized(number).subject.parameters.vector()[NAMES.index(name)]
     # Damping and scales have three digits or four. By Eq. 36 m_scale of subject 2 is 0.9898; 0.9921 is printed.
-    assert found == pytest.approx(float(printed("tables_2_3.csv", number)[name]["idealized"]), rel=3e-3)
+    assert found == pytest.approx(float(by_parameter("tables_2_3.csv", number)[name]["idealized"]), rel=3e-3)
 
 
 @pytest.mark.parametrize("number", ["1", "2"])
 def test_natural_frequencies_are_the_printed_ones_to_four_digits(number):
     found = table_idealized(number).subject.parameters.natural_frequency_hz
-    table = printed("tables_2_3.csv", number)
+    table = by_parameter("tables_2_3.csv", number)
     wanted = [float(table[f"natural_frequency_hz[{name}]"]["idealized"]) for name in SEGMENTS]
     np.testing.assert_allclose(found, wanted, rtol=2e-4)
 
@@ -89,7 +76,7 @@ def test_natural_frequencies_are_the_printed_ones_to_four_digits(number):
 @pytest.mark.parametrize("segment", SEGMENTS[:4])
 def test_the_rebuilt_chain_stiffens_as_printed(number, segment):
     found = Chain.of(table_idealized(number, segment).subject).stiffening_per_m[SEGMENTS.index(segment)]
-    wanted = float(printed("tables_2_3.csv", number)[f"stiffening_per_m[{segment}]"]["idealized"])
+    wanted = float(by_parameter("tables_2_3.csv", number)[f"stiffening_per_m[{segment}]"]["idealized"])
     assert found == pytest.approx(wanted, rel=3e-4)
 
 
@@ -101,12 +88,12 @@ def test_the_weights_of_subject_1():
 @pytest.mark.parametrize(("number", "percent"), [("1", 8.45), ("2", 8.37)])
 def test_the_weighted_errors(number, percent):
     assert table_idealized(number).weighted_error_percent == pytest.approx(percent, abs=0.005)
-    assert float(printed("tables_2_3.csv", number)["error_percent"]["idealized"]) == percent
+    assert float(by_parameter("tables_2_3.csv", number)["error_percent"]["idealized"]) == percent
 
 
 @pytest.mark.parametrize("number", ["1", "2"])
 def test_the_coefficients_of_variation_of_table_8(number):
-    found, table = table_idealized(number).cv_percent, printed("table_8.csv", number)
+    found, table = table_idealized(number).cv_percent, by_parameter("table_8.csv", number)
     assert list(found) == NAMES and found.keys() == table.keys()
     for name in NAMES:
         assert found[name] == pytest.approx(float(table[name]["cv_percent"]), abs=0.15), name
@@ -114,7 +101,7 @@ def test_the_coefficients_of_variation_of_table_8(number):
 
 @pytest.mark.parametrize("number", ["1", "2"])
 def test_what_scatters_by_more_than_30_percent_is_flagged(number):
-    table = printed("table_8.csv", number)
+    table = by_parameter("table_8.csv", number)
     assert table_idealized(number).flagged == tuple(name for name in NAMES if float(table[name]["cv_percent"]) > 30.0)
 
 
@@ -125,9 +112,7 @@ NAMED = {("1", "neck"), ("1", "head"), ("2", "pelvis"), ("2", "neck"), ("2", "he
 @pytest.mark.parametrize("number", ["1", "2"])
 def test_the_rebuilt_chain_has_the_stiffness_of_tables_4_and_5(number):
     idealized = table_idealized(number)
-    lines = (DATA / "tables_4_5.csv").read_text(encoding="utf-8").splitlines()
-    rows = csv.DictReader(line for line in lines if not line.startswith("#"))
-    wanted = {row["joint"]: float(row["k_kn_per_m"]) for row in rows if row["subject"] == number}
+    wanted = {row["joint"]: float(row["k_kn_per_m"]) for row in printed("tables_4_5.csv", subject=number)}
     # The tables have k without m_scale.
     found = Chain.of(idealized.subject).stiffness_n_per_m / idealized.subject.parameters.mass_scale / 1000.0
     for name, k in zip(SEGMENTS, found, strict=True):

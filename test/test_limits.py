@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from expecting import refusal
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
@@ -458,11 +459,7 @@ def refused(written):
     """Writes a limits file and hands back the one line it is refused with, file named."""
 
     def refuse(content: object) -> str:
-        path = written(content)
-        with pytest.raises(InputError) as told:
-            load_limits(path)
-        assert str(told.value).startswith(f"{path}: ") and "\n" not in str(told.value)
-        return str(told.value)
+        return refusal(load_limits, written(content))
 
     return refuse
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import socket
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +35,6 @@ from biodyn_ros.parameters_yaml import parameters_yaml
 from biodyn_ros.resources import config_file
 
 OK, WARN, ERROR = (bytes([level]) for level in range(3))
-
-
-@pytest.fixture
-def graph() -> Iterator[Graph]:
-    with ros_graph() as made:
-        yield made
 
 
 class Diagnostics:

@@ -2,58 +2,31 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import itertools
-from pathlib import Path
 
 import naive
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from paper import THETAS, person, printed, shipped
 
 from biodyn_core import kernels
 from biodyn_core.errors import InputError
 from biodyn_core.model import MAX_STEP_S, Chain, Stepper
-from biodyn_core.parameters import LOWER, UPPER, Parameters
-from biodyn_core.subject import Subject, load_subject
+from biodyn_core.parameters import LOWER, UPPER
+from biodyn_core.subject import Subject
 
-DATA = Path(__file__).parent / "data"
-SHIPPED = Path(__file__).parents[1] / "config" / "subjects"
 NATIVE_HZ = 1129.3
 RATES_HZ = (250.0, 500.0, 1000.0, 1600.0)
 NAMES = ("subject_1", "subject_2", "subject_1_as_printed", "subject_2_as_printed")
 FORMS = st.sampled_from(["segment", "cascade"])
-SHARES = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15).map(np.array)
 
 MILLIONS_OF_STEPS = pytest.mark.skipif(not kernels.COMPILED, reason="without numba this takes many minutes")
 
 
-def shipped(name: str, **changes: float) -> Subject:
-    """A subject of the paper, some parameters changed."""
-    subject = load_subject(SHIPPED / f"{name}.yaml")
-    return dataclasses.replace(subject, parameters=dataclasses.replace(subject.parameters, **changes))
-
-
-def somebody(theta: np.ndarray, form: str, body_mass_kg: float = 70.0) -> Subject:
-    """A person with this theta."""
-    return Subject("somebody", body_mass_kg, 1.75, form, Parameters.from_vector(theta))
-
-
-def admissible(shares: np.ndarray) -> np.ndarray:
-    """Theta at shares of the way through Table 1."""
-    return np.clip(LOWER + shares * (UPPER - LOWER), LOWER, UPPER)
-
-
-bodies = st.builds(somebody, theta=SHARES.map(admissible), form=FORMS, body_mass_kg=st.floats(30.0, 200.0))
-
-
-def rows(table: str, **wanted: str) -> list[dict[str, str]]:
-    """The rows of a printed table that have these values."""
-    lines = (DATA / table).read_text(encoding="utf-8").splitlines()
-    found = csv.DictReader(line for line in lines if not line.startswith("#"))
-    return [row for row in found if all(row[key] == value for key, value in wanted.items())]
+bodies = st.builds(person, THETAS, mass_matrix=FORMS, body_mass_kg=st.floats(30.0, 200.0))
 
 
 def half_sine(peak_g: float, length_s: float, seconds: float, rate_hz: float, begin_s: float = 0.01) -> np.ndarray:
@@ -83,11 +56,11 @@ def twin(subject: Subject, seat: np.ndarray, rate_hz: float) -> np.ndarray:
 @pytest.mark.parametrize("number", ["1", "2"])
 def test_segment_masses_are_those_printed(number):
     mass = Chain.of(shipped(f"subject_{number}", mass_scale=1.0)).mass_kg
-    wanted = [float(row["mass_kg"]) for row in rows("tables_4_5.csv", subject=number)]
+    wanted = [float(row["mass_kg"]) for row in printed("tables_4_5.csv", subject=number)]
     # gamma has three digits; 0.05937 is implied by the printed heads (3.479 and 4.393 kg), hence 0.7 % there.
     np.testing.assert_allclose(mass[:5], wanted[:5], rtol=1.2e-3)
     assert mass[5] == pytest.approx(wanted[5], rel=7e-3)
-    total = float(rows("tables_4_5_totals.csv", subject=number)[0]["upper_body_kg"])
+    total = float(printed("tables_4_5_totals.csv", subject=number)[0]["upper_body_kg"])
     assert mass.sum() == pytest.approx(total, rel=5e-4)
 
 
@@ -98,13 +71,13 @@ NAMED = {("1", "neck"): 7e-3, ("1", "head"): 7e-3, ("2", "pelvis"): 7e-3, ("2", 
 @pytest.mark.parametrize("number", ["1", "2"])
 def test_stiffness_is_that_of_tables_4_and_5(number):
     k = Chain.of(shipped(f"subject_{number}", mass_scale=1.0)).stiffness_n_per_m / 1000.0
-    for found, row in zip(k, rows("tables_4_5.csv", subject=number), strict=True):
+    for found, row in zip(k, printed("tables_4_5.csv", subject=number), strict=True):
         # Elsewhere only gamma's three digits stand between: 0.15 %.
         tolerance = NAMED.get((number, row["joint"]), 1.5e-3)
         assert found == pytest.approx(float(row["k_kn_per_m"]), rel=tolerance), row["joint"]
 
 
-@pytest.mark.parametrize("row", rows("modes.csv"), ids=lambda row: f"{row['subject']}-{row['mass_matrix']}")
+@pytest.mark.parametrize("row", printed("modes.csv"), ids=lambda row: f"{row['subject']}-{row['mass_matrix']}")
 def test_modal_frequencies_are_the_known_ones(row):
     suffix = "" if row["mass_matrix"] == "segment" else "_as_printed"
     modes = Chain.of(shipped(f"subject_{row['subject']}{suffix}")).modes()
@@ -383,7 +356,7 @@ def test_at_the_corners_of_table_1_a_shock_is_answered_at_any_rate(form, rate_hz
     seat = half_sine(-5.0, 0.04, 0.15, rate_hz)
     truths = naive.chain_responses([(theta, 70.0, form) for theta in CORNERS], seat, rate_hz)
     errors = [
-        relative_error(Chain.of(somebody(theta, form)).simulate(seat, rate_hz).accel_mps2, truth)
+        relative_error(Chain.of(person(theta, mass_matrix=form)).simulate(seat, rate_hz).accel_mps2, truth)
         for theta, truth in zip(CORNERS, truths, strict=True)
     ]
     assert max(errors) <= 1e-4  # found: 4.6e-5 at 1000 Hz with segment masses; the paper's solver has 4e-5
@@ -395,7 +368,7 @@ def test_at_the_corners_of_table_1_a_shock_is_answered_at_any_rate(form, rate_hz
 def test_at_the_corners_of_table_1_the_worst_shock_dies_out(form, rate_hz):
     seat = half_sine(-15.0, 0.06, 4.0, rate_hz)
     for high in _CORNER_SAMPLE:
-        accel = Chain.of(somebody(np.where(high, UPPER, LOWER), form)).simulate(seat, rate_hz).accel_mps2
+        accel = Chain.of(person(np.where(high, UPPER, LOWER), mass_matrix=form)).simulate(seat, rate_hz).accel_mps2
         peak = np.abs(accel).max()
         assert peak < 250.0 * naive.GRAVITY  # found: 143 g
         # The slowest decay Table 1 allows is alpha_r / 2 + zeta w >= 0.05 + 0.2 per second and more.

@@ -17,13 +17,10 @@ from urllib.parse import urlsplit
 
 import pytest
 import yaml
-from ros import STARTUP_S, Graph, child, ros_graph
-from streams import noisy_streams, subject
+from ros import STARTUP_S, child
+from streams import noisy_streams, subject, write_bag
 
 from biodyn_core.synthesis import ImuStream
-from biodyn_ros import topics
-from biodyn_ros.bag import BagWriter
-from biodyn_ros.cdr import IMU_TYPE, encode_imu
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
@@ -49,13 +46,7 @@ def ride() -> list[ImuStream]:
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path: Path = tmp_path_factory.mktemp("page") / "ride.mcap"
-    with BagWriter(path) as writer:
-        for stream in ride():
-            writer.add_topic(topics.INPUT[stream.sensor], IMU_TYPE)
-            messages = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "imu")
-            writer.write(topics.INPUT[stream.sensor], stream.stamps_ns, messages)
-    return path
+    return write_bag(tmp_path_factory.mktemp("page") / "ride.mcap", ride())
 
 
 @pytest.fixture(scope="module")
@@ -106,12 +97,6 @@ def browser() -> Iterator[Browser]:
         chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield Browser(chromium.new_page(viewport=dict(zip(("width", "height"), SIZES["desk"], strict=True))))
         chromium.close()
-
-
-@pytest.fixture
-def graph() -> Iterator[Graph]:
-    with ros_graph() as made:
-        yield made
 
 
 def node_arguments(port: int, subject_file: Path, yaw: str = "0.0") -> list[str]:

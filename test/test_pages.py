@@ -19,6 +19,7 @@ import pytest
 import test_report
 import test_streamed_spectra as streamed
 from pages import NASTY, Page, assert_self_contained, lines, told
+from streams import simulated
 
 from biodyn_core.errors import InputError
 from biodyn_core.frames import NO_PREDICTED, Frames
@@ -29,7 +30,6 @@ from biodyn_core.parameters import PARAMETERS
 from biodyn_core.recording import Recording
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 from biodyn_core.subject import load_subject
-from biodyn_core.synthesis import SensorSettings
 from biodyn_ros.cli import main
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import page as fit_report
@@ -45,7 +45,6 @@ from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.frequency import driving_point, residual_channels, transmissibility, waterfall
 from biodyn_ros.reports.pages import render
 from biodyn_ros.resources import subject_file
-from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.validate import page as validate_report
 from biodyn_ros.validate import validating
 from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page, worst_segment
@@ -210,12 +209,8 @@ def test_a_validation_is_written_first_and_drawn_after(
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
     """Of a road and a rail, another road held out; names that are a nuisance."""
-    folder, who = tmp_path_factory.mktemp("bags"), load_subject(subject_file("subject_1"))
-    bags = {name: folder / f"{name}.mcap" for name in ("<script>road", "rail", "spare")}
-    for seed, (name, bag) in enumerate(bags.items()):
-        simulate_bag(
-            bag, who, motion_of_cases(["rail" if name == "rail" else "road"], 3.0, seed), seed, SensorSettings()
-        )
+    cases = {"<script>road": "road", "rail": "rail", "spare": "road"}
+    bags = simulated(tmp_path_factory.mktemp("bags"), 3.0, cases)
     swarm = SwarmSettings(particles=20, iterations=20, starts=1)
     settings = FitSettings(swarm=swarm, refined_starts=1, evaluations=60)
     given = dataclasses.replace(load_subject(subject_file("subject_2")), name=PERSON)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from paper import SHARES, printed
 
 from biodyn_core.errors import InputError
 from biodyn_core.parameters import (
@@ -23,15 +21,12 @@ from biodyn_core.parameters import (
 )
 from biodyn_core.segments import SEGMENTS
 
-DATA = Path(__file__).parent / "data"
-SHARES = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15).map(np.array)
 ULPS = 8 * np.finfo(float).eps
 
 
 def printed_bounds() -> np.ndarray:
     """Table 1 spread over theta, (15, 2)."""
-    lines = (DATA / "table_1.csv").read_text(encoding="utf-8").splitlines()
-    rows = {row["variable"]: (float(row["lower"]), float(row["upper"])) for row in csv.DictReader(lines[1:])}
+    rows = {row["variable"]: (float(row["lower"]), float(row["upper"])) for row in printed("table_1.csv")}
     return np.array(
         [
             *(rows[f"f_n{i}"] for i in range(1, 7)),

@@ -5,13 +5,12 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from ros import Graph, ros_graph
+from ros import Graph
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 
@@ -24,12 +23,6 @@ from biodyn_ros.player import MOMENT_S, Player
 COUNT = 300
 START_NS = 1_700_000_000 * 10**9
 STEP_NS = 1_000_000
-
-
-@pytest.fixture
-def graph() -> Iterator[Graph]:
-    with ros_graph() as made:
-        yield made
 
 
 @pytest.fixture

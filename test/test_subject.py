@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import copy
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from expecting import refusal
 from hypothesis import given
 from hypothesis import strategies as st
+from paper import THETAS, printed, shipped
 
 from biodyn_core.errors import InputError
-from biodyn_core.parameters import LOWER, UPPER, Parameters
+from biodyn_core.parameters import Parameters
 from biodyn_core.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.subject import Subject, load_subject
 
-DATA = Path(__file__).parent / "data"
 SHIPPED = Path(__file__).parents[1] / "config" / "subjects"
-THETAS = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15).map(
-    lambda shares: np.clip(LOWER + np.array(shares) * (UPPER - LOWER), LOWER, UPPER)
-)
 SUBJECTS = st.builds(
     Subject,
     name=st.text(min_size=1).filter(lambda name: name.strip()),
@@ -47,12 +44,6 @@ GOOD = {
 }
 
 
-def printed(table: str) -> list[dict[str, str]]:
-    """The rows of a printed table."""
-    lines = (DATA / table).read_text(encoding="utf-8").splitlines()
-    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
-
-
 @pytest.fixture
 def refused(tmp_path):
     """Writes a subject file and hands back the one line it is refused with, file named."""
@@ -61,11 +52,7 @@ def refused(tmp_path):
         path = tmp_path / "somebody.yaml"
         text = content if isinstance(content, str) else yaml.safe_dump(content)
         path.write_text(text, encoding="utf-8")
-        with pytest.raises(InputError) as told:
-            load_subject(path)
-        message = str(told.value)
-        assert message.startswith(f"{path}: ") and "\n" not in message
-        return message
+        return refusal(load_subject, path)
 
     return refuse
 
@@ -113,8 +100,8 @@ def test_an_empty_list_of_effects_is_allowed_and_provenance_kept():
 @pytest.mark.parametrize("number", [1, 2])
 @pytest.mark.parametrize(("suffix", "form"), [("", "segment"), ("_as_printed", "cascade")])
 def test_the_shipped_subjects_are_tables_4_and_5(number, suffix, form):
-    subject = load_subject(SHIPPED / f"subject_{number}{suffix}.yaml")
-    rows = [row for row in printed("tables_4_5.csv") if row["subject"] == str(number)]
+    subject = shipped(f"subject_{number}{suffix}")
+    rows = printed("tables_4_5.csv", subject=str(number))
     foot = printed("tables_4_5_totals.csv")[number - 1]
     assert [row["joint"] for row in rows] == list(SEGMENTS)
     assert subject.mass_matrix == form

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from paper import printed
 from scipy import signal
 
 from biodyn_core import kernels
@@ -55,8 +56,7 @@ def assert_on_the_table(name: str, nominal_hz: list[float], factor: list[float])
 
 @pytest.mark.parametrize("name", ["Wk", "Wd"])
 def test_the_weighting_is_that_of_the_committed_rows(name):
-    lines = (DATA / "iso2631_1_table_3.csv").read_text(encoding="utf-8").splitlines()
-    rows = [row for row in csv.DictReader(line for line in lines if not line.startswith("#")) if row[name]]
+    rows = [row for row in printed("iso2631_1_table_3.csv") if row[name]]
     assert len(rows) >= 10
     assert_on_the_table(name, [float(row["frequency_hz"]) for row in rows], [float(row[name]) for row in rows])
 

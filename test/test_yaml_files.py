@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from expecting import refusal
 
-from biodyn_core.errors import LONGEST, InputError
+from biodyn_core.errors import InputError
 from biodyn_core.limits import load_limits
 from biodyn_core.subject import load_subject
 from biodyn_core.yaml_files import LARGEST_BYTES, MOST_ALIASES, read_yaml
@@ -37,10 +38,7 @@ def test_every_reader_says_in_one_line_what_is_wrong(tmp_path: Path, name: str, 
     path = tmp_path / "given.yaml"
     text, said = BAD[name]
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(InputError) as caught:
-        reader(path)
-    line = str(caught.value)
-    assert said in line and line.startswith(str(path)) and "\n" not in line and len(line) <= LONGEST
+    assert said in refusal(reader, path)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
@@ -69,7 +67,4 @@ def test_names_that_no_file_can_have_are_refused_by_place(tmp_path: Path, key: s
     row = {"subject": '"subject_1"', "bags": '["x.mcap"]'} | {key: f'"{text}"' if key == "subject" else f'["{text}"]'}
     path = tmp_path / "campaign.yaml"
     path.write_text("subjects: [{" + ", ".join(f"{k}: {v}" for k, v in row.items()) + "}]")
-    with pytest.raises(InputError) as caught:
-        load_campaign(path)
-    line = str(caught.value)
-    assert f"subjects[0].{key}" in line and "\n" not in line and len(line) <= LONGEST
+    assert f"subjects[0].{key}" in refusal(load_campaign, path)
