@@ -2,16 +2,17 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import chores
 import fitting
 import pytest
 import yaml
+from expecting import refusal, until
 
 from biodyn_core.errors import InputError
 from biodyn_core.identification.phase1 import SwarmSettings
@@ -27,7 +28,7 @@ from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.work.executors import executor_of
 
 QUICK = FitOptions(
-    settings=FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=400, refined_starts=1)
+    settings=FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=100, refined_starts=1)
 )
 QUICKLY = [
     "--particles",
@@ -37,7 +38,7 @@ QUICKLY = [
     "--starts",
     "2",
     "--evaluations",
-    "400",
+    "100",
     "--refined-starts",
     "1",
     "--no-report",
@@ -176,9 +177,7 @@ def test_one_person_is_the_same_in_all_entries(field: Path, tmp_path: Path, key:
 
 def refused(path: Path, fault: str) -> None:
     """Assert that a campaign file is refused in one line that names it."""
-    with pytest.raises(InputError, match=fault) as caught:
-        load_campaign(path)
-    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+    assert re.search(fault, refusal(load_campaign, path))
 
 
 # --- the fits --------------------------------------------------------------------------------------------------------
@@ -197,14 +196,8 @@ def test_a_campaign_fits_each_subject_as_if_it_were_alone(field: Path, tmp_path:
     assert len(lines) == 4 and [line.split()[:2] for line in lines[1:]] == [[name, "done"] for name in PEOPLE]
 
 
-def test_a_campaign_runs_on_a_cluster(field: Path, tmp_path: Path, alone) -> None:
-    distributed = pytest.importorskip("distributed")
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, host="127.0.0.1", protocol="tcp", dashboard_address=":0"
-        ) as cluster,
-        executor_of(cluster.scheduler_address) as executor,
-    ):
+def test_a_campaign_runs_on_a_cluster(field: Path, tmp_path: Path, alone, cluster: str) -> None:
+    with executor_of(cluster) as executor:
         fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)
     assert written(tmp_path) == alone
 
@@ -299,10 +292,8 @@ def test_an_interrupted_campaign_keeps_what_is_finished(field: Path, tmp_path: P
     arguments = ["fit", "--campaign", str(field / "campaign.yaml"), "-o", str(out), *QUICKLY]
     command = [sys.executable, "-m", "biodyn_ros.cli", *arguments, "--executor", "processes:1"]
     with subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True) as child:
-        end = time.monotonic() + 60.0
-        while not (out / "anna.yaml").exists():
-            assert child.poll() is None and time.monotonic() < end
-            time.sleep(0.01)
+        until(lambda: (out / "anna.yaml").exists() or child.poll() is not None)
+        assert child.poll() is None
         os.killpg(child.pid, signal.SIGINT)
         assert (child.wait(20), child.stderr.read()) == (130, "biodyn fit: interrupted\n")
     states = {row["name"]: row["state"] for row in json.loads((out / "campaign.json").read_text())["subjects"]}

@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from streams import subject
 from trident import capture_u_files, shock
 
 from biodyn_core.subject import load_subject
-from biodyn_core.synthesis import CASES, SensorSettings
+from biodyn_core.synthesis import SensorSettings
 from biodyn_ros.commands.table import parser
 from biodyn_ros.environment import hold_domain
 from biodyn_ros.fit.campaign_file import load_campaign
@@ -125,14 +126,14 @@ def test_every_command_of_every_page_is_one(line: str) -> None:
 
 @pytest.mark.timeout(900)
 def test_a_day_of_recordings_can_be_traced_as_its_page_says(tmp_path: Path) -> None:
-    drives = [f"{day}/{case}_{k}" for day in ("base", "null") for case in CASES for k in (1, 2)]
-    drives += [f"helmet/{case}_helmet_{k}" for case in CASES for k in (1, 2)] + ["helmet/rail_helmet_9"]
+    cases = ("road", "rail")
+    drives = [f"{day}/{case}_{k}" for day in ("base", "null") for case in cases for k in (1, 2)]
+    drives += [f"helmet/{case}_helmet_{k}" for case in cases for k in (1, 2)] + ["helmet/rail_helmet_9"]
     for seed, drive in enumerate(drives):
         (tmp_path / drive).parent.mkdir(exist_ok=True)
-        case = next(case for case in CASES if case in drive)
-        person = load_subject(subject_file("subject_1"))
-        motion = motion_of_cases([case], 4.0, seed)
-        simulate_bag(tmp_path / f"{drive}.mcap", person, motion, seed, SensorSettings())
+        case = next(case for case in cases if case in drive)
+        motion = motion_of_cases([case], 3.0, seed)
+        simulate_bag(tmp_path / f"{drive}.mcap", subject(), motion, seed, SensorSettings())
     known = yaml.safe_load(subject_file("subject_1").read_text(encoding="utf-8"))
     (tmp_path / "p01.yaml").write_text(yaml.safe_dump(known | {"name": "p01"}))
     run("\n".join(commands("docs/recording_for_tracing.md")), tmp_path, dict(os.environ) | {"PYTHONPATH": str(ROOT)})

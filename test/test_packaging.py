@@ -96,12 +96,17 @@ def pip(tmp_path: Path, option: str) -> Installed:
     return Installed(prefix, prefix / "bin", setup)
 
 
+@pytest.fixture(scope="module")
+def symlinked(tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    return colcon(tmp_path_factory.mktemp("symlinked"), "--symlink-install")
+
+
 @pytest.fixture(scope="module", params=["colcon", "colcon-symlink", "pip-prefix", "pip-target"])
 def installed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    if request.param == "colcon-symlink":
+        return request.getfixturevalue("symlinked")
     tmp_path = tmp_path_factory.mktemp(request.param)
-    if request.param.startswith("colcon"):
-        return colcon(tmp_path, *(["--symlink-install"] if request.param == "colcon-symlink" else []))
-    return pip(tmp_path, f"--{request.param.removeprefix('pip-')}")
+    return colcon(tmp_path) if request.param == "colcon" else pip(tmp_path, f"--{request.param.removeprefix('pip-')}")
 
 
 def test_everything_beside_the_code_is_installed(installed: Installed) -> None:
@@ -139,13 +144,12 @@ def test_the_command_starts_where_it_is_installed(installed: Installed, tmp_path
     assert "usage" in installed.run(f"{shlex.quote(str(installed.scripts / 'biodyn'))} --help", tmp_path).lower()
 
 
-def test_a_symlinked_build_leads_back_to_the_source(tmp_path: Path) -> None:
-    built = colcon(tmp_path, "--symlink-install")
-    tree = tmp_path / "src" / "biodyn"
-    launch = built.prefix / "share/biodyn_ros/launch/biodyn.launch.py"
+def test_a_symlinked_build_leads_back_to_the_source(symlinked: Installed, tmp_path: Path) -> None:
+    tree = symlinked.prefix.parents[1] / "src" / "biodyn"
+    launch = symlinked.prefix / "share/biodyn_ros/launch/biodyn.launch.py"
     assert launch.resolve() == tree / "config/launch/biodyn.launch.py"
     script = "import biodyn_ros.resources as r; print(r.__file__)"
-    module = built.run(f"{shlex.quote(sys.executable)} -c {shlex.quote(script)}", tmp_path).strip()
+    module = symlinked.run(f"{shlex.quote(sys.executable)} -c {shlex.quote(script)}", tmp_path).strip()
     assert Path(module).resolve() == tree / "biodyn_ros/resources.py"
 
 

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ def reliable(*inputs: str) -> list[str]:
     return given
 
 
+@cache
 def offline() -> tuple[dict[str, dict[int, float]], Any]:
     """Every frame of the replay by topic and stamp, and its document."""
     frames: dict[str, dict[int, float]] = {t: {} for t in (*topics.PREDICTED.values(), *topics.MEASURED.values())}
