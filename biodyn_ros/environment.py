@@ -128,7 +128,7 @@ def hold_domain(directory: Path | None = None) -> Domain:
     # A random start keeps users apart who do not see one another's locks.
     first = random.randrange(len(DOMAINS))
     for domain_id in (*DOMAINS[first:], *DOMAINS[:first]):
-        descriptor = _try_lock(directory / f"domain-{domain_id}.lock")
+        descriptor = try_lock(directory / f"domain-{domain_id}.lock")
         if descriptor is not None:
             return Domain(domain_id, descriptor)
     raise EnvironmentFault(
@@ -173,7 +173,11 @@ def _localhost() -> dict[str, str]:
     return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_LOG_DIR": str(log_directory)}
 
 
-def _try_lock(path: Path) -> int | None:
+def try_lock(path: Path) -> int | None:
+    """A descriptor that holds the lock file until it is closed, None where somebody else does.
+
+    Raises EnvironmentFault where the file cannot be opened.
+    """
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:

@@ -114,9 +114,9 @@ def test_a_wrapped_command_starts_clean_and_keeps_its_domain_while_it_lives(tmp_
         lock = tmp_path / f"biodyn-{os.getuid()}" / f"domain-{domain_id}.lock"
         assert domain_id in range(1, 102)
         assert not set(seen) & (set(environment.CLEARED) - {"ROS_DOMAIN_ID"})
-        assert environment._try_lock(lock) is None
+        assert environment.try_lock(lock) is None
         process.communicate("end\n")
-    descriptor = environment._try_lock(lock)
+    descriptor = environment.try_lock(lock)
     assert descriptor is not None
     os.close(descriptor)
 

@@ -19,7 +19,7 @@ from biodyn_core import kernels
 from biodyn_core.alignment import lagrange_weights
 from biodyn_core.injury import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, first_order_hold
 from biodyn_core.kernels import alignment, chain, compiling, exposure, guard, lean, sensor
-from biodyn_core.model import Chain, Stepper
+from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
 from biodyn_core.weighting import weighting_sections
@@ -86,11 +86,11 @@ def _chain(kind: str, keep_motion: bool, high: float) -> list:
     theta = LOWER + high * (UPPER - LOWER)
     chain = Chain.of(Subject("s", 70.0, 1.7, "segment", Parameters.from_vector(theta)))
     seat = given(kind, 1)[:, 0]
-    stepper = Stepper(chain, RATE_HZ)
+    step_s, stiffness = 1.0 / (RATE_HZ * chain.substeps(RATE_HZ)), chain.stiffness_n_per_m
     return [
         seat, np.empty((seat.size, 0)), np.linspace(-1e-3, 1e-3, 13),
-        stepper._k, stepper._b, stepper._k_alpha, stepper._inverse_mass,
-        stepper._alpha_r, stepper._wiring.p, stepper._step_s, 2, np.empty((seat.size, 6)),
+        stiffness, chain.damping_n_s_per_m, stiffness * chain.stiffening_per_m, 1.0 / chain.inertia_kg,
+        chain.rayleigh_rad_per_s, np.empty(0), step_s, 2, np.empty((seat.size, 6)),
         np.empty((seat.size, 12)) if keep_motion and seat.size else np.empty((0, 12)),
     ]  # fmt: skip
 
@@ -289,15 +289,15 @@ def closed(tmp_path):
 
 def test_the_cache_goes_where_the_user_says(bare, monkeypatch):
     monkeypatch.setenv("HOME", str(bare / "home"))
-    assert compiling._cache_folder() == str(bare / "home" / ".cache" / "biodyn")
+    assert compiling.cache_folder() == str(bare / "home" / ".cache" / "biodyn")
     monkeypatch.setenv("XDG_CACHE_HOME", str(bare / "xdg"))
-    assert compiling._cache_folder() == str(bare / "xdg" / "biodyn")
+    assert compiling.cache_folder() == str(bare / "xdg" / "biodyn")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(bare / "numba"))
-    assert compiling._cache_folder() == str(bare / "numba" / "biodyn")
+    assert compiling.cache_folder() == str(bare / "numba" / "biodyn")
 
 
 def test_without_home_the_cache_is_temporary_and_the_users_own(bare):
-    folder = Path(compiling._cache_folder())
+    folder = Path(compiling.cache_folder())
     assert folder.parent == bare / "tmp" and folder.name.startswith("biodyn-cache-")
     assert folder.stat().st_mode & 0o777 == 0o700
 
@@ -305,7 +305,7 @@ def test_without_home_the_cache_is_temporary_and_the_users_own(bare):
 @pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"])
 def test_what_cannot_be_written_is_passed_over(bare, closed, monkeypatch, variable):
     monkeypatch.setenv(variable, closed)
-    assert Path(compiling._cache_folder()).parent == bare / "tmp"
+    assert Path(compiling.cache_folder()).parent == bare / "tmp"
 
 
 def test_a_read_only_folder_is_passed_over(bare, monkeypatch):
@@ -314,7 +314,7 @@ def test_a_read_only_folder_is_passed_over(bare, monkeypatch):
 
     monkeypatch.setenv("HOME", str(bare))
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
-    assert compiling._cache_folder() is None
+    assert compiling.cache_folder() is None
 
 
 def test_a_folder_of_somebody_else_is_passed_over(bare, monkeypatch):
@@ -322,13 +322,13 @@ def test_a_folder_of_somebody_else_is_passed_over(bare, monkeypatch):
         pytest.skip("no owners here")
     monkeypatch.setenv("HOME", str(bare))
     monkeypatch.setattr(os, "getuid", lambda: 4_000_001)
-    assert compiling._cache_folder() is None
+    assert compiling.cache_folder() is None
 
 
 def test_nothing_writable_at_all_means_no_cache(bare, closed, monkeypatch):
     monkeypatch.setenv("HOME", closed)
     monkeypatch.setattr(tempfile, "tempdir", closed)
-    assert compiling._cache_folder() is None
+    assert compiling.cache_folder() is None
 
 
 SCRIPT = """

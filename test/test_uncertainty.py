@@ -20,9 +20,9 @@ from biodyn_core.identification.uncertainty import (
     WINDOW_STEPS,
     Uncertainty,
     UncertaintySettings,
-    _inverse,
-    _jackknifed,
-    _windows,
+    inverse_of,
+    jackknifed,
+    overlapping_windows,
     uncertainty,
 )
 from biodyn_core.model import Chain
@@ -104,7 +104,7 @@ def test_overlapping_windows_are_bartletts_triangle() -> None:
     for t in range(43):
         for u in range(43):
             expected += max(0.0, 1.0 - abs(t - u) / WINDOW_STEPS) * np.outer(scores[t], scores[u])
-    found = _jackknifed(*_windows(slopes, residual, WINDOW_STEPS), np.zeros((3, 3)))
+    found = jackknifed(*overlapping_windows(slopes, residual, WINDOW_STEPS), np.zeros((3, 3)))
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
@@ -117,7 +117,7 @@ def test_each_window_is_judged_by_the_fit_without_it() -> None:
         kept[max(0, end - 20) : end] = False
         moved = np.linalg.lstsq(slopes[kept].reshape(-1, 3), residual[kept].ravel())[0]
         expected += np.outer(moved, moved) / WINDOW_STEPS
-    scatter = _jackknifed(*_windows(slopes, residual, 20), inverse)
+    scatter = jackknifed(*overlapping_windows(slopes, residual, 20), inverse)
     np.testing.assert_allclose(inverse @ scatter @ inverse, expected, rtol=1e-4)
 
 
@@ -133,7 +133,7 @@ def test_a_record_as_short_as_a_window_is_not_known_better_than_a_longer_one() -
 
 def test_inverse_of_what_is_seen_and_what_is_not() -> None:
     seen = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 0.0], [0.0, 0.0, 0.0]])
-    found = _inverse(seen)
+    found = inverse_of(seen)
     np.testing.assert_allclose(found[:2, :2], np.linalg.inv(seen[:2, :2]), rtol=1e-12)
     assert found[2, 2] > 1e200
 

@@ -141,19 +141,19 @@ def covariance_of(
         slopes, residual = rows[:, :, :-1], rows[:, :, -1]
         flat = slopes.reshape(-1, count)
         information += flat.T @ flat
-        windows.append(_windows(slopes, residual, round(settings.window_s * case.rate_hz)))
+        windows.append(overlapping_windows(slopes, residual, round(settings.window_s * case.rate_hz)))
         answers = problem.accelerations(number, theta)
         for key, shape in _lasting_errors(case, answers, settings):
             # One person, one sitting, the same mounting: the error is the same in every case.
             seen = np.einsum("nsp,ns->p", slopes, shape[case.begin :] * np.sqrt(case.weight[case.begin :]))
             lasting[key] = lasting.get(key, np.zeros(count)) + seen
-    inverse = _inverse(information)
-    scatter = sum((_jackknifed(*seen, inverse) for seen in windows), np.zeros((count, count)))
+    inverse = inverse_of(information)
+    scatter = sum((jackknifed(*seen, inverse) for seen in windows), np.zeros((count, count)))
     scatter += sum((np.outer(seen, seen) for seen in lasting.values()), np.zeros((count, count)))
     return inverse @ scatter @ inverse, inverse
 
 
-def _inverse(information: Floats) -> Floats:
+def inverse_of(information: Floats) -> Floats:
     """Inverse of J'J; what is not seen at all gets a variance that is enormous, not an error."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-200))
     squares, vectors = np.linalg.eigh(information / np.outer(scale, scale))
@@ -161,7 +161,7 @@ def _inverse(information: Floats) -> Floats:
     return np.asarray((vectors / kept) @ vectors.T / np.outer(scale, scale))
 
 
-def _windows(slopes: Floats, residual: Floats, length: int) -> tuple[Floats, Floats]:
+def overlapping_windows(slopes: Floats, residual: Floats, length: int) -> tuple[Floats, Floats]:
     """Scores (w, p) and J'J (w, p, p) of all windows of so many samples that touch a record, `WINDOW_STEPS` in each.
 
     Slopes (n, 5, p), residual (n, 5). Products of the scores add up to those of samples, weighted by Bartlett's
@@ -179,7 +179,7 @@ def _windows(slopes: Floats, residual: Floats, length: int) -> tuple[Floats, Flo
     return found[:, :, -1], found[:, :, :-1]
 
 
-def _jackknifed(scores: Floats, products: Floats, inverse: Floats) -> Floats:
+def jackknifed(scores: Floats, products: Floats, inverse: Floats) -> Floats:
     """Scatter (p, p) of scores (w, p), each as it would be had the fit not seen its window (Kuensch 1989).
 
     A fit bends to the few shocks that tell it of stiffening, and leaves less over there than elsewhere.

@@ -18,7 +18,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 COMPILED: Final = numba is not None
 
 
-def _cache_folder() -> str | None:
+def cache_folder() -> str | None:
     """A folder of the user's own for compiled code, or None where nothing is writable (read-only installs, no HOME)."""
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     user = os.getuid() if hasattr(os, "getuid") else "user"
@@ -39,7 +39,7 @@ def _cache_folder() -> str | None:
     return None
 
 
-CACHE: Final = _cache_folder() if COMPILED else None
+CACHE: Final = cache_folder() if COMPILED else None
 """Where compiled code is kept, None where it cannot be."""
 
 

@@ -180,7 +180,7 @@ def _load(text: str) -> Callable[..., None]:
     if CACHE is None:
         exec(compile(text, name, "exec"), module.__dict__)  # noqa: S102 - made here from our own source
     else:
-        path = _kept(Path(CACHE) / "generated" / f"{name}.py", text)
+        path = kept(Path(CACHE) / "generated" / f"{name}.py", text)
         spec = importlib.util.spec_from_file_location(module.__name__, path)
         if spec is None or spec.loader is None:
             raise ImportError(f"{path}: cannot be loaded")
@@ -191,7 +191,7 @@ def _load(text: str) -> Callable[..., None]:
     return found
 
 
-def _kept(path: Path, text: str) -> Path:
+def kept(path: Path, text: str) -> Path:
     """A file with just this text; not touched where it is there already, since numba's cache goes by its date."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not (path.is_file() and path.read_text(encoding="utf-8") == text):
