@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
 from biodyn_core.subject import Subject
@@ -27,6 +28,13 @@ SECONDS = 5.0
 NOISE_MPS2 = 0.02
 NECK, HEAD = 3, 4
 """Columns of what is measured."""
+
+
+def applied(name: str, site: str | None = None, **values: float) -> AppliedEffect:
+    """An effect with its start values but for those given."""
+    effect = CATALOGUE[name]
+    start = {parameter.name: parameter.start for parameter in effect.parameters}
+    return AppliedEffect(effect, site or effect.where[0], start | values)
 
 
 def answers(seats: Floats, law: Law) -> Floats:

@@ -1,8 +1,9 @@
-"""Six IMU streams for tests of pipeline and nodes, and the seat motion behind them integrated by another method."""
+"""Six IMU streams for tests of pipeline and nodes, as bags and through the pipeline; some by another integrator."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from biodyn_core.model import Chain
+from biodyn_core.pipeline import Exposure, Pipeline
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.synthesis import ImuStream, SensorSettings, imu_streams, load_case
@@ -63,6 +65,46 @@ def write_bag(path: Path, streams: Iterable[ImuStream]) -> Path:
             messages = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "imu")
             writer.write(INPUT[stream.sensor], stream.stamps_ns, messages)
     return path
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """All frames of one run, joined, and its figures."""
+
+    predicted_ns: np.ndarray
+    predicted: np.ndarray
+    measured_ns: np.ndarray
+    measured: np.ndarray
+    exposure: Exposure
+    pipeline: Pipeline
+
+
+def run(
+    streams: tuple[ImuStream, ...],
+    order: list[tuple[str, int, int]],
+    finish: bool = True,
+    pipeline: Pipeline | None = None,
+) -> Run:
+    """Push the cuts (sensor, first, end) in the order given."""
+    by_name = {stream.sensor: stream for stream in streams}
+    pipeline = pipeline or Pipeline(subject())
+    frames = [pipeline.push(n, by_name[n].stamps_ns[a:b], by_name[n].accel_mps2[a:b]) for n, a, b in order]
+    if finish:
+        frames.append(pipeline.finish())
+    return Run(
+        np.concatenate([f.predicted.stamps_ns for f in frames]),
+        np.concatenate([f.predicted.accel_mps2 for f in frames]),
+        np.concatenate([f.measured.stamps_ns for f in frames]),
+        np.concatenate([f.measured.accel_mps2 for f in frames]),
+        pipeline.exposure(),
+        pipeline,
+    )
+
+
+def in_turn(streams: tuple[ImuStream, ...], size: int = 280) -> list[tuple[str, int, int]]:
+    """Blocks of one size, the sensors taking turns."""
+    longest = max(len(stream.stamps_ns) for stream in streams)
+    return [(s.sensor, at, at + size) for at in range(0, longest, size) for s in streams]
 
 
 @cache

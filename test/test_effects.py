@@ -12,6 +12,8 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
+import streams
+from hiding import applied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate
@@ -24,10 +26,9 @@ from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEGMENTS, SENSORS
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.synthesis import SensorSettings, imu_streams, load_case
-from biodyn_ros.resources import subject_file
 
 RATE_HZ = 1129.3
-SUBJECT = load_subject(subject_file("subject_1"))
+SUBJECT = streams.subject()
 NAMES = sorted(CATALOGUE)
 IN_TIME = [name for name in NAMES if CATALOGUE[name].in_chain]
 
@@ -36,13 +37,6 @@ def shock(seconds: float = 0.5, peak: float = 60.0) -> np.ndarray:
     """A seat that is thrown up and down, (n,)."""
     time = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
     return peak * np.sin(2.0 * np.pi * 7.0 * time) * np.sin(np.pi * time / seconds) ** 2
-
-
-def applied(name: str, site: str | None = None, **values: float) -> AppliedEffect:
-    """An effect with its start values but for those given."""
-    effect = CATALOGUE[name]
-    start = {parameter.name: parameter.start for parameter in effect.parameters}
-    return AppliedEffect(effect, site or effect.where[0], start | values)
 
 
 def with_effects(*effects: AppliedEffect, subject: Subject = SUBJECT) -> Subject:

@@ -6,15 +6,14 @@ import fitting
 import naive
 import numpy as np
 import pytest
-from test_effects import applied
+from hiding import applied
+from streams import subject
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.subject import load_subject
 from biodyn_core.tracing.gate import FloorSettings, cleaned, contents, missing, pulled_down, same
-from biodyn_ros.resources import subject_file
 
 RATE_HZ = fitting.RATE_HZ
-SUBJECT = load_subject(subject_file("subject_1"))
+SUBJECT = subject()
 
 
 def case(peaks_g: list[float], seconds: float = 20.0, apart_s: float = 3.0) -> Case:

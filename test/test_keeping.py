@@ -6,8 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from streams import RATE_HZ, noisy_streams, subject
-from test_pipeline import in_turn, run
+from streams import RATE_HZ, in_turn, noisy_streams, run, subject
 
 from biodyn_core.errors import InputError
 from biodyn_core.keeping import KeptExposure, digest

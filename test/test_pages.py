@@ -19,7 +19,7 @@ import pytest
 import test_report
 import test_streamed_spectra as streamed
 from pages import NASTY, Page, assert_self_contained, lines, told
-from streams import simulated
+from streams import simulated, subject
 
 from biodyn_core.errors import InputError
 from biodyn_core.frames import NO_PREDICTED, Frames
@@ -70,8 +70,7 @@ def recording(seconds: float = 12.0) -> Recording:
     seat = np.fft.irfft(spectrum, round(seconds * RATE_HZ))
     seat *= np.minimum(np.arange(seat.size) / 200.0, 1.0) / seat.std()
     seat[3000:3008] += 20.0
-    who = load_subject(subject_file("subject_1"))
-    measured = Chain.of(who).simulate(seat, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    measured = Chain.of(subject()).simulate(seat, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
     measured[:, MEASURED_SEGMENTS.index("neck")] = np.nan
     stamps = np.arange(seat.size) * 2_500_000
     return Recording("event", "rail", RATE_HZ, stamps, seat, measured, ("neck: no <i>sensor</i>",))

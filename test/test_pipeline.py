@@ -10,60 +10,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
-from streams import PERFECT, RATE_HZ, START_NS, independent_streams, noisy_streams, subject
+from streams import PERFECT, RATE_HZ, START_NS, Run, in_turn, independent_streams, noisy_streams, run, subject
 
 from biodyn_core import kernels
 from biodyn_core.conditioning import Conditioner
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import DoseMeter
 from biodyn_core.model import Chain, Stepper
-from biodyn_core.pipeline import Exposure, Pipeline
+from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import MOST_STRETCH_M
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import ImuStream, SeatMotion, imu_streams, load_case
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.node.warmup import warm_up
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Run:
-    """All frames of one run, joined, and its figures."""
-
-    predicted_ns: np.ndarray
-    predicted: np.ndarray
-    measured_ns: np.ndarray
-    measured: np.ndarray
-    exposure: Exposure
-    pipeline: Pipeline
-
-
-def run(
-    streams: tuple[ImuStream, ...],
-    order: list[tuple[str, int, int]],
-    finish: bool = True,
-    pipeline: Pipeline | None = None,
-) -> Run:
-    """Push the cuts (sensor, first, end) in the order given."""
-    by_name = {stream.sensor: stream for stream in streams}
-    pipeline = pipeline or Pipeline(subject())
-    frames = [pipeline.push(n, by_name[n].stamps_ns[a:b], by_name[n].accel_mps2[a:b]) for n, a, b in order]
-    if finish:
-        frames.append(pipeline.finish())
-    return Run(
-        np.concatenate([f.predicted.stamps_ns for f in frames]),
-        np.concatenate([f.predicted.accel_mps2 for f in frames]),
-        np.concatenate([f.measured.stamps_ns for f in frames]),
-        np.concatenate([f.measured.accel_mps2 for f in frames]),
-        pipeline.exposure(),
-        pipeline,
-    )
-
-
-def in_turn(streams: tuple[ImuStream, ...], size: int = 280) -> list[tuple[str, int, int]]:
-    """Blocks of one size, the sensors taking turns."""
-    longest = max(len(stream.stamps_ns) for stream in streams)
-    return [(s.sensor, at, at + size) for at in range(0, longest, size) for s in streams]
 
 
 @cache

@@ -5,7 +5,7 @@ import dataclasses
 import hiding
 import numpy as np
 import pytest
-from test_effects import applied
+from hiding import applied
 
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import errors

@@ -6,8 +6,8 @@ from functools import cache
 import hiding
 import numpy as np
 import pytest
+from hiding import applied
 from scipy import signal
-from test_effects import applied
 
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.background import Background, Side

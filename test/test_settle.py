@@ -6,7 +6,7 @@ from functools import cache
 import hiding
 import numpy as np
 import pytest
-from test_effects import applied
+from hiding import applied
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.tracing.background import N_THETA, Background, Side

@@ -12,8 +12,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from ros import STARTUP_S, Sensors, child, ros_graph
 from std_msgs.msg import Float64
-from streams import RATE_HZ, noisy_streams, subject
-from test_pipeline import in_turn, run
+from streams import RATE_HZ, in_turn, noisy_streams, run, subject
 
 from biodyn_core.errors import InputError
 from biodyn_core.keeping import KeptExposure, digest

@@ -7,7 +7,7 @@ from unittest import mock
 import hiding
 import numpy as np
 import pytest
-from test_effects import applied
+from hiding import applied
 
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.parameters import Parameters
