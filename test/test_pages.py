@@ -47,8 +47,9 @@ from biodyn_ros.reports.pages import render
 from biodyn_ros.resources import subject_file
 from biodyn_ros.validate import page as validate_report
 from biodyn_ros.validate import validating
+from biodyn_ros.validate.document import Validated
 from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page, worst_segment
-from biodyn_ros.validate.validating import Validated, validate_recordings, validate_to_directory
+from biodyn_ros.validate.validating import validate_recordings, validate_to_directory
 from biodyn_ros.wording import number
 
 RATE_HZ = 400.0

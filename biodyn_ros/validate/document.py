@@ -1,8 +1,8 @@
-"""The mapping of validate.json."""
+"""The mapping of validate.json, and the runs behind it."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +14,7 @@ from biodyn_core.model import CASCADE_FORCES
 from biodyn_core.recording import WARM_UP_S
 from biodyn_core.response import Peak, SpectrumSettings, peak
 from biodyn_core.segments import HEAD, SEAT, SEGMENTS
-from biodyn_core.validation import Exposures, HeadPeaks, Validation
+from biodyn_core.validation import Exposures, HeadPeaks, PredictedRun, Validation
 from biodyn_ros import __version__
 from biodyn_ros.provenance import MADE_BY_MODEL, Role, without_note
 from biodyn_ros.spectra_json import array, power_document, spectra_document, transmissibility_document
@@ -24,6 +24,14 @@ Document = dict[str, Any]
 
 PRINTED_BAND: Final = (0.80, 0.95)
 """The paper's printed band of the normalised apparent mass's peak (4.1), which it ascribes to ISO 5982; unverified."""
+
+
+@dataclass(frozen=True, eq=False)
+class Validated:
+    """The document of validate.json, and the runs of the seat behind it."""
+
+    document: Document
+    runs: tuple[PredictedRun, ...]
 
 
 def validation_document(

@@ -13,7 +13,7 @@ from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses, injury
 from biodyn_ros.reports.frequency import driving_point, powers, residual_channels, transmissibility, waterfall
 from biodyn_ros.reports.motion import EVENT_HALF_NS, StrongestEvent, overlay
 from biodyn_ros.reports.pages import check_reports, render
-from biodyn_ros.validate.validating import Validated
+from biodyn_ros.validate.document import Validated
 from biodyn_ros.wording import words
 
 Document = dict[str, Any]

@@ -13,13 +13,12 @@ from biodyn_core.model import SeatForce
 from biodyn_core.recording import Recording
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
-from biodyn_core.validation import PredictedRun
 from biodyn_ros.files import check_directory, make_directory
 from biodyn_ros.json_files import write_json
 from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import Role, bag_sha256, role_of
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
-from biodyn_ros.validate.document import validation_document
+from biodyn_ros.validate.document import Validated, validation_document
 from biodyn_ros.validate.findings import ValidationSettings
 
 Document = dict[str, Any]
@@ -35,14 +34,6 @@ class ValidateOptions:
     limits: ValidationSettings = field(default_factory=ValidationSettings)
     seat_force: SeatForce = "inertia"
     as_printed: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Validated:
-    """The document of validate.json, and the runs of the seat behind it."""
-
-    document: Document
-    runs: tuple[PredictedRun, ...]
 
 
 def validate(
