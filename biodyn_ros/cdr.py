@@ -31,6 +31,7 @@ Bytes = NDArray[np.uint8]
 
 IMU_TYPE: Final = "sensor_msgs/msg/Imu"
 ACCEL_STAMPED_TYPE: Final = "geometry_msgs/msg/AccelStamped"
+STRING_TYPE: Final = "std_msgs/msg/String"
 
 NS_PER_S: Final = 1_000_000_000
 
@@ -45,6 +46,7 @@ class _Layout:
 
 
 _HEADER_BYTES = 16
+_STRING_AT = 8
 _GYRO_AT = 104
 _ACCEL_AT = 200
 _IMU = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3),))
@@ -121,6 +123,15 @@ def frame_id_of(message: bytes) -> str:
     """The frame_id of any message whose first field is std_msgs/Header; InputError when it is cut."""
     start, end = _frame_span(message)
     return bytes(message[start:end]).rstrip(b"\0").decode("utf-8", errors="replace")
+
+
+def decode_string(message: bytes) -> str:
+    """The text of a std_msgs/String; InputError for one that is cut."""
+    if len(message) >= _STRING_AT and message[0] == 0 and message[1] <= 1:
+        end = _STRING_AT + int.from_bytes(message[4:_STRING_AT], "little" if message[1] else "big")
+        if _STRING_AT < end <= len(message):
+            return bytes(message[_STRING_AT : end - 1]).decode("utf-8", errors="replace")
+    raise InputError(f"{STRING_TYPE}: the message is cut, or no CDR")
 
 
 def restamp(message: bytes, stamp_ns: int) -> bytes:

@@ -243,7 +243,7 @@ class BiodynNode(LifecycleNode):
         """What the page shows, for whoever looks; shocks are found whether anybody does or not."""
         self._showing.gather()
         if self._statuses and self._answers.snapshot_is_wanted:
-            snapshot = self._showing.snapshot(self.pipeline, self._statuses)
+            snapshot = self._showing.snapshot(self.pipeline, self._statuses, self._watch.marks)
             self._answers.snapshot(json.dumps(snapshot, allow_nan=False))
 
     def _tell_of_timer(self, why: str) -> None:
@@ -281,7 +281,8 @@ class BiodynNode(LifecycleNode):
 
     def _on_mark(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         mark = self._watch.mark(1e-9 * self.get_clock().now().nanoseconds)
-        return self._done(response, mark)
+        self._answers.mark(mark)
+        return self._done(response, str(mark))
 
     def _done(self, response: Trigger.Response, message: str) -> Trigger.Response:
         self.get_logger().info(message)

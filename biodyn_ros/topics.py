@@ -20,6 +20,9 @@ ROLLING: Final = "~/exposure/rolling"
 SNAPSHOT: Final = "~/snapshot"
 """What the live page shows, as JSON in a std_msgs/String; sent while somebody listens."""
 
+MARKS: Final = "~/marks"
+"""Every mark when it is set, as its name in a std_msgs/String: what was recorded of them, a replay lists."""
+
 RESET: Final = "~/reset"
 MARK: Final = "~/mark"
 DIAGNOSTICS: Final = "/diagnostics"

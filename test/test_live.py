@@ -279,6 +279,7 @@ def test_without_the_events_executor_the_plain_one_serves(monkeypatch: pytest.Mo
 
 def test_reset_and_mark_answer(graph: Graph) -> None:
     tester = graph.node()
+    marks = graph.collect(tester, String, topics.absolute(topics.MARKS))
     node = graph.active()
     sensors = Sensors(graph, SENSORS)
     graph.wait(sensors.matched, "six inputs matched")
@@ -292,6 +293,7 @@ def test_reset_and_mark_answer(graph: Graph) -> None:
         assert future.result().success
         assert text in future.result().message
     assert node.pipeline.exposure().sensors[SEAT].vdv_mps175 < 0.1
+    graph.wait(lambda: [message.data for message in marks] == ["mark 1"], "the mark is told")
 
 
 def test_lifecycle_listens_only_while_active(graph: Graph) -> None:

@@ -228,6 +228,7 @@ def it_shows_a_dead_sensor(browser: Browser) -> None:
 def marks_and_resets(browser: Browser) -> None:
     browser.page.click("#mark")
     browser.until("$('said').innerText.startsWith('mark 1 at')", 10.0)
+    browser.until("$('marks').innerText.startsWith('mark 1 at')", 10.0)
     counted = browser.page.evaluate("snapshot.seat.counted_s")
     browser.page.click("#reset")
     assert browser.text("#reset") == "Press again to reset"

@@ -56,7 +56,7 @@ def test_the_table_of_topics_is_the_node_s() -> None:
         patterns.append(last)
     there = {
         *topics.INPUT.values(), *topics.PREDICTED.values(), *topics.MEASURED.values(), topics.DIAGNOSTICS,
-        topics.SNAPSHOT, *(topic.replace(topics.ROLLING, topics.EXPOSURE) for topic in topics.SCALARS),
+        topics.SNAPSHOT, topics.MARKS, *(topic.replace(topics.ROLLING, topics.EXPOSURE) for topic in topics.SCALARS),
     }  # fmt: skip
     matched = {
         pattern: {t for t in there if re.fullmatch(re.sub(r"<\w+>", "[a-z_]+", re.escape(pattern)), t)}

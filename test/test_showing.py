@@ -45,7 +45,7 @@ class Ride:
     def look(self):
         """Gather and tell, as JSON and back, as the page hears it."""
         self.showing.gather()
-        snapshot = self.showing.snapshot(self.pipeline, self.watch.look())
+        snapshot = self.showing.snapshot(self.pipeline, self.watch.look(), self.watch.marks)
         self.snapshots.append(json.loads(json.dumps(snapshot, allow_nan=False)))
         return self.snapshots[-1]
 

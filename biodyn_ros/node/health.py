@@ -35,6 +35,9 @@ OFF: Final = "by clock or transport: its residual tells of that"
 LOOKS: Final = 2
 """A count is growing that has grown within so many looks."""
 
+MARKS_KEPT: Final = 5
+"""So many marks are shown beside the shocks; all are told when they are set."""
+
 OK, WARN, ERROR = range(3)
 
 CAUSES: Final = {
@@ -56,6 +59,17 @@ COUNTS: Final = (
     "uncounted_s",
 )  # fmt: skip
 """What of a sensor's conditioning stands in the diagnostics beside rate and gravity."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """An instant that somebody marked: a running name, and when, by the node's clock."""
+
+    name: str
+    at_s: float
+
+    def __str__(self) -> str:
+        return f"{self.name} at {self.at_s:.3f} s"
 
 
 @dataclass(frozen=True)
@@ -162,19 +176,21 @@ def is_settling(seen: SensorStatus) -> bool:
 class Watch:
     """Looks at model and sensors a few times a second, and judges them as they are now.
 
-    health: by sensor, noted by whoever receives its messages.
+    health: by sensor, noted by whoever receives its messages. marks: the latest, the newest first.
     """
 
     def __init__(self, pipeline: Pipeline, health: Mapping[str, SensorHealth]) -> None:
         self._pipeline, self._health = pipeline, health
         self._divergences = Growth()
-        self._marks, self._last_mark = 0, ""
+        self._marks = 0
+        self.marks: deque[Mark] = deque(maxlen=MARKS_KEPT)
 
-    def mark(self, at_s: float) -> str:
-        """Note an instant that somebody marks; returns its name."""
+    def mark(self, at_s: float) -> Mark:
+        """Note an instant that somebody marks."""
         self._marks += 1
-        self._last_mark = f"mark {self._marks} at {at_s:.3f} s"
-        return self._last_mark
+        mark = Mark(f"mark {self._marks}", at_s)
+        self.marks.appendleft(mark)
+        return mark
 
     def look(self, arrivals_tell: bool = True) -> list[Status]:
         """Look: the status of the prediction, and of every sensor.
@@ -184,7 +200,8 @@ class Watch:
         self._divergences.look({"divergences": self._pipeline.divergences})
         for sensor, health in self._health.items():
             health.look(self._pipeline.status(sensor))
-        prediction = prediction_status(self._pipeline, self._health[SEAT], self._divergences, self._last_mark)
+        last_mark = str(self.marks[0]) if self.marks else ""
+        prediction = prediction_status(self._pipeline, self._health[SEAT], self._divergences, last_mark)
         ahead_s = {sensor: self._ahead_of_seat_s(sensor) if arrivals_tell else None for sensor in self._health}
         return [
             prediction,

@@ -17,7 +17,7 @@ from biodyn_core.frames import Frames, MeasuredFrames, PredictedFrames
 from biodyn_core.pipeline import Pipeline
 from biodyn_ros import topics
 from biodyn_ros.cdr import AccelStampedTemplate
-from biodyn_ros.node.health import Status
+from biodyn_ros.node.health import Mark, Status
 
 OUTPUT_DEPTH: Final = 2000
 SCALAR_DEPTH: Final = 10
@@ -69,11 +69,12 @@ class Publications:
         self._scalars = {topic: node.create_publisher(Float64, topic, SCALAR_DEPTH) for topic in topics.SCALARS}
         self._diagnostics = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, SCALAR_DEPTH)
         self._snapshots = node.create_publisher(String, topics.SNAPSHOT, SCALAR_DEPTH)
+        self._marks = node.create_publisher(String, topics.MARKS, SCALAR_DEPTH)
 
     def close(self) -> None:
         """Take every publisher down."""
         accel = (*self._predicted.publishers, *self._measured.publishers)
-        for publisher in (*accel, *self._scalars.values(), self._diagnostics, self._snapshots):
+        for publisher in (*accel, *self._scalars.values(), self._diagnostics, self._snapshots, self._marks):
             self._node.destroy_publisher(publisher)
 
     def look_who_listens(self) -> None:
@@ -100,6 +101,10 @@ class Publications:
         message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+
+    def mark(self, mark: Mark) -> None:
+        """Publish the name of a mark at its instant."""
+        self._marks.publish(String(data=mark.name))
 
     @property
     def snapshot_is_wanted(self) -> bool:

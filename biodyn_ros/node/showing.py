@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Any, Final
 
 from biodyn_core.frames import Frames, joined
@@ -12,7 +14,7 @@ from biodyn_core.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.json_files import finite
-from biodyn_ros.node.health import ERROR, Status
+from biodyn_ros.node.health import ERROR, Mark, Status
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.strip import Bins, Strip
 from biodyn_ros.wording import left, words
@@ -48,7 +50,7 @@ class Showing:
         self._measured.add(frames.measured.stamps_ns, frames.measured.accel_mps2)
         self._bins = {"predicted": self._predicted.take(), "measured": self._measured.take()}
 
-    def snapshot(self, pipeline: Pipeline, statuses: list[Status]) -> dict[str, Any]:
+    def snapshot(self, pipeline: Pipeline, statuses: list[Status], marks: Iterable[Mark]) -> dict[str, Any]:
         """Everything that the page shows of this moment, finite numbers and texts alone."""
         document = exposure_document(pipeline, "", pipeline.seconds(), [])
         by_name = {status.of: status for status in statuses}
@@ -69,7 +71,7 @@ class Showing:
             "dri": document["dri"],
             "shocks": [_shock(shock) for shock in self._shocks.latest()],
             "strip": {name: _strip(bins) for name, bins in self._bins.items()},
-            "mark": by_name["prediction"].values["last_mark"],
+            "marks": [asdict(mark) for mark in marks],
         }
 
 

@@ -123,6 +123,7 @@ function facts(of) {
   $("lags").textContent = `${number(late.sensor.lag_ms)} ms at most, ${late.name}`;
   $("threshold").textContent = number(of.shock_mps2);
   $("shocks").replaceChildren(...(of.shocks.length ? of.shocks.map(shock) : [noShock()]));
+  $("marks").textContent = of.marks.map((mark) => `${mark.name} at ${clock(mark.at_s)}`).join(", ") || "none";
   const row = chosen();
   const percent = row && row.residual_percent !== null ? `, ${number(row.residual_percent)} %` : "";
   $("residual").textContent = row ? `residual ${number(row.residual_mps2)} m/s² rms${percent}` : "";
@@ -284,12 +285,11 @@ function terms(of) {
   const kept = of.exposure ? ` Exposure: ${of.exposure.message}.` : "";
   const range = of.prediction.extrapolated ? ", and the seat has moved harder than where the subject was fitted" : "";
   const model = ` They are not validated for this vehicle and seat${range}.`;
-  const mark = of.mark ? ` Last: ${of.mark}.` : "";
   const why = of.verdict.reasons.slice(1).join(" ");
   return `${why} Subject ${of.subject} (${of.mass_matrix}). Rolling window ${of.window_s} s. Limits of ${limits.source}, action / limit: `
     + `A(8) ${pair("a8_mps2", "m/s²")}, VDV ${pair("vdv_mps175", "m/s^1.75")}; judged by the seat alone, since reset`
     + `${of.seat ? `, ${number(of.seat.counted_s)} s counted, ${number(of.seat.missing_s)} s missing` : ""}. `
-    + `Predictions are a model's, not measurements.${model} Model: ${of.prediction.message}.${kept}${mark} biodyn ${of.version}.`;
+    + `Predictions are a model's, not measurements.${model} Model: ${of.prediction.message}.${kept} biodyn ${of.version}.`;
 }
 
 function watch() {

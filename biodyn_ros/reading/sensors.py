@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from biodyn_core.clocks import ClockComparison
 from biodyn_core.conditioning import ConditioningSettings
@@ -13,6 +14,7 @@ from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import is_made_by_model
 from biodyn_ros.reading.mapping import sensors_of
+from biodyn_ros.reading.marks import marks_of
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
 
@@ -40,6 +42,7 @@ class SensorReading:
         self._clocks = {topic: ClockComparison() for topic in self._sensors}
         self.times = {sensor: self._choices[topic].time for topic, sensor in self._sensors.items()}
         self.made_by_model = is_made_by_model(reader)
+        self._begin_ns: int | None = None
 
     def blocks(self, progress: OnProgress, gyro: bool = False) -> Iterator[tuple[str, LoggedImu]]:
         """Each sensor's next samples, in order of log time; `progress` hears (samples done, samples in all)."""
@@ -47,6 +50,8 @@ class SensorReading:
         done = 0
         times = {topic: choice.time for topic, choice in self._choices.items()}
         for topic, block in imu_blocks(self._reader, self._sensors, times, gyro):
+            if self._begin_ns is None:
+                self._begin_ns = int(block.log_ns[0])
             yield self._sensors[topic], block
             self._clocks[topic].push(block.header_ns, block.log_ns)
             done += len(block.stamps_ns)
@@ -55,6 +60,10 @@ class SensorReading:
     def bag_warnings(self) -> list[str]:
         """What is to be said of the bag itself."""
         return [*map(str, self._reader.warnings), *self._told]
+
+    def marks(self) -> list[dict[str, Any]]:
+        """What was marked during the recording, once `blocks` has told when that began."""
+        return [] if self._begin_ns is None else marks_of(self._reader, self._begin_ns)
 
     def clock_warnings(self, seconds: float) -> list[str]:
         """What is to be said of stamps and clocks over so many seconds."""

@@ -67,13 +67,14 @@ def replay(
         for sensor, block in sensors.blocks(progress):
             each(pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
         each(pipeline.finish())
-        warnings = sensors.bag_warnings()
+        warnings, marks = sensors.bag_warnings(), sensors.marks()
     check_seat(pipeline.status(SEAT), str(bag))
     seconds = pipeline.seconds()
     warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.times]
     warnings += sensor_warnings(pipeline, sensors.times) + sensors.clock_warnings(seconds)
     document = exposure_document(pipeline, str(bag), seconds, warnings, options.project)
     document["time"] = sensors.times
+    document["marks"] = marks
     if sensors.made_by_model:
         document["bag_made_by_model"] = MADE_BY_MODEL
     return Replayed(document, pipeline)

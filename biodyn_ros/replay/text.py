@@ -15,6 +15,7 @@ def summary(document: dict[str, Any]) -> str:
         "",
         *_seat_lines(document),
         *_dri_lines(document),
+        *_mark_lines(document),
         "",
         f"{'':14s}{'aw':>9s}{'VDV':>11s}{'predicted':>12s}{'VDV':>11s}{'residual rms':>15s}{'NRMSE':>9s}",
         f"{'':14s}{'m/s^2':>9s}{'m/s^1.75':>11s}{'aw m/s^2':>12s}{'m/s^1.75':>11s}{'m/s^2':>15s}{'%':>9s}",
@@ -24,6 +25,11 @@ def summary(document: dict[str, Any]) -> str:
     lines += ["", "aw and VDV: Wk, vertical, before the low-pass. Predictions are a model's: not validated."]
     lines += [f"note: {text}" for text in (*document["warnings"], document.get("bag_made_by_model")) if text]
     return "\n".join(lines)
+
+
+def _mark_lines(document: dict[str, Any]) -> list[str]:
+    told = ", ".join(f"{mark['name']} at {mark['time_s']:.3f} s" for mark in document["marks"])
+    return [f"marked: {told}"] if told else []
 
 
 def _row(name: str, document: dict[str, Any]) -> str:

@@ -1,0 +1,24 @@
+"""The marks that were set during a recording, where the live node's topic of them was recorded too."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from biodyn_ros import topics
+from biodyn_ros.bag import BagReader
+from biodyn_ros.cdr import STRING_TYPE, decode_string
+
+
+def marks_of(reader: BagReader, begin_ns: int) -> list[dict[str, Any]]:
+    """What was marked, in order, as `name` and `time_s`: seconds after `begin_ns`, both by the recorder's clock.
+
+    The node may have another name or a namespace: its topic is known by its last part and its type.
+    """
+    last = topics.MARKS.removeprefix("~")
+    named = [t.name for t in reader.topics if t.type == STRING_TYPE and t.name.endswith(last)]
+    found = [
+        (log_ns, decode_string(message))
+        for block in reader.blocks(named)
+        for log_ns, message in zip(block.log_ns.tolist(), block.messages(), strict=True)
+    ]
+    return [{"name": name, "time_s": 1e-9 * (log_ns - begin_ns)} for log_ns, name in sorted(found)]
