@@ -120,6 +120,7 @@ def document() -> dict[str, object]:
         "residual": {
             name: {"nrmse_rms_percent": 11.0 + i, "rms_mps2": 0.123} for i, name in enumerate(MEASURED_SEGMENTS)
         },
+        "marks": [],
         "warnings": [],
         "version": "0.1.0",
     }
