@@ -339,7 +339,7 @@ def test_no_strength_is_the_base_to_the_last_bit(name: str) -> None:
         # ... also where it is written into the integrator.
         chain = Chain.of(with_effects(applied(name)))
         none = dataclasses.replace(
-            chain.elements[0], constants=Chain.of(with_effects(effect)).elements[0].constants, stiffness_n_per_m=0.0,
+            chain.elements[0], constants=Chain.of(SUBJECT)._element(effect).constants, stiffness_n_per_m=0.0,
             damping_n_s_per_m=0.0,
         )  # fmt: skip
         assert np.array_equal(answer(dataclasses.replace(chain, elements=(none,)), seat), base)
