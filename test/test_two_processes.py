@@ -173,7 +173,7 @@ def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_says_how_fast(
                 graph.wait(lambda: player.poll() is not None, "the bag is played", 60.0)
             expected, _ = offline()
             frames = expected[topics.PREDICTED["head"]]
-            graph.wait(lambda: len(head) >= len(frames), "every prediction", 60.0)
+            graph.wait(lambda: len(head) >= len(frames), "every prediction", STARTUP_S)
         finally:
             live.send_signal(signal.SIGINT)
             _, errors = live.communicate(timeout=20)
