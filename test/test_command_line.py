@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import re
@@ -55,12 +54,6 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str,
     return code, told.out, told.err
 
 
-def command_parser(name: str) -> CommandParser:
-    """The parser of one subcommand."""
-    (action,) = (a for a in parser([name])._actions if isinstance(a, argparse._SubParsersAction))
-    return action.choices[name]
-
-
 # --- help ------------------------------------------------------------------------------------------------------------
 
 
@@ -87,35 +80,35 @@ def test_a_command_s_help_is_everyday_and_all_of_it_is_there_on_request(
     assert code == 0
     code, whole, _ = said(capsys, name, "--help-all")
     assert code == 0
-    command = command_parser(name)
-    tuning = {
-        option for group in command._tuning for action in group._group_actions for option in action.option_strings
-    }
-    options = {option for action in command._actions for option in action.option_strings}
+    command = parser([name]).commands[name]
+    tuning = {option for action in command.tuned for option in action.option_strings}
+    options = {option for action in command.arguments for option in action.option_strings}
     shown = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", short.partition("\nexamples:")[0]))
     assert options - tuning <= shown
     assert not tuning & shown
     assert options <= set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", whole))
     assert max(map(len, (short + whole).split("\n"))) <= 80
     assert len(short.split("\n")) <= 60
-    count = len([action for group in command._tuning for action in group._group_actions])
-    assert (f"{count} more setting" in short) == bool(count)
+    assert (f"{len(command.tuned)} more setting" in short) == bool(command.tuned)
     assert 1 <= len(command_of(name).examples) <= 3
     unfolded = re.sub(r" \\\n +", " ", short)
     assert unfolded.endswith("examples:\n" + "".join(f"  {example}\n" for example in command_of(name).examples))
 
 
 def test_every_tuning_setting_states_its_range_or_choices(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in NAMES:
-        for group in command_parser(name)._tuning:
-            for action in group._group_actions:
-                stated = action.nargs == 0 or action.choices or action.metavar == "TEXT" or " to " in action.help
-                assert stated, (name, action.dest)
+    for name, command in parser().commands.items():
+        for action in command.tuned:
+            stated = action.nargs == 0 or action.choices or action.metavar == "TEXT" or " to " in action.help
+            assert stated, (name, action.dest)
 
 
 def test_json_is_everywhere_but_where_it_would_say_nothing() -> None:
-    without = {name for name in NAMES if "--json" not in command_parser(name)._option_string_actions}
-    assert without == WITHOUT_JSON
+    with_json = {
+        name
+        for name, command in parser().commands.items()
+        if any("--json" in action.option_strings for action in command.arguments)
+    }
+    assert set(NAMES) - with_json == WITHOUT_JSON
 
 
 # --- examples --------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 from biodyn_core.errors import InputError
@@ -37,18 +37,10 @@ def script(shell: str) -> str:
     from biodyn_ros.commands.table import parser
 
     whole = parser()
-    for action in _actions(whole):
+    for action in (action for command in whole.commands.values() for action in command.arguments):
         if (how := _complete(str(action.metavar))) is not None:
             action.complete = how
     return shtab.complete(whole, shell)
-
-
-def _actions(whole: argparse.ArgumentParser) -> Iterator[Any]:
-    """Every argument of every subcommand."""
-    for action in whole._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for command in action.choices.values():
-                yield from command._actions
 
 
 def _complete(metavar: str) -> Any:

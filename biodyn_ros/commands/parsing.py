@@ -59,6 +59,16 @@ class CommandParser(Parser):
         self._tuning.append(self.add_argument_group(title))
         return self._tuning[-1]
 
+    @property
+    def arguments(self) -> list[Any]:
+        """Everything that may be given, argparse's actions."""
+        return list(self._actions)
+
+    @property
+    def tuned(self) -> list[Any]:
+        """Of these what --help-all alone shows."""
+        return [action for group in self._tuning for action in group._group_actions]
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As of argparse; an option that does not exist is told by itself, before what is missing because of it."""
         given = list(sys.argv[1:] if args is None else args)
@@ -106,7 +116,7 @@ class CommandParser(Parser):
                 yield f"({' | '.join(_shown(action) for action in group._group_actions)})"
 
     def _ends(self) -> str:
-        count = sum(len(group._group_actions) for group in self._tuning)
+        count = len(self.tuned)
         more = (
             f"{count} more setting{'s' if count > 1 else ''}, with ranges: {self.prog} --help-all\n\n" if count else ""
         )

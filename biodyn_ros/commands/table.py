@@ -32,12 +32,13 @@ def command_of(name: str) -> Command:
 
 
 class WholeParser(Parser):
-    """The command itself: its help lists all subcommands, whichever of them it can parse."""
+    """The command itself: its help lists all subcommands, whichever of them it can parse: `commands` by name."""
 
     def __init__(self) -> None:
         super().__init__(prog="biodyn")
         self.add_argument("-h", "--help", action="help", help="show this help")
         self.add_argument("--version", action="version", version=f"biodyn {__version__}", help="show the version")
+        self.commands: dict[str, CommandParser] = {}
 
     def format_help(self) -> str:
         """The commands by what a person does; fits a screen of 24 lines of 80 columns."""
@@ -48,19 +49,18 @@ class WholeParser(Parser):
         return "\n".join(["usage: biodyn COMMAND [option ...]", "", PURPOSE, "", *lines, "", *ends, ""])
 
 
-def parser(names: Iterable[str] = NAMES) -> Parser:
+def parser(names: Iterable[str] = NAMES) -> WholeParser:
     """These subcommands; which one was given is `command` of what it parses.
 
     Each costs what its settings import, so whoever knows which one is asked for names it.
     """
     whole = WholeParser()
     commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=CommandParser)
-    for name in names:
-        _add(commands, name, command_of(name))
+    whole.commands.update((name, _added(commands, name, command_of(name))) for name in names)
     return whole
 
 
-def _add(commands: Any, name: str, what: Command) -> None:
+def _added(commands: Any, name: str, what: Command) -> CommandParser:
     line = what.line
     added: CommandParser = commands.add_parser(
         name, help=line, description=line[0].upper() + line[1:] + ".", examples=what.examples
@@ -68,3 +68,4 @@ def _add(commands: Any, name: str, what: Command) -> None:
     if what.json:
         added.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
     what.add(added)
+    return added
