@@ -112,6 +112,28 @@ def test_a_start_that_runs_away_is_infinite_and_no_crash() -> None:
     np.testing.assert_array_equal(found.left, background.choose.products.square)
 
 
+def test_next_to_running_away_the_slope_is_told_from_the_side_that_holds() -> None:
+    """With a little more of it the chain runs away: what it gains is a number still, and the way back is found."""
+    (parameter,) = CATALOGUE["asymmetry"].parameters
+    wider = dataclasses.replace(
+        CATALOGUE["asymmetry"], parameters=(dataclasses.replace(parameter, lower=-20_000.0, upper=20_000.0),)
+    )
+    background = hiding.background(hiding.louder)
+
+    def at(value: float) -> AppliedEffect:
+        return AppliedEffect(wider, "pelvis", {parameter.name: value})
+
+    holds, runs_away = 0.0, 1000.0
+    while runs_away - holds > 1.0:  # a nudge of settling is 100 here
+        middle = 0.5 * (holds + runs_away)
+        stays = np.isfinite(settle(background, at(middle), steps=0).objective)
+        holds, runs_away = (middle, runs_away) if stays else (holds, middle)
+    start, found = settle(background, at(holds), steps=0), settle(background, at(holds))
+    assert np.isfinite(start.away) and np.isfinite(relief(background, without(hiding.louder), start))
+    assert found.objective < 0.6 * start.objective and found.applied is not None
+    assert abs(found.applied.values[parameter.name]) < 10.0, "nothing of the kind is hidden"
+
+
 class _Departing(Rows):
     """Rows that miss by so much more, whatever the answer."""
 

@@ -84,14 +84,16 @@ def settle(
         at = better
         if little:
             break
+    ran_away = Settled(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, background.choose.products.square)
     if not np.isfinite(at.objective):
-        return Settled(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, background.choose.products.square)
+        return ran_away
     left = predicted(background.choose, at.subject).left(at.b)
-    if not left.max() < RUNAWAY_MPS2**2:  # it holds where it was fitted, and runs away elsewhere
-        return Settled(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, background.choose.products.square)
+    level, away = problem.likeliest(at)
+    # It may hold where it was fitted and run away elsewhere, or hold itself and run away with a little more or less.
+    if not (left.max() < RUNAWAY_MPS2**2 and np.isfinite(away)):
+        return ran_away
     applied = problem.applied(at.psi) if start else None
     intervals = problem.intervals(at) if with_intervals else ()
-    level, away = problem.likeliest(at)
     return Settled(
         at.subject, applied, at.b, at.objective, problem.stretched(at), level, away, left, intervals,
         problem.at_bound(at.psi),
@@ -265,13 +267,18 @@ class _Problem:
         """Derivatives (w, r, p) of each fitted event's rows by psi."""
         if at.psi.size == 0:
             return []
-        train = self._background.train
-        stepped = [self._answers(at, at.psi + nudge) for nudge in NUDGE * np.eye(at.psi.size)]
-        beside = zip(*stepped, strict=True)
+        slopes = zip(*(self._slopes(at, nudge) for nudge in NUDGE * np.eye(at.psi.size)), strict=True)
         return [
-            rows(np.stack([(one - plain) / NUDGE for one in of_case], axis=2))
-            for rows, plain, of_case in zip(train.rows, at.answers, beside, strict=True)
+            rows(np.stack(of_case, axis=2)) for rows, of_case in zip(self._background.train.rows, slopes, strict=True)
         ]
+
+    def _slopes(self, at: _Point, nudge: Floats) -> list[Floats]:
+        """Derivatives (n, 5) of what each fitted event shows along a nudge; from behind where it runs away ahead."""
+        for step in (nudge, -nudge):
+            stepped = self._answers(at, at.psi + step)
+            if all(np.abs(one).max() < RUNAWAY_MPS2 for one in stepped):
+                break
+        return [(one - plain) / step.sum() for one, plain in zip(stepped, at.answers, strict=True)]
 
     def _answers(self, at: _Point, psi: Floats) -> list[Floats]:
         """What sensors show (n, 5) in each fitted event, for other parameters of the effect."""

@@ -78,7 +78,7 @@ def _beside(found: Score, answer: Answer, hidden: Record, fit: Fit) -> Score:
     left, left_after, left_best = (sum_of_squares(subject, hidden.held_out) for subject in (before, after, best))
     return dataclasses.replace(
         found,
-        oracle_percent=_percent(best, hidden.held_out),
+        oracle_percent=_percent(best, hidden.held_out) if np.isfinite(left_best) else None,
         placebo_percent=None if wrong is None else _percent(wrong, hidden.held_out),
         recovered=recovered(left, left_after, left_best, Outcome(answer, found).class_right),
     )
@@ -133,11 +133,14 @@ def generic_percent(fit: Fit, known: Record) -> float:
 
 
 def sum_of_squares(subject: Subject, cases: Sequence[Case]) -> float:
-    """What a subject leaves of cases, every segment of every event over its own energy."""
+    """What a subject leaves of cases, every segment of every event over its own energy; infinite where it runs away."""
     total = 0.0
     for case in cases:
         scale = np.where(case.energy > 0.0, case.energy, np.inf)
-        total += float(np.nansum(residuals(subject, case) ** 2 / scale))
+        try:
+            total += float(np.nansum(residuals(subject, case) ** 2 / scale))
+        except np.linalg.LinAlgError:  # of clocks that are looked for in what is no number
+            return np.inf
     return total
 
 
