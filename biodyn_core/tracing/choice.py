@@ -48,8 +48,7 @@ def candidate(
     if not rung.helps:
         against.append(f"helps in {np.count_nonzero(rung.gains > 0.0)} of {rung.gains.size} events")
     usual = rung.usual(settings)
-    if usual:
-        against.append(usual)
+    against += [why for why in (rung.against, usual) if why]
     before = {
         name
         for subject in (background.subject, without.subject)
@@ -76,7 +75,9 @@ def taken(told: Sequence[Candidate], rungs: Sequence[Rung], threshold: float, se
     rough = [
         i
         for i, one in enumerate(told)
-        if one.gain > settings.overwhelming * threshold and rungs[i].helps and not rungs[i].usual(settings)
+        if one.gain > settings.overwhelming * threshold
+        and rungs[i].helps
+        and not (rungs[i].against or rungs[i].usual(settings))
     ]
     if rough and (not good or told[good[0]].gain < settings.near_alike * told[rough[0]].gain):
         return rough[0]

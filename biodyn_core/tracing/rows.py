@@ -79,6 +79,12 @@ class Rows:
         whole[self._begin :: self._every, :, 0] = self._measured - self._thinned(answer)
         return self(whole)[:, :, 0]
 
+    def moving_mps2(self, parts: int) -> Floats:
+        """How much is measured in each of so many parts of each window, rms over segments, (w * parts,)."""
+        whole = self._measured[: self.windows * self._length].reshape(self.windows, -1)
+        each = whole.shape[1] // parts * parts
+        return np.asarray(np.sqrt((whole[:, :each].reshape(self.windows * parts, -1) ** 2).mean(axis=1)))
+
     def _thinned(self, values: NDArray[Any]) -> NDArray[Any]:
         return values[self._begin :: self._every]
 

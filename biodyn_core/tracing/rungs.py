@@ -30,7 +30,7 @@ LIFT_OFF: Final = "lift_off"
 class Rung:
     """A candidate, settled, and its log ratio in each event that chooses (e,), whose loading conditions are cases.
 
-    spreads: how many of the usual departure's it is.
+    spreads: how many of the usual departure's it is. against: why it is not this, where that is known.
     """
 
     settled: Settled
@@ -39,6 +39,7 @@ class Rung:
     screened: Screened
     steady: bool = True
     spreads: float = np.inf
+    against: str = ""
 
     def usual(self, settings: TraceSettings) -> str:
         """Why a body may be so though nothing is missing, where it may."""
@@ -125,10 +126,10 @@ def unsteady_rungs(background: Background, without: Settled, screening: Screenin
     """Rungs of what is set anew time and again; those that were not screened, for want of a channel, are left out."""
     p, found = background.choose.products, []
     screened = {(one.tried.applied.effect.name, one.tried.applied.site): one for one in reversed(screening.ladder)}
-    for applied, left in unsteady(background, without):
-        known = screened.get((applied.effect.name, applied.site))
+    for one in unsteady(background, without):
+        known = screened.get((one.applied.effect.name, one.applied.site))
         if known is not None:
-            settled = dataclasses.replace(without, applied=applied, left=left)
-            gains = by_event(without.left, left[:, None], p.event, p.samples)[:, 0]
-            found.append(Rung(settled, gains, _cases(background), known, steady=False))
+            settled = dataclasses.replace(without, applied=one.applied, left=one.left)
+            gains = by_event(without.left, one.left[:, None], p.event, p.samples)[:, 0]
+            found.append(Rung(settled, gains, _cases(background), known, steady=False, against=one.against))
     return found

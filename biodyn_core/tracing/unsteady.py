@@ -6,6 +6,7 @@ What is told by this is which cause it is and where; a subject can carry only it
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -32,9 +33,23 @@ SEGMENT_S: Final = 1.0
 PARTS: Final = 4
 """Of a window: amplitude and phase of a line are set in each."""
 
+GROWS: Final = 3.0
+"""An engine shakes at standstill as it does in a shock. In bodies that something periodic shakes, lines were 0.8 to 1.9
+times as large in the quarter of the parts that moves most as in that which moves least; 4.8 times and more where a
+muscle trembles with its load, or a joint lacks what answers to the seat."""
 
-def unsteady(background: Background, without: Settled) -> Iterator[tuple[AppliedEffect, Floats]]:
-    """Causes with what they leave in each window of the events that choose, squares (w,)."""
+
+@dataclass(frozen=True, eq=False)
+class SetAnew:
+    """A cause that is set anew time and again, and what it leaves in each window that chooses, squares (w,)."""
+
+    applied: AppliedEffect
+    left: Floats
+    against: str = ""
+
+
+def unsteady(background: Background, without: Settled) -> Iterator[SetAnew]:
+    """Causes that no fixed parameters follow, with what speaks against them."""
     side = background.choose
     missed = [y - known @ without.departures for known, y in zip(side.known, side.missed(without.subject), strict=True)]
     yield from _clocks(background, missed)
@@ -42,7 +57,7 @@ def unsteady(background: Background, without: Settled) -> Iterator[tuple[Applied
     yield from _postures(background, without, missed)
 
 
-def _clocks(background: Background, missed: Sequence[Floats]) -> Iterator[tuple[AppliedEffect, Floats]]:
+def _clocks(background: Background, missed: Sequence[Floats]) -> Iterator[SetAnew]:
     """Each sensor's clock, set anew in every window; one that is off by no more than is usual is left out."""
     for segment, name in enumerate(MEASURED_SEGMENTS):
         pairs = [rows.on_time(y, segment) for rows, y in zip(background.choose.rows, missed, strict=True)]
@@ -52,18 +67,17 @@ def _clocks(background: Background, missed: Sequence[Floats]) -> Iterator[tuple[
             continue
         delay_s = float(np.clip(np.median(late_s), -LATEST_S, LATEST_S))
         applied = AppliedEffect(CATALOGUE["clock"], name, {"delay_s": delay_s, "drift": 0.0})
-        yield applied, np.concatenate([(left**2).sum(axis=1) for left, _ in pairs])
+        yield SetAnew(applied, np.concatenate([(left**2).sum(axis=1) for left, _ in pairs]))
 
 
-def _lines(
-    background: Background, without: Settled, missed: Sequence[Floats]
-) -> Iterator[tuple[AppliedEffect, Floats]]:  # fmt: skip
+def _lines(background: Background, without: Settled, missed: Sequence[Floats]) -> Iterator[SetAnew]:
     """The most prominent line of what is left, on each segment, set anew in parts of windows."""
     side = background.choose
     frequency_hz = _line_hz(background, missed)
     if frequency_hz is None:
         return
     effect = CATALOGUE["periodic"]
+    moving = np.concatenate([rows.moving_mps2(PARTS) for rows in side.rows])
     for site in effect.where:
         one = {"cosine_mps2": 1.0, "sine_mps2": 0.0, "frequency_hz": frequency_hz}
         both = [
@@ -77,8 +91,24 @@ def _lines(
             gone, size = _set_anew(y, rows(shown))
             left.append(gone)
             sizes.append(size)
-        amplitude_mps2 = float(np.clip(np.median(np.concatenate(sizes)), 0.01, 2.0))
-        yield AppliedEffect(effect, site, one | {"cosine_mps2": amplitude_mps2}), np.concatenate(left)
+        size = np.concatenate(sizes)
+        applied = AppliedEffect(effect, site, one | {"cosine_mps2": float(np.clip(np.median(size), 0.01, 2.0))})
+        yield SetAnew(applied, np.concatenate(left), _against(_growth(size, moving)))
+
+
+def _growth(size: Floats, moving: Floats) -> float:
+    """How many times larger sizes (p,) are in the quarter of parts that moves most than in that which moves least."""
+    order, quarter = np.argsort(moving, kind="stable"), max(1, moving.size // 4)
+    least, most = (float(np.median(size[some])) for some in (order[:quarter], order[-quarter:]))
+    return most / least if least > 0.0 else 1.0
+
+
+def _against(growth: float) -> str:
+    return (
+        f"its line grows {growth:.1f} times with the motion: the body answers, nothing shakes it"
+        if growth > GROWS
+        else ""
+    )
 
 
 def _set_anew(missed: Floats, columns: Floats) -> tuple[Floats, Floats]:
@@ -109,9 +139,7 @@ def _line_hz(background: Background, missed: Sequence[Floats]) -> float | None:
     return float(frequency_hz[best]) if stands_out[best] > PROMINENT else None
 
 
-def _postures(
-    background: Background, without: Settled, missed: Sequence[Floats]
-) -> Iterator[tuple[AppliedEffect, Floats]]:  # fmt: skip
+def _postures(background: Background, without: Settled, missed: Sequence[Floats]) -> Iterator[SetAnew]:
     """Each joint with one stiffness and damping before an instant between two events, and others behind it.
 
     Found by the events that are fitted to, so that those that choose have had no say.
@@ -143,7 +171,7 @@ def _postures(
             for changed, known, y in zip(sides, choose.known, missed, strict=True)
         ]
         jump = float(np.clip(np.exp(2.0 * (behind - before)[0]) - 1.0, -0.6, 1.0))
-        yield AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0}), np.concatenate(left)
+        yield SetAnew(AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0}), np.concatenate(left))
 
 
 def _two(normal: Floats, match: Floats, is_behind: Flags) -> tuple[float, Floats, Floats]:
