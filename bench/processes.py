@@ -123,6 +123,10 @@ class Window:
     found: Answered
 
 
+class FellBehind(RuntimeError):
+    """The publisher could not send as fast as it was asked to."""
+
+
 def streamed(node: Sequence[str], kind: str, rate_hz: float, seconds: Sequence[float]) -> list[Window]:
     """Stream to a node by a publisher and from it to a subscriber; a window for each of these lengths, in a row."""
     edges = np.cumsum([SETTLE_S, *seconds]).tolist()
@@ -138,7 +142,11 @@ def streamed(node: Sequence[str], kind: str, rate_hz: float, seconds: Sequence[f
         for edge in edges:
             time.sleep(max(0.0, begin_s + edge - time.monotonic()))
             costs.append((time.monotonic(), cpu_s(pid), resident_mb(pid)))
-        publisher.wait(TAIL_S + ENDING_S)
+        try:
+            publisher.wait(TAIL_S + ENDING_S)
+        except subprocess.TimeoutExpired:
+            late = f"the publisher is {ENDING_S:g} s late at {rate_hz:.0f} Hz"
+            raise FellBehind(f"{late}: this machine cannot send so fast beside the node") from None
         time.sleep(MARGIN_S)
         stop(subscriber)
         arrays = dict(np.load(sent)), dict(np.load(got))

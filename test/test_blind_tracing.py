@@ -21,7 +21,7 @@ from biodyn_core.model import predict
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.subject import Subject
-from biodyn_core.tracing.findings import Event, Trace
+from biodyn_core.tracing.findings import ComparedEvent, Trace
 from blind.tracing import __main__ as command
 from blind.tracing import refits, streams, study
 from blind.tracing.answer import answered
@@ -415,7 +415,7 @@ def a_trace(known: Record) -> Trace:
     after = dataclasses.replace(known.subject, effects=(applied,))
     blank = np.zeros((1, 5))
     events = tuple(
-        Event(use, "road", use, 1.0, blank, blank, blank, _error(before), _error(before / 2.0))
+        ComparedEvent(use, "road", use, 1.0, blank, blank, blank, _error(before), _error(before / 2.0))
         for use, before in (("train", 90.0), ("choose", 80.0), ("held_out", 4.0), ("held_out", 6.0))
     )
     return Trace(

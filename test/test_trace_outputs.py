@@ -28,9 +28,9 @@ from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.tracing.findings import (
     Candidate,
+    ComparedEvent,
     Departure,
     Diagnostics,
-    Event,
     Interval,
     Round,
     Surface,
@@ -72,7 +72,7 @@ def errors(name: str, case: str, percents: list[float]) -> Errors:
     return Errors(name, case, values, values / 5.0)
 
 
-def event(name: str, case: str, use: Any, before: list[float], after: list[float], seed: int = 0) -> Event:
+def event(name: str, case: str, use: Any, before: list[float], after: list[float], seed: int = 0) -> ComparedEvent:
     """Three seconds of a decaying swing per segment, the neck never compared, the first 0.2 s masked."""
     rng = np.random.default_rng(seed)
     seconds = np.arange(600) / RATE_HZ
@@ -85,7 +85,7 @@ def event(name: str, case: str, use: Any, before: list[float], after: list[float
     gaps[:40] = True
     gaps[:, 3] = True
     parts = [np.where(gaps, np.nan, values) for values in (measured, *models)]
-    return Event(name, case, use, RATE_HZ, *parts, errors(name, case, before), errors(name, case, after))
+    return ComparedEvent(name, case, use, RATE_HZ, *parts, errors(name, case, before), errors(name, case, after))
 
 
 NAN = math.nan
@@ -394,7 +394,7 @@ def test_spectra_and_windows_have_the_power_they_should() -> None:
     seconds = np.arange(2000) / RATE_HZ
     line = np.tile(np.sin(2 * np.pi * 10.0 * seconds)[:, None], (1, 5))
     none = errors("line", "road", [50.0] * 5)
-    one = Event("line", "road", "held_out", RATE_HZ, 2.0 * line, 3.0 * line, 2.5 * line, none, none)
+    one = ComparedEvent("line", "road", "held_out", RATE_HZ, 2.0 * line, 3.0 * line, 2.5 * line, none, none)
     frequency, density = residual_spectra([one])
     power = density.sum(axis=1) * (frequency[1] - frequency[0])
     assert power == pytest.approx(np.array([[2.0] * 5, [0.5] * 5, [0.125] * 5]), rel=0.01)

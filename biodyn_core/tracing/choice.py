@@ -21,9 +21,6 @@ TELLING: Final = 0.9
 NEXT_TO: Final = 0.1
 """A parameter of theta so near its bound without an effect, in shares of its range, is not moved there by it."""
 
-FIRST: Final = ("clock", "gain", "tilt", "skin")
-"""What is wrong with a sensor is believed before a new law of tissue, where both explain as much."""
-
 
 def asked(without_effect: WithoutEffect, settings: TraceSettings) -> float:
     """What a gain must exceed: more of a body that departs as far as usual than of one that is as the model has it.
@@ -85,8 +82,8 @@ def taken(told: Sequence[Candidate], rungs: Sequence[Rung], threshold: float, se
         return None
     best = good[0]
     close = [i for i in good if told[i].gain >= settings.near * told[best].gain and not _worse(rungs[i], rungs[best])]
-    first = [i for i in close if told[i].applied.effect.name in FIRST]
-    return first[0] if first else best
+    on_sensors = [i for i in close if told[i].applied.effect.measured is not None]
+    return on_sensors[0] if on_sensors else best
 
 
 def _worse(one: Rung, than: Rung) -> bool:

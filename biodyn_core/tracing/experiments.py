@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Final
 
+from biodyn_core.effects import Effect
+
 STANDSTILL: Final = "stand still with the engine running for 60 s: a line is then there without the road, a gain is not"
 TAP: Final = "tap each sensor with a finger ten times at rest: skin rings, a clock is late, a gain does neither"
 SWAP: Final = "put two sensors in each other's place and repeat: a sensor's fault goes with it, the body's stays"
@@ -19,24 +21,22 @@ BARE: Final = "repeat without backrest, harness or helmet, whichever there is: t
 SHOCKS: Final = "three shocks more of 3 g and more: stops, lift-off and asymmetry part where the joint is deepest"
 REPEAT: Final = "repeat the same drive unchanged: what is not in the repetition is chance"
 
-_BY_NAME: Final = (
+_OF_FAMILIES: Final = (
     ({"periodic"}, STANDSTILL),
-    ({"skin", "clock", "gain"}, TAP),
-    ({"thixotropy", "posture"}, QUIET_LOUD_QUIET),
-    ({"cross_axis", "pitch", "tilt", "bending"}, TURNS),
+    ({"sensor"}, TAP),
+    ({"state_of_the_body"}, QUIET_LOUD_QUIET),
+    ({"horizontal", "bending"}, TURNS),
     ({"backrest", "harness", "added_mass"}, BARE),
-    ({"asymmetry", "stop", "cubic", "lift_off"}, SHOCKS),
-    ({"relaxation", "viscera", "reflex", "quadratic_damping", "friction", "hysteresis", "cushion"}, LEVELS),
+    ({"stiffening", "lift_off"}, SHOCKS),
+    ({"memory", "quadratic_damping", "dry_friction", "cushion"}, LEVELS),
 )
 
 
-def separating(names: Collection[str]) -> str:
-    """The experiment that would separate effects of these names; a repetition where there is one or none."""
-    if len(names) < 2:
+def separating(effects: Collection[Effect]) -> str:
+    """The experiment that would separate these effects; a repetition where there is one kind or none."""
+    if len({effect.name for effect in effects}) < 2:
         return REPEAT
-    known = [(len(group & set(names)), text) for group, text in _BY_NAME]
-    touched = [text for count, text in known if count]
-    sensors = set(names) & {"skin", "clock", "gain", "tilt"}
-    if sensors and sensors != set(names):
+    if len({effect.measured is None for effect in effects}) == 2:
         return SWAP
-    return max(known)[1] if len(touched) == 1 else "; and ".join(touched[:2])
+    families = {effect.family for effect in effects}
+    return "; and ".join([text for some, text in _OF_FAMILIES if some & families][:2]) or LEVELS

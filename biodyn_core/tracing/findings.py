@@ -63,7 +63,7 @@ class Interval:
 
 
 @dataclass(frozen=True, eq=False)
-class Event:
+class ComparedEvent:
     """One event under the subject before and after, for errors and pictures.
 
     measured_mps2, before_mps2 and after_mps2 are (n, 5) by measured segment, NaN where not compared; segments without
@@ -149,7 +149,7 @@ class Trace:
     ambiguous_with: tuple[AppliedEffect, ...]
     family: str
     experiment: str
-    events: tuple[Event, ...]
+    events: tuple[ComparedEvent, ...]
     rounds: tuple[Round, ...]
     departures: tuple[Departure, ...]
     diagnostics: Diagnostics | None

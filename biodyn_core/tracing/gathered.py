@@ -15,7 +15,7 @@ from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import N_THETA
 from biodyn_core.tracing.diagnose import diagnose
 from biodyn_core.tracing.experiments import separating
-from biodyn_core.tracing.findings import Departure, Event, Interval, Surface, Trace, Use
+from biodyn_core.tracing.findings import ComparedEvent, Departure, Interval, Surface, Trace, Use
 from biodyn_core.tracing.leans import lean_deg, leaning
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.screen import candidates
@@ -69,7 +69,7 @@ def decided(
         ),
         ambiguous_with=rivals,
         family=_family([*(added or passing or leans)[:1], *rivals]),
-        experiment=separating({one.effect.name for one in (*(added or passing)[:1], *rivals)}),
+        experiment=separating([one.effect for one in (*(added or passing)[:1], *rivals)]),
         events=_events(before, after, train, choose, report),
         rounds=tuple(outcome.round for outcome in outcomes),
         departures=_departures(outcomes[-1]),
@@ -137,16 +137,16 @@ def undecided(
     )
 
 
-def _events(before: Subject, after: Subject, *sides: Sequence[Case]) -> tuple[Event, ...]:
+def _events(before: Subject, after: Subject, *sides: Sequence[Case]) -> tuple[ComparedEvent, ...]:
     uses: tuple[Use, ...] = ("train", "choose", "held_out")
     return tuple(_event(case, use, before, after) for use, cases in zip(uses, sides, strict=True) for case in cases)
 
 
-def _event(case: Case, use: Use, before: Subject, after: Subject) -> Event:
+def _event(case: Case, use: Use, before: Subject, after: Subject) -> ComparedEvent:
     answers = [answer(subject, case) for subject in (before, after)]
     shown = [np.where(case.compared, one, np.nan) for one in (case.measured_mps2, *answers)]
     told = [errors(case, one) for one in answers]
-    return Event(case.name, case.case, use, case.rate_hz, shown[0], shown[1], shown[2], told[0], told[1])
+    return ComparedEvent(case.name, case.case, use, case.rate_hz, shown[0], shown[1], shown[2], told[0], told[1])
 
 
 def _intervals(outcome: Outcome, applied: AppliedEffect) -> tuple[Interval, ...]:

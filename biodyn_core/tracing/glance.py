@@ -19,6 +19,7 @@ from biodyn_core.tracing.screen import Screened, Screening, Tried, mean_log_rati
 from biodyn_core.tracing.settle import relief, settle
 
 Tell = Callable[[str, float], None]
+"""Told of the stage that a trace is in and the share of it that is done."""
 
 STEPS: Final = 5
 """Steps of settling on few events: enough to tell who is in the running."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, MutableMapping, Sequence
+from collections.abc import MutableMapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,13 +17,12 @@ from biodyn_core.subject import Subject
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.choice import TELLING, asked, candidate, rivals, taken
 from biodyn_core.tracing.findings import Candidate, Round
-from biodyn_core.tracing.glance import SIZES, STEPS, Glance, glance, larger, plain, taken_up
+from biodyn_core.tracing.glance import SIZES, STEPS, Glance, Tell, glance, larger, plain, taken_up
 from biodyn_core.tracing.rungs import Rung, WithoutEffect, left_over, settled_rung, unsteady_rungs
 from biodyn_core.tracing.screen import Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import Settled, settle
 
-Tell = Callable[[str, float], None]
 Kept = MutableMapping[str, Any]
 """What is kept of the long parts of a trace, by a key that tells one problem from another."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -17,6 +17,7 @@ from biodyn_core.tracing import gate
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.gathered import decided, undecided
+from biodyn_core.tracing.glance import Tell
 from biodyn_core.tracing.polish import polished
 from biodyn_core.tracing.rounds import Kept, Outcome, one_round
 from biodyn_core.tracing.settings import TraceSettings
@@ -26,8 +27,6 @@ from biodyn_core.tracing.verdict import explained
 WORSE: Final = (
     "by itself, no departures weighed in, it misses the events that choose by {:.1f} % before, {:.1f} % with it"
 )
-
-Tell = Callable[[str, float], None]
 
 
 def trace(

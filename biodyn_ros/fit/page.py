@@ -10,7 +10,7 @@ import numpy as np
 from biodyn_core.identification.fit import predictions
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_core.tracing.findings import Event
+from biodyn_core.tracing.findings import ComparedEvent
 from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
 from biodyn_ros.fit.fitting import Fitted, page_beside
 from biodyn_ros.fit.text import BY, said
@@ -63,7 +63,7 @@ def fit_page(fitted: Fitted) -> str:
     )
 
 
-def fit_events(fitted: Fitted) -> list[Event]:
+def fit_events(fitted: Fitted) -> list[ComparedEvent]:
     """Every event under the subject as it was given and as it came out, those held out last."""
     cases = [(case, "train") for case in fitted.identification.cases] + [(case, "held_out") for case in fitted.held_out]
     both = [
@@ -73,10 +73,10 @@ def fit_events(fitted: Fitted) -> list[Event]:
     return [_event(case, use, *parts) for (case, use), *parts in zip(cases, *both, strict=True)]
 
 
-def _event(case: Case, use: Any, before: Any, after: Any) -> Event:
+def _event(case: Case, use: Any, before: Any, after: Any) -> ComparedEvent:
     measured, *models = (np.where(case.compared, values, np.nan) for values in (case.measured_mps2, before, after))
     found = [errors(case, accel) for accel in (before, after)]
-    return Event(case.name, case.case, use, case.rate_hz, measured, *models, *found)
+    return ComparedEvent(case.name, case.case, use, case.rate_hz, measured, *models, *found)
 
 
 def judge_fit(document: Document) -> Verdict:

@@ -12,7 +12,7 @@ from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.response import SAME_RATE, SpectrumSettings, cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_core.tracing.findings import Event
+from biodyn_core.tracing.findings import ComparedEvent
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, OTHER_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn, say
 from biodyn_ros.wording import words
 
@@ -29,7 +29,7 @@ _MOST_HZ: Final = 50.0
 _WIDTH_IN: Final = 10.4
 
 
-def over_time(event: Event) -> Any:
+def over_time(event: ComparedEvent) -> Any:
     """One event around its strongest instant: a pair of panels per segment, signals above and residuals beneath."""
     begin, end = _shown(event)
     seconds = np.arange(begin, end) / event.rate_hz
@@ -49,7 +49,7 @@ def over_time(event: Event) -> Any:
     return drawn(_WIDTH_IN, 9.2, fill)
 
 
-def over_frequency(events: Sequence[Event]) -> Any | None:
+def over_frequency(events: Sequence[ComparedEvent]) -> Any | None:
     """Power of the measurement and of both residuals per segment, over all events of one rate; None if too short."""
     spectra = residual_spectra(events)
     if spectra is None:
@@ -77,12 +77,12 @@ def over_frequency(events: Sequence[Event]) -> Any | None:
     return drawn(_WIDTH_IN, 2.6, fill)
 
 
-def of_one_rate(events: Sequence[Event]) -> list[Event]:
+def of_one_rate(events: Sequence[ComparedEvent]) -> list[ComparedEvent]:
     """The events of the first one's rate: one spectrum needs one rate."""
     return [event for event in events if abs(event.rate_hz / events[0].rate_hz - 1.0) < SAME_RATE]
 
 
-def residual_spectra(events: Sequence[Event]) -> tuple[Floats, Floats] | None:
+def residual_spectra(events: Sequence[ComparedEvent]) -> tuple[Floats, Floats] | None:
     """Frequencies (f,) and densities (3, f, 5) of measured, residual before and after, (m/s^2)^2/Hz; None if short."""
     if not events:
         return None
@@ -101,11 +101,11 @@ def residual_spectra(events: Sequence[Event]) -> tuple[Floats, Floats] | None:
     return spectra.frequency_hz, np.where(density > 0.0, density, np.nan)
 
 
-def _of(event: Event) -> tuple[Floats, Floats, Floats]:
+def _of(event: ComparedEvent) -> tuple[Floats, Floats, Floats]:
     return event.measured_mps2, event.before_mps2, event.after_mps2
 
 
-def _shown(event: Event) -> tuple[int, int]:
+def _shown(event: ComparedEvent) -> tuple[int, int]:
     """First and last sample around the largest reading, or all of a shorter event."""
     size = np.nan_to_num(np.abs(event.measured_mps2)).max(axis=1)
     length = min(round(SHOWN_S * event.rate_hz), size.size)
@@ -128,7 +128,7 @@ def _signals(upper: Any, lower: Any, seconds: Floats, measured: Floats, before: 
         say(upper, "not compared")
 
 
-def _whole(axes: Any, event: Event, begin: int, end: int) -> None:
+def _whole(axes: Any, event: ComparedEvent, begin: int, end: int) -> None:
     """Residual over the whole event, rms in short windows over segments, in percent of each segment's own rms."""
     seconds, before, after = windowed(event)
     axes.plot(seconds, before, color=BEFORE_COLOUR, lw=1.1, ls=BEFORE_DASHES)
@@ -141,7 +141,7 @@ def _whole(axes: Any, event: Event, begin: int, end: int) -> None:
     axes.set_ylim(bottom=0.0)
 
 
-def windowed(event: Event) -> tuple[Floats, Floats, Floats]:
+def windowed(event: ComparedEvent) -> tuple[Floats, Floats, Floats]:
     """Middles of windows (w,) in s, and rms of the residual before and after in each, percent of measured rms, (w,)."""
     measured, before, after = _of(event)
     length = max(1, min(round(_WINDOW_S * event.rate_hz), len(measured)))

@@ -14,7 +14,7 @@ from biodyn_core.identification.problem import Case, Errors
 from biodyn_core.parameters import PARAMETERS
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
-from biodyn_core.tracing.findings import Candidate, Diagnostics, Event, Interval, Round, Surface, Trace
+from biodyn_core.tracing.findings import Candidate, ComparedEvent, Diagnostics, Interval, Round, Surface, Trace
 from biodyn_ros import __version__
 from biodyn_ros.fit.document import Prepared, by_segment
 from biodyn_ros.json_files import finite
@@ -189,7 +189,7 @@ def _mean(values: Floats) -> float:
     return float(known.mean()) if known.size else math.nan
 
 
-def event_document(event: Event) -> Document:
+def event_document(event: ComparedEvent) -> Document:
     """One event with its errors."""
     return {
         "name": event.name,

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_core.tracing.findings import Event, Round, Trace
+from biodyn_core.tracing.findings import ComparedEvent, Round, Trace
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import event_document
@@ -55,7 +55,7 @@ def trace_page(document: Document, trace: Trace) -> str:
     )
 
 
-def worst_event(trace: Trace) -> Event | None:
+def worst_event(trace: Trace) -> ComparedEvent | None:
     """The event with the largest error after, of those held out where there are any; None where none is compared."""
     for use in _ORDER:
         errors = {event: event_document(event)["after"]["all"] for event in trace.events if event.use == use}
