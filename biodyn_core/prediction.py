@@ -43,7 +43,7 @@ class SeatSide:
             self._digest(self._batch.take())
             self.doses.skip(block.gap_s)
         accel = self._predict(block.low_passed_mps2)
-        self.seat_peak_mps2 = max(self.seat_peak_mps2, float(np.abs(block.low_passed_mps2).max(initial=0.0)))
+        self.seat_peak_mps2 = max(self.seat_peak_mps2, _peak(block.low_passed_mps2))
         self._digest(self._batch.add(accel))
         self.comparison.seat(block, accel)
         return accel
@@ -113,3 +113,8 @@ class SeatSide:
     @property
     def _meters(self) -> dict[str, Meter]:
         return {"predicted": self.doses, "measured": self.comparison.doses, "residual": self.comparison.residual}
+
+
+def _peak(values: Floats) -> float:
+    """The largest magnitude; live blocks are of one sample, for which two reductions take many times as long."""
+    return abs(values.item()) if values.size == 1 else float(np.abs(values).max(initial=0.0))
