@@ -21,11 +21,11 @@ from biodyn_core.model import predict
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.subject import Subject
-from biodyn_core.tracing.findings import ComparedEvent, Trace
+from biodyn_core.tracing.findings import Candidate, ComparedEvent, Round, Trace
 from blind.tracing import __main__ as command
-from blind.tracing import refits, streams, study
+from blind.tracing import refits, score, streams, study
 from blind.tracing.answer import answered
-from blind.tracing.marks import Mark, by_class, marks, most_frequent, wilson
+from blind.tracing.marks import Mark, by_class, fates, marks, most_frequent, wilson
 from blind.tracing.outcome import Answer, Cause, Outcome, Score, line_of, places_away
 from blind.tracing.page import rendered
 from blind.tracing.records import Record, causes, record, sittings
@@ -105,6 +105,31 @@ def test_a_class_is_right_where_it_is_named_alone_and_first() -> None:
     assert [one.set_size for one in every] == [1, 2, 1, 2, 0]
     assert [one.away for one in every] == [0, None, None, 0, None]
     assert [one.named for one in every] == ["skin", "ambiguous", "clock", "skin", "unexplained"]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said", "best", "gain", "against", "fate"),
+    [
+        ("effect", SKIN, SKIN, 1.0, (), "named"),
+        ("effect", CLOCK, CLOCK, 1.0, (), "another class named"),
+        ("ambiguous", SKIN, SKIN, 1.0, (), "several named as possible"),
+        ("none", None, CLOCK, 0.1, (), "another class was the best, and refused"),
+        ("not_decidable", None, None, None, (), "another class was the best, and refused"),
+        ("unexplained", None, SKIN, 1.0, ("f_n ends on a bound",), "the true class was the best, and refused for what"),
+        ("none", None, SKIN, 0.1, (), "... as it gained less"),
+        ("unexplained", None, SKIN, 1.0, (), "... as it left most of the gap"),
+    ],
+)
+def test_what_became_of_a_true_class_is_told(
+    verdict: str, said: Cause | None, best: Cause | None, gain: float | None, against: tuple[str, ...], fate: str
+) -> None:
+    plain = outcome("strong", verdict, [said] if said else [], [SKIN], before_percent=4.0, floor_percent=2.0)
+    answer = dataclasses.replace(plain.answer, best=best, best_gain=gain, against=against, threshold=0.2)
+    for oracle_percent, closes in ((3.1, 1), (3.2, 0), (None, 0)):  # squares, of which half way from 16 to 4 is 10
+        true = dataclasses.replace(plain.score, oracle_percent=oracle_percent)
+        told = {what: counts for what, counts in fates([Outcome(answer, true)]).items() if counts[1]}
+        ((what, counts),) = told.items()
+        assert what.startswith(fate) and counts == (closes, 1)
 
 
 # --- rows ------------------------------------------------------------------------------------------------------------
@@ -288,6 +313,27 @@ def test_refits_tell_ratio_oracle_placebo_and_generic(
     assert math.isfinite(generic_percent(fits[0], hidden))
 
 
+def test_what_runs_away_leaves_infinitely_much_whether_or_not_clocks_can_be_looked_for() -> None:
+    quiet = event(SUBJECT, 0)
+    for factor in (1e5, 1e160):
+        wild = dataclasses.replace(quiet, seat_mps2=factor * quiet.seat_mps2)
+        assert sum_of_squares(SUBJECT, [quiet]) < 0.01 < sum_of_squares(SUBJECT, [quiet, wild]) == math.inf
+
+
+def test_the_error_of_an_oracle_that_runs_away_is_infinite(
+    backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, hidden = backrest
+    wild = dataclasses.replace(hidden.held_out[0], seat_mps2=1e160 * hidden.held_out[0].seat_mps2)
+    known = dataclasses.replace(hidden, held_out=(wild,))
+    fit = fit_joint(hidden.train, SUBJECT, 0)
+    monkeypatch.setattr(score, "oracle", lambda *given: SUBJECT)
+    monkeypatch.setattr(score, "placebo", lambda *given: None)
+    found = score._beside(Score("strong", 0, (Cause("backrest", "upper_torso", "backrest"),)),
+                          Answer("strong", 0, "none"), known, fit)  # fmt: skip
+    assert (found.oracle_percent, found.placebo_percent) == (math.inf, None)
+
+
 # --- truths ----------------------------------------------------------------------------------------------------------
 
 
@@ -413,6 +459,9 @@ def a_trace(known: Record) -> Trace:
     skin = CATALOGUE["skin"]
     applied = AppliedEffect(skin, "head", {p.name: p.size for p in skin.parameters})
     after = dataclasses.replace(known.subject, effects=(applied,))
+    late = AppliedEffect(CATALOGUE["clock"], "head", {p.name: p.size for p in CATALOGUE["clock"].parameters})
+    linear = Candidate(applied, 0.4, False, 0.1, 0.0, 0)
+    best = Candidate(late, 0.3, True, 0.1, 0.0, 1, ("helps in 1 of 2 events",))
     blank = np.zeros((1, 5))
     events = tuple(
         ComparedEvent(use, "road", use, 1.0, blank, blank, blank, _error(before), _error(before / 2.0))
@@ -420,7 +469,7 @@ def a_trace(known: Record) -> Trace:
     )
     return Trace(
         "effect", ("it helps", "nothing else does"), known.subject, after, (applied,), ((),), (), "sensor", "", events,
-        (), (), None, None, None, 0.01, 0.2, (), (), (), 0, "found",
+        (Round((linear, best), 0.2, None, ()),), (), None, None, None, 0.01, 0.2, (), (), (), 0, "found",
     )  # fmt: skip
 
 
@@ -433,6 +482,7 @@ def test_a_trace_becomes_plain_data() -> None:
     answer = Answer.of(line_of(answered("strong", 3, known, a_trace)))
     assert (answer.row, answer.number, answer.verdict) == ("strong", 3, "effect")
     assert answer.effects == (SKIN,)
+    assert (answer.best, answer.best_gain, answer.against) == (CLOCK, 0.3, ("helps in 1 of 2 events",))
     assert (answer.before_percent, answer.after_percent) == (5.0, 2.5)  # of what is held out
     assert answer.unseen == ("held_out", "held_out")
     assert Subject.from_dict(SUBJECT.to_dict() | {"effects": list(answer.applied)}).effects[0].site == "head"
@@ -525,6 +575,8 @@ def test_the_page_has_every_mark_and_class() -> None:
     assert "| skin | 1 | 0 | 1 | 0 | 0 | clock 1 |" in text
     assert "| strong | 1.00 | 2.00 | 4.00 | - | - | - | - |" in text
     assert all(rule.what in text for row in CONDITIONS for rule in row.rules)
+    assert "**missed**, as it has fewer than 60 records" in text
+    assert "| another class named | 0 | 1 |" in text
 
 
 def test_measured_streams_are_judged_as_the_background_rows() -> None:

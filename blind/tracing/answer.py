@@ -12,7 +12,7 @@ import numpy as np
 
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.errors import InputError
-from biodyn_core.tracing.findings import Trace
+from biodyn_core.tracing.findings import Candidate, Trace
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace
 from blind.tracing.outcome import FAILED, Answer, Cause
@@ -47,6 +47,7 @@ def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> A
         float(np.mean([getattr(event, side).mean_percent for event in held_out])) if held_out else None
         for side in ("before", "after")
     )
+    best = _best(found)
     return Answer(
         row, number, found.verdict,
         effects=_causes(found.effects),
@@ -61,7 +62,18 @@ def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> A
         p_value=found.p_value,
         seconds=time.perf_counter() - begin,
         why="; ".join([*found.reasons, *known.left_out]),
+        best=_causes([best.applied])[0] if best else None,
+        best_gain=best.gain if best else None,
+        against=best.against if best else (),
     )  # fmt: skip
+
+
+def _best(found: Trace) -> Candidate | None:
+    """What was taken first, or else gained most."""
+    if not found.rounds:
+        return None
+    first = found.rounds[0]
+    return first.taken or next((one for one in first.ladder if one.refitted), None)
 
 
 def _without(row: str, number: int, begin: float, verdict: str, why: str) -> Answer:

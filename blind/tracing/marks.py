@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from blind.tracing.outcome import Outcome
+from blind.tracing.outcome import FATES, Outcome, Score
 from blind.tracing.rows import CONDITIONS, Condition, Rule
 
 
@@ -18,7 +18,7 @@ class Mark:
     """One mark of one row: what is asked and what was reached, judged on the point estimate.
 
     reached is a share, mean or median, None where nothing counts; lower and upper are Wilson's 95 % interval of a
-    share. records counts those of the row; a row with fewer than it is to have does not meet its marks.
+    share. records counts those of the row; a row with fewer than it is to have, `least`, does not meet its marks.
     """
 
     row: str
@@ -27,6 +27,7 @@ class Mark:
     reached: float | None
     records: int
     met: bool
+    least: int = 0
     kind: str = "share"
     lower: float | None = None
     upper: float | None = None
@@ -69,15 +70,16 @@ def marks(outcomes: Sequence[Outcome], conditions: Sequence[Condition] = CONDITI
 def _mark(row: Condition, rule: Rule, chosen: Sequence[Outcome]) -> Mark:
     values = [float(value) for one in chosen if (value := rule.of(one)) is not None]
     if not values:
-        return Mark(row.name, rule.what, rule.asked, None, len(chosen), met=False, kind=rule.kind)
+        return Mark(row.name, rule.what, rule.asked, None, len(chosen), False, row.least, rule.kind)
     reached = float(np.median(values) if rule.kind == "median" else np.mean(values))
     enough = len(chosen) >= row.least
     good = reached >= rule.limit if rule.sense == ">=" else reached <= rule.limit
     low, high = wilson(round(sum(values)), len(values)) if rule.kind == "share" else (None, None)
     baseline = most_frequent(chosen)[1] if rule.what == "class" else None
     return Mark(
-        row.name, rule.what, rule.asked, reached, len(chosen), bool(enough and good), rule.kind, low, high, baseline
-    )
+        row.name, rule.what, rule.asked, reached, len(chosen), bool(enough and good), row.least, rule.kind, low, high,
+        baseline,
+    )  # fmt: skip
 
 
 def most_frequent(outcomes: Sequence[Outcome]) -> tuple[str, float]:
@@ -109,6 +111,26 @@ def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
             )
         )  # fmt: skip
     return found
+
+
+def fates(outcomes: Sequence[Outcome]) -> dict[str, tuple[int, int]]:
+    """What became of the true classes: how many where the oracle closes half the gap or more, and how many of all.
+
+    The gap lies between the squares of the errors before and of the floor.
+    """
+    found = dict.fromkeys(FATES, (0, 0))
+    for one in outcomes:
+        closed, every = found[one.fate]
+        found[one.fate] = closed + _can_close(one.score), every + 1
+    return found
+
+
+def _can_close(score: Score) -> bool:
+    before, floor, best = (
+        np.nan if percent is None else percent**2
+        for percent in (score.before_percent, score.floor_percent, score.oracle_percent)
+    )
+    return bool(before - best >= 0.5 * (before - floor) > 0.0)
 
 
 def verdicts(outcomes: Sequence[Outcome]) -> dict[str, Counter[str]]:

@@ -16,6 +16,17 @@ NAMING: Final = ("effect", "ambiguous")
 FAILED: Final = "failed"
 """What stands for a verdict where the tracer gave none; it is right in nothing."""
 
+FATES: Final = (
+    "named",
+    "another class named",
+    "several named as possible",
+    "another class was the best, and refused",
+    "the true class was the best, and refused for what it is: a bound, a usual size, too few events",
+    "... as it gained less than was asked",
+    "... as it left most of the gap open",
+)
+"""What may become of a record's true class."""
+
 JOINT_PLACE: Final = dict(zip(SEGMENTS, (0, 1, 2, 2, 3, 4), strict=True))
 """Joints from below; those on either side of the central torso, which is not measured, count as one."""
 
@@ -35,6 +46,7 @@ class Answer:
 
     before and after are theta (15,); applied are the effects of the subject after, as a subject file has them. Errors
     are means over the events that had no say in it, whose names are in `unseen`, percent; None where there are none.
+    best is what was taken first, or else gained most, best_gain what it gained, and against what spoke against it.
     """
 
     row: str
@@ -52,15 +64,19 @@ class Answer:
     seconds: float = 0.0
     why: str = ""
     unseen: tuple[str, ...] = ()
+    best: Cause | None = None
+    best_gain: float | None = None
+    against: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, line: str) -> Answer:
         """Read what `line_of` wrote."""
         data = json.loads(line)
+        data["best"] = Cause(**data["best"]) if data.get("best") else None
         for key in ("effects", "ambiguous_with"):
             data[key] = tuple(Cause(**one) for one in data[key])
-        for key in ("before", "after", "applied", "unseen"):
-            data[key] = tuple(data[key])
+        for key in ("before", "after", "applied", "unseen", "against"):
+            data[key] = tuple(data.get(key, ()))
         return cls(**data)
 
 
@@ -69,9 +85,9 @@ class Score:
     """What was true of a record, and errors beside it; None where they were not asked for.
 
     ratio: rms of what the effect changes in the base refit's residual over the rms without. Errors are in percent, of
-    the answer's unseen events: floor without the effect; placebo, generic and oracle with it. recovered is the share
-    of the energy that the oracle takes off which the answer takes off too, 0 for a wrong class; `why` says what went
-    wrong.
+    the answer's unseen events, infinite where a subject runs away there: floor without the effect; placebo, generic and
+    oracle with it. recovered is the share of the energy that the oracle takes off which the answer takes off too, 0 for
+    a wrong class; `why` says what went wrong.
     """
 
     row: str
@@ -167,6 +183,21 @@ class Outcome:
     def found(self) -> int:
         """How many of the true classes are among the effects that are named."""
         return len(self.true_names & {cause.name for cause in self.answer.effects}) if self.single else 0
+
+    @property
+    def fate(self) -> str:
+        """What became of the true class, in words; the first that holds of `FATES`."""
+        answer = self.answer
+        if self.class_right:
+            return FATES[0]
+        if self.alarmed:
+            return FATES[1] if self.single else FATES[2]
+        if answer.best is None or answer.best.name not in self.true_names:
+            return FATES[3]
+        if answer.against:
+            return FATES[4]
+        enough = (answer.best_gain or 0.0) > (answer.threshold or 0.0)
+        return FATES[6] if enough else FATES[5]
 
     @property
     def away(self) -> int | None:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from blind.tracing.marks import Mark, by_class, most_frequent, verdicts
+from blind.tracing.marks import Mark, by_class, fates, most_frequent, verdicts
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
 from conformance.table import cells
@@ -35,6 +35,7 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
         _marks(found),
         _verdicts(outcomes),
         _errors(outcomes),
+        *(_fates(outcomes, row) for row in CONDITIONS if any(rule.what == "class" for rule in row.rules)),
         *(_classes(outcomes, row) for row in (*CONDITIONS, *MEASURED)),
     )
     lines = [line for part in parts for line in part]
@@ -51,7 +52,8 @@ def marks_table(found: Sequence[Mark]) -> list[str]:
 
 
 def _met(mark: Mark) -> str:
-    return "met" if mark.met else "**missed**"
+    few = f", as it has fewer than {mark.least} records" if mark.records < mark.least else ""
+    return "met" if mark.met else f"**missed**{few}"
 
 
 def _marks(found: Sequence[Mark]) -> list[str]:
@@ -86,6 +88,19 @@ def _errors(outcomes: Sequence[Outcome]) -> list[str]:
     without = [f"{one.score.row} {one.score.number}: {one.score.why}" for one in outcomes if one.score.why]
     said = f"Not scored, so in no row that goes by the ratio: {'; '.join(without) or 'none'}."
     return ["## Errors", "", words, "", *_table(("drawn as", "ratio", *columns), rows), "", said, ""]
+
+
+def _fates(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
+    """What became of the true classes of a row."""
+    counted = fates(row.chosen(outcomes))
+    words = (
+        "Among them in the middle are those in which the oracle, the catalogue's own form at the true place, takes off"
+        " half or more of what is between the squared errors before and of the floor."
+    )
+    rows = [(what, str(closed), str(every)) for what, (closed, every) in counted.items()]
+    rows.append(("all", *(str(sum(column)) for column in zip(*counted.values(), strict=True))))
+    head = ("the true class", "where the oracle closes half", "records")
+    return [f"## What became of them: {row.name}", "", words, "", *_table(head, rows), ""]
 
 
 def _median(values: Sequence[float | None]) -> str:

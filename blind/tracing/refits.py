@@ -30,6 +30,9 @@ INSIDE: Final = 0.02
 SIDE_BY_SIDE: Final = 8
 """Starts that are looked at together: their answers to nine events are about 30 MB each."""
 
+FARTHEST_MPS2: Final = 1e5
+"""What answers with more than this runs away."""
+
 STARTS: Final = 2
 EVALUATIONS: Final = 150
 
@@ -150,7 +153,7 @@ def _sized(fit: Fit, cases: Sequence[Case], tried: Sequence[AppliedEffect]) -> l
     domains = [TimeDomain(cases, subject, _no_pull(subject), fit.settings.clocks) for subject in bent]
     with np.errstate(all="ignore"):  # what runs away is told by the numbers below
         others = [np.stack([one.accelerations(i, theta) for one in domains], axis=2) for i in range(len(cases))]
-    runs_away = np.any([~(np.abs(answers).max(axis=(0, 1)) < 1e5) for answers in others], axis=0)
+    runs_away = np.any([~(np.abs(answers).max(axis=(0, 1)) < FARTHEST_MPS2) for answers in others], axis=0)
     for answers in others:
         answers[:, :, runs_away] = 0.0
     plain = TimeDomain(cases, fit.subject, _no_pull(fit.subject), fit.settings.clocks)

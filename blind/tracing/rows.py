@@ -26,9 +26,9 @@ WEAK: Final = 0.4
 class Drawing:
     """Records that are drawn alike: how many, how many effects of which kinds, on which level of background.
 
-    ratio is what the world aims at. Its own linear view sees 1.3 to 1.7 times what a refit leaves, so ranges are that
-    much higher than those that are judged, and the scorer's own ratio says where a record belongs. coloured adds noise
-    of 0.3 m/s^2 that does not follow the input.
+    ratio is what the world aims at, by its own linear view; the scorer's own ratio says where a record belongs. It is
+    half to twice that, so counts and ranges are such that each of the rows that go by it gets its forty. coloured adds
+    noise of 0.3 m/s^2 that does not follow the input.
     """
 
     name: str
@@ -46,8 +46,8 @@ DRAWINGS: Final = (
     Drawing("nothing_coloured", 50, effects=0, level=0.0, coloured=True),
     Drawing("background", 60, effects=0),
     Drawing("sensor_noise", 42, level=0.0, needs="all"),
-    Drawing("strong", 60, ratio=(1.5, 4.0), needs="all"),
-    Drawing("medium", 44, ratio=(0.7, 1.1), needs="all"),
+    Drawing("strong", 54, ratio=(1.5, 4.0), needs="all"),
+    Drawing("medium", 64, ratio=(0.45, 0.85), needs="all"),
     Drawing("weak", 36, ratio=(0.15, 0.5), needs="all"),
     Drawing("outside", 54, ratio=(1.5, 4.0), kinds=("outside",), needs="ratio"),
     Drawing("two", 42, effects=2, level=0.0),

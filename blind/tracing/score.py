@@ -12,7 +12,7 @@ from world.effects.sitting import Sitting
 
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.errors import InputError
-from biodyn_core.identification.fit import Fit, fit_joint, mean_percent, prediction_errors
+from biodyn_core.identification.fit import Fit, fit_joint, mean_percent, prediction_errors, predictions
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.parameters import Parameters
@@ -21,7 +21,7 @@ from biodyn_core.tracing.settings import TraceSettings
 from blind.tracing.answer import TRACE_SEED
 from blind.tracing.outcome import Answer, Outcome, Score
 from blind.tracing.records import Record, causes, record
-from blind.tracing.refits import oracle, placebo
+from blind.tracing.refits import FARTHEST_MPS2, oracle, placebo
 from blind.tracing.rows import STRONG, Drawing
 
 Floats = NDArray[np.float64]
@@ -78,7 +78,7 @@ def _beside(found: Score, answer: Answer, hidden: Record, fit: Fit) -> Score:
     left, left_after, left_best = (sum_of_squares(subject, hidden.held_out) for subject in (before, after, best))
     return dataclasses.replace(
         found,
-        oracle_percent=_percent(best, hidden.held_out) if np.isfinite(left_best) else None,
+        oracle_percent=_percent(best, hidden.held_out),
         placebo_percent=None if wrong is None else _percent(wrong, hidden.held_out),
         recovered=recovered(left, left_after, left_best, Outcome(answer, found).class_right),
     )
@@ -134,14 +134,19 @@ def generic_percent(fit: Fit, known: Record) -> float:
 
 def sum_of_squares(subject: Subject, cases: Sequence[Case]) -> float:
     """What a subject leaves of cases, every segment of every event over its own energy; infinite where it runs away."""
+    if runs_away(subject, cases):
+        return np.inf
     total = 0.0
     for case in cases:
         scale = np.where(case.energy > 0.0, case.energy, np.inf)
-        try:
-            total += float(np.nansum(residuals(subject, case) ** 2 / scale))
-        except np.linalg.LinAlgError:  # of clocks that are looked for in what is no number
-            return np.inf
+        total += float(np.nansum(residuals(subject, case) ** 2 / scale))
     return total
+
+
+def runs_away(subject: Subject, cases: Sequence[Case]) -> bool:
+    """Whether a subject's answer to any of cases is no motion that a person could have."""
+    with np.errstate(all="ignore"):  # told by the numbers
+        return not all((np.abs(answer) < FARTHEST_MPS2).all() for answer in predictions(subject, cases))
 
 
 def residuals(subject: Subject, case: Case) -> Floats:
@@ -168,4 +173,4 @@ def _taps(case: Case) -> Floats:
 
 
 def _percent(subject: Subject, cases: Sequence[Case]) -> float:
-    return mean_percent(prediction_errors(subject, cases))
+    return np.inf if runs_away(subject, cases) else mean_percent(prediction_errors(subject, cases))

@@ -10,7 +10,7 @@ from biodyn_core.effects import CATALOGUE
 from blind.tracing.outcome import NAMING, Answer, Cause, Outcome, Score
 
 MODULE: Final = "blind.measured"
-RECORDS: Final = 240
+RECORDS: Final = 290
 NOTHING: Final = "none"
 
 
