@@ -15,6 +15,9 @@ from biodyn_core.conditioned import Block
 LARGEST_ERROR: Final = 0.005
 """What is read between samples errs by less than this up to the low-pass's cut-off, at every rate that is accepted."""
 
+FORGOTTEN: Final = 64
+"""Samples that nothing needs are dropped so many at a time: with each instant it took longer than reading does."""
+
 _HALF_WIDTHS: Final = (4, 6, 8, 10, 12, 16, 24, 32, 48, 64)
 
 
@@ -73,7 +76,8 @@ class Aligner:
 
         NaN where the sensor has a gap or the edge of a run; unanswered are instants whose neighbours may still come.
         """
-        out = np.full(grid_s.shape, np.nan)
+        out = np.empty(grid_s.shape)
+        out.fill(np.nan)
         own_s = grid_s + (epoch_ns - self._epoch_ns) * 1e-9
         weights = lagrange_weights(2 * self._half)
         return out, int(kernels.interpolate(self._time_s, self._run, self._values, own_s, weights, out))
@@ -84,12 +88,17 @@ class Aligner:
         return self._half
 
     def reaches(self, time_s: float, epoch_ns: int) -> bool:
-        """Whether any sample lies beyond an instant, so that it may be answered."""
-        return self._time_s.size > 0 and float(self._time_s[-1]) > time_s + (epoch_ns - self._epoch_ns) * 1e-9
+        """Whether an instant is answered: its neighbours have come, or all that is kept lies beyond it."""
+        size = self._time_s.size
+        if not size:
+            return False
+        farthest_neighbour_s = float(self._time_s[max(0, size - self._half)])
+        return farthest_neighbour_s > time_s + (epoch_ns - self._epoch_ns) * 1e-9
 
     def forget(self, before_s: float, epoch_ns: int) -> None:
-        """Drop samples that no instant from `before_s` since epoch_ns on can need."""
-        self._forget(before_s + (epoch_ns - self._epoch_ns) * 1e-9)
+        """Drop samples that no instant from `before_s` since epoch_ns on can need, a good many at a time."""
+        if self._time_s.size > FORGOTTEN + 2 * self._half:
+            self._forget(before_s + (epoch_ns - self._epoch_ns) * 1e-9)
 
     def _forget(self, before_s: float) -> None:
         self._keep(slice(max(0, int(np.searchsorted(self._time_s, before_s)) - self._half - 1), None))

@@ -239,6 +239,20 @@ def test_any_cut_into_blocks_is_read_alike(cuts, seed, rate_hz):
     assert answered == grid.size
 
 
+@given(
+    st.integers(0, 12),
+    st.floats(-2.0, 14.0),
+    st.sampled_from([0, 1, 7]),
+    st.booleans(),
+)
+def test_an_instant_is_reached_where_reading_answers_it(count, at, ahead, on_a_sample):
+    """With eight neighbours and few samples, before the first and behind the last of them, whatever the epochs."""
+    made = aligner(block(np.arange(count) / RATE_HZ, np.ones(count), True))
+    time_s, epoch_ns = (round(at) if on_a_sample else at) / RATE_HZ, EPOCH_NS - ahead * 1_000_000_000
+    _, answered = made.read(np.array([time_s + ahead]), epoch_ns)
+    assert made.reaches(time_s + ahead, epoch_ns) == bool(answered)
+
+
 # --- forgetting ------------------------------------------------------------------------------------------------------
 
 
