@@ -253,7 +253,7 @@ class Pipeline:
 
     @property
     def unpredicted_s(self) -> float:
-        """Seconds since reset, or since the node began where that is later, for which the model predicted nothing."""
+        """Seconds since reset for which the model predicted nothing."""
         return self._seat.unpredicted / self._conditioners[SEAT].rate_hz if self._seat else 0.0
 
     @property

@@ -20,6 +20,10 @@ from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSOR
 MOST_STRETCH_M: Final = 0.2
 """No joint of a seated body gives way so far; a chain beyond it has left the range that its laws are for."""
 
+PEAK: Final = "seat_peak_mps2"
+UNPREDICTED: Final = "unpredicted"
+"""What the seat's peak, and the samples without a prediction, are kept as beside the meters."""
+
 BEHIND_LOSS: Final = 64
 """Samples that are predicted at once behind one that was lost."""
 
@@ -98,9 +102,11 @@ class SeatSide:
         return {name: (value, share) for name, value, share in pairs if not math.isnan(value)}
 
     def kept(self) -> dict[str, Floats]:
-        """What was counted since reset, by meter."""
+        """What was counted since reset: by meter, and the figures of its own."""
         self._digest(self._batch.take())
-        return {name: meter.kept() for name, meter in self._meters.items()}
+        own = {PEAK: self.seat_peak_mps2, UNPREDICTED: float(self.unpredicted)}
+        meters = {name: meter.kept() for name, meter in self._meters.items()}
+        return meters | {name: np.array([[value]]) for name, value in own.items()}
 
     def resume(self, kept: Mapping[str, Floats], gap_s: float) -> None:
         """Count on from what was kept, so long ago."""
@@ -109,6 +115,9 @@ class SeatSide:
             if name in kept:
                 resume_meter(meter, kept[name], name)
             meter.skip(gap_s)
+        own = {name: float(kept[name].max(initial=0.0)) for name in (PEAK, UNPREDICTED) if name in kept}
+        self.seat_peak_mps2 = max(self.seat_peak_mps2, own.get(PEAK, 0.0))
+        self.unpredicted += round(own.get(UNPREDICTED, 0.0))
 
     @property
     def _meters(self) -> dict[str, Meter]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -54,6 +55,28 @@ def test_a_run_that_goes_on_is_one_run_with_a_gap() -> None:
     seat, twin = second.seat(), whole.seat()
     assert seat.vdv_weighted_mps175 == pytest.approx(twin.vdv_weighted_mps175, rel=5e-3)
     assert seat.lower_bound and seat.time_to_action_value_s is None  # more than 1 % is missing
+
+
+def test_a_prediction_stays_extrapolated_and_what_was_not_predicted_missing_behind_a_restart() -> None:
+    """The seat has moved harder than in the fit before it, and rests since."""
+    streams = noisy_streams(8.0)
+    rest = tuple(
+        dataclasses.replace(s, stamps_ns=s.stamps_ns[:1100] + 12 * 10**9, accel_mps2=s.accel_mps2[:1100])
+        for s in streams
+    )
+    fitted = dataclasses.replace(subject(), provenance={"seat_peak_mps2": 1.0})
+    first = run(streams, in_turn(streams, 140), finish=False, pipeline=Pipeline(fitted)).pipeline
+    assert first.is_extrapolating
+    first._seat.unpredicted = 140  # as if the model had left its range
+    for resumes in (True, False):
+        second = Pipeline(fitted)
+        if resumes:
+            second.resume(KeptExposure.from_dict(json.loads(json.dumps(first.kept(BELONGS).to_dict()))))
+        run(rest, in_turn(rest, 140), finish=False, pipeline=second)
+        assert second.exposure().predicted and second.is_extrapolating == resumes
+        assert second.unpredicted_s == pytest.approx(140 / RATE_HZ if resumes else 0.0, rel=1e-3)
+    second.reset()
+    assert not second.is_extrapolating
 
 
 def test_gravity_is_known_behind_a_restart_and_counting_goes_on_at_once() -> None:
