@@ -91,17 +91,20 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
     return lines
 
 
-def _figures(dose: Dose, lost: Lost) -> dict[str, Any]:
+def dose_figures(dose: Dose) -> dict[str, float | None]:
+    """The figures of one channel by the names that every document has for them."""
     return {
         "aw_mps2": dose.aw_mps2,
         "mtvv_mps2": dose.mtvv_mps2,
         "crest_factor": dose.crest_factor,
         "vdv_mps175": dose.vdv_mps175,
         "peak_mps2": dose.peak_mps2,
-        "clipped_samples": lost.clipped,
-        "missing_s": lost.missing_s,
-        "lower_bound": lost.lower_bound,
     }
+
+
+def _figures(dose: Dose, lost: Lost) -> dict[str, Any]:
+    missing = {"clipped_samples": lost.clipped, "missing_s": lost.missing_s, "lower_bound": lost.lower_bound}
+    return dose_figures(dose) | missing
 
 
 def _and_absent(lost: Lost, seconds: float) -> Lost:

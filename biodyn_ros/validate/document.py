@@ -16,6 +16,7 @@ from biodyn_core.response import Peak, SpectrumSettings, peak
 from biodyn_core.segments import HEAD, SEAT, SEGMENTS
 from biodyn_core.validation import Exposures, HeadPeaks, PredictedRun, Validation
 from biodyn_ros import __version__
+from biodyn_ros.exposure_json import dose_figures
 from biodyn_ros.provenance import MADE_BY_MODEL, Role, without_note
 from biodyn_ros.spectra_json import array, power_document, spectra_document, transmissibility_document
 from biodyn_ros.validate.findings import ValidationSettings, findings, verdict
@@ -101,16 +102,7 @@ def _exposure(found: Exposures) -> Document:
 
 
 def _dose(dose: Dose) -> Document | None:
-    if dose.seconds == 0.0:
-        return None
-    return {
-        "aw_mps2": dose.aw_mps2,
-        "mtvv_mps2": dose.mtvv_mps2,
-        "crest_factor": dose.crest_factor,
-        "vdv_mps175": dose.vdv_mps175,
-        "peak_mps2": dose.peak_mps2,
-        "counted_s": dose.seconds,
-    }
+    return dose_figures(dose) | {"counted_s": dose.seconds} if dose.seconds else None
 
 
 def _hic(found: Hic) -> Document | None:
