@@ -1,6 +1,7 @@
 """What every test finds: an own ROS domain on localhost, hypothesis without clocks, and the shared recordings."""
 
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 DOMAIN = environment.settle(os.environ)
 # As the command line does.
 os.environ.update(environment.ONE_THREAD)
+
+# What is started in the background, or by nohup, ignores these two, and so would every process that a test starts.
+for _number in (signal.SIGINT, signal.SIGHUP):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
 
 # A deadline would measure the machine. Continuous integration tries the same examples each time.
 settings.register_profile("biodyn", deadline=None, derandomize="CI" in os.environ)
