@@ -21,6 +21,7 @@ from streams import subject
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros import topics
 from biodyn_ros.cdr import decode_accel_stamped
+from biodyn_ros.environment import hold_domain
 from biodyn_ros.replay.replaying import replay
 from biodyn_ros.resources import bag_file
 
@@ -145,6 +146,34 @@ def test_an_interrupted_play_ends_with_zero_and_an_interrupted_replay_leaves_not
         assert replay_.returncode in (130, -signal.SIGINT), errors
         assert errors.strip().splitlines()[-1] == "biodyn replay: interrupted"
         assert not out.exists()
+
+
+_INTERRUPTED_TIMER = """
+import signal
+
+import rclpy
+
+from biodyn_ros.node.callbacks import guarded, make_executor, spin
+
+rclpy.init()
+node, executor = rclpy.create_node("interrupted"), make_executor()
+executor.add_node(node)
+node.create_timer(0.01, guarded(lambda: signal.raise_signal(signal.SIGINT), print))
+spin(executor, until=lambda: not rclpy.ok())
+print("ended", rclpy.ok())
+node.destroy_node()
+rclpy.try_shutdown()
+"""
+
+
+def test_sigint_in_the_middle_of_a_timer_is_no_failure_of_the_timer() -> None:
+    with hold_domain() as domain:
+        environment = os.environ | {"ROS_DOMAIN_ID": str(domain.domain_id)}
+        done = subprocess.run(
+            [sys.executable, "-c", _INTERRUPTED_TIMER], env=environment, capture_output=True, text=True, timeout=60,
+            check=True,
+        )  # fmt: skip
+    assert (done.stdout, done.stderr) == ("ended True\n", "")
 
 
 _APT_ONLY = """

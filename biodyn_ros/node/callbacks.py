@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -22,16 +23,22 @@ def make_executor(context: Any = None) -> Any:
 
 
 def spin(executor: Any, until: Callable[[], bool]) -> None:
-    """Spin a tenth of a second at a time, waiting for what never comes.
+    """Spin a tenth of a second at a time, waiting for what never comes, until then or until SIGINT; in the main thread.
 
     EventsExecutor's own `spin` busy-loops in rclpy 7.1, and its `spin_once` comes back after every single message.
+    SIGINT raises nothing meanwhile: what it would interrupt is a callback, and rclpy would tell of a failed one.
     """
-    while not until():
-        try:
-            executor.spin_until_future_complete(Future(), timeout_sec=0.1)
-        except RCLError:
-            if not until():  # a signal may end the context between the question and the spin
-                raise
+    asked: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: asked.append(number))
+    try:
+        while not (asked or until()):
+            try:
+                executor.spin_until_future_complete(Future(), timeout_sec=0.1)
+            except RCLError:
+                if not until():  # a signal may end the context between the question and the spin
+                    raise
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def guarded(callback: Callable[..., None], tell: Callable[[str], None]) -> Callable[..., None]:
