@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from blind import recovery
+from blind.recovery import __main__ as recovery
 from blind.tracing import __main__ as tracing
 
 

@@ -11,11 +11,11 @@ from scipy import signal
 from world import body, ride, seats, sensors
 
 from biodyn_core.parameters import LOWER, UPPER
-from blind.draw import draw
-from blind.identify import Answer, jointly
-from blind.judge import Judged, joints_off, judge
-from blind.marks import coverage, marks
-from blind.page import rendered
+from blind.recovery.draw import draw
+from blind.recovery.identify import Answer, jointly
+from blind.recovery.judge import Judged, joints_off, judge
+from blind.recovery.marks import coverage, marks
+from blind.recovery.page import rendered
 
 TIME_S = np.arange(round(4.0 * seats.RATE_HZ)) / seats.RATE_HZ
 

@@ -54,9 +54,9 @@ def _studied(options: argparse.Namespace) -> int:
         seed, tuple(drawings(options.rows, options.count)), _folder(options.out, seed, partial), options.split, commit()
     )
     outcomes = run(what, in_processes, say=say)
-    beside = [] if partial else streams.outcomes(seed)
-    outcomes += beside
-    found = marks(outcomes, (*CONDITIONS, *MEASURED) if beside else CONDITIONS)
+    if not partial:
+        outcomes += streams.outcomes(seed)
+    found = marks(outcomes, CONDITIONS if partial else (*CONDITIONS, *MEASURED))
     if not partial:
         if commit() != what.commit:
             raise BrokenSeal("the commit has changed since the run began: nothing is published")

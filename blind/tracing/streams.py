@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-from typing import Any, Final
+from typing import Final
 
 from biodyn_core.effects import CATALOGUE
+from blind import measured
 from blind.tracing.outcome import NAMING, Answer, Cause, Outcome, Score
 
-MODULE: Final = "blind.measured"
 RECORDS: Final = 290
 NOTHING: Final = "none"
 
 
 def outcomes(seed: int, count: int = RECORDS) -> list[Outcome]:
-    """Run that row; none where its module is not there."""
-    if importlib.util.find_spec(MODULE) is None:
-        return []
-    graded = importlib.import_module(MODULE).run(count, seed)
-    return [outcome(number, one) for number, one in enumerate(graded)]
+    """Run that row."""
+    return [outcome(number, one) for number, one in enumerate(measured.run(count, seed))]
 
 
-def outcome(number: int, graded: Any) -> Outcome:
+def outcome(number: int, graded: measured.Graded) -> Outcome:
     """One record: `found` with verdict, name and ambiguous_with, the `fault` that was hidden, and its `ratio`."""
     found, hidden = graded.found, graded.fault != NOTHING
     row = "measured" if hidden else "measured_nothing"

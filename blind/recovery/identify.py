@@ -12,7 +12,7 @@ from biodyn_core.identification.settings import PAPER
 from biodyn_core.identification.uncertainty import Estimate, uncertainty
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
-from blind.draw import Person
+from blind.recovery.draw import Person
 
 SEED: Final = 0
 """Of the swarms."""

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from biodyn_core.parameters import PARAMETERS
 from biodyn_core.segments import SEGMENTS
-from blind.draw import HELD_OUT_S, TRAINING_S
-from blind.judge import Judged, Way, joints_off
-from blind.marks import WITHIN_FLOOR, better, marks, ours_error, papers_error
+from blind.recovery.draw import HELD_OUT_S, TRAINING_S
+from blind.recovery.judge import Judged, Way, joints_off
+from blind.recovery.marks import WITHIN_FLOOR, better, marks, ours_error, papers_error
 from conformance.table import cells
 
 Floats = NDArray[np.float64]

@@ -15,8 +15,8 @@ from biodyn_core.identification.uncertainty import Estimate
 from biodyn_core.model import Chain
 from biodyn_core.parameters import PARAMETERS, Parameters
 from biodyn_core.subject import Subject
-from blind.draw import Person, Truth
-from blind.identify import Answer, somebody
+from blind.recovery.draw import Person, Truth
+from blind.recovery.identify import Answer, somebody
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -9,13 +9,13 @@ from typing import Final
 
 from world import seats
 
-from blind.draw import draw
-from blind.identify import identify
-from blind.judge import judge
-from blind.marks import marks
-from blind.page import rendered
+from blind.recovery.draw import draw
+from blind.recovery.identify import identify
+from blind.recovery.judge import judge
+from blind.recovery.marks import marks
+from blind.recovery.page import rendered
 
-PAGE: Final = Path(__file__).resolve().parents[1] / "docs" / "recovery.md"
+PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "recovery.md"
 PEOPLE: Final = 20
 SEED: Final = 2026
 

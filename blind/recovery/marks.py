@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from blind.judge import Judged, Way, joints_off
+from blind.recovery.judge import Judged, Way, joints_off
 
 Floats = NDArray[np.float64]
 
