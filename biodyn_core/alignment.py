@@ -16,7 +16,7 @@ LARGEST_ERROR: Final = 0.005
 """What is read between samples errs by less than this up to the low-pass's cut-off, at every rate that is accepted."""
 
 FORGOTTEN: Final = 64
-"""Samples that nothing needs are dropped so many at a time: with each instant it took longer than reading does."""
+"""Samples that nothing needs are dropped so many at a time: with each instant it took as long as reading does."""
 
 _HALF_WIDTHS: Final = (4, 6, 8, 10, 12, 16, 24, 32, 48, 64)
 
