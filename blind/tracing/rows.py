@@ -27,8 +27,8 @@ class Drawing:
     """Records that are drawn alike: how many, how many effects of which kinds, on which level of background.
 
     ratio is what the world aims at, by its own linear view; the scorer's own ratio says where a record belongs. It is
-    half to twice that, so counts and ranges are such that each of the rows that go by it gets its forty. coloured adds
-    noise of 0.3 m/s^2 that does not follow the input.
+    mostly half to twice that, with stragglers, so counts and ranges are such that each of the rows that go by it should
+    get its forty. coloured adds noise of 0.3 m/s^2 that does not follow the input.
     """
 
     name: str
