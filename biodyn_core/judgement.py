@@ -84,7 +84,7 @@ class SeatExposure(Judgement):
     """The figures that decide, seat alone, and their judgement by the deciding set; `beside` that by the others.
 
     aw and VDV by axis are without k; A(8) and VDV so far are the largest over the axes with k = 1.4, 1.4, 1.0.
-    lower_bound: samples are missing or clipped, or the horizontal axes are. withheld: why there are no times and no
+    lower_bound: samples are missing or clipped, or a horizontal axis is. withheld: why there are no times and no
     projections. projected_from_s: the seconds that were counted. shock_ratios: of the governing axis.
     """
 
@@ -129,7 +129,7 @@ def seat_exposure(
         {"a8": a8_axis, "vdv": vdv_axis},
         seconds,
         grounds.lost,
-        at_least=grounds.lost.lower_bound or axes.horizontal == "missing",
+        at_least=grounds.lost.lower_bound or axes.dead > 0,
         withheld=_withheld(grounds, seconds),
         doubt=_doubt(grounds, seconds, axes),
     )
@@ -287,6 +287,11 @@ def _so_far(felt: _Felt, measure: Measure, least: str = "") -> str:
 
 def _withheld(grounds: Grounds, seconds: float) -> str | None:
     """Why nothing is extrapolated from this record, None where it may be."""
+    return _lacking(grounds, seconds) or _off(grounds)
+
+
+def _lacking(grounds: Grounds, seconds: float) -> str | None:
+    """What the record lacks, None where that is little."""
     count, missing = grounds.lost.clipped, grounds.lost.missing_s
     if count > 0:
         return f"{count} sample{' is' if count == 1 else 's are'} clipped at the seat"
@@ -299,13 +304,12 @@ def _withheld(grounds: Grounds, seconds: float) -> str | None:
 
 def _doubt(grounds: Grounds, seconds: float, axes: _Axes) -> str | None:
     """Why a value that was not reached may have been all the same, None where there is no reason to think so."""
-    gravity = grounds.gravity_mps2
     if grounds.fault is not None:
         return f"the seat answers nothing ({grounds.fault})"
     if grounds.silent:
         return "the seat has fallen silent"
-    if withheld := _withheld(grounds, seconds):
-        return withheld
+    if lacking := _lacking(grounds, seconds):
+        return lacking
     if grounds.lost.flat_s > 0.0:
         return f"{grounds.lost.flat_s:.3g} s of the seat's readings do not change at all: is it stuck?"
     if axes.dead:
@@ -314,10 +318,16 @@ def _doubt(grounds: Grounds, seconds: float, axes: _Axes) -> str | None:
             if axes.horizontal == "missing"
             else "the seat gives no data on one of its horizontal axes"
         )
-    if gravity is None or abs(gravity / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
-        reads = "nothing" if gravity is None else f"{gravity:.2f} m/s^2"
-        return f"the seat reads {reads} for gravity, so its gain, unit or mounting may be off"
-    return None
+    return _off(grounds)
+
+
+def _off(grounds: Grounds) -> str | None:
+    """What gravity says of the seat's readings, None where it reads as it should."""
+    gravity = grounds.gravity_mps2
+    if gravity is not None and abs(gravity / STANDARD_GRAVITY_MPS2 - 1.0) <= GRAVITY_TOLERANCE:
+        return None
+    reads = "nothing" if gravity is None else f"{gravity:.2f} m/s^2"
+    return f"the seat reads {reads} for gravity, so its gain, unit or mounting may be off"
 
 
 def _shock_ratios(vertical: Dose, axes: _Axes, axis: str) -> tuple[ShockRatio, ...]:

@@ -190,6 +190,7 @@ def test_a_sensor_with_one_dead_horizontal_axis_is_never_green(yaw_rad):
     seat = judge(upward(0.1, 1.0, HOUR), Plane((0.1, 1.0), (0.0, 0.0)), yaw_rad)
     assert seat.horizontal == ("worst_direction" if yaw_rad is None else "yaw_given")
     assert seat.zone == "undecided" and "one of its horizontal axes" in seat.zone_reason
+    assert seat.lower_bound  # the axis that is not known may be the worse one
 
 
 # --- the zone --------------------------------------------------------------------------------------------------------
@@ -221,6 +222,9 @@ def test_without_grounds_nothing_is_called_below(grounds, because, limits):
     seat = judge(upward(0.1, 1.0, HOUR), limits=limits, **grounds)
     assert seat.zone == "undecided" and because in seat.zone_reason
     assert [each.zone for each in seat.beside] == ["undecided"]
+    if "gravity_mps2" in grounds:  # a gain too low by a fifth would promise twice the time
+        assert because in (seat.withheld or "") and seat.time_to_action_value_s is None
+        assert judge(upward(0.1, 1.0, HOUR), limits=limits, project=True, **grounds).a8_projected_8h_mps2 is None
     # What is reached is reached all the same; how far beyond, is not known.
     action = judge(upward(0.1, 10.0, HOUR), limits=limits, **grounds)
     assert action.zone == "above_action_value" and because in action.zone_reason
