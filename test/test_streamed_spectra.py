@@ -199,6 +199,20 @@ def test_what_is_too_short_has_no_spectrum(samples: int) -> None:
     assert found.spectra() is None and found.waterfall() is None
 
 
+@pytest.mark.parametrize("quantum_ns", [100_000, 1_000_000, 2_000_000, 5_000_000])
+def test_stamps_that_are_quantised_leave_frequencies_where_they_are(quantum_ns: int) -> None:
+    """By their median step 1129.3 Hz are 1000 with stamps in milliseconds, and a resonance at 20 Hz stands at 17.7."""
+    rate_hz = 1129.3
+    whole = frames(20_000, rate_hz)
+    tone = whole.accel_mps2 + 5.0 * np.sin(2.0 * np.pi * 20.0 * np.arange(20_000) / rate_hz)[:, None]
+    stamps_ns = whole.stamps_ns // quantum_ns * quantum_ns
+    stamps_ns[12_000:] += 10**9  # a break
+    document = fed(MeasuredFrames(stamps_ns, tone, whole.residual_mps2), [70, 71, 2500]).spectra()
+    assert document is not None
+    power = document["power_spectral_density"]["pelvis"]["measured"]["amplitude_mps2"]
+    assert document["spectra"]["frequency_hz"][int(np.argmax(power))] == pytest.approx(20.0, rel=4e-3)
+
+
 def test_a_slow_sensor_is_answered_as_far_as_it_goes() -> None:
     document = fed(frames(2000, 50.0), []).spectra()
     assert document is not None and 22.0 < document["spectra"]["frequency_hz"][-1] <= 22.5

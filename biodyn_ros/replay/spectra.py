@@ -17,10 +17,13 @@ from biodyn_ros.spectra_json import power_document, spectra_document, transmissi
 Document = dict[str, Any]
 
 RATE_SAMPLES: Final = 1024
-"""The rate is the median step of so many samples, the first, however they are cut."""
+"""The rate is the mean step of so many samples, the first, however they are cut, breaks left out."""
 
 BREAK_STEPS: Final = 1.5
-"""A step so many times the usual is a break, as is one backwards."""
+"""A step so many times the longest usual one is a break, as is one backwards."""
+
+USUAL_PERCENT: Final = 99.0
+"""So many of the first steps are usual: stamps that are quantised stand still and leap by turns."""
 
 _MOST_HZ: Final = 50.0
 _LOWEST_RATE_HZ: Final = 10.0
@@ -37,6 +40,7 @@ class ReplaySpectra:
         self._waiting: list[tuple[Integers, Floats]] = []
         self._count = 0
         self._last_ns: int | None = None
+        self._longest_ns = 0.0
         self._meters: _Meters | None = None
 
     @property
@@ -82,14 +86,16 @@ class ReplaySpectra:
         if self._meters is None:
             if stamps_ns.size < 2:
                 return
-            step_ns = float(np.median(np.diff(stamps_ns[: RATE_SAMPLES + 1])))
+            steps = np.diff(stamps_ns[: RATE_SAMPLES + 1])
+            self._longest_ns = BREAK_STEPS * float(np.percentile(steps, USUAL_PERCENT))
+            usual = steps[(steps >= 0) & (steps <= self._longest_ns)]
+            step_ns = float(usual.mean()) if usual.size else 0.0
             if not 0.0 < step_ns < 1e9 / _LOWEST_RATE_HZ:
                 return
             self._meters = _Meters(1e9 / step_ns)
         steps = np.diff(stamps_ns, prepend=stamps_ns[0] if self._last_ns is None else self._last_ns)
         self._last_ns = int(stamps_ns[-1])
-        usual_ns = 1e9 / self._meters.rate_hz
-        breaks = np.flatnonzero((steps < 0) | (steps > BREAK_STEPS * usual_ns)).tolist()
+        breaks = np.flatnonzero((steps < 0) | (steps > self._longest_ns)).tolist()
         for begin, end in zip([0, *breaks], [*breaks, stamps_ns.size], strict=True):
             if begin in breaks:
                 self._meters.part()
