@@ -45,8 +45,8 @@ class SensorStatus:
     rate_hz follows the sensor's clock; period_s is that of rest, by which lost samples are seconds, 0 before it.
     Rejected samples by cause: stamp unset, reading not finite, duplicate, late, stamp astray. filled: interpolated;
     flat: of one that never changed for long. run_s: how long this run goes on, the rest before the first one included,
-    None until there is one. uncounted_s passed before gravity was known, unrested_s of it in motion;
-    gap_s lies between runs.
+    None until there is one. uncounted_s passed before gravity was known, unrested_s of it in motion; set_back_s while
+    stamps were late behind each other, as of a clock that was set back; gap_s lies between runs.
     """
 
     rate_hz: float | None
@@ -68,6 +68,7 @@ class SensorStatus:
     run_s: float | None
     uncounted_s: float
     unrested_s: float
+    set_back_s: float
     gap_s: float
     warnings: tuple[str, ...]
     fault: str | None

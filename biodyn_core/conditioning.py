@@ -191,6 +191,12 @@ class Conditioner:
         return max(0, self._uncounted - round(rest.last_time_s / rest.period_s) - 1)
 
     @property
+    def _set_back(self) -> int:
+        """Samples that were late behind each other, those of now included."""
+        now = int(self._counts[kernel.LATE_IN_A_ROW])
+        return int(self._counts[kernel.SET_BACK]) + (now if now >= kernel.LEAP_CONFIRMED_BY else 0)
+
+    @property
     def newest_ns(self) -> int | None:
         """Stamp of the newest accepted sample; None before gravity is known and right after time jumped back."""
         newest_s = float(self._state[kernel.LAST_STAMP])
@@ -223,6 +229,7 @@ class Conditioner:
             run_s=counts[kernel.IN_RUN] * period_s if self.runs.count else None,
             uncounted_s=self._uncounted * period_s,
             unrested_s=self._unrested * period_s,
+            set_back_s=self._set_back * period_s,
             gap_s=self.runs.gap_s,
             warnings=tuple(self._warnings()),
             fault=self.fault,

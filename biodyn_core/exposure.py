@@ -219,10 +219,15 @@ class DoseMeter(Meter):
 
 
 class HorizontalMeter(Meter):
-    """Wd-weighted aw and VDV of the horizontal plane in every direction at once, from the moments of both axes."""
+    """Wd-weighted aw and VDV of the horizontal plane in every direction at once, from the moments of both axes.
 
-    def __init__(self, rate_hz: float, window_s: float) -> None:
-        self._rate_hz = rate_hz
+    first_axis_rad: where the sensor's own first axis, laid level, points in the axes that are pushed. What is kept is
+    along the sensor's own, since those that levelling leaves may be others in the next run: of a sensor that hangs
+    upside down they turn with the least lean.
+    """
+
+    def __init__(self, rate_hz: float, window_s: float, first_axis_rad: float = 0.0) -> None:
+        self._rate_hz, self._first_axis_rad = rate_hz, first_axis_rad
         self._weighting = _Weighting("Wd", rate_hz, 2)
         self._tally = Tally(rate_hz, 1, 9, 9, window_s)
 
@@ -236,9 +241,13 @@ class HorizontalMeter(Meter):
         self._tally.skip(seconds)
         self._weighting.restart()
 
+    def kept(self) -> Floats:
+        """What was counted since reset, along the sensor's own axes."""
+        return _turned(self._tally.kept(), self._first_axis_rad)
+
     def resume(self, kept: Floats) -> None:
         """Count on from what was kept; mixed moments of both axes may be below zero."""
-        self._tally.resume(kept)
+        self._tally.resume(_turned(kept, -self._first_axis_rad))
 
     def along(self, angles_rad: ArrayLike, rolling: bool = False) -> tuple[Floats, Floats]:
         """Return (aw m/s^2, VDV m/s^1.75) along directions (n,) from the first axis, each (n,)."""
@@ -255,6 +264,21 @@ class HorizontalMeter(Meter):
         )
         aw = np.sqrt(np.maximum(second, 0.0) / max(row[8], 1.0))
         return aw, (np.maximum(fourth, 0.0) / self._rate_hz) ** 0.25
+
+
+def _turned(rows: Floats, angle_rad: float) -> Floats:
+    """Moments of a plane (1, 9), as `planar_dose` lays them out, along axes turned by an angle."""
+    along = np.array([math.cos(angle_rad), math.sin(angle_rad)])
+    across = np.array([-along[1], along[0]])
+    turned = rows.copy()
+    for begin, power in ((0, 2), (3, 4)):
+        moments = rows[:, begin : begin + power + 1]
+        for k in range(power + 1):
+            factors = np.ones(1)  # of x^(power - j) y^j in (along)^(power - k) (across)^k
+            for axis in (along,) * (power - k) + (across,) * k:
+                factors = np.convolve(factors, axis)
+            turned[:, begin + k] = moments @ factors
+    return turned
 
 
 def motion_sickness_mps15(weighted: Dose) -> float | None:

@@ -63,9 +63,13 @@ NOTHING_LOST: Final = Lost(0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class KeptSensor:
-    """One sensor: its newest stamp, what it lost, its rest, and what each of its meters counted."""
+    """One sensor: its newest stamp, up to when it is told what it lost, that, its rest, and what its meters counted.
+
+    told_ns lies beyond newest_ns where the sensor had fallen silent: that silence is in `lost` already.
+    """
 
     newest_ns: int
+    told_ns: int
     lost: Lost
     rest: Rest
     meters: Mapping[str, Floats]
@@ -84,6 +88,10 @@ class KeptExposure:
         """The newest stamp of all."""
         return max(one.newest_ns for one in self.sensors.values())
 
+    def newest_of(self, sensor: str) -> int:
+        """The newest stamp of a sensor, by its own clock; of all where it sent nothing."""
+        return self.sensors[sensor].newest_ns if sensor in self.sensors else self.newest_ns
+
     def foreign_to(self, belongs: Mapping[str, str]) -> str:
         """What tells it from an exposure that belongs so; empty where nothing does."""
         return ", ".join(name for name in belongs if self.belongs.get(name) != belongs[name])
@@ -95,6 +103,7 @@ class KeptExposure:
             "sensors": {
                 name: {
                     "newest_ns": one.newest_ns,
+                    "told_ns": one.told_ns,
                     "lost": list(one.lost),
                     "rest": dataclasses.asdict(one.rest),
                     "meters": _lists(one.meters),
@@ -140,10 +149,10 @@ def _sensor(document: Mapping[str, Any]) -> KeptSensor:
     rest = Rest(**given)
     if not (0.0 < rest.period_s < 1.0 and rest.jitter_s >= 0.0 and isinstance(rest.samples, int)):
         raise ValueError("a rest that is none")
-    newest_ns = document["newest_ns"]
-    if not (isinstance(newest_ns, int) and 0 <= newest_ns < 2**63):
-        raise ValueError("newest_ns is no stamp")
-    return KeptSensor(newest_ns, Lost(int(lost[0]), *lost[1:]), rest, _arrays(document["meters"]))
+    newest_ns, told_ns = document["newest_ns"], document["told_ns"]
+    if not (isinstance(newest_ns, int) and isinstance(told_ns, int) and 0 <= newest_ns <= told_ns < 2**63):
+        raise ValueError("newest_ns or told_ns is no stamp")
+    return KeptSensor(newest_ns, told_ns, Lost(int(lost[0]), *lost[1:]), rest, _arrays(document["meters"]))
 
 
 def _mapping(value: object) -> Mapping[str, Any]:

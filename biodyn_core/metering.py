@@ -42,14 +42,24 @@ class Batch:
 
 
 class SensorMeters:
-    """Wk for every sensor, Wd, DRI and motion sickness for the seat, HIC for the head, and what else was asked for."""
+    """Wk for every sensor, Wd, DRI and motion sickness for the seat, HIC for the head, and what else was asked for.
 
-    def __init__(self, sensor: str, rate_hz: float, window_s: float, also: tuple[WeightingName, ...] = ()) -> None:
+    first_axis_rad: see `HorizontalMeter`.
+    """
+
+    def __init__(
+        self,
+        sensor: str,
+        rate_hz: float,
+        window_s: float,
+        also: tuple[WeightingName, ...] = (),
+        first_axis_rad: float = 0.0,
+    ) -> None:
         self.rate_hz = rate_hz
         self._batch = Batch()
         self._vertical = DoseMeter("Wk", rate_hz, 1, window_s)
         self._also = {name: DoseMeter(name, rate_hz, 1, window_s) for name in also}
-        self._plane = HorizontalMeter(rate_hz, window_s) if sensor == SEAT else None
+        self._plane = HorizontalMeter(rate_hz, window_s, first_axis_rad) if sensor == SEAT else None
         self._dri = DriMeter(rate_hz, window_s) if sensor == SEAT else None
         self._sickness = DoseMeter("Wf", rate_hz, 1, BIN_S) if sensor == SEAT else None
         lengths_s = HIC_LENGTHS_S if sensor == HEAD else {}

@@ -102,7 +102,10 @@ class Pipeline:
         if sensor not in self._conditioners:
             raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
         if self._earlier.sensors:
-            self._earlier.begin(sensor, stamps_ns)
+            stamps_ns, samples_mps2 = self._earlier.begun(sensor, stamps_ns, samples_mps2)
+        return self._push(sensor, stamps_ns, samples_mps2)
+
+    def _push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
         blocks = self._conditioners[sensor].push(stamps_ns, samples_mps2)
         self._timelines.note(sensor)
         if self.mode == "zero_phase":  # a whole run at once would leave those that still go on behind
@@ -112,9 +115,10 @@ class Pipeline:
 
     def finish(self) -> Frames:
         """The record has ended: take what the sensors still hold, and answer every instant with what is there."""
+        frames = [self._push(name, *samples) for name, samples in self._earlier.waiting()]
         held = self._whole_runs + [(name, block) for name, c in self._conditioners.items() for block in c.finish()]
         self._whole_runs = []
-        frames = [self._take(name, [block]) for name, block in _in_turns(held)]
+        frames += [self._take(name, [block]) for name, block in _in_turns(held)]
         if self._seat:
             frames.append(Frames(NO_PREDICTED, self._seat.comparison.release(give_up=True)))
         return joined(frames)
@@ -126,6 +130,7 @@ class Pipeline:
         if self._seat:
             self._seat.reset()
         self._earlier = EarlierRun.none(self._conditioners)
+        self._timelines.reset()
         self._at_reset = {name: self._lost(name) for name in SENSORS}
 
     def resume(self, kept: KeptExposure) -> None:
@@ -146,13 +151,15 @@ class Pipeline:
             conditioner = self._conditioners[name]
             newest_ns = conditioner.newest_ns or conditioner.first_ns
             if conditioner.rest is not None and newest_ns is not None:
-                sensors[name] = KeptSensor(newest_ns, self.lost(name), conditioner.rest, meters.kept())
+                told_ns = newest_ns + round(1e9 * self._timelines.silent_s(name))
+                sensors[name] = KeptSensor(newest_ns, told_ns, self.lost(name), conditioner.rest, meters.kept())
         beside = self._seat.kept() if self._seat else self._earlier.beside
         return KeptExposure(belongs, sensors, beside) if sensors else None
 
     def exposure(self, rolling: bool = False) -> Exposure:
-        """The figures since reset, or over the last `window_s`."""
-        counted, side = self._counted, self._seat
+        """The figures since reset, or over the last `window_s`, in which a sensor that is silent counts nothing."""
+        counted = self._recent if rolling else self._counted
+        side = self._seat if SEAT in counted else None
         seat, head = counted.get(SEAT), counted.get(HEAD)
         return Exposure(
             sensors={name: meters.vertical(rolling) for name, meters in counted.items()},
@@ -162,12 +169,12 @@ class Pipeline:
             hic15=head.hic("hic15", rolling) if head else None,
             hic36=head.hic("hic36", rolling) if head else None,
             msdv_mps15=seat.msdv_mps15() if seat and not rolling else None,
-            also=self._also(rolling),
+            also=self._also(counted, rolling),
             residual=side.residual(rolling) if side else {},
         )
 
-    def _also(self, rolling: bool) -> dict[str, dict[str, Dose]]:
-        doses = {name: meters.also(rolling) for name, meters in self._counted.items()}
+    def _also(self, counted: Mapping[str, SensorMeters], rolling: bool) -> dict[str, dict[str, Dose]]:
+        doses = {name: meters.also(rolling) for name, meters in counted.items()}
         return {w: {name: by[w] for name, by in doses.items()} for w in self.settings.weightings()}
 
     def seat(self, project: bool = False) -> SeatExposure | None:
@@ -201,8 +208,8 @@ class Pipeline:
     def lost(self, sensor: str) -> Lost:
         """What a sensor lost since reset.
 
-        Absent is what lies in gaps, or passed before it joined the others, in motion before it had been at rest, or
-        since it fell silent.
+        Absent is what lies in gaps, or passed before it joined the others, in motion before it had been at rest,
+        while its clock was set back, or since it fell silent.
         """
         return self._lost(sensor).since(self._at_reset[sensor]).and_before(self._earlier.lost(sensor))
 
@@ -213,7 +220,9 @@ class Pipeline:
     def _lost(self, sensor: str) -> Lost:
         status, timelines = self.status(sensor), self._timelines
         gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
-        absent_s = status.unrested_s + gap_s + timelines.late_s(sensor) + timelines.silent_s(sensor)
+        # Where a sensor goes on from an earlier run, what passed between both is told from there.
+        late_s = 0.0 if sensor in self._earlier.sensors else timelines.late_s(sensor)
+        absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + timelines.silent_s(sensor)
         return Lost(status.clipped, absent_s, status.filled_s, status.flat_s)
 
     def clock_apart_s(self, sensor: str) -> float:
@@ -269,12 +278,19 @@ class Pipeline:
         """The meters of all sensors, those of an earlier run that have not come back among them."""
         return self._earlier.held | self._meters
 
+    @property
+    def _recent(self) -> dict[str, SensorMeters]:
+        """The meters of the sensors that sent something within the window."""
+        window_s = self.settings.window_s
+        return {name: meters for name, meters in self._meters.items() if self._timelines.silent_s(name) <= window_s}
+
     def _take(self, sensor: str, blocks: list[Block]) -> Frames:
         """Count what a sensor's conditioning brought forth; the seat's is predicted from, the others' compared."""
         if not blocks:
             return NO_FRAMES
         if sensor not in self._meters:
-            meters = self._new_meters(sensor, self._conditioners[sensor].rate_hz)
+            conditioner = self._conditioners[sensor]
+            meters = self._new_meters(sensor, conditioner.rate_hz, conditioner.status().vertical)
             self._meters[sensor] = self._earlier.resumed(sensor, meters)
         for block in blocks:
             self._meters[sensor].push(block)
@@ -298,8 +314,9 @@ class Pipeline:
         stamps = np.concatenate([block.stamps_ns for block in blocks])
         return Frames(PredictedFrames(stamps, np.concatenate(accel)), measured)
 
-    def _new_meters(self, sensor: str, rate_hz: float) -> SensorMeters:
-        return SensorMeters(sensor, rate_hz, self.settings.window_s, self.settings.weightings())
+    def _new_meters(self, sensor: str, rate_hz: float, vertical: Vector | None = None) -> SensorMeters:
+        first_rad = first_axis_rad(vertical) if vertical else 0.0
+        return SensorMeters(sensor, rate_hz, self.settings.window_s, self.settings.weightings(), first_rad)
 
     def _new_seat_side(self, rate_hz: float) -> SeatSide:
         return SeatSide(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s)

@@ -44,7 +44,7 @@ class Timelines:
         self._apart = {name: [_TOGETHER] for name in conditioners}
         self._began_s: dict[str, float] = {}
         self._sent_ns: dict[str, int] = {}
-        self._front_s = -math.inf
+        self._front_s = self._reset_s = -math.inf
         self._behind_s = dict.fromkeys(conditioners, 0.0)
 
     def note(self, sensor: str) -> None:
@@ -59,6 +59,10 @@ class Timelines:
             self._front_s = max(self._front_s, own_s)
             self._behind_s[sensor] = self._front_s - own_s
 
+    def reset(self) -> None:
+        """Who joins from now on is late since now."""
+        self._reset_s = self._front_s
+
     def _look(self, sensor: str, joins: bool) -> None:
         """Look at a sensor that joins, or whose stamps have leapt."""
         conditioner, own_s = self._conditioners[sensor], self._newest_s(sensor)
@@ -66,6 +70,7 @@ class Timelines:
             return
         leapt_s = conditioner.runs.leapt_s - self._leapt_s[sensor]
         self._leapt_s[sensor] = conditioner.runs.leapt_s
+        ahead_s = 0.0
         others = [s for name in self._began_s if name != sensor and (s := self._newest_s(name)) is not None]
         if others:
             ahead_s = own_s - max(others)
@@ -75,7 +80,10 @@ class Timelines:
                 away_s = 0.0 if joins else max(0.0, leapt_s - ahead_s)
                 self._set(sensor, self.apart_s(sensor) + ahead_s, 0.0 if joins else away_s - max(0.0, leapt_s))
         if joins and conditioner.first_ns is not None:
-            self._began_s[sensor] = 1e-9 * conditioner.first_ns - self.apart_s(sensor)
+            began_s = 1e-9 * conditioner.first_ns - self.apart_s(sensor)
+            if ahead_s < -self._near_s:  # its clock is behind, or its samples came late: no other began late by that
+                began_s = max(began_s, min(self._began_s.values()))
+            self._began_s[sensor] = began_s
         self._follow_the_most()
 
     def apart_s(self, sensor: str) -> float:
@@ -87,10 +95,10 @@ class Timelines:
         return self._apart[sensor][-1].gap_s
 
     def late_s(self, sensor: str) -> float:
-        """How long after the first of all sensors this one began, once that is longer than `wait_s`."""
+        """How long after the first of all sensors, or the last reset, this one began, once longer than `wait_s`."""
         if sensor not in self._began_s:
             return 0.0
-        late_s = self._began_s[sensor] - min(self._began_s.values())
+        late_s = self._began_s[sensor] - max(min(self._began_s.values()), self._reset_s)
         return late_s if late_s > self._wait_s else 0.0
 
     def silent_s(self, sensor: str) -> float:
@@ -132,6 +140,7 @@ class Timelines:
             self._set(name, self.apart_s(name) - by_s, 0.0)
         self._began_s = {name: began_s + by_s for name, began_s in self._began_s.items()}
         self._front_s += by_s
+        self._reset_s += by_s
 
     def _alike(self, sensor: str, sending: list[str]) -> int:
         return sum(self._near(sensor, other) for other in sending)

@@ -79,6 +79,8 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
         elif status.rate_hz is None:
             lines.append(f"{name}: nothing counted, gravity never became known")
         lines += [f"{name}: {text}" for text in status.warnings]
+        if status.set_back_s > 0.0:
+            lines.append(f"{name}: its stamps went back by {status.set_back_s:.3f} s in all: was its clock set?")
         if status.flat:
             lines.append(f"{name}: {stuck(status.flat)}")
         lost = pipeline.lost(name)

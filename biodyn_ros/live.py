@@ -223,7 +223,7 @@ class BiodynNode(LifecycleNode):
 
     def _take(self, sensor: str, stamps_ns: Integers, accel_mps2: Floats) -> None:
         if self._keeper is not None and self._keeper.waits and stamps_ns[0] != 0:  # zero was never set
-            self.get_logger().warning(self._keeper.begin(self.pipeline, int(stamps_ns[0])))
+            self.get_logger().warning(self._keeper.begin(self.pipeline, sensor, int(stamps_ns[0])))
         frames = self.pipeline.push(sensor, stamps_ns, accel_mps2)
         self._answers.frames(frames)
         self._showing.add(frames)
@@ -277,7 +277,8 @@ class BiodynNode(LifecycleNode):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.pipeline.reset()
-        return self._done(response, "exposure since reset starts anew")
+        kept = self._keeper.reset() if self._keeper is not None else ""
+        return self._done(response, f"exposure since reset starts anew{kept and f'; {kept}'}")
 
     def _on_mark(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         mark = self._watch.mark(1e-9 * self.get_clock().now().nanoseconds)

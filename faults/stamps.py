@@ -195,6 +195,7 @@ OTHERS: Final = (
     Fault("stamps in steps of 10 ms", quantised, ("late", "twice"), (0.0, 1.1), exact=False),
     Fault("stamps an hour ahead", _leapt(HOUR_NS), ("gap", "clock was set")),
     Fault("stamps an hour back", _leapt(-HOUR_NS), ("gap", "clock was set")),
+    Fault("clock half a second back", _leapt(-(10**9) // 2), ("late",), (0.45, 1.1)),
     Fault("clock drifting by 50 ppm", _drifting(50.0), lasts=True),
     Fault("clock drifting by 500 ppm", _drifting(500.0), lasts=True),
     Fault("readings NaN", _reading(float("nan")), ("no numbers",), (0.015, 0.02)),

@@ -120,6 +120,86 @@ def test_reset_forgets_what_was_before_the_restart_too() -> None:
     assert waiting.exposure().sensors == {} and waiting.kept(BELONGS) is None
 
 
+def passed_on(first: Pipeline) -> Pipeline:
+    """A pipeline that goes on from what another kept, as text."""
+    second = Pipeline(subject())
+    second.resume(KeptExposure.from_dict(json.loads(json.dumps(first.kept(BELONGS).to_dict()))))
+    return second
+
+
+def test_a_sensor_that_was_silent_before_the_restart_misses_those_seconds_once() -> None:
+    streams, cuts = noisy_streams(8.0), in_turn(noisy_streams(8.0), 140)
+    silent = [cut for cut in cuts if cut[1] < 40 * 140 and not (cut[0] == "neck" and cut[1] >= 20 * 140)]
+    back = [cut for cut in cuts if cut[1] >= 44 * 140]
+    second = passed_on(run(streams, silent, finish=False).pipeline)
+    run(streams, back, finish=False, pipeline=second)
+    assert second.lost("neck").missing_s == pytest.approx(24 * 140 / RATE_HZ, abs=0.02)
+    assert second.lost(SEAT).missing_s == pytest.approx(4 * 140 / RATE_HZ, abs=0.02)
+
+
+def test_a_sensor_that_comes_back_after_the_others_misses_those_seconds_once() -> None:
+    streams, cuts = noisy_streams(8.0), in_turn(noisy_streams(8.0), 140)
+    second = passed_on(run(streams, [cut for cut in cuts if cut[1] < 30 * 140], finish=False).pipeline)
+    after = [cut for cut in cuts if cut[1] >= (48 if cut[0] == "neck" else 34) * 140]
+    run(streams, after, finish=False, pipeline=second)
+    assert second.lost("neck").missing_s == pytest.approx(18 * 140 / RATE_HZ, abs=0.02)
+
+
+@pytest.mark.parametrize("rate_hz", [500.0, 1129.3])
+def test_a_sensor_that_comes_back_at_another_rate_looks_for_rest_and_is_read_at_its_own(rate_hz: float) -> None:
+    """The README: a sensor that changes its rate needs a restart."""
+    before = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline
+    at_s = np.arange(round(2.0 * rate_hz)) / rate_hz
+    stamps_ns = noisy_streams()[0].stamps_ns[-1] + 10**9 + np.rint(1e9 * at_s).astype(np.int64)
+    accel = np.tile([0.0, 0.0, 9.8], (at_s.size, 1)) + 1e-3 * np.sin(at_s)[:, None]
+    second = passed_on(before)
+    for at in range(0, at_s.size, 7):
+        second.push(SEAT, stamps_ns[at : at + 7], accel[at : at + 7])
+    status = second.status(SEAT)
+    assert status.rate_hz == pytest.approx(rate_hz, rel=1e-3) and status.late == status.filled == 0
+    assert (status.uncounted_s > 0.5) == (rate_hz == 500.0)
+
+
+def test_what_a_sensor_sent_too_little_of_to_be_known_again_is_taken_at_the_end() -> None:
+    streams = noisy_streams(8.0)
+    second = passed_on(run(streams, [(s.sensor, 0, 4000) for s in streams], finish=False).pipeline)
+    seconds = second.exposure().sensors[SEAT].seconds
+    second.push(SEAT, streams[0].stamps_ns[4100:4140], streams[0].accel_mps2[4100:4140])
+    assert second.exposure().sensors[SEAT].seconds == seconds
+    second.finish()
+    assert second.exposure().sensors[SEAT].seconds == pytest.approx(seconds + 40 / RATE_HZ, rel=1e-6)
+
+
+@pytest.mark.parametrize("lean", [(0.02, 0.0), (0.0, 0.02), (0.02, 0.02)])
+def test_horizontal_doses_of_two_runs_add_up_along_the_sensor_s_own_axes(lean: tuple[float, float]) -> None:
+    """Upside down, and parked on another slope: the smallest rotation upright turns the plane by up to half a turn."""
+    at_s = np.arange(round(20.0 * RATE_HZ)) / RATE_HZ
+    moving = np.where(at_s > 2.0, 2.0 * np.sin(2.0 * np.pi * 1.5 * at_s), 0.0)
+
+    def ride(pipeline: Pipeline, up: np.ndarray, start_s: float) -> None:
+        accel = 9.81 * up / np.linalg.norm(up) + np.outer(moving, [1.0, 0.0, 0.0])
+        stamps_ns = np.rint(1e9 * (start_s + at_s)).astype(np.int64)
+        for at in range(0, at_s.size, 200):
+            pipeline.push(SEAT, stamps_ns[at : at + 200], accel[at : at + 200])
+
+    first = Pipeline(subject(), settings=ALSO)
+    ride(first, np.array([0.02, 0.0, -1.0]), 1e6)
+    second = Pipeline(subject(), settings=ALSO)
+    second.resume(first.kept(BELONGS))
+    ride(second, np.array([*lean, -1.0]), 1e6 + 3600.0)
+    once, twice = first.seat(), second.seat()
+    assert once.vdv_weighted_mps175["x"] > 50.0 * once.vdv_weighted_mps175["y"]
+    assert twice.vdv_weighted_mps175["x"] == pytest.approx(2.0**0.25 * once.vdv_weighted_mps175["x"], rel=2e-3)
+    assert twice.aw_weighted_mps2["x"] == pytest.approx(once.aw_weighted_mps2["x"], rel=2e-3)
+
+
+def test_behind_a_restart_a_sensor_that_has_not_come_back_has_no_rolling_figures() -> None:
+    _, second = parted(40 * 140, 48 * 140, ("neck",))
+    rolling = second.exposure(rolling=True)
+    assert "neck" not in rolling.sensors and "neck" not in rolling.also["Wb"] and "neck" in second.exposure().sensors
+    assert set(rolling.sensors) == set(SENSORS) - {"neck"}
+
+
 def test_before_anything_counts_there_is_nothing_to_keep() -> None:
     assert Pipeline(subject()).kept(BELONGS) is None
 
@@ -154,6 +234,7 @@ def spoilt() -> dict:
         "an endless number": with_(*seat, "lost", value=[0, 1e999, 0]),
         "too few": with_(*seat, "lost", value=[0]),
         "a stamp that is none": with_(*seat, "newest_ns", value=-1),
+        "told before it was measured": with_(*seat, "told_ns", value=1),
         "a period of zero": with_(*seat, "rest", value=good["sensors"]["seat"]["rest"] | {"period_s": 0.0}),
         "a rest of another kind": with_(*seat, "rest", value={"x": 1}),
     }

@@ -24,7 +24,6 @@ from biodyn_ros.node.state import Keeper, StateFile, belongs_to, refused, state_
 from biodyn_ros.resources import subject_file
 
 BELONGS = belongs_to(subject(), topics.INPUT)
-HOUR_NS = 3600 * 10**9
 
 
 def counted() -> Pipeline:
@@ -73,8 +72,50 @@ def test_a_keeper_goes_on_and_what_it_keeps_adds_up(tmp_path: Path) -> None:
     second, pipeline = keeper(tmp_path / "state.json"), Pipeline(subject())
     assert second.waits
     second.keep(pipeline)  # nothing has come: what is there stays
-    assert "goes on" in second.begin(pipeline, kept().newest_ns + 10**9) and second.resumed
+    assert "goes on" in second.begin(pipeline, SEAT, kept().newest_ns + 10**9) and second.resumed
     assert pipeline.exposure().sensors[SEAT].vdv_mps175 == pytest.approx(counted().exposure().sensors[SEAT].vdv_mps175)
+
+
+def test_reset_before_the_first_sample_forgets_what_was_kept_of_whoever_sat_there(tmp_path: Path) -> None:
+    path = tmp_path / "state.json"
+    keeper(path).close(counted())
+    next_one, pipeline = keeper(path), Pipeline(subject())
+    pipeline.reset()
+    assert "what was kept is in" in next_one.reset() and path.with_name("state.json.before").exists()
+    assert not next_one.waits and not next_one.resumed and not path.exists()
+    run(noisy_streams(), in_turn(noisy_streams()), finish=False, pipeline=pipeline)
+    assert pipeline.exposure().sensors[SEAT].seconds == counted().exposure().sensors[SEAT].seconds
+
+
+def test_reset_before_anything_counts_again_forgets_it_too(tmp_path: Path) -> None:
+    path = tmp_path / "state.json"
+    keeper(path).close(counted())
+    second, pipeline = keeper(path), Pipeline(subject())
+    second.begin(pipeline, SEAT, kept().newest_ns + 10**9)
+    pipeline.reset()
+    assert second.reset() == "" and not second.resumed
+    second.close(pipeline)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_age_is_told_by_the_sensor_s_own_clock(tmp_path: Path) -> None:
+    """One that runs a day ahead makes nothing a day old."""
+    ahead_ns = 24 * 3600 * 10**9
+    streams = tuple(
+        dataclasses.replace(one, stamps_ns=one.stamps_ns + ahead_ns * (one.sensor == "neck")) for one in noisy_streams()
+    )
+    keeper(tmp_path / "state.json").close(run(streams, in_turn(streams), finish=False).pipeline)
+    stamps_ns = {one.sensor: int(one.stamps_ns[-1]) + 10**9 for one in streams}
+    for first in (SEAT, "neck"):
+        assert "goes on" in keeper(tmp_path / "state.json").begin(Pipeline(subject()), first, stamps_ns[first])
+
+
+def test_a_directory_is_no_file_to_keep_exposure_in(tmp_path: Path) -> None:
+    (tmp_path / "exposures").mkdir()
+    (tmp_path / "exposures" / "other").write_text("x")
+    with pytest.raises(InputError, match="exposures: is a directory, state_file names a file"):
+        StateFile(tmp_path / "exposures")
+    assert (tmp_path / "exposures" / "other").read_text() == "x"
 
 
 def signed(text: str) -> str:
@@ -87,7 +128,7 @@ def signed(text: str) -> str:
     ("spoil", "why"),
     [
         (lambda text: text[:100], "is damaged, it is no JSON"),
-        (lambda text: text.replace('"schema": 2', '"schema": 7'), "schema is 7, this version reads 2"),
+        (lambda text: text.replace('"schema": 3', '"schema": 7'), "schema is 7, this version reads 3"),
         (lambda text: "{}", "has the keys "),
         (lambda text: signed(text.replace(BELONGS["subject"], "somebody")), "it is of other subject"),
         (lambda text: signed(text.replace(BELONGS["sensors"], "others")), "it is of other sensors"),
@@ -100,12 +141,12 @@ def test_what_is_not_believed_is_set_aside_and_nothing_is_lost(tmp_path: Path, s
     keeper(path).close(counted())
     path.write_text(spoil(path.read_text()))
     text, again, pipeline = path.read_text(), keeper(path), Pipeline(subject())
-    said = again.begin(pipeline, kept().newest_ns + 10**9)
+    said = again.begin(pipeline, SEAT, kept().newest_ns + 10**9)
     assert why in said and "begins anew" in said and "\n" not in said and not again.resumed
     assert pipeline.exposure().sensors == {}
     assert path.with_name("state.json.before").read_text() == text and not path.exists()
     path.write_text("another")
-    keeper(path).begin(pipeline, 1)
+    keeper(path).begin(pipeline, SEAT, 1)
     assert path.with_name("state.json.before").read_text() == text
     assert path.with_name("state.json.before1").read_text() == "another"
 
@@ -123,7 +164,7 @@ def test_what_is_not_believed_is_set_aside_and_nothing_is_lost(tmp_path: Path, s
 )
 def test_age_and_owner_decide_unless_asked_otherwise(believed, belongs, hours: float, why: str) -> None:
     found = kept()
-    said = refused(found, belongs, found.newest_ns + round(hours * HOUR_NS), 12.0, believed)
+    said = refused(found, belongs, hours, 12.0, believed)
     assert (why in said) if why else said == ""
 
 

@@ -12,6 +12,7 @@ from streams import RATE_HZ, noisy_streams, subject
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_core.synthesis import ImuStream
+from biodyn_ros.exposure_json import sensor_warnings
 
 HOUR_NS = 3600 * 10**9
 SECONDS = 8.0
@@ -139,3 +140,59 @@ def test_a_looping_bag_with_one_dead_sensor_misses_that_one_for_good() -> None:
     pipeline, *_ = pushed(two)
     assert pipeline.lost("neck").missing_s == pytest.approx(2.0 * len(one[0].stamps_ns) / RATE_HZ - 2.0, abs=0.3)
     assert pipeline.lost(SEAT).missing_s == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_clock_that_is_half_a_minute_behind_makes_no_other_sensor_late() -> None:
+    pipeline, *_ = pushed(leapt(noisy_streams(SECONDS), ["neck"], -30 * 10**9, 0.0, 99.0))
+    assert [pipeline.lost(name).missing_s for name in SENSORS] == [0.0] * 6
+
+
+def test_a_sensor_that_joins_behind_a_reset_is_late_since_then() -> None:
+    rng, pipeline = np.random.default_rng(3), Pipeline(subject())
+    streams = without(noisy_streams(SECONDS), ["neck"], 0.0, 5.5)
+    still = 0.01 * rng.standard_normal((len(streams[0].stamps_ns), 3)) + [0.0, 0.0, 9.81]
+    streams = [dataclasses.replace(one, accel_mps2=still) if one.sensor == "neck" else one for one in streams]
+    for at in range(0, len(streams[0].stamps_ns), BLOCK):
+        if at == 28 * BLOCK:
+            pipeline.reset()
+        for one in streams:
+            part = slice(at, at + BLOCK)
+            pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
+    assert pipeline.lost("neck").missing_s == pytest.approx(5.5 - 28 * BLOCK / RATE_HZ, abs=0.02)
+
+
+@pytest.mark.parametrize("sensor", [SEAT, "head"])
+def test_a_sensor_that_is_silent_for_longer_than_the_window_has_no_rolling_figures(sensor: str) -> None:
+    streams = noisy_streams(16.0)
+    pipeline, *_ = pushed(without(streams, [sensor], 4.0, 99.0))
+    rolling, since = pipeline.exposure(rolling=True), pipeline.exposure()
+    assert sensor in since.sensors and sensor not in rolling.sensors
+    assert (rolling.dri is None) == (rolling.predicted == {}) == (rolling.residual == {}) == (sensor == SEAT)
+    assert (rolling.hic15 is None) == (sensor == "head")
+    shorter, *_ = pushed(without(streams, [sensor], 10.0, 99.0))
+    assert sensor in shorter.exposure(rolling=True).sensors
+
+
+@pytest.mark.parametrize("back_s", [0.1, 0.5, 0.9])
+def test_a_clock_set_back_by_less_than_a_second_costs_what_it_treads_again(back_s: float) -> None:
+    """Stamps have no gap there, but what was measured meanwhile is in no figure."""
+    pipeline, *_ = pushed(leapt(noisy_streams(SECONDS), [SEAT], -round(1e9 * back_s), 4.0, 99.0))
+    lost, status = pipeline.lost(SEAT), pipeline.status(SEAT)
+    assert lost.missing_s == pytest.approx(back_s, abs=0.01) and lost.lower_bound
+    assert status.runs == 2 and not status.warnings
+    assert any("seat: its stamps went back by" in line for line in sensor_warnings(pipeline, SENSORS))
+    for name in SENSORS:
+        if name != SEAT:
+            assert pipeline.lost(name).missing_s == 0.0, name
+
+
+def test_samples_held_up_behind_others_are_no_clock_set_back() -> None:
+    streams = []
+    for one in noisy_streams(SECONDS):
+        order = np.arange(len(one.stamps_ns))
+        order[5000:5070] = np.r_[5035:5070, 5000:5035]
+        streams.append(dataclasses.replace(one, stamps_ns=one.stamps_ns[order], accel_mps2=one.accel_mps2[order]))
+    pipeline, *_ = pushed(streams)
+    for name in SENSORS:
+        assert pipeline.status(name).set_back_s == 0.0
+        assert pipeline.lost(name).missing_s == pytest.approx(35 / RATE_HZ, abs=0.003), name

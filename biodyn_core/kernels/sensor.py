@@ -23,10 +23,20 @@ ROTATION: Final = LAST + 3
 LOW_PASS: Final = ROTATION + 9
 LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
 # ... and what was set for good: limits, gains, whether samples share a stamp, the mean reading at rest (3), which is
-# gravity and bias; the slow level of the gravity tracker is carried.
-MAX_GAP, FLAT_AFTER, SATURATION, GAIN_TIME, GAIN_PERIOD, COARSE, TRACKER_GAIN, TRACKED_LEVEL, AT_REST = range(
-    LOW_PASS_STATE + 2 * SECTIONS, LOW_PASS_STATE + 2 * SECTIONS + 9
-)
+# gravity and bias; the slow level of the gravity tracker is carried, and between which stamps the last hole lies.
+(
+    MAX_GAP,
+    FLAT_AFTER,
+    SATURATION,
+    GAIN_TIME,
+    GAIN_PERIOD,
+    COARSE,
+    TRACKER_GAIN,
+    TRACKED_LEVEL,
+    HOLE_FROM,
+    HOLE_TO,
+    AT_REST,
+) = range(LOW_PASS_STATE + 2 * SECTIONS, LOW_PASS_STATE + 2 * SECTIONS + 11)
 STATE_SIZE: Final = AT_REST + 3
 
 # The array of counts: what was accepted and rejected, then what the clock itself counts.
@@ -44,8 +54,10 @@ STATE_SIZE: Final = AT_REST + 3
     TRACKED,
     REPEATED,
     UNUSABLE,
+    LATE_IN_A_ROW,
+    SET_BACK,
     COUNT_SIZE,
-) = range(14)
+) = range(16)
 
 DONE, NEW_RUN, UNDECIDED, ACCEPT, REJECTED = range(5)
 """Verdicts on a sample, and why a call returned: all read, the next one begins a run, or depends on those to come."""
@@ -233,6 +245,27 @@ def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts
 
 
 @inlined
+def _treads_again(stamp: float, state: Floats) -> bool:
+    """Whether a late stamp lies where samples were accepted: neither astray nor one held up, whose place was left."""
+    return state[LAST_STAMP] - stamp <= LEAP_S and not state[HOLE_FROM] < stamp < state[HOLE_TO]
+
+
+@inlined
+def _set_back(counts: Integers) -> int:
+    """How many samples were late behind each other until now, where that means a clock set back; they are counted.
+
+    Where stamps tread a stretch once more, what the sensor measured meanwhile is missing, though no stamp is. Late ones
+    of a second sender come between others.
+    """
+    row = counts[LATE_IN_A_ROW]
+    counts[LATE_IN_A_ROW] = 0
+    if row < LEAP_CONFIRMED_BY:
+        return 0
+    counts[SET_BACK] += row
+    return row
+
+
+@inlined
 def _judge(
     stamps_ns: Integers, samples: Floats, at: int, epoch_ns: int, final: bool, state: Floats, counts: Integers
 ) -> tuple[int, int]:
@@ -260,12 +293,15 @@ def _judge(
             verdict, missing = ACCEPT, 0
         if verdict == ACCEPT and _is_late(stamp, state):
             counts[LATE] += 1
+            counts[LATE_IN_A_ROW] += _treads_again(stamp, state)
             return REJECTED, 0
-        if verdict == ACCEPT and (missing + 1) * state[PERIOD] > state[MAX_GAP]:
+        set_back = _set_back(counts) if verdict != UNDECIDED else 0
+        if verdict == ACCEPT and (max(missing, set_back) + 1) * state[PERIOD] > state[MAX_GAP]:
             verdict = NEW_RUN
     if verdict == NEW_RUN:
         # Nothing is known of the next run: whatever comes first is accepted. Its seconds count from there, and what
         # passed in between is no part of a flat line.
+        state[HOLE_FROM], state[HOLE_TO] = state[LAST_STAMP] - stamp, 0.0
         state[FLAT_SINCE] -= state[LAST_STAMP]
         state[TIME] = np.nan
         state[LAST_STAMP] = -np.inf
@@ -320,6 +356,8 @@ def regularise(
                     out[written, c] = state[LAST + c] + share * (samples[i, c] - state[LAST + c])
                 source[written] = -1
                 written += 1
+            if missing > 0:
+                state[HOLE_FROM], state[HOLE_TO] = state[LAST_STAMP], stamp
             counts[FILLED] += missing
         times[written], source[written] = now, i
         _count_reading(stamp, samples, i, state, counts)

@@ -56,7 +56,7 @@ CAUSES: Final = {
 
 COUNTS: Final = (
     "accepted", "unset", "non_finite", "duplicate", "late", "stray", "filled", "flat", "clipped", "runs", "gap_s",
-    "uncounted_s",
+    "set_back_s", "uncounted_s",
 )  # fmt: skip
 """What of a sensor's conditioning stands in the diagnostics beside rate and gravity."""
 

@@ -19,10 +19,10 @@ from biodyn_core.keeping import KeptExposure, digest
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
-from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
+from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, remove, state_directory, write_text
 from biodyn_ros.json_files import keys_of, read_json
 
-SCHEMA: Final = 2
+SCHEMA: Final = 3
 ASIDE: Final = ".before"
 NOWHERE: Final = "none"
 
@@ -52,6 +52,8 @@ class StateFile:
         self.path = path
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="biodyn state")
         self._writing: Future[None] | None = None
+        if is_there(path) and path.is_dir():  # it would be set aside as a damaged file, with all that is in it
+            raise InputError(f"{path}: is a directory, state_file names a file")
         make_directory(path.parent)
         if not os.access(path.parent, os.W_OK):
             raise InputError(f"{path}: cannot be written (Permission denied)")
@@ -82,6 +84,10 @@ class StateFile:
         if self._writing is None or self._writing.done():
             self._raised()
             self._writing = self._writer.submit(self._write, kept.to_dict())
+
+    def remove(self) -> None:
+        """Take away what is there, behind what is still being written."""
+        self._writing = self._writer.submit(remove, self.path)
 
     def close(self, kept: KeptExposure | None) -> None:
         """Write for the last time, and wait for it."""
@@ -114,22 +120,37 @@ class Keeper:
         self.waits = is_there(file.path)
         """Whether the first sample is still to come that says what becomes of the file."""
 
-    def begin(self, pipeline: Pipeline, stamp_ns: int) -> str:
+    def begin(self, pipeline: Pipeline, sensor: str, stamp_ns: int) -> str:
         """The first sample has come: go on from the file, or set it aside; returns what became of it."""
         self.waits = False
         try:
             kept = self._file.read()
-            why = refused(kept, self._belongs, stamp_ns, self._most_h, self._believed) if kept else "it is gone"
+            age_h = (stamp_ns - kept.newest_of(sensor)) / 3.6e12 if kept else 0.0
+            why = refused(kept, self._belongs, age_h, self._most_h, self._believed) if kept else "it is gone"
             if kept and not why:
                 pipeline.resume(kept)
                 self.resumed = True
                 return f"exposure goes on from {self._file.path}"
         except InputError as error:
             why = str(error)
+        return f"exposure begins anew: {why}; {self._set_aside()}"
+
+    def reset(self) -> str:
+        """Exposure starts anew: forget what is kept, also where nothing counts yet; returns what became of it, if much.
+
+        What an earlier run kept, and nobody has gone on from yet, is set aside.
+        """
+        waits, self.waits, self.resumed = self.waits, False, False
+        if waits:
+            return self._set_aside()
+        self._file.remove()
+        return ""
+
+    def _set_aside(self) -> str:
         try:
-            return f"exposure begins anew: {why}; what was kept is in {self._file.set_aside()}"
+            return f"what was kept is in {self._file.set_aside()}"
         except OSError as error:
-            return f"exposure begins anew: {why} ({error.strerror})"
+            return f"what was kept cannot be set aside ({error.strerror})"
 
     def keep(self, pipeline: Pipeline) -> None:
         """Keep what is counted so far, in the background; raises InputError where that failed."""
@@ -162,15 +183,14 @@ def belongs_to(subject: Subject, topics: Mapping[str, str]) -> dict[str, str]:
     return {"subject": digest(person), "sensors": digest(dict(topics))}
 
 
-def refused(kept: KeptExposure, belongs: Mapping[str, str], stamp_ns: int, most_h: float, believed: Believed) -> str:
-    """Why an exposure that was kept is not gone on from at a stamp; empty where it is."""
+def refused(kept: KeptExposure, belongs: Mapping[str, str], age_h: float, most_h: float, believed: Believed) -> str:
+    """Why an exposure that was kept, so much older by its stamps, is not gone on from; empty where it is."""
     if believed == "none":
         return "kept_exposure is none"
     if believed == "any":
         return ""
     if foreign := kept.foreign_to(belongs):
         return f"it is of other {foreign}"
-    age_h = (stamp_ns - kept.newest_ns) / 3.6e12
     if abs(age_h) > most_h:
         when = f"{age_h:.1f} h older" if age_h > 0.0 else f"{-age_h:.1f} h newer"
         return f"by its stamps it is {when} than what comes now, up to {most_h:g} h is gone on from"
