@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import select
 import sys
 from collections.abc import Sequence
 from typing import Final
@@ -37,12 +38,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"biodyn {name}: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        return 0
     except OSError as error:  # a name that no file can have, a disk that is full: what the machine refuses is told too
+        if isinstance(error, BrokenPipeError) and not _is_read():
+            return 0
         told = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
         print(f"biodyn {name}: {InputError(told)}", file=sys.stderr)
         return EXIT_INPUT
+    finally:
+        _flush()
+
+
+def _is_read() -> bool:
+    """Whether anybody still reads what is printed, or it goes to no pipe."""
+    pipes = select.poll()
+    pipes.register(sys.stdout.fileno(), 0)
+    return not pipes.poll(0)
+
+
+def _flush() -> None:
+    """Flush what was printed; where nobody reads it any more the rest goes nowhere, and fails nobody at exit."""
+    try:
+        if sys.stdout is not None:  # as it is where it was closed from the start
+            sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parsed(given: list[str]) -> argparse.Namespace:

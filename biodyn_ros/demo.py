@@ -18,9 +18,11 @@ from biodyn_core.errors import InputError
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.subject import load_subject
 from biodyn_ros import topics
+from biodyn_ros.files import check_directory
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.replay.replaying import replay_to_directory
 from biodyn_ros.replay.text import summary
+from biodyn_ros.reports.pages import check_reports
 from biodyn_ros.resources import bag_file, subject_file
 
 BAG: Final = "subject_1.mcap"
@@ -30,15 +32,14 @@ QUIET_S: Final = 3.0
 DEPTH: Final = 20_000
 """More than the bag has of any sensor: however long the machine holds somebody up, no queue drops a sample."""
 
-_SHOWN: Final = {
-    f"{topics.EXPOSURE}/dri": "DRI",
-    f"{topics.EXPOSURE}/{SEAT}/vdv": "seat VDV",
-    f"{topics.ROLLING}/{SEAT}/vdv": "seat VDV, window",
-    f"{topics.EXPOSURE}/{SEAT}/aw": "seat aw",
-    f"{topics.EXPOSURE}/predicted/head/vdv": "head VDV predicted",
-    f"{topics.EXPOSURE}/head/vdv": "head VDV",
-    **{topic: segment for segment, topic in topics.RESIDUAL.items()},
-}
+_SHOWN: Final = (
+    f"{topics.EXPOSURE}/dri",
+    f"{topics.EXPOSURE}/{SEAT}/vdv",
+    f"{topics.ROLLING}/{SEAT}/vdv",
+    f"{topics.EXPOSURE}/predicted/head/vdv",
+    f"{topics.EXPOSURE}/head/vdv",
+    *topics.RESIDUAL.values(),
+)
 
 
 class _Observer(Node):
@@ -71,8 +72,13 @@ class _Observer(Node):
         return f"{vdv:9.3f}{rolling:9.3f}{dri:7.2f}{head:10.3f}{predicted:10.3f}   {residual}   {self.state}"
 
 
-def demo(out: Path, subject_name: str) -> int:
-    """Run the main job and leave report, exposure and predicted bag under `out`."""
+def demo(out: Path, subject_name: str) -> None:
+    """Run the main job and leave report, exposure and predicted bag under `out`.
+
+    Raises InputError where a process fails, or the live node gives no figure: then the offline results are there.
+    """
+    check_directory(out)
+    check_reports()
     bag, subject_path = bag_file(BAG), subject_file(subject_name)
     subject = load_subject(subject_path)
     print(f"playing {bag.name} onto six topics; the live node answers for {subject.name}\n{MADE_BY_MODEL}\n")
@@ -83,7 +89,7 @@ def demo(out: Path, subject_name: str) -> int:
         observer = _Observer()
         _wait_until_listening(observer, live)
         player = _child("play", str(bag), "--depth", str(DEPTH))
-        last = _watch(observer, player)
+        last = _watch(observer, live, player)
         observer.destroy_node()
     finally:
         for process in (player, live):
@@ -94,9 +100,11 @@ def demo(out: Path, subject_name: str) -> int:
     replayed = replay_to_directory(bag, subject, out)
     print(summary(replayed.document))
     offline = replayed.document["sensors"][SEAT]["vdv_mps175"]
-    print(f"\nseat VDV live {last:.9f}, offline {offline:.9f} m/s^1.75")
+    shown = "no figure" if last is None else f"{last:.9f}"
+    print(f"\nseat VDV live {shown}, offline {offline:.9f} m/s^1.75")
     print(f"report: {out / 'report.html'}   predicted bag: {out / 'predicted.mcap'}   figures: {out / 'exposure.json'}")
-    return 0
+    if last is None:
+        raise InputError("the live node gave no figure: this machine may be too busy; try again when it is not")
 
 
 def _parameters(subject_path: Path) -> list[str]:
@@ -121,7 +129,7 @@ def _wait_until_listening(observer: _Observer, live: subprocess.Popen[bytes]) ->
             raise InputError("the live node did not start listening within a minute")
 
 
-def _watch(observer: _Observer, player: subprocess.Popen[bytes]) -> float:
+def _watch(observer: _Observer, live: subprocess.Popen[bytes], player: subprocess.Popen[bytes]) -> float | None:
     """Print a line a second until the bag has ended and the last figures have come; return the seat's VDV."""
     segments = " ".join(f"{name[:7]:>7s}" for name in MEASURED_SEGMENTS)
     print(" seat VDV   window    DRI  head VDV     model   residual rms over the window, m/s^2")
@@ -129,12 +137,16 @@ def _watch(observer: _Observer, player: subprocess.Popen[bytes]) -> float:
     ended, next_line = None, time.monotonic()
     while ended is None or time.monotonic() < ended + QUIET_S:
         rclpy.spin_once(observer, timeout_sec=0.05)
+        if live.poll() is not None:
+            raise InputError(f"the live node ended (exit code {live.returncode}); its message stands above")
         if ended is None and player.poll() is not None:
+            if player.returncode:
+                raise InputError(f"playing the bag failed (exit code {player.returncode}); its message stands above")
             ended = time.monotonic()
         if time.monotonic() >= next_line and ended is None:
             next_line += 1.0
             print(observer.line(), flush=True)
-    return observer.latest.get(f"{topics.EXPOSURE}/{SEAT}/vdv", float("nan"))
+    return observer.latest.get(f"{topics.EXPOSURE}/{SEAT}/vdv")
 
 
 def _stop(process: subprocess.Popen[bytes]) -> None:

@@ -33,6 +33,7 @@ from biodyn_ros.progress import OnProgress, unwatched
 CLOCK_STEP_NS: Final = 10_000_000
 TOLD_STEP_NS: Final = 100_000_000
 PATIENCE_S: Final = 0.05
+ACKNOWLEDGED_WITHIN_S: Final = 20.0
 MOMENT_S: Final = 0.5
 
 
@@ -75,6 +76,8 @@ class Player(Node):
             for name, cls in ((name, message_class(kind)) for name, kind in types.items())
             if cls is not None
         }
+        self._sent = dict.fromkeys(self._outputs, 0)
+        self._began_s: float | None = None
         self._stamped = {name for name, output in self._outputs.items() if _has_header(output.msg_type)}
         for name in types.keys() - self._outputs.keys():
             self.get_logger().warning(f"{name}: no Python class for {types[name]} is installed: not played")
@@ -93,21 +96,27 @@ class Player(Node):
 
     def play(self, going: Callable[[], bool] = lambda: True) -> Played:
         """Publish everything, in order of log time, as long as `going()`."""
-        sent = dict.fromkeys(self._outputs, 0)
-        began = time.monotonic()
+        self._began_s = time.monotonic()
         while going():
-            self._play_once(sent, going)
+            self._play_once(going)
             if not self.settings.loop:
                 break
-        return Played({self._names[name]: count for name, count in sent.items()}, time.monotonic() - began)
+        return self.played()
 
-    def flush(self, timeout_s: float = 20.0) -> bool:
-        """Wait until reliable subscribers have acknowledged all, and a moment for others; False when time ran out."""
-        acknowledged = all(output.wait_for_all_acked(Duration(seconds=timeout_s)) for output in self._outputs.values())
+    def played(self) -> Played:
+        """What has been published so far, also where playing was interrupted."""
+        seconds = 0.0 if self._began_s is None else time.monotonic() - self._began_s
+        return Played({self._names[name]: count for name, count in self._sent.items()}, seconds)
+
+    def flush(self) -> None:
+        """Wait until reliable subscribers have acknowledged all, and a moment for others; warn when time runs out."""
+        deadline = time.monotonic() + ACKNOWLEDGED_WITHIN_S
+        for name, output in self._outputs.items():
+            if not output.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic()))):
+                self.get_logger().warning(f"{self._names[name]}: a subscriber has not acknowledged all in time")
         time.sleep(MOMENT_S)
-        return acknowledged
 
-    def _play_once(self, sent: dict[str, int], going: Callable[[], bool]) -> None:
+    def _play_once(self, going: Callable[[], bool]) -> None:
         with open_bag(self.bag) as reader:
             start_ns = reader.start_ns or 0
             total_ms = ((reader.end_ns or 0) - start_ns) // 10**6
@@ -127,7 +136,7 @@ class Player(Node):
                     self._publish_clock(log_ns + rebase_ns)
                     next_clock_ns = elapsed_ns + CLOCK_STEP_NS
                 self._outputs[name].publish(self._stamp(name, message, log_ns, rebase_ns))
-                sent[name] += 1
+                self._sent[name] += 1
             self._progress(total_ms, total_ms)
 
     def _stamp(self, name: str, message: bytes, log_ns: int, rebase_ns: int) -> bytes:
@@ -170,7 +179,7 @@ def play(bag: Path, settings: PlayerSettings, progress: OnProgress = unwatched, 
     except (ExternalShutdownException, RCLError):
         if rclpy.ok():  # otherwise a signal ended the context in the middle of a message
             raise
-        return Played({}, 0.0)
+        return player.played() if player else Played({}, 0.0)
     else:
         return played
     finally:

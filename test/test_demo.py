@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ros import STARTUP_S
@@ -22,24 +24,46 @@ def live_child(of: subprocess.Popen[str]) -> int:
     return next(int(pid) for pid in children if b"live" in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0"))
 
 
-def test_live_equals_the_replay_though_the_node_is_held_up(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "biodyn_ros.cli", "demo", "--out", str(tmp_path / "out")]
-    demo = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+@contextmanager
+def running(out: Path) -> Iterator[subprocess.Popen[str]]:
+    """A demo that has shown its first line of figures."""
+    command = [sys.executable, "-m", "biodyn_ros.cli", "demo", "--out", str(out)]
+    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert demo.stdout is not None
     try:
         end = time.monotonic() + STARTUP_S
-        while not re.match(r" +\d+\.\d{3} +\d", demo.stdout.readline()):  # a line of figures: it runs
+        while not re.match(r" +\d+\.\d{3} +\d", demo.stdout.readline()):
             assert time.monotonic() < end and demo.poll() is None
+        yield demo
+    finally:
+        if demo.poll() is None:
+            demo.send_signal(signal.SIGINT)
+            demo.wait(30.0)
+
+
+def test_live_equals_the_replay_though_the_node_is_held_up(tmp_path: Path) -> None:
+    with running(tmp_path / "out") as demo:
         live = live_child(demo)
         os.kill(live, signal.SIGSTOP)
         time.sleep(HELD_UP_S)
         os.kill(live, signal.SIGCONT)
         said, _ = demo.communicate(timeout=120.0)
-    finally:
-        if demo.poll() is None:
-            demo.send_signal(signal.SIGINT)
-            demo.wait(30.0)
     assert demo.returncode == 0
     found = re.search(r"seat VDV live (\S+), offline (\S+) m/s", said)
     assert found is not None, said
     assert found[1] == found[2]
+
+
+def test_a_demo_whose_node_dies_fails_and_says_so(tmp_path: Path) -> None:
+    with running(tmp_path / "out") as demo:
+        os.kill(live_child(demo), signal.SIGKILL)
+        _, errors = demo.communicate(timeout=60.0)
+    assert demo.returncode == 2 and "biodyn demo: the live node ended (exit code -9)" in errors
+
+
+def test_a_place_without_room_for_results_is_told_before_anything_starts(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    command = [sys.executable, "-m", "biodyn_ros.cli", "demo", "--out", str(tmp_path / "file")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    assert done.returncode == 2 and done.stdout == ""
+    assert "file: is a file, a directory is needed for the results" in done.stderr
