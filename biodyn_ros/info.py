@@ -21,7 +21,7 @@ from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.reading.stamps import SensorClock, TimeChoice, choose_times, clock_warnings
 from biodyn_ros.replay.replaying import check_seat
-from biodyn_ros.wording import number, stuck
+from biodyn_ros.wording import number, stuck, table
 
 CAUSES: Final = ("unset", "non_finite", "duplicate", "late", "stray")
 UNEVEN_S: Final = 0.005
@@ -257,7 +257,10 @@ def text_of(document: dict[str, Any]) -> str:
         f"{document['bag']}: {document['storage']}{state}, {document['messages']} messages, {document['seconds']:.1f} s"
     ]
     if rows := document["topics"]:
-        lines += ["", *_table(rows), "", *_rejected_lines(rows), *_legend(rows)]
+        cells = [[show(row) for _, _, show in _COLUMNS] for row in rows]
+        heads = [[name for name, _, _ in _COLUMNS], [unit for _, unit, _ in _COLUMNS]]
+        below = [*_rejected_lines(rows), *_legend(rows)]
+        lines += ["", *table([*heads, *cells], left=(0, 1)), *(["", *below] if below else [])]
     if document["other_topics"]:
         lines += ["", *_other_lines(document["other_topics"])]
     lines += ["", *_replay_lines(document["replay"], f"{document['bag']}: ")]
@@ -273,18 +276,6 @@ def _with_error(value: float | None, error: float | None) -> str:
         return "–"
     digits = 2 if error < 0.1 else 1 if error < 5.0 else 0
     return f"{value:+.{digits}f} ± {error:.{digits}f}"
-
-
-def _table(rows: list[dict[str, Any]]) -> list[str]:
-    cells = [[name for name, _, _ in _COLUMNS], [unit for _, unit, _ in _COLUMNS]]
-    cells += [[show(row) for _, _, show in _COLUMNS] for row in rows]
-    widths = [max(len(line[k]) for line in cells) for k in range(len(_COLUMNS))]
-    return ["  ".join(_aligned(k, line[k], widths[k]) for k in range(len(_COLUMNS))).rstrip() for line in cells]
-
-
-def _aligned(column: int, cell: str, width: int) -> str:
-    """The two names stand left, numbers right."""
-    return cell.ljust(width) if column < 2 else cell.rjust(width)
 
 
 def _legend(rows: list[dict[str, Any]]) -> list[str]:

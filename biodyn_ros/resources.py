@@ -1,4 +1,4 @@
-"""Finds the files that come with biodyn: configuration, subjects, launch file, bags, page and templates; no ROS import.
+"""Finds the files that come with biodyn: configuration, subjects, bags, page and templates; no ROS import.
 
 They lie in the source tree, or in share/biodyn_ros of wherever pip or colcon put the package.
 """
@@ -22,13 +22,6 @@ SHARE: Final = Path("share") / "biodyn_ros"
 def config_file(name: str) -> Path:
     """The configuration file of this name, such as `limits.yaml`."""
     return _find("config", name)
-
-
-def launch_file(name: str) -> Path:
-    """The launch file of this name; the source tree keeps it below config, an install where `ros2 launch` looks."""
-    root = _root()
-    directory = root / "launch"
-    return _one_of(directory if directory.is_dir() else root / "config" / "launch", name)
 
 
 def bag_file(name: str) -> Path:
@@ -63,11 +56,8 @@ def package_directory(name: str) -> Path:
     return path
 
 
-def _find(directory: str, name: str) -> Path:
-    return _one_of(_root() / directory, name)
-
-
-def _one_of(directory: Path, name: str) -> Path:
+def _find(kind: str, name: str) -> Path:
+    directory = _root() / kind
     path = directory / name
     if path.exists():
         return path

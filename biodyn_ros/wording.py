@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container, Sequence
 from typing import Any, Final
 
 ZONE: Final = {
@@ -51,6 +52,16 @@ def number(value: float | None) -> str:
 def bound(value: float | None, lower: bool) -> str:
     """The number, with ">=" before it where it is a lower bound."""
     return f">= {number(value)}" if lower and value is not None else number(value)
+
+
+def table(rows: Sequence[Sequence[str]], left: Container[int]) -> list[str]:
+    """Rows as lines, their columns below each other: those whose numbers are in `left` to the left, others right."""
+    columns = list(zip(*rows, strict=True))
+    aligned = [
+        [f"{cell:{'<' if k in left else '>'}{max(map(len, column))}}" for cell in column]
+        for k, column in enumerate(columns)
+    ]
+    return ["  ".join(row).rstrip() for row in zip(*aligned, strict=True)]
 
 
 def duration(seconds: float) -> str:

@@ -36,7 +36,6 @@ from biodyn_ros import resources
 from biodyn_ros.commands.table import parser
 print(biodyn_ros.__file__)
 print(biodyn_core.__file__)
-print(resources.launch_file("biodyn.launch.py"))
 for path in sorted(resources.config_file("subjects").parent.glob("*.yaml")):
     print(resources.config_file(path.name))
 for name in resources.subject_names():
@@ -128,8 +127,7 @@ def test_what_is_installed_finds_its_files_from_anywhere(installed: Installed, t
     workspace = installed.prefix.parents[1] if installed.setup.startswith(".") else installed.prefix
     assert all(Path(line).is_relative_to(workspace) for line in found), found
     names = [Path(line).name for line in found]
-    assert names[2] == "biodyn.launch.py"
-    assert sorted(names[3:]) == sorted(path.name for path in (ROOT / "config").rglob("*.yaml"))
+    assert sorted(names[2:]) == sorted(path.name for path in (ROOT / "config").rglob("*.yaml"))
 
 
 @pytest.mark.parametrize("script", ["biodyn", "biodyn_live"])
@@ -355,7 +353,6 @@ def test_a_subject_by_path_goes_before_a_bundled_one(elsewhere: Path) -> None:
         (resources.subject_file, "no/tall", r"no subject file no/tall; did you mean tall\? bundled are tall"),
         (resources.config_file, "live.yaml", "no live.yaml in .*config; there is limits.yaml, subjects"),
         (resources.bag_file, "long.mcap", "no long.mcap in .*bags; there is short.mcap"),
-        (resources.launch_file, "other.launch.py", "no other.launch.py in .*launch; there is nothing"),
         (resources.package_directory, "nowhere", "the installation is incomplete: .*nowhere is missing"),
     ],
 )

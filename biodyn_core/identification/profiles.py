@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from biodyn_core.identification.uncertainty import (
 )
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 
+REFITS: Final = 12
+"""At most so many to either side."""
+
 
 class Profile(NamedTuple):
     """How the objective rises when one parameter is moved and all others follow, and where it passes the 95 % mark.
@@ -42,10 +45,8 @@ class Profile(NamedTuple):
     upper: float | None
 
 
-def profile(
-    fit: Fit, cases: Sequence[Case], name: str, settings: UncertaintySettings | None = None, points: int = 12
-) -> Profile:
-    """Profile likelihood of one parameter, with at most `points` refits to either side.
+def profile(fit: Fit, cases: Sequence[Case], name: str, settings: UncertaintySettings | None = None) -> Profile:
+    """Profile likelihood of one parameter, with at most `REFITS` to either side.
 
     The mark is chi-squared's, scaled by what the coloured residual makes of the variance (Chandler and Bate 2007).
     Raises InputError for a parameter that was not fitted or lies on a bound.
@@ -59,11 +60,11 @@ def profile(
     covariance, inverse = covariance_of(problem, theta, inside, settings or UncertaintySettings())
     place = int(inside[:index].sum())
     threshold = float(NORMAL_95**2 * covariance[place, place] / inverse[place, place])
-    step = min(NORMAL_95 * math.sqrt(covariance[place, place]) / 3.0, LOG_RANGE[index] / points)
+    step = min(NORMAL_95 * math.sqrt(covariance[place, place]) / 3.0, LOG_RANGE[index] / REFITS)
     free = fit.settings.free.copy()
     free[index] = False
     least = float(np.sum(problem.linearised(theta, free)[0] ** 2))
-    down, up = (_side(problem, theta, index, free, direction * step, least, threshold, points) for direction in (-1, 1))
+    down, up = (_side(problem, theta, index, free, direction * step, least, threshold) for direction in (-1, 1))
     walked = [*down[::-1], (float(theta[index]), 0.0), *up]
     values, rise = (np.array(column) for column in zip(*walked, strict=True))
     at = len(down)
@@ -81,12 +82,11 @@ def _side(
     step: float,
     least: float,
     threshold: float,
-    points: int,
 ) -> list[tuple[float, float]]:
     """Values and rises outwards from the fit until the mark is passed or Table 1 ends; steps grow by half each time."""
     walked: list[tuple[float, float]] = []
     at = theta
-    while len(walked) < points:
+    while len(walked) < REFITS:
         value = float(np.clip(at[index] * math.exp(step), LOWER[index], UPPER[index]))
         moved = at.copy()
         moved[index] = value

@@ -103,10 +103,10 @@ SAID: Final[Mapping[Verdict, str]] = {
 }
 
 
-def clipped_samples(values: Floats, least: int = 3) -> Flags:
-    """Where raw samples (n,) lie at a limit: the highest or lowest value, again and again and often twice in a row.
+def clipped_samples(values: Floats) -> Flags:
+    """Where raw samples (n,) lie at a limit: the highest or lowest value, three times or more, often twice in a row.
 
-    least is how often at least. Coarse steps repeat themselves everywhere, and a dead sensor once for long: neither is
+    Coarse steps repeat themselves everywhere, and a dead sensor once for long: neither is
     a limit.
     """
     flags = np.zeros(values.size, dtype=np.bool_)
@@ -118,7 +118,7 @@ def clipped_samples(values: Floats, least: int = 3) -> Flags:
     for at in sides:
         again = int((at[1:] & at[:-1]).sum())
         visits = at.sum() - again
-        if at.sum() >= least and visits >= 2 and again > min(3.0 * repeats, 0.5 + 0.5 * repeats) * at.sum():
+        if at.sum() >= 3 and visits >= 2 and again > min(3.0 * repeats, 0.5 + 0.5 * repeats) * at.sum():
             flags |= at
     return flags
 

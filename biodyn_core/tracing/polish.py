@@ -27,7 +27,11 @@ INSIDE: Final = 0.02
 """A start keeps this share of each range from both ends, as those of theta do."""
 
 
-def polished(subject: Subject, cases: Sequence[Case], evaluations: int = 400) -> Subject:
+EVALUATIONS: Final = 400
+"""At most so many of all cases."""
+
+
+def polished(subject: Subject, cases: Sequence[Case]) -> Subject:
     """The subject with theta and its effects' parameters where the sum of squares over all cases is least (Eq. 33)."""
     problem = _Problem(subject, cases)
     theta, phi = mapped(interior(subject.parameters.vector()), FREE)
@@ -40,7 +44,7 @@ def polished(subject: Subject, cases: Sequence[Case], evaluations: int = 400) ->
         slopes[:, phi.size :] *= share * (1.0 - share)
         return residuals, slopes
 
-    end, _ = trust_region(linearised, start, evaluations)
+    end, _ = trust_region(linearised, start, EVALUATIONS)
     return problem.subject(logistic(end[phi.size :]), theta(end[: phi.size]))
 
 

@@ -21,7 +21,7 @@ from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export
 from biodyn_ros.blue_trident.survey import Read, Surveyed
 from biodyn_ros.blue_trident.wide import Taken
-from biodyn_ros.wording import number
+from biodyn_ros.wording import number, table
 
 MOST_RANGES: Final = 10_000
 LOST_BY_NEXUS: Final = 0.5
@@ -100,22 +100,16 @@ def text_of(document: Mapping[str, Any]) -> str:
     sensors = document["sensors"]
     total = sum(row["samples"] for row in sensors.values())
     lines = [f"{document['bag']}: {total} messages from {document['format']}, take {document['take']}", ""]
-    table = [("sensor", "serial", "samples", "Hz", "seconds", "left out", "gaps", "from high-g", "clipped")]
+    rows = [("sensor", "serial", "samples", "Hz", "seconds", "left out", "gaps", "from high-g", "clipped")]
     for name, row in sensors.items():
         out, rate = sum(row["left_out"].values()), row["rate_hz"]
-        table.append(
+        rows.append(
             (
                 name, row["serial"], str(row["samples"]), f"{rate:.2f}" if rate else "-", f"{row['seconds']:.1f}",
                 str(out), str(row["gaps"]), str(row["from_high_g"]), str(row["clipped"]),
             )
         )  # fmt: skip
-    widths = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
-    lines += [
-        "  ".join(
-            cell.ljust(w) if k < 2 else cell.rjust(w) for k, (cell, w) in enumerate(zip(line, widths, strict=True))
-        )
-        for line in table
-    ]
+    lines += table(rows, left=(0, 1))
     lines += ["", *(f"{name}: high-g {_alignment_text(row)}" for name, row in sensors.items() if row["high_g"])]
     lines += [f"not read: {line}" for line in document["aside"][:12]]
     if len(document["aside"]) > 12:

@@ -8,7 +8,7 @@ from typing import Any, Final
 from biodyn_core.identification.compare import Deviation, SubjectComparison
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
-from biodyn_ros.wording import words
+from biodyn_ros.wording import table, words
 
 _SHOWN: Final = {
     "natural_frequency_hz": ("natural frequency", "Hz", 1.0),
@@ -72,8 +72,7 @@ def _table(rows: list[dict[str, Any]]) -> list[str]:
     if not rows:
         return []
     cells = [("", "", "A", "B", "", "deviation"), *(_cells(row) for row in rows)]
-    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
-    return ["  " + "  ".join(_aligned(k, text, widths[k]) for k, text in enumerate(line)).rstrip() for line in cells]
+    return [f"  {line}" for line in table(cells, left=(0, 1, 4))]
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:
@@ -85,8 +84,3 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
 def _digits(value: float) -> str:
     """Four significant digits, as the paper's tables have."""
     return f"{value:#.4g}".rstrip(".")
-
-
-def _aligned(column: int, cell: str, width: int) -> str:
-    """Numbers stand right, names and units left."""
-    return cell.rjust(width) if column in (2, 3, 5) else cell.ljust(width)

@@ -3,63 +3,70 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from biodyn_core.arrays import Floats
-from biodyn_core.identification.fit import Fit, prediction_errors
+from biodyn_core.identification.fit import Fit, mean_percent
 from biodyn_core.identification.idealize import Idealized
 from biodyn_core.identification.identify import Identification
 from biodyn_core.identification.problem import Case, Errors
 from biodyn_core.identification.profiles import Profile
-from biodyn_core.identification.residuals import Leftover, leftovers
+from biodyn_core.identification.residuals import Leftover
 from biodyn_core.identification.uncertainty import Estimate, Uncertainty
-from biodyn_core.response import SpectrumSettings
 from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_core.subject import Subject
+from biodyn_core.subject import MassMatrix, Subject
 from biodyn_ros.json_files import finite
 from biodyn_ros.reading.events import BagEvent
 
 Document = dict[str, Any]
 Prepared = tuple[BagEvent, Case]
 
+Subjects = Literal["joint", "idealized"]
+
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What is known of the joint fit's parameters."""
+    """What is known of the joint fit's parameters, and how the fits predict.
+
+    errors: of both subjects that are made from all cases, in the events fitted to and then in those held out.
+    mass_matrix: the one that predicts better, None where they cannot be told apart, and both mean errors, percent.
+    """
 
     uncertainty: Uncertainty
     profiles: tuple[Profile, ...]
     not_profiled: tuple[str, ...]
-    spectrum: SpectrumSettings
-    cutoff_hz: float
+    leftovers: Sequence[Leftover]
+    errors: Mapping[Subjects, Sequence[Errors]]
+    mass_matrix: tuple[MassMatrix | None, Mapping[MassMatrix, float]]
 
 
 def fit_document(
     subject: Subject,
     found: Identification,
     findings: Findings,
-    fitted: Sequence[Prepared],
-    held_out: Sequence[Prepared],
+    fitted: list[Prepared],
+    held_out: list[Prepared],
     seed: int,
 ) -> Document:
     """Everything but the seconds it took."""
-    sure = findings.uncertainty
+    sure, errors = findings.uncertainty, findings.errors
+    predicted = [{name: _error(of[number]) for name, of in errors.items()} for number in range(len(fitted + held_out))]
     return {
         "subject": subject.name,
         "body_mass_kg": subject.body_mass_kg,
         "result": found.settings.result,
         "parameters": _parameters(found.subject),
         "cases": [
-            _case(event, case, fit) | _predicted(case, found)
-            for (event, case), fit in zip(fitted, found.fits, strict=True)
+            _case(event, case, fit) | both
+            for (event, case), fit, both in zip(fitted, found.fits, predicted[: len(fitted)], strict=True)
         ],
         "phase1": _swarms(found),
         "joint": _joint(found),
-        "idealized": _idealized(found),
+        "idealized": _idealized(found.idealized, errors["idealized"][: len(fitted)]),
         "weights": dict(found.idealized.weights),
         "cv": {name: finite(percent) for name, percent in found.idealized.cv_percent.items()},
         "flagged": list(found.idealized.flagged),
@@ -69,12 +76,12 @@ def fit_document(
         "least_known": {"combination": sure.least_known, "half_width": finite(sure.least_known_half_width)},
         "profiles": {profile.name: _profile(profile) for profile in findings.profiles},
         "not_profiled": list(findings.not_profiled),
-        "residuals": [
-            _residual(leftover)
-            for leftover in leftovers(found.joint, found.cases, findings.spectrum, findings.cutoff_hz)
+        "residuals": [_residual(leftover) for leftover in findings.leftovers],
+        "held_out": [
+            _held_out(event, case) | both
+            for (event, case), both in zip(held_out, predicted[len(fitted) :], strict=True)
         ],
-        "held_out": [_held_out(event, case, found) for event, case in held_out],
-        "mass_matrix": _mass_matrix(found, [case for _, case in held_out]),
+        "mass_matrix": _mass_matrix(found, *findings.mass_matrix, judged_by="held_out" if held_out else "fitted"),
         "refiners": _refiners(found),
         "evaluations": found.evaluations,
         "penalties": dict(_penalties(found)),
@@ -136,33 +143,27 @@ def _joint(found: Identification) -> Document:
     }
 
 
-def _idealized(found: Identification) -> Document:
-    idealized: Idealized = found.idealized
+def _idealized(idealized: Idealized, errors: Sequence[Errors]) -> Document:
     return {
         "parameters": _parameters(idealized.subject),
         "weighted_error_percent": idealized.weighted_error_percent,
-        "error_percent": float(np.mean([e.mean_percent for e in prediction_errors(idealized.subject, found.cases)])),
+        "error_percent": mean_percent(errors),
     }
 
 
-def _held_out(event: BagEvent, case: Case, found: Identification) -> Document:
+def _held_out(event: BagEvent, case: Case) -> Document:
     why = "held out" if event.held_out else "another repetition"
-    return {"bag": event.bag, "sha256": event.sha256, "case": case.case, "why": why} | _predicted(case, found)
+    return {"bag": event.bag, "sha256": event.sha256, "case": case.case, "why": why}
 
 
-def _predicted(case: Case, found: Identification) -> Document:
-    """Errors of both subjects that are made from all cases."""
-    subjects = {"joint": found.joint.subject, "idealized": found.idealized.subject}
-    return {name: _error(prediction_errors(subject, [case])[0]) for name, subject in subjects.items()}
-
-
-def _mass_matrix(found: Identification, held_out: Sequence[Case]) -> Document:
-    better, errors = found.better_mass_matrix(held_out)
+def _mass_matrix(
+    found: Identification, better: MassMatrix | None, errors: Mapping[MassMatrix, float], judged_by: str
+) -> Document:
     return {
         "declared": found.joint.subject.mass_matrix,
         "better": better,
         "error_percent": dict(errors),
-        "judged_by": "held_out" if held_out else "fitted",
+        "judged_by": judged_by,
         "other_parameters": _parameters(found.other.subject),
     }
 
