@@ -136,6 +136,11 @@ class SpectraMeter:
         self._at = np.flatnonzero(
             (frequency >= s.lowest_hz * (1.0 - 1e-3)) & (frequency <= s.highest_hz * (1.0 + 1e-3))
         )
+        if self._at.size < 2:
+            raise InputError(
+                f"lowest_hz {s.lowest_hz:g} to highest_hz {s.highest_hz:g} holds less than two lines of"
+                f" {rate_hz / size:.3g} Hz: widen it, or lengthen segment_s"
+            )
         self._frequency_hz = frequency[self._at]
         self._sums = np.zeros((3, self._at.size, outputs), dtype=np.complex128)
         self._segments = np.zeros(outputs, dtype=np.int64)

@@ -47,6 +47,14 @@ def state_directory() -> Path:
     return Path(base) / "biodyn"
 
 
+def remove(path: Path) -> None:
+    """Take away what an earlier run left: beside results of another it would pass for theirs."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: is of an earlier run and cannot be removed ({error.strerror})") from None
+
+
 def make_directory(path: Path) -> None:
     """Make a directory with those above it; raises InputError where that cannot be done."""
     try:

@@ -227,6 +227,13 @@ def test_a_subject_that_fails_does_not_stop_the_others(field: Path, tmp_path: Pa
     assert set(written(out)) == {"anna", "ben"} and (out / "anna.yaml").stat().st_mtime_ns == before
 
 
+def test_a_profile_that_nobody_can_make_is_told_before_a_campaign_begins(field: Path, tmp_path: Path, capsys) -> None:
+    command = ["fit", "--campaign", str(field / "campaign.yaml"), "-o", str(tmp_path / "out"), "--executor", "none"]
+    assert cli.main([*command, "--profile", "nonsense"]) == 2
+    assert "profile: 'nonsense' is not a fitted parameter" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_worker_that_dies_is_one_subject_lost(field: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(campaigns, "fit_one", chores.fit_or_die)
     with executor_of("processes:1") as executor:

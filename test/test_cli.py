@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import shlex
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -225,6 +228,25 @@ def test_replay_again_replaces_its_own_files(capsys: pytest.CaptureFixture[str],
     for _ in range(2):
         code, _, errors = run(capsys, "replay", bag, "--subject", "subject_2", "-o", tmp_path / "out")
         assert code == 0, errors
+
+
+def test_what_is_not_asked_for_is_not_left_from_an_earlier_replay(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Beside the figures of another ride it would pass for its page."""
+    bag, out = write_bag(tmp_path / "bag.mcap"), tmp_path / "out"
+    code, _, errors = run(capsys, "replay", bag, "--subject", "subject_2", "-o", out)
+    assert code == 0, errors
+    assert {path.name for path in out.iterdir()} == {"predicted.mcap", "exposure.json", "report.html"}
+    figures(capsys, bag, out)
+    assert {path.name for path in out.iterdir()} == {"exposure.json"}
+
+
+def test_a_reader_that_has_gone_is_no_failure_and_says_nothing() -> None:
+    for arguments in ("--help", "replay -h", "compare subject_1 subject_2"):
+        line = f"{shlex.quote(sys.executable)} -m biodyn_ros.cli {arguments} | true; echo ${{PIPESTATUS[0]}}"
+        done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
+        assert (done.stdout, done.stderr) == ("0\n", "")
 
 
 def test_a_remapped_namespace_and_a_mapped_topic_are_found(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -464,6 +486,21 @@ def test_a_subject_that_does_not_fit_names_file_and_key(
             "jitter_ms is 9",
         ),
         (("simulate", "--subject", "subject_1", "--seat", "none.csv", "-o", "x.mcap"), "none.csv: cannot be read"),
+        (
+            ("simulate", "--subject", "subject_1", "--seat", "none.csv", "--seat-rate", "0", "-o", "x.mcap"),
+            "--seat-rate 0: expected a positive number of Hz",
+        ),
+        (
+            ("simulate", "--subject", "subject_1", "--case", "road", "--seat-rate", "500", "-o", "x.mcap"),
+            "--seat-rate is for a CSV file given by --seat",
+        ),
+        (("trace", BAG, "--subject", "subject_1", "-o", "/"), "/: DIR.kept.json is made of a directory's name"),
+        (("trace", "none.mcap", "--subject", "subject_1", "--fresh", "-o", "."), "none.mcap"),
+        (("trace", "--subject", "subject_1", "-o", "x"), "no bag is given: give at least one"),
+        (
+            ("validate", BAG, "--subject", "subject_1", "--lowest-hz", "8", "--highest-hz", "8.2", "-o", "x"),
+            "lowest_hz 8 to highest_hz 8.2 holds less than two lines of 0.5 Hz: widen it, or lengthen segment_s",
+        ),
         (("play", BAG, "--rate", "0"), "rate is 0, allowed are 0.01 to 100"),
     ],
 )
@@ -484,6 +521,7 @@ def test_bad_arguments_are_one_clear_line(
     [
         ("x,y,z\n1,2,3\n1,2\n", "rows of 3 numbers are needed"),
         ("x,y,z\n1,2,3\n1,nan,3\n", "line 3 holds a value that is not finite"),
+        ("x,y,z\n\n1,2,3\n\n1,nan,3\n", "line 5 holds a value that is not finite"),
         ("t,p,q\n0,2,3\n1,2,3\n", "no acceleration columns"),
         ("x,y,z\n0,0,9.8\n0,0,9.8\n", "no time column"),
         ("t,x,y,z\n0,0,0,9.8\n0.5,0,0,9.8\n", "at least 2 s of motion"),

@@ -222,9 +222,10 @@ def test_bad_input_is_one_line(
 
 
 def test_a_place_that_cannot_be_written_to_is_said_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
     for output, said in (
         (tmp_path / "out.txt", "ends in .yaml"),
-        (tmp_path / "none" / "out.yaml", "no directory that can be written to"),
+        (tmp_path / "file" / "out.yaml", "file: is a file, a directory is needed for the results"),
     ):
         with pytest.raises(InputError, match=said):
             check_output(output)

@@ -15,10 +15,28 @@ def test_parts_come_back_to_the_bit(tmp_path: Path) -> None:
     assert dict(Kept(path)) == {"theta a": [0.1, 1.0 / 3.0]}
 
 
-def test_fresh_forgets_them(tmp_path: Path) -> None:
+def test_fresh_forgets_them_with_the_first_part_of_its_own(tmp_path: Path) -> None:
+    """Not before: a bag that is misspelt costs nobody the hours of an earlier trace."""
     path = tmp_path / "out.kept.json"
     Kept(path)["theta a"] = [1.0]
-    assert dict(Kept(path, fresh=True)) == {} and dict(Kept(path)) == {}
+    fresh = Kept(path, fresh=True)
+    assert dict(fresh) == {} and dict(Kept(path)) == {"theta a": [1.0]}
+    fresh["theta b"] = [2.0]
+    assert dict(Kept(path)) == {"theta b": [2.0]}
+
+
+def test_nothing_is_written_before_the_first_part(tmp_path: Path) -> None:
+    Kept(tmp_path / "out" / "base.kept.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_a_place_that_cannot_be_written_to_is_told_before_the_work(tmp_path: Path, fresh: bool) -> None:
+    (tmp_path / "out.kept.json").mkdir()
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path / "out.kept.json", tmp_path / "file" / "out.kept.json"):
+        with pytest.raises(InputError, match=r"out\.kept\.json: is a directory|file: is a file"):
+            Kept(path, fresh)
 
 
 def test_the_latest_are_kept(tmp_path: Path) -> None:

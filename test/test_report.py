@@ -20,10 +20,11 @@ from biodyn_core.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames
 from biodyn_core.limits import EU_LIMITS
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_ros.replay import traces as traces_of_replay
-from biodyn_ros.replay.page import write_replay_report
+from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
 from biodyn_ros.replay.traces import DIGEST_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Traces
 from biodyn_ros.reports.motion import Envelope
+from biodyn_ros.reports.pages import write_drawn
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.strip import BIN_NS
 from biodyn_ros.wording import bound, duration, number, sentence, shocks, time_left
@@ -161,9 +162,13 @@ def traces_of(samples: int = 4000) -> Traces:
     return traces
 
 
+def write_replay_report(path: Path, changed: dict[str, object], traces: Traces | None = None) -> None:
+    write_drawn(path, lambda: replay_page(changed, traces_of() if traces is None else traces))
+
+
 def page_of(tmp_path: Path, changed: dict[str, object], traces: Traces | None = None) -> Page:
     path = tmp_path / "report.html"
-    write_replay_report(path, changed, traces_of() if traces is None else traces)
+    write_replay_report(path, changed, traces)
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
     return Page(path.read_text(encoding="utf-8"))
 
@@ -290,7 +295,7 @@ def test_the_page_needs_no_network_and_repeats_no_id(tmp_path):
 
 def test_the_same_replay_gives_the_same_page(tmp_path):
     for name in ("a", "b"):
-        write_replay_report(tmp_path / name, document(), traces_of())
+        write_replay_report(tmp_path / name, document())
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
@@ -474,7 +479,7 @@ def test_a_page_of_one_instant(tmp_path):
 
 
 @pytest.mark.parametrize("fails", ["write", "replace"])
-def test_nothing_is_left_when_writing_fails(tmp_path, monkeypatch, fails):
+def test_nothing_is_left_when_writing_fails_nor_the_page_of_an_earlier_replay(tmp_path, monkeypatch, fails):
     path = tmp_path / "report.html"
     path.write_text("the report of yesterday")
 
@@ -486,14 +491,13 @@ def test_nothing_is_left_when_writing_fails(tmp_path, monkeypatch, fails):
     else:
         monkeypatch.setattr("os.fsync", full)
     with pytest.raises(InputError, match=r"report\.html: cannot be written \(No space left on device\)"):
-        write_replay_report(path, document(), traces_of())
-    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
-    assert path.read_text() == "the report of yesterday"
+        write_replay_report(path, document())
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_directory_that_is_not_there_is_one_clear_line(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
-        write_replay_report(tmp_path / "nowhere" / "report.html", document(), traces_of())
+        write_replay_report(tmp_path / "nowhere" / "report.html", document())
 
 
 @pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])

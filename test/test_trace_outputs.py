@@ -551,7 +551,7 @@ def test_the_command_traces_and_prints(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--subject", "subject_1"], "there is no bag"),
+        (["--subject", "subject_1"], "no bag is given"),
         (["{rail_1}", "--subject", "nobody"], "no subject file nobody"),
         (["{rail_1}", "{rail_1}", "--subject", "subject_1"], "given twice"),
         (["{rail_1}", "--hold-out", "{rail_1}", "--subject", "subject_1"], "given twice"),

@@ -84,7 +84,8 @@ def _run(options: argparse.Namespace) -> None:
 def _subject(options: argparse.Namespace) -> None:
     from biodyn_core.parameters import UNFITTED
     from biodyn_core.subject import load_subject
-    from biodyn_ros.fit.fitting import check_output, fit_bags, write_fitted
+    from biodyn_ros.files import remove
+    from biodyn_ros.fit.fitting import check_output, fit_bags, page_beside, write_fitted
     from biodyn_ros.fit.text import text_of
     from biodyn_ros.resources import subject_file
     from biodyn_ros.work.executors import executor_of
@@ -113,10 +114,13 @@ def _subject(options: argparse.Namespace) -> None:
         from biodyn_ros.fit.page import write_fit_page  # an extra of its own
 
         write_fit_page(fitted, output)
+    else:
+        remove(page_beside(output))
 
 
 def _campaign(options: argparse.Namespace) -> None:
-    from biodyn_ros.fit.campaign import check_failed, fit_campaign, text_of, write_campaign_page
+    from biodyn_ros.files import remove
+    from biodyn_ros.fit.campaign import check_failed, fit_campaign, page_of, text_of, write_campaign_page
     from biodyn_ros.fit.campaign_file import load_campaign
     from biodyn_ros.work.executors import executor_of
 
@@ -131,6 +135,8 @@ def _campaign(options: argparse.Namespace) -> None:
     show(options, document, text_of(document))
     if not options.no_report:
         write_campaign_page(document, directory)
+    else:
+        remove(page_of(directory))
     check_failed(document, directory)
 
 

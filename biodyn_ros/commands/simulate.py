@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 from pathlib import Path
 
+from biodyn_core.errors import InputError
 from biodyn_ros.commands.arguments import add_map, add_seed, add_settings, add_subject, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
@@ -35,11 +36,13 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_core.subject import load_subject
     from biodyn_core.synthesis import CASE_S, SensorSettings
     from biodyn_ros.reading.mapping import parse_map
-    from biodyn_ros.reading.seat_motion import read_seat_motion
+    from biodyn_ros.reading.seat_motion import is_table, read_seat_motion
     from biodyn_ros.resources import subject_file
     from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
     subject = load_subject(subject_file(options.subject))
+    if options.seat_rate is not None and not is_table(options.seat or ""):
+        raise InputError("--seat-rate is for a CSV file given by --seat: leave it out")
     if options.seat:
         mapping = parse_map(options.map)
         motion = read_seat_motion(options.seat, options.seat_rate, mapping, options.time).first(options.seconds)

@@ -75,19 +75,23 @@ def _run(options: argparse.Namespace) -> None:
     check_directory(directory)
     check_reports(options)
     subject = load_subject(subject_file(options.subject), UNFITTED)
-    file = directory.with_name(f"{directory.name}.kept.json")
-    kept = Kept(file, options.fresh)
+    kept = Kept(_kept_beside(directory), options.fresh)
     try:
         traced = trace_bags(options.bag, subject, how, kept=kept)
-    except InputError:
-        if not kept:
-            file.unlink(missing_ok=True)
-        raise
     except KeyboardInterrupt:
-        print(f"biodyn trace: {file} keeps what is done; the same command goes on from there", file=sys.stderr)
+        if kept:
+            print(f"biodyn trace: {kept.path} keeps what is done; the same command goes on from there", file=sys.stderr)
         raise
     write_traced(traced, directory, report=not options.no_report)
     show(options, traced.document, text_of(traced.document))
+
+
+def _kept_beside(directory: Path) -> Path:
+    """DIR.kept.json beside DIR, also where DIR is `.` or `..`; raises InputError for the root, which has no name."""
+    named = directory if directory.name not in ("", "..") else directory.resolve()
+    if not named.name:
+        raise InputError(f"{directory}: DIR.kept.json is made of a directory's name, and this has none: name another")
+    return named.with_name(f"{named.name}.kept.json")
 
 
 def how_of(options: argparse.Namespace) -> TraceOptions:

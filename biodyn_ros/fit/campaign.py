@@ -16,7 +16,7 @@ from biodyn_core.errors import InputError, one_line
 from biodyn_ros import __version__
 from biodyn_ros.files import make_directory, write_text
 from biodyn_ros.fit.campaign_file import Campaign, Entry
-from biodyn_ros.fit.fitting import FitOptions, Fitted, fit_bags, json_beside, page_beside
+from biodyn_ros.fit.fitting import FitOptions, Fitted, check_profiles, fit_bags, json_beside, page_beside
 from biodyn_ros.json_files import keys_of, read_json, write_json
 from biodyn_ros.progress import OnProgress, silent, unwatched
 from biodyn_ros.provenance import bag_sha256
@@ -79,6 +79,7 @@ def fit_campaign(
     results that would overwrite what the campaign reads or cannot be written.
     """
     o = options or FitOptions()
+    check_profiles(o)
     results = _Results(campaign, directory)
     if results.path.exists():
         if not resume:
@@ -232,7 +233,7 @@ def _row(value: object) -> Row:
         and all(isinstance(value, (int, float, type(None))) for value in numbers)
         and all(isinstance(bags, list) and all(isinstance(bag, str) for bag in bags) for bags in lists)
     ):
-        raise InputError(f"subjects: {str(row.name)[:40]!r} is none of ours; remove the file to start anew")
+        raise InputError(f"subjects: {str(row.name)[:40]!r} is none of ours")
     return row
 
 

@@ -7,7 +7,6 @@ out by name, are predicted by the finished fits.
 from __future__ import annotations
 
 import dataclasses
-import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,16 +16,18 @@ from typing import Any
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.errors import InputError
+from biodyn_core.identification.fit import prediction_errors
 from biodyn_core.identification.identify import Identification, fingerprint, identify
 from biodyn_core.identification.problem import Case, CaseSettings
 from biodyn_core.identification.profiles import profile
+from biodyn_core.identification.residuals import leftovers
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.identification.uncertainty import UncertaintySettings, uncertainty
 from biodyn_core.recording import representative
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
-from biodyn_ros.files import write_text
+from biodyn_ros.files import check_directory, make_directory, write_text
 from biodyn_ros.fit.document import Findings, fit_document, provenance
 from biodyn_ros.json_files import write_json
 from biodyn_ros.reading.events import BagEvent, check_bags, read_events
@@ -77,7 +78,8 @@ def fit_bags(
 ) -> Fitted:
     """Fit a subject to bags; raises InputError, one line, for bags that nothing can be fitted to."""
     o, work, begin = options or FitOptions(), work or Work(), time.monotonic()
-    _check(bags, o)
+    check_bags(bags, o.held_out, o.cases)
+    check_profiles(o)
     reading = dataclasses.replace(o.reading, channels=needs_channels(subject.effects))
     with work.watch("reading") as progress:
         events = read_events(bags, o.held_out, o.cases, reading, progress)
@@ -86,7 +88,7 @@ def fit_bags(
     cases, held_out = [_prepared(event, o) for event in fitted], [_prepared(event, o) for event in spare]
     problem = fingerprint(cases, subject, o.seed, o.settings)
     identification = identify(cases, subject, o.seed, o.settings, work.run(problem))
-    findings = _findings(identification, cases, o)
+    findings = _findings(identification, held_out, o)
     document = fit_document(
         subject, identification, findings, list(zip(fitted, cases, strict=True)),
         list(zip(spare, held_out, strict=True)), o.seed,
@@ -98,6 +100,7 @@ def fit_bags(
 
 def write_fitted(fitted: Fitted, output: Path) -> None:
     """Write the subject file and its fit.json."""
+    make_directory(output.parent)
     subject = fitted.subject.to_yaml()
     write_json(json_beside(output), fitted.document)
     write_text(output, subject)
@@ -122,8 +125,7 @@ def check_output(output: Path) -> None:
         raise InputError(f"{output}: a subject file ends in .yaml")
     if output.is_dir():
         raise InputError(f"{output}: is a directory, give a file")
-    if not os.access(output.parent, os.W_OK):
-        raise InputError(f"{output.parent}: is no directory that can be written to")
+    check_directory(output.parent)
 
 
 def json_beside(output: Path) -> Path:
@@ -156,8 +158,8 @@ def _representative(case: str, repetitions: Sequence[BagEvent]) -> BagEvent:
     return next(event for event in repetitions if event.recording is chosen)
 
 
-def _check(bags: Sequence[str | Path], options: FitOptions) -> None:
-    check_bags(bags, options.held_out, options.cases)
+def check_profiles(options: FitOptions) -> None:
+    """Raise InputError for a profile of what is not fitted."""
     known = options.settings.fitted
     for name in options.profiles:
         if name != "all" and name not in known:
@@ -168,8 +170,10 @@ def _prepared(event: BagEvent, options: FitOptions) -> Case:
     return Case.of(event.recording, options.spectra, options.preparing)
 
 
-def _findings(identification: Identification, cases: Sequence[Case], options: FitOptions) -> Findings:
-    joint = identification.joint
+def _findings(found: Identification, held_out: Sequence[Case], options: FitOptions) -> Findings:
+    joint, cases = found.joint, found.cases
+    cutoff_hz = (options.reading.conditioning or ConditioningSettings()).cutoff_hz
+    events = [*cases, *held_out]
     sure = uncertainty(joint, cases, options.uncertainty)
     asked = [estimate for estimate in sure.estimates if {estimate.name, "all"} & set(options.profiles)]
     names = [estimate.name for estimate in asked if not estimate.at_bound]
@@ -177,6 +181,10 @@ def _findings(identification: Identification, cases: Sequence[Case], options: Fi
         not_profiled=tuple(estimate.name for estimate in asked if estimate.at_bound),
         uncertainty=sure,
         profiles=tuple(profile(joint, cases, name, options.uncertainty) for name in names),
-        spectrum=options.spectra,
-        cutoff_hz=(options.reading.conditioning or ConditioningSettings()).cutoff_hz,
+        leftovers=leftovers(joint, cases, options.spectra, cutoff_hz),
+        errors={
+            "joint": prediction_errors(joint.subject, events),
+            "idealized": prediction_errors(found.idealized.subject, events),
+        },
+        mass_matrix=found.better_mass_matrix(held_out),
     )

@@ -26,7 +26,7 @@ class BagEvent:
 def check_bags(bags: Sequence[str | Path], held_out: Sequence[str], cases: Iterable[str]) -> None:
     """Raise InputError for no bag, one given twice, or a case (by bag) of none that is given."""
     if not bags:
-        raise InputError("there is no bag to fit to, give at least one")
+        raise InputError("no bag is given: give at least one")
     paths = [Path(bag).resolve() for bag in (*bags, *held_out)]
     for path in paths:
         if paths.count(path) > 1:

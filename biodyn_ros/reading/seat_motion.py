@@ -33,11 +33,16 @@ def read_seat_motion(
     mapping and time ("header" or "log") are for bags.
     """
     path = Path(path)
-    if path.suffix.lower() in (".csv", ".txt"):
+    if is_table(path):
         time_s, accel, pitch = _from_csv(path, rate_hz)
     else:
         time_s, accel, pitch = _from_bag(path, mapping, time)
     return _even(path, time_s, accel, pitch)
+
+
+def is_table(path: str | Path) -> bool:
+    """Whether a file is one of rows of numbers, by its name; all others are bags."""
+    return Path(path).suffix.lower() in (".csv", ".txt")
 
 
 def _from_bag(path: Path, mapping: dict[str, str], time: str) -> tuple[Floats, Floats, Floats]:
@@ -60,15 +65,17 @@ def _from_bag(path: Path, mapping: dict[str, str], time: str) -> tuple[Floats, F
 
 
 def _from_csv(path: Path, rate_hz: float | None) -> tuple[Floats, Floats, Floats]:
+    if rate_hz is not None and not 0.0 < rate_hz < np.inf:
+        raise InputError(f"--seat-rate {rate_hz:g}: expected a positive number of Hz")
     names, table = _read_table(path)
     time_column = next((i for i, name in enumerate(names) if name in TIME_NAMES), None)
     if time_column is None and rate_hz is None:
         raise InputError(f"{path}: no time column among {', '.join(names)}: give --seat-rate")
-    time_s = (
-        table[:, time_column] - table[0, time_column]
-        if time_column is not None
-        else np.arange(len(table)) / (rate_hz or 1.0)
-    )
+    if time_column is not None and rate_hz is not None:
+        raise InputError(f"{path}: has a time column, {names[time_column]}: leave out --seat-rate")
+    time_s = np.arange(len(table)) / (rate_hz or 1.0)
+    if time_column is not None:
+        time_s = table[:, time_column] - table[0, time_column]
     columns = _accel_columns(path, names)
     accel = table[:, columns]
     if accel.shape[1] == 1:
@@ -88,7 +95,11 @@ def _read_table(path: Path) -> tuple[list[str], Floats]:
     split = (lambda line: next(csv.reader([line], delimiter=delimiter))) if delimiter else str.split
     names = [name.strip().lower() for name in split(lines[0])]
     try:
-        rows = [[float(cell) for cell in split(line)] for line in lines[1:] if line.strip()]
+        numbers, rows = [], []
+        for number, line in enumerate(lines[1:], start=2):
+            if line.strip():
+                numbers.append(number)
+                rows.append([float(cell) for cell in split(line)])
         table = np.array(rows, dtype=np.float64)
     except ValueError as error:
         raise InputError(f"{path}: rows of {len(names)} numbers are needed ({error})") from None
@@ -96,7 +107,7 @@ def _read_table(path: Path) -> tuple[list[str], Floats]:
         raise InputError(f"{path}: rows of {len(names)} numbers are needed, as many as the header has names")
     bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if bad.size:
-        raise InputError(f"{path}: line {bad[0] + 2} holds a value that is not finite")
+        raise InputError(f"{path}: line {numbers[bad[0]]} holds a value that is not finite")
     return names, table
 
 

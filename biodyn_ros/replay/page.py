@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from biodyn_core.judgement import HORIZONTAL_FACTOR
@@ -11,20 +10,20 @@ from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses
 from biodyn_ros.reports.frequency import powers, residual_channels, transmissibility, waterfall
 from biodyn_ros.reports.motion import envelopes, overlay
-from biodyn_ros.reports.pages import check_reports, render, write_page
+from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.validate.findings import LEAST_COHERENCE
 from biodyn_ros.wording import ZONE, words
 
 
-def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) -> None:
-    """Write the page of a replay from the mapping of `exposure.json` and the traces of its frames.
+def replay_page(document: dict[str, Any], traces: Traces) -> str:
+    """The page of a replay from the mapping of `exposure.json` and the traces of its frames.
 
-    Raises InputError where jinja2 or matplotlib is missing, or the file cannot be written; then nothing is left of it.
+    Raises InputError where jinja2 or matplotlib is missing.
     """
     check_reports()
     event, predicted, measured, origin_ns = traces.event(), traces.predicted(), traces.measured(), traces.first_ns
-    html = render(
+    return render(
         "replay.html.j2",
         document=document,
         verdict=judge(document),
@@ -41,7 +40,6 @@ def write_replay_report(path: Path, document: dict[str, Any], traces: Traces) ->
         envelope_svg=envelopes(predicted, measured, event, origin_ns) if measured.begins_ns.size else None,
         **frequency_parts(document, traces, origin_ns),
     )
-    write_page(path, html)
 
 
 def frequency_parts(document: dict[str, Any], traces: Traces, origin_ns: int) -> dict[str, Any]:

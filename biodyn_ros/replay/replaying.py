@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,12 +23,15 @@ from biodyn_ros import __version__, topics
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
-from biodyn_ros.files import check_directory, make_directory
+from biodyn_ros.files import check_directory, make_directory, remove
 from biodyn_ros.json_files import write_json
 from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 from biodyn_ros.replay.traces import Traces
+
+PREDICTED: Final = "predicted.mcap"
+REPORT: Final = "report.html"
 
 
 @dataclass(frozen=True)
@@ -128,13 +131,15 @@ def replay_to_directory(
 ) -> Replayed:
     """Replay a bag into a directory: `predicted.mcap`, `exposure.json`, `report.html`; nothing is left half-written.
 
-    The directory is made once there is something to write: a bag that is refused leaves none.
+    The directory is made once there is something to write: a bag that is refused leaves none. What is not asked for is
+    removed, where an earlier replay left it.
     """
     check_directory(directory)
     listeners: list[Callable[[Frames], None]] = []
     with contextlib.ExitStack() as open_files:
         if report:
-            from biodyn_ros.replay.page import check_reports, write_replay_report  # an extra of its own
+            from biodyn_ros.replay.page import replay_page  # an extra of its own
+            from biodyn_ros.reports.pages import check_reports, write_drawn
 
             check_reports()
             traces = Traces()
@@ -149,8 +154,12 @@ def replay_to_directory(
         replayed = replay(bag, subject, options, each, progress)
     _make(directory)
     write_json(directory / "exposure.json", replayed.document)
+    if not predicted:
+        remove(directory / PREDICTED)
     if report:
-        write_replay_report(directory / "report.html", replayed.document, traces)
+        write_drawn(directory / REPORT, lambda: replay_page(replayed.document, traces))
+    else:
+        remove(directory / REPORT)
     return replayed
 
 
@@ -171,7 +180,7 @@ class _LatePredictedBag:
 
     def _begin(self) -> PredictedBag:
         self._open_files.push(_unmake_on_failure(_make(self._directory)))
-        path = self._directory / "predicted.mcap"
+        path = self._directory / PREDICTED
         writer = self._open_files.enter_context(BagWriter(path, compression="lz4", overwrite=True))
         writer.add_metadata("biodyn", self._metadata)
         return PredictedBag(writer)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from biodyn_core.errors import InputError, one_line
-from biodyn_ros.files import write_text
+from biodyn_ros.files import remove, write_text
 from biodyn_ros.reports.drawing import PALETTE
 from biodyn_ros.resources import package_directory
 from biodyn_ros.wording import bound, duration, number, sentence, shocks, words
@@ -46,17 +46,13 @@ def render(template: str, **values: Any) -> str:
 def write_drawn(path: Path, draw: Callable[[], str]) -> None:
     """Write a page whose results are written already; where it cannot be, no older one is left beside them."""
     try:
-        write_page(path, draw())
+        # A file name that is not UTF-8 comes as lone surrogates, which the page shows as escapes.
+        write_text(path, draw(), errors="backslashreplace")
     except InputError:
-        path.unlink(missing_ok=True)
+        remove(path)
         raise
     except Exception as error:  # a fault of ours in a drawing must not cost the results of hours
-        path.unlink(missing_ok=True)
+        remove(path)
         raise InputError(
             f"{path}: cannot be drawn ({one_line(error)}); all other results are there, --no-report leaves it out"
         ) from error
-
-
-def write_page(path: Path, text: str) -> None:
-    """Write a page; a file name that is not UTF-8 comes as lone surrogates, which it shows as escapes."""
-    write_text(path, text, errors="backslashreplace")

@@ -12,25 +12,27 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Final
 
 from biodyn_core.identification.problem import Case, CaseSettings
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_ros.files import make_directory, write_text
+from biodyn_ros.files import make_directory, remove, write_text
 from biodyn_ros.fit.document import Prepared, warnings_of
 from biodyn_ros.json_files import write_json
-from biodyn_ros.progress import OnProgress, unwatched
+from biodyn_ros.progress import OnProgress, Progress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL, role_of, without_note
 from biodyn_ros.reading.events import check_bags, read_events
 from biodyn_ros.reading.recordings import RecordingOptions, case_of
 from biodyn_ros.trace.document import origin, provenance, trace_document
-from biodyn_ros.work.tasks import Watch, Work
+from biodyn_ros.work.tasks import Watch
 
 Document = dict[str, Any]
 Bag = str | Path
+
+PAGE: Final = "trace.html"
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,6 @@ def trace_bags(
     bags: Sequence[Bag],
     subject: Subject,
     options: TraceOptions | None = None,
-    work: Work | None = None,
     kept: MutableMapping[str, Any] | None = None,
 ) -> Traced:
     """Trace what a subject lacks in bags; raises InputError, one line, for bags that cannot be read or compared.
@@ -71,15 +72,15 @@ def trace_bags(
     """
     from biodyn_core.tracing.trace import trace  # late: bags that are refused need none of it
 
-    o, work, begin = options or TraceOptions(), work or Work(), time.monotonic()
+    o, begin = options or TraceOptions(), time.monotonic()
     check_bags(bags, o.held_out, o.cases)
     train, held_out = (bags, o.held_out) if o.held_out else deal(bags, o.cases)
-    with work.watch("reading") as progress:
+    with Progress("reading") as progress:
         # Every channel that was measured lets one effect more be tried.
         events = read_events(train, held_out, o.cases, dataclasses.replace(o.reading, channels=True), progress)
     prepared = [(event, Case.of(event.recording, o.spectra, o.preparing)) for event in events]
     fitted, spare = ([case for event, case in prepared if event.held_out is out] for out in (False, True))
-    with Stages(work.watch) as stages:
+    with Stages(Progress) as stages:
         found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, tell=stages, kept=kept)
     document = trace_document(found) | {
         "bags": [origin(event, case, found) for event, case in prepared],
@@ -108,7 +109,10 @@ def deal(bags: Sequence[Bag], cases: Mapping[str, str]) -> tuple[list[Bag], list
 
 
 def write_traced(traced: Traced, directory: Path, report: bool = True) -> None:
-    """Write trace.json, subject.yaml and trace.html; raises InputError, of the page as `write_drawn`."""
+    """Write trace.json, subject.yaml and trace.html; raises InputError, of the page as `write_drawn`.
+
+    Without a report that of an earlier trace is removed.
+    """
     make_directory(directory)
     write_json(directory / "trace.json", traced.document)
     write_text(directory / "subject.yaml", traced.subject.to_yaml())
@@ -116,7 +120,9 @@ def write_traced(traced: Traced, directory: Path, report: bool = True) -> None:
         from biodyn_ros.reports.pages import write_drawn  # an extra of its own
         from biodyn_ros.trace.page import trace_page
 
-        write_drawn(directory / "trace.html", lambda: trace_page(traced.document, traced.trace))
+        write_drawn(directory / PAGE, lambda: trace_page(traced.document, traced.trace))
+    else:
+        remove(directory / PAGE)
 
 
 class Stages:

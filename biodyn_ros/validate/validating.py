@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from biodyn_core import validation
 from biodyn_core.effects import needs_channels
@@ -13,7 +13,7 @@ from biodyn_core.model import SeatForce
 from biodyn_core.recording import Recording
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
-from biodyn_ros.files import check_directory, make_directory
+from biodyn_ros.files import check_directory, make_directory, remove
 from biodyn_ros.json_files import write_json
 from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import Role, bag_sha256, role_of
@@ -22,6 +22,8 @@ from biodyn_ros.validate.document import Validated, validation_document
 from biodyn_ros.validate.findings import ValidationSettings
 
 Document = dict[str, Any]
+
+PAGE: Final = "validate.html"
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,10 @@ def validate_to_directory(
     progress: OnProgress = unwatched,
     report: bool = True,
 ) -> Validated:
-    """Validate and write `validate.json` and `validate.html`; a bag that is refused leaves no directory."""
+    """Validate and write `validate.json` and `validate.html`; a bag that is refused leaves no directory.
+
+    Without a report that of an earlier run is removed.
+    """
     check_directory(directory)
     if report:
         from biodyn_ros.reports.pages import check_reports, write_drawn  # an extra of its own
@@ -68,7 +73,9 @@ def validate_to_directory(
     make_directory(directory)
     write_json(directory / "validate.json", validated.document)
     if report:
-        write_drawn(directory / "validate.html", lambda: validation_page(validated))
+        write_drawn(directory / PAGE, lambda: validation_page(validated))
+    else:
+        remove(directory / PAGE)
     return validated
 
 

@@ -17,6 +17,7 @@ from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.phase2 import Refined
 from biodyn_core.parameters import LOWER, N_PARAMETERS, UPPER
 from biodyn_ros import __version__
+from biodyn_ros.files import make_directory
 from biodyn_ros.json_files import keys_of, read_json, write_json
 
 Result = Search | Refined
@@ -49,6 +50,7 @@ class Checkpoint:
             if not resume:
                 raise InputError(f"{path}: is of an interrupted fit; give --resume to take it up, or remove it")
             self._take_up()
+        make_directory(path.parent)
         self._write()  # whether it can be written is better known before the work than after it
 
     @property
@@ -71,18 +73,21 @@ class Checkpoint:
             document = keys_of(read_json(self._path), "the file", ("schema", "version", "problem", "done"))
             if document["schema"] != SCHEMA:
                 raise InputError(f"schema is {document['schema']!r}, this version reads {SCHEMA}")
-            if document["version"] != __version__:
-                version = str(document["version"])[:40]
-                raise InputError(f"is of biodyn {version}, this is {__version__}; go on with that one")
-            if document["problem"] != self._problem:
-                raise InputError(
-                    "is of another problem: other recordings, subject, seed or settings; "
-                    "give those again, or remove the file to start anew"
-                )
-            self._documents = keys_of(document["done"], "done")
+            foreign = self._foreign(document)
+            self._documents = {} if foreign else keys_of(document["done"], "done")
             self._done = {name: decoded(item, name) for name, item in self._documents.items()}
         except InputError as error:
             raise InputError(f"{self._path}: {error}; remove it to start anew") from None
+        if foreign:
+            raise InputError(f"{self._path}: {foreign}, or remove it to start anew")
+
+    def _foreign(self, document: Mapping[str, Any]) -> str:
+        """Whose a file is that is not of this fit, and what takes it up; empty for one that is."""
+        if document["version"] != __version__:
+            return f"is of biodyn {str(document['version'])[:40]}, this is {__version__}; go on with that one"
+        if document["problem"] != self._problem:
+            return "is of another problem: other recordings, subject, seed or settings; give those again"
+        return ""
 
 
 def encoded(result: Result) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from biodyn_core.errors import InputError
 from biodyn_ros import __version__
-from biodyn_ros.files import make_directory
+from biodyn_ros.files import check_directory, make_directory
 from biodyn_ros.json_files import keys_of, read_json, write_json
 
 SCHEMA: Final = 1
@@ -17,18 +17,17 @@ MOST: Final = 24
 
 
 class Kept(MutableMapping[str, Any]):
-    """Parts by a key that tells their problem from any other, on disk after each one.
+    """Parts by a key that tells their problem from any other, on disk after each one, and not before the first.
 
     Parts of another version are not taken up. Raises InputError for a file that is damaged or cannot be written.
     """
 
     def __init__(self, path: Path, fresh: bool = False) -> None:
-        self._path = path
-        self._parts: dict[str, Any] = {}
-        if path.exists() and not fresh:
-            self._parts = _parts(path)
-        make_directory(path.parent)
-        self._write()  # whether it can be written is better known before the work than after it
+        self.path = path
+        check_directory(path.parent)  # whether it can be written is better known before the work than after it
+        if path.is_dir():
+            raise InputError(f"{path}: is a directory, a file of this name is needed: name another directory")
+        self._parts = _parts(path) if path.exists() and not fresh else {}
 
     def __getitem__(self, key: str) -> Any:
         return self._parts[key]
@@ -50,7 +49,8 @@ class Kept(MutableMapping[str, Any]):
         return len(self._parts)
 
     def _write(self) -> None:
-        write_json(self._path, {"schema": SCHEMA, "version": __version__, "parts": self._parts})
+        make_directory(self.path.parent)
+        write_json(self.path, {"schema": SCHEMA, "version": __version__, "parts": self._parts})
 
 
 def _parts(path: Path) -> dict[str, Any]:
