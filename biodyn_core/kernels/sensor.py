@@ -246,8 +246,11 @@ def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts
 
 @inlined
 def _treads_again(stamp: float, state: Floats) -> bool:
-    """Whether a late stamp lies where samples were accepted: neither astray nor one held up, whose place was left."""
-    return state[LAST_STAMP] - stamp <= LEAP_S and not state[HOLE_FROM] < stamp < state[HOLE_TO]
+    """Whether a late stamp lies where samples were accepted.
+
+    It is neither astray, nor one that stands still, nor of a sample that was held up, whose place was left.
+    """
+    return 0.0 < state[LAST_STAMP] - stamp <= LEAP_S and not state[HOLE_FROM] < stamp < state[HOLE_TO]
 
 
 @inlined
