@@ -18,7 +18,7 @@ from biodyn_core.arrays import Floats
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.errors import InputError
 from biodyn_core.parameters import Parameters
-from biodyn_core.yaml_files import read_yaml
+from biodyn_core.yaml_files import mapping_of, read_yaml, text_of
 
 SCHEMA: Final = 1
 MassMatrix = Literal["segment", "cascade"]
@@ -74,15 +74,18 @@ class Subject:
         """
         if unfitted is not None and isinstance(data, Mapping) and "parameters" not in data:
             return cls.from_dict({**data, "parameters": _parameters_dict(unfitted)})
-        top = _mapping(data, "subject", required=_TOP_REQUIRED, optional=("effects", "provenance"))
+        top = mapping_of(data, "subject", _TOP_REQUIRED, ("mass_matrix", "effects", "provenance"))
+        if "mass_matrix" not in top:
+            choice = f"one of {' and '.join(MASS_MATRICES)}, it has no default"
+            raise InputError(f"subject: key 'mass_matrix' is missing: {choice}")
         schema = top["schema"]
         if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
             raise InputError(f"schema is {schema!r}, expected the whole number {SCHEMA}")
         if schema > SCHEMA:
             raise InputError(f"schema {schema} is newer than the {SCHEMA} this version reads: update biodyn")
-        values = _mapping(top["parameters"], "parameters", required=_PARAMETER_KEYS)
+        values = mapping_of(top["parameters"], "parameters", _PARAMETER_KEYS)
         return cls(
-            name=_text(top["name"], "name"),
+            name=text_of(top["name"], "name"),
             body_mass_kg=_number(top["body_mass_kg"], "body_mass_kg"),
             stature_m=_number(top["stature_m"], "stature_m"),
             mass_matrix=top["mass_matrix"],
@@ -92,7 +95,9 @@ class Subject:
                 **{key: _number(values[key], f"parameters.{key}") for key in _WHOLE_CHAIN_KEYS},
             ),
             effects=_effects(top.get("effects")),
-            provenance=_mapping({} if top.get("provenance") is None else top["provenance"], "provenance"),
+            provenance=mapping_of(
+                {} if top.get("provenance") is None else top["provenance"], "provenance", optional=None
+            ),
         )
 
 
@@ -105,7 +110,7 @@ def load_subject(path: str | Path, unfitted: Parameters | None = None) -> Subjec
         raise InputError(f"{path}: {error}") from error
 
 
-_TOP_REQUIRED: Final = ("schema", "name", "body_mass_kg", "stature_m", "mass_matrix", "parameters")
+_TOP_REQUIRED: Final = ("schema", "name", "body_mass_kg", "stature_m", "parameters")
 _WHOLE_CHAIN_KEYS: Final = ("rayleigh_rad_per_s", "stiffening_scale", "mass_scale")
 _PARAMETER_KEYS: Final = ("natural_frequency_hz", "damping_ratio", *_WHOLE_CHAIN_KEYS)
 
@@ -116,22 +121,6 @@ def _parameters_dict(parameters: Parameters) -> dict[str, Any]:
         "damping_ratio": [float(v) for v in parameters.damping_ratio],
         **{key: getattr(parameters, key) for key in _WHOLE_CHAIN_KEYS},
     }
-
-
-def _mapping(
-    data: object, where: str, required: tuple[str, ...] = (), optional: tuple[str, ...] | None = None
-) -> dict[str, Any]:
-    if not isinstance(data, Mapping):
-        raise InputError(f"{where}: expected keys and values, got {type(data).__name__}")
-    known = (*required, *(optional or ()))
-    for key in data:
-        if known and key not in known:
-            raise InputError(f"{where}: unknown key {key!r}, known are {', '.join(known)}")
-    for key in required:
-        if key not in data:
-            choice = f": one of {' and '.join(MASS_MATRICES)}, it has no default" if key == "mass_matrix" else ""
-            raise InputError(f"{where}: key {key!r} is missing{choice}")
-    return dict(data)
 
 
 def _effects(data: object) -> tuple[AppliedEffect, ...]:
@@ -150,19 +139,13 @@ def _effects(data: object) -> tuple[AppliedEffect, ...]:
 
 
 def _effect(data: object, where: str) -> AppliedEffect:
-    item = _mapping(data, where, required=("name", "site"), optional=("parameters",))
-    name, site = _text(item["name"], f"{where}.name"), _text(item["site"], f"{where}.site")
+    item = mapping_of(data, where, ("name", "site"), ("parameters",))
+    name, site = text_of(item["name"], f"{where}.name"), text_of(item["site"], f"{where}.site")
     if name not in CATALOGUE:
         raise InputError(f"{where}: unknown effect {name!r}, known are {', '.join(CATALOGUE)}")
-    given = _mapping(item.get("parameters") or {}, f"{where}.parameters")
+    given = mapping_of(item.get("parameters") or {}, f"{where}.parameters", optional=None)
     values = {key: _number(value, f"{where}.parameters.{key}") for key, value in given.items()}
     return AppliedEffect(CATALOGUE[name], site, values)
-
-
-def _text(value: object, where: str) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise InputError(f"{where} is {value!r}, expected a text")
-    return value
 
 
 def _number(value: object, where: str) -> float:

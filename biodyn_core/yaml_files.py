@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,6 +31,35 @@ def read_yaml(path: str | Path) -> object:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # PyYAML lets ValueErrors of a bad date or int out
         raise InputError(f"{path}: not a YAML file ({' '.join(str(error).split())})") from error
+
+
+def mapping_of(
+    value: object,
+    where: str,
+    required: Sequence[str] = (),
+    optional: Sequence[str] | None = (),
+    kind: str = "key",
+) -> dict[str, Any]:
+    """A mapping with all that is required, and nothing beyond it but what is optional, None for anything.
+
+    Raises InputError naming the place and the key; kind: what its keys are.
+    """
+    if not isinstance(value, Mapping):
+        raise InputError(f"{where}: expected keys and values, got {type(value).__name__}")
+    for key in value:
+        if optional is not None and key not in (*required, *optional):
+            raise InputError(f"{where}: unknown {kind} {key!r}, known are {', '.join((*required, *optional))}")
+    for key in required:
+        if key not in value:
+            raise InputError(f"{where}: {kind} {key!r} is missing")
+    return dict(value)
+
+
+def text_of(value: object, where: str) -> str:
+    """A text that says something; raises InputError naming the place."""
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(f"{where} is {value!r}, expected a text")
+    return value
 
 
 class _Loader(yaml.SafeLoader):

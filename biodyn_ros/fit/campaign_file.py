@@ -16,12 +16,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from biodyn_core.errors import InputError
 from biodyn_core.parameters import UNFITTED
 from biodyn_core.subject import Subject, load_subject
-from biodyn_core.yaml_files import read_yaml
+from biodyn_core.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_ros.files import is_there
 from biodyn_ros.resources import subject_file
 
@@ -58,7 +58,7 @@ def load_campaign(path: str | Path) -> Campaign:
 
 
 def _campaign(data: object, path: Path) -> Campaign:
-    rows = _keys(data, "the file", ("subjects",))["subjects"]
+    rows = mapping_of(data, "the file", ("subjects",))["subjects"]
     if not isinstance(rows, list) or not rows:
         raise InputError("subjects: expected a list of at least one subject")
     files, entries = [], []
@@ -72,14 +72,14 @@ def _campaign(data: object, path: Path) -> Campaign:
 
 
 def _entry(row: object, where: str, base: Path) -> tuple[Path, Entry]:
-    given = _keys(row, where, ("subject", "bags"), ("name", "hold_out", "cases"))
-    text = _text(given["subject"], f"{where}.subject")
+    given = mapping_of(row, where, ("subject", "bags"), ("name", "hold_out", "cases"))
+    text = text_of(given["subject"], f"{where}.subject")
     try:
         file = path if is_there(path := base / text) and path.is_file() else subject_file(text)
         subject = load_subject(file, UNFITTED)
     except InputError as error:
         raise InputError(f"{where}.subject: {error}") from error
-    name = _text(given.get("name", subject.name), f"{where}.name")
+    name = text_of(given.get("name", subject.name), f"{where}.name")
     if not _NAME.fullmatch(name):
         raise InputError(f"{where}.name: {name!r} cannot be a file's; give a name of letters, digits and . - + _")
     bags = _bags(given["bags"], f"{where}.bags", base)
@@ -99,7 +99,7 @@ def _bags(value: object, where: str, base: Path) -> dict[str, str]:
         raise InputError(f"{where}: expected a list of bags")
     found = {}
     for index, item in enumerate(value):
-        text = _text(item, f"{where}[{index}]")
+        text = text_of(item, f"{where}[{index}]")
         if text in found:
             raise InputError(f"{where}[{index}]: {text} is given twice")
         path = _from(base, text, f"{where}[{index}]")
@@ -125,8 +125,8 @@ def _check_once(bags: Sequence[str], where: str) -> None:
 
 def _cases(value: object, where: str, bags: Mapping[str, str]) -> dict[str, str]:
     cases = {}
-    for bag, case in _keys(value, where, (), tuple(bags), "bag").items():
-        cases[bags[bag]] = _text(case, f"{where}: {bag}")
+    for bag, case in mapping_of(value, where, (), tuple(bags), "bag").items():
+        cases[bags[bag]] = text_of(case, f"{where}: {bag}")
     return cases
 
 
@@ -148,23 +148,3 @@ def _check_names(entries: Sequence[Entry]) -> None:
                     f"subjects[{index}].subject: {person.name} has {key} {other}, but {one} in subjects[{first}]; "
                     "one person has one"
                 )
-
-
-def _keys(
-    value: object, where: str, required: tuple[str, ...], optional: tuple[str, ...] = (), kind: str = "key"
-) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: expected keys and values, got {type(value).__name__}")
-    for key in value:
-        if key not in (*required, *optional):
-            raise InputError(f"{where}: unknown {kind} {key!r}, known are {', '.join((*required, *optional))}")
-    for key in required:
-        if key not in value:
-            raise InputError(f"{where}: {kind} {key!r} is missing")
-    return value
-
-
-def _text(value: object, where: str) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise InputError(f"{where}: is {value!r}, expected a text")
-    return value
