@@ -14,8 +14,8 @@ from biodyn_core.errors import InputError
 from biodyn_core.identification.identify import Task
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.parameters import LOWER, UPPER
-from biodyn_ros.fit.campaign import Fits
 from biodyn_ros.fit.campaign_file import Entry
+from biodyn_ros.fit.campaign_results import Fits
 from biodyn_ros.fit.fitting import FitOptions
 from biodyn_ros.work.executors import executor_of
 from biodyn_ros.work.tasks import Work

@@ -21,8 +21,10 @@ from biodyn_core.subject import load_subject
 from biodyn_core.synthesis import SensorSettings
 from biodyn_ros import cli
 from biodyn_ros.fit import campaign as campaigns
-from biodyn_ros.fit.campaign import check_failed, fit_campaign, text_of
+from biodyn_ros.fit import campaign_results as results
+from biodyn_ros.fit.campaign import fit_campaign
 from biodyn_ros.fit.campaign_file import load_campaign
+from biodyn_ros.fit.campaign_text import check_failed, text_of
 from biodyn_ros.fit.fitting import FitOptions, fit_bags
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.work.executors import executor_of
@@ -251,7 +253,7 @@ def test_an_error_of_ours_is_told_and_does_not_stop_the_others(field: Path, tmp_
 def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path, monkeypatch) -> None:
     fitted = []
     monkeypatch.setattr(campaigns, "fit_one", lambda entry, options: fitted.append(entry.name) or chores.fits(entry))
-    monkeypatch.setattr(campaigns, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
+    monkeypatch.setattr(results, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
     campaign = load_campaign(field / "campaign.yaml")
     fit_campaign(campaign, tmp_path, QUICK)
     with pytest.raises(InputError, match=r"anna.yaml: is of another fit: .*; remove it to fit anew, or give another"):

@@ -33,9 +33,9 @@ from biodyn_core.subject import load_subject
 from biodyn_ros.cli import main
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import page as fit_report
-from biodyn_ros.fit.campaign import fit_campaign, write_campaign_page
+from biodyn_ros.fit.campaign import fit_campaign
 from biodyn_ros.fit.campaign_file import load_campaign
-from biodyn_ros.fit.campaign_page import campaign_page, judge_campaign
+from biodyn_ros.fit.campaign_page import campaign_page, judge_campaign, write_campaign_page
 from biodyn_ros.fit.drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
 from biodyn_ros.fit.fitting import FitOptions, Fitted, fit_bags, write_fitted
 from biodyn_ros.fit.page import doubts, fit_events, fit_page, judge_fit, write_fit_page

@@ -120,8 +120,10 @@ def _subject(options: argparse.Namespace) -> None:
 
 def _campaign(options: argparse.Namespace) -> None:
     from biodyn_ros.files import remove
-    from biodyn_ros.fit.campaign import check_failed, fit_campaign, page_of, text_of, write_campaign_page
+    from biodyn_ros.fit.campaign import fit_campaign
     from biodyn_ros.fit.campaign_file import load_campaign
+    from biodyn_ros.fit.campaign_results import page_of
+    from biodyn_ros.fit.campaign_text import check_failed, text_of
     from biodyn_ros.work.executors import executor_of
 
     if options.bag or options.subject or options.hold_out or options.case:
@@ -134,6 +136,8 @@ def _campaign(options: argparse.Namespace) -> None:
         )
     show(options, document, text_of(document))
     if not options.no_report:
+        from biodyn_ros.fit.campaign_page import write_campaign_page  # an extra of its own
+
         write_campaign_page(document, directory)
     else:
         remove(page_of(directory))

@@ -6,59 +6,17 @@ One subject is one task. Its bags are read where the task is done, so their path
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any, Final
 
 from biodyn_core.errors import InputError, one_line
-from biodyn_ros import __version__
-from biodyn_ros.files import make_directory, write_text
+from biodyn_ros.files import make_directory
 from biodyn_ros.fit.campaign_file import Campaign, Entry
-from biodyn_ros.fit.fitting import FitOptions, Fitted, check_profiles, fit_bags, json_beside, page_beside
-from biodyn_ros.json_files import keys_of, read_json, write_json
+from biodyn_ros.fit.campaign_results import Document, Fits, Results, fingerprint
+from biodyn_ros.fit.fitting import FitOptions, Fitted, check_profiles, fit_bags
 from biodyn_ros.progress import OnProgress, silent, unwatched
-from biodyn_ros.provenance import bag_sha256
-from biodyn_ros.reading.recordings import case_of
-from biodyn_ros.wording import number
-from biodyn_ros.work.executors import as_done, result_of
+from biodyn_ros.work.executors import as_done
 from biodyn_ros.work.tasks import Work
-
-Document = dict[str, Any]
-
-SCHEMA: Final = 1
-
-
-@dataclass(frozen=True)
-class Fits:
-    """What comes back of one subject: what tells its fit from another, fit.json, and the subject's file.
-
-    page: fit.html, None where none was asked for or it could not be drawn, which page_fault tells.
-    """
-
-    fingerprint: str
-    document: Document
-    subject: str
-    page: str | None = None
-    page_fault: str | None = None
-
-
-@dataclass(frozen=True)
-class Row:
-    """One subject in campaign.json; `waiting` for what is not begun or not finished."""
-
-    name: str
-    subject: str
-    bags: list[str]
-    held_out: list[str]
-    state: str = "waiting"
-    error: str | None = None
-    seconds: float | None = None
-    mean_error_percent: float | None = None
-    result: str | None = None
-    fingerprint: str | None = None
-    page: str | None = None
 
 
 def fit_campaign(
@@ -80,7 +38,7 @@ def fit_campaign(
     """
     o = options or FitOptions()
     check_profiles(o)
-    results = _Results(campaign, directory)
+    results = Results(campaign, directory)
     if results.path.exists():
         if not resume:
             raise InputError(f"{results.path}: holds a campaign; give --resume to go on with it, or another directory")
@@ -118,158 +76,3 @@ def _fitted(entry: Entry, options: FitOptions) -> tuple[str, Fitted]:
     own = dataclasses.replace(options, held_out=entry.held_out, cases=entry.cases)
     same = fingerprint(entry, options)
     return same, fit_bags(entry.bags, entry.subject, own, Work(watch=silent))
-
-
-def fingerprint(entry: Entry, options: FitOptions) -> str:
-    """What tells one fit from another: subject, bags by content, with role and case, options, and version."""
-    bags = [
-        (role, bag_sha256(bag), entry.cases.get(bag) or case_of(bag))
-        for role, paths in (("fitted", entry.bags), ("held out", entry.held_out))
-        for bag in paths
-    ]
-    shared = dataclasses.replace(options, held_out=(), cases={})
-    return hashlib.sha256(repr((entry.subject.to_dict(), bags, shared, __version__)).encode()).hexdigest()
-
-
-class _Results:
-    """The directory of a campaign's results, and what is in it so far."""
-
-    def __init__(self, campaign: Campaign, directory: Path) -> None:
-        self.path = directory / "campaign.json"
-        self._campaign, self._directory = campaign, directory
-        self._rows = {e.name: Row(e.name, e.subject.name, list(e.bags), list(e.held_out)) for e in campaign.entries}
-        inputs = {path.resolve() for path in campaign.inputs}
-        for entry in campaign.entries:
-            output = self._output(entry)
-            for path in (output, json_beside(output), page_beside(output), self.path, page_of(directory)):
-                if path.resolve() in inputs:
-                    raise InputError(f"{path}: the campaign reads this file; name another directory for its results")
-
-    @property
-    def waiting(self) -> list[Entry]:
-        """The entries without result."""
-        return [entry for entry in self._campaign.entries if self._rows[entry.name].state == "waiting"]
-
-    @property
-    def progress(self) -> tuple[int, int]:
-        """Bags of finished subjects, and bags in all."""
-        bags = {row.name: len(row.bags) for row in self._rows.values()}
-        return sum(bags.values()) - sum(bags[entry.name] for entry in self.waiting), sum(bags.values())
-
-    @property
-    def document(self) -> Document:
-        """The mapping of campaign.json."""
-        rows = [dataclasses.asdict(row) for row in self._rows.values()]
-        return {"schema": SCHEMA, "campaign": str(self._campaign.path), "version": __version__, "subjects": rows}
-
-    def write(self) -> None:
-        """Write campaign.json."""
-        write_json(self.path, self.document)
-
-    def take_up(self, options: FitOptions) -> None:
-        """Keep what campaign.json has of finished subjects that are still the same."""
-        try:
-            document = keys_of(read_json(self.path), "the file", ("schema", "campaign", "version", "subjects"))
-            if document["schema"] != SCHEMA or not isinstance(document["subjects"], list):
-                raise InputError(f"expected schema {SCHEMA} and a list of subjects")
-            finished = {row.name: row for row in map(_row, document["subjects"]) if row.state == "done"}
-        except InputError as error:
-            raise InputError(f"{self.path}: {error}; remove it to start anew") from None
-        for entry in self._campaign.entries:
-            output, row = self._output(entry), finished.get(entry.name)
-            if row and output.is_file() and json_beside(output).is_file():
-                if row.fingerprint != fingerprint(entry, options):
-                    raise InputError(
-                        f"{output}: is of another fit: other subject, bags, cases, options or version; remove it to "
-                        "fit anew, or give another directory"
-                    )
-                self._rows[entry.name] = row
-
-    def add(self, entry: Entry, future: Future[Fits]) -> None:
-        """Write a subject's results, or why there are none."""
-        row = self._rows[entry.name]
-        try:
-            fits = result_of(future, entry.name)
-        except Exception as error:  # noqa: BLE001 - also a fault of ours must not take the other subjects' hours
-            self._rows[entry.name] = dataclasses.replace(row, state="failed", error=one_line(error))
-        else:
-            output = self._output(entry)
-            write_json(json_beside(output), fits.document)
-            write_text(output, fits.subject)
-            page = self._page(output, fits)
-            self._rows[entry.name] = dataclasses.replace(
-                row, state="done", seconds=fits.document["seconds"], mean_error_percent=_mean_error(fits.document),
-                result=output.name, fingerprint=fits.fingerprint, error=fits.page_fault, page=page,
-            )  # fmt: skip
-        self.write()
-
-    def _page(self, output: Path, fits: Fits) -> str | None:
-        """Write a subject's page; the one of an earlier fit goes where there is none."""
-        path = page_beside(output)
-        if fits.page is None:
-            path.unlink(missing_ok=True)
-            return None
-        write_text(path, fits.page, errors="backslashreplace")
-        return path.name
-
-    def _output(self, entry: Entry) -> Path:
-        return self._directory / f"{entry.name}.yaml"
-
-
-def _mean_error(document: Document) -> float | None:
-    """Mean error of the subject that came out, over the cases it was fitted to."""
-    errors = [case[document["result"]]["mean"] for case in document["cases"]]
-    return None if None in errors else sum(errors) / len(errors)
-
-
-def _row(value: object) -> Row:
-    """A row of campaign.json; raises InputError for what we have not written."""
-    row = Row(**keys_of(value, "subjects", tuple(item.name for item in dataclasses.fields(Row))))
-    texts = (row.name, row.subject, row.state, row.error, row.result, row.fingerprint, row.page)
-    numbers = (row.seconds, row.mean_error_percent)
-    lists = (row.bags, row.held_out)
-    if not (
-        all(isinstance(text, (str, type(None))) for text in texts)
-        and all(isinstance(value, (int, float, type(None))) for value in numbers)
-        and all(isinstance(bags, list) and all(isinstance(bag, str) for bag in bags) for bags in lists)
-    ):
-        raise InputError(f"subjects: {str(row.name)[:40]!r} is none of ours")
-    return row
-
-
-def page_of(directory: Path) -> Path:
-    """Where the page over a campaign lies."""
-    return directory / "campaign.html"
-
-
-def write_campaign_page(document: Document, directory: Path) -> None:
-    """Write the page over all subjects from campaign.json and what lies beside; raises InputError as `write_drawn`."""
-    from biodyn_ros.fit.campaign_page import campaign_page  # an extra of its own
-    from biodyn_ros.reports.pages import write_drawn
-
-    write_drawn(page_of(directory), lambda: campaign_page(document, directory))
-
-
-# --- told ------------------------------------------------------------------------------------------------------------
-
-
-def text_of(document: Document) -> str:
-    """The table of subjects for the terminal."""
-    lines = [f"{'subject':<24}{'state':<9}{'error, %':>9}{'seconds':>9}{'bags':>6}"]
-    for row in document["subjects"]:
-        figures = f"{number(row['mean_error_percent']):>9}{number(row['seconds']):>9}{len(row['bags']):>6}"
-        lines.append(f"{row['name']:<24}{row['state']:<9}{figures}")
-        if row["error"]:
-            lines.append(f"  {row['error']}")
-    return "\n".join(lines)
-
-
-def check_failed(document: Document, directory: Path) -> None:
-    """Raise InputError naming the subjects that failed, for exit code 2; the results of the others are there."""
-    rows = document["subjects"]
-    failed = [row["name"] for row in rows if row["state"] == "failed"]
-    if failed:
-        raise InputError(
-            f"{len(failed)} of {len(rows)} subjects failed: {', '.join(failed)}; "
-            f"why is in {directory / 'campaign.json'}, --resume tries them again"
-        )

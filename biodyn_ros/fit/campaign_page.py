@@ -7,11 +7,12 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from biodyn_core.errors import InputError
+from biodyn_ros.fit.campaign_results import page_of
 from biodyn_ros.fit.drawings import MARKERS, estimates_of, subjects
 from biodyn_ros.fit.fitting import json_beside
 from biodyn_ros.fit.page import judge_fit
 from biodyn_ros.json_files import read_json
-from biodyn_ros.reports.pages import check_reports, render
+from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.verdict import Verdict
 from biodyn_ros.wording import number
 
@@ -22,6 +23,11 @@ MOST_DRAWN: Final = 40
 
 
 WORST_FIRST: Final = ("bad", "warn", "none", "good")
+
+
+def write_campaign_page(document: Document, directory: Path) -> None:
+    """Write the page over all subjects from campaign.json and what lies beside; raises InputError as `write_drawn`."""
+    write_drawn(page_of(directory), lambda: campaign_page(document, directory))
 
 
 def campaign_page(document: Document, directory: Path) -> str:
