@@ -16,8 +16,8 @@ from biodyn_core.conditioning import FILTER_ORDER, Conditioner
 from biodyn_core.errors import InputError
 from biodyn_core.flags import among, around, stretches
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
-from biodyn_core.levelling import laid_level, rotation_to_vertical
-from biodyn_core.upright import BLIND_S, NobodysLean, followed_up, true_vertical_mps2
+from biodyn_core.levelling import UP, laid_level, rotation_to_vertical
+from biodyn_core.upright import BLIND_S, NobodysLean, carried_over, followed_up, true_vertical_mps2
 
 LEFT_OF_AN_ERROR: Final = 1e-3
 """Of a wrong sample no more than this share is left where the low-pass is said to reach no further."""
@@ -97,14 +97,31 @@ class WornSensor:
         try:
             if not self._gyro.still:
                 raise ValueError("its gyro does not rest at the begin")
-            return [
-                followed_up(run.block.levelled_mps2, run.turning(rotation), run.block.rate_hz, gravity_mps2)
-                for run in self.runs
-            ]
+            return self._followed_from(rotation, gravity_mps2)
         except ValueError as error:
             self.turns_too_far = isinstance(error, NobodysLean)
             self._said.append(f"{self._conditioner.sensor}: {error}, so {AS_AT_REST}")
             return []
+
+    def _followed_from(self, rotation: Floats, gravity_mps2: float) -> list[Floats]:
+        """Where up is in every run: the first begins upright, the next as the one before ended, if just before."""
+        ups: list[Floats] = []
+        breaks_s: list[float] = []
+        before: tuple[int, Floats] | None = None
+        for run in self.runs:
+            block, rates, begin = run.block, run.turning(rotation), np.array(UP)
+            if before is not None:
+                away_s = 1e-9 * float(block.stamps_ns[0] - before[0])
+                if 0.0 < away_s <= BLIND_S:
+                    begin = carried_over(ups[-1][-1], before[1], rates[0], away_s)
+                else:
+                    breaks_s.append(abs(away_s))
+            ups.append(followed_up(block.levelled_mps2, rates, block.rate_hz, gravity_mps2, begin))
+            before = int(block.stamps_ns[-1]), rates[-1]
+        if breaks_s:
+            which = f"behind {len(breaks_s)} break{'s' if len(breaks_s) > 1 else ''} of up to {max(breaks_s):.2g} s"
+            self._said.append(f"{self._conditioner.sensor}: {which} {AS_AT_REST}")
+        return ups
 
     def set_upright(self, believed: bool, behind_s: float) -> None:
         """Read the verticals of all runs along where up is; not where the rates of the record are not believed.

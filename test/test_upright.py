@@ -71,6 +71,27 @@ def test_a_small_gap_of_the_gyro_is_bridged() -> None:
     assert any("head: its gyro has a gap of 0.3 s" in line for line in late.warnings)
 
 
+def test_behind_a_short_break_of_a_sensor_its_lean_goes_on_and_a_longer_one_is_named() -> None:
+    time_s, true, force, rates = swaying(15.0)
+    stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
+    still = true * np.array([0.0, 0.0, 1.0]) + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2])
+
+    def with_break(seconds: float, **settings: bool) -> Recording:
+        begin = int(np.argmax(np.abs(force[6000:8000, :2]).sum(axis=1))) + 6000
+        here = np.delete(np.arange(len(time_s)), np.s_[begin : begin + round(seconds * RATE_HZ)])
+        recorder = Recorder("road", "drive", settings=RecordingSettings(**settings))
+        recorder.push("seat", stamps_ns, still)
+        recorder.push("head", stamps_ns[here], force[here], rates[here])
+        (recording,) = recorder.finish()
+        return recording
+
+    short = with_break(0.06)
+    assert missed(short) < 0.02 and missed(with_break(0.06, keep_lean=True)) > 0.3
+    assert not any("break" in line for line in short.warnings)
+    long = with_break(0.5)
+    assert any("head: behind 1 break of up to 0.5 s its vertical is the axis" in line for line in long.warnings)
+
+
 @pytest.mark.parametrize(
     ("rates_of", "why"),
     [
@@ -136,7 +157,7 @@ def test_how_far_it_leans_on_the_mean_is_said_in_the_axes_of_its_channels() -> N
 
 def test_a_steady_turn_is_followed_exactly() -> None:
     rates = np.tile([0.3, -0.2, 0.1], (500, 1))
-    up = np.empty_like(rates)
+    up = np.tile([0.0, 0.0, 1.0], (500, 1))
     follow_up(rates, np.zeros_like(rates), 0.01, 0.0, up)
     expected = Rotation.from_rotvec(-rates * 0.01 * np.arange(500)[:, None]).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(up, expected, atol=1e-12)

@@ -10,14 +10,13 @@ from biodyn_core.kernels.compiling import compiled
 
 @compiled
 def follow_up(rates_radps: Floats, force_mps2: Floats, step_s: float, pull: float, up: Floats) -> None:
-    """The direction that was up (0, 0, 1) at the first sample, in the sensor's axes at every sample, into up (n, 3).
+    """The direction that is up as up[0] says at the first sample, in the sensor's axes at every sample, into up (n, 3).
 
     rates_radps and force_mps2 (n, 3) in the sensor's axes. What is fixed in the world turns the other way in the
     sensor: Rodrigues' rotation by the mean rate of each step, exact for a steady one. pull: share of the way to the
     direction of the specific force that is gone at each step, so that a bias does not add up for ever.
     """
-    x, y, z = 0.0, 0.0, 1.0
-    up[0, 0], up[0, 1], up[0, 2] = x, y, z
+    x, y, z = up[0, 0], up[0, 1], up[0, 2]
     for n in range(1, rates_radps.shape[0]):
         a = -0.5 * step_s * (rates_radps[n - 1, 0] + rates_radps[n, 0])
         b = -0.5 * step_s * (rates_radps[n - 1, 1] + rates_radps[n, 1])
