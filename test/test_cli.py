@@ -23,6 +23,7 @@ from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.cdr import IMU_TYPE, decode_accel_stamped, encode_imu
 from biodyn_ros.cli import main
 from biodyn_ros.exposure_json import exposure_document
+from biodyn_ros.reading.seat_motion import read_seat_motion
 from biodyn_ros.resources import bag_file, subject_file
 from biodyn_ros.simulate import START_NS, motion_of_cases
 
@@ -520,6 +521,12 @@ def test_bad_arguments_are_one_clear_line(
     ("text", "said"),
     [
         ("x,y,z\n1,2,3\n1,2\n", "rows of 3 numbers are needed"),
+        ("t,ax_g,ay_g,az_g\n0,0,0,1\n1,0,0,1\n", "ax_g is in g, m/s^2 are needed"),
+        ("t,ax [mg],ay [mg],az [mg]\n0,0,0,1\n1,0,0,1\n", "ax [mg] is in mg, m/s^2 are needed"),
+        ("t,x,y,z\n0,0,0,1.01\n3,0,0,0.99\n", "1.00 is felt on the mean, as of readings in g"),
+        ("t,angular_velocity_x,angular_velocity_y,angular_velocity_z\n0,0,0,1\n3,0,0,1\n", "no acceleration columns"),
+        ("t,altitude\n0,200\n3,201\n", "no acceleration columns"),
+        ("t,ax,ay\n0,0,0\n3,0,0\n", "no acceleration columns"),
         ("x,y,z\n1,2,3\n1,nan,3\n", "line 3 holds a value that is not finite"),
         ("x,y,z\n\n1,2,3\n\n1,nan,3\n", "line 5 holds a value that is not finite"),
         ("t,p,q\n0,2,3\n1,2,3\n", "no acceleration columns"),
@@ -537,6 +544,37 @@ def test_a_broken_seat_file_is_one_clear_line(
     assert "seat.csv" in line
     assert said in line
     assert not (tmp_path / "bag.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "t,x,y,z", "t,ax,ay,az", "t,a_forward,a_left,a_up", "t,acc_x,acc_y,acc_z", "t,Accel X,Accel Y,Accel Z",
+        "t,linear_acceleration_x,linear_acceleration_y,linear_acceleration_z", "t,ax [m/s^2],ay [m/s^2],az [m/s^2]",
+        "t,ax_mps2,ay_mps2,az_mps2", "t,acceleration.x,acceleration.y,acceleration.z",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0)])
+def test_columns_of_acceleration_are_known_by_their_names_in_any_order(
+    header: str, order: tuple[int, ...], tmp_path: Path
+) -> None:
+    at_s = np.arange(400) / 100.0
+    moving = np.column_stack([np.sin(3.0 * at_s), 0.5 * np.cos(5.0 * at_s), 2.0 * np.sin(9.0 * at_s)])
+    time_name, *names = header.split(",")
+    columns = np.column_stack([at_s, (moving + np.array([0.0, 0.0, 9.81]))[:, order]])
+    rates = np.random.default_rng(1).normal(size=(400, 3))  # of a gyro, beside it
+    head = ",".join([time_name, *(names[k] for k in order), "angular_velocity_x,angular_velocity_y,angular_velocity_z"])
+    np.savetxt(tmp_path / "seat.csv", np.hstack([columns, rates]), delimiter=",", header=head, comments="")
+    motion = read_seat_motion(tmp_path / "seat.csv", None, {})
+    np.testing.assert_allclose(motion.accel_mps2[:, 2], moving[:399, 2], atol=0.15)
+
+
+def test_forward_right_and_down_is_turned_up(tmp_path: Path) -> None:
+    at_s = np.arange(400) / 100.0
+    rows = np.column_stack([at_s, 0.0 * at_s, 0.0 * at_s, -np.sin(9.0 * at_s)])
+    np.savetxt(tmp_path / "seat.csv", rows, delimiter=",", header="t,a_forward,a_right,a_down", comments="")
+    motion = read_seat_motion(tmp_path / "seat.csv", None, {})
+    assert np.corrcoef(motion.accel_mps2[:, 2], np.sin(9.0 * at_s[:399]))[0, 1] > 0.999
 
 
 # --- compare and validate --------------------------------------------------------------------------------------------

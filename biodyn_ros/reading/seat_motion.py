@@ -6,6 +6,7 @@ Gravity in the record tells the vertical and is removed; a record without it mus
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +22,20 @@ from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.stamps import choose_times
 
 TIME_NAMES: Final = ("t", "t_s", "time", "time_s", "timestamp_s", "seconds")
-ACCEL_PREFIXES: Final = ("a_", "a", "acc_", "acc", "accel_")
+
+_COLUMN: Final = re.compile(
+    r"(?:(?P<of>(?:linear_)?acceleration|linear_accel|accel|acc|a)[_. ]?)?(?P<axis>x|y|z|forward|left|right|up|down)?"
+    r"(?:[_ ]?[\[(](?P<unit>[^\])]*)[\])]|_(?P<suffix>m?g|mps2|ms2|m/s\^?2))?"
+)
+"""How a column of acceleration is named, in lower case: of what, along which axis, in which unit."""
+
+_UNITS: Final = (None, "m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "ms2", "ms-2", "m s-2")
+_AXES: Final = (("x", "forward"), ("y", "left", "right"), ("z", "up", "down"))
+_TURNED: Final = ("right", "down")
+
+IN_G: Final = (0.9, 1.1)
+"""What is felt on the mean, m/s^2, between these is gravity in another unit: nothing moves so evenly."""
+
 MIN_RATE_HZ: Final = 20.0
 
 
@@ -76,11 +90,14 @@ def _from_csv(path: Path, rate_hz: float | None) -> tuple[Floats, Floats, Floats
     time_s = np.arange(len(table)) / (rate_hz or 1.0)
     if time_column is not None:
         time_s = table[:, time_column] - table[0, time_column]
-    columns = _accel_columns(path, names)
-    accel = table[:, columns]
+    columns, signs = _accel_columns(path, names)
+    accel = table[:, columns] * signs
     if accel.shape[1] == 1:
         up = accel[:, 0] - accel[:, 0].mean()
         return time_s, np.column_stack([np.zeros_like(up), np.zeros_like(up), up]), np.zeros_like(up)
+    felt = float(np.linalg.norm(accel.mean(axis=0)))
+    if IN_G[0] < felt < IN_G[1]:
+        raise InputError(f"{path}: {felt:.2f} is felt on the mean, as of readings in g: m/s^2 are needed")
     return time_s, _level(accel)[1], np.zeros(len(table))
 
 
@@ -111,15 +128,26 @@ def _read_table(path: Path) -> tuple[list[str], Floats]:
     return names, table
 
 
-def _accel_columns(path: Path, names: list[str]) -> list[int]:
-    """Three acceleration columns, or one: by names such as x y z, ax ay az, a_forward, acc_z."""
-    if {"x", "y", "z"} <= set(names):
-        return [names.index(axis) for axis in "xyz"]
-    for prefix in ACCEL_PREFIXES:
-        found = [i for i, name in enumerate(names) if name.startswith(prefix) and name not in TIME_NAMES]
-        if len(found) in (1, 3):
-            return found
-    raise InputError(f"{path}: no acceleration columns among {', '.join(names)}: name them ax, ay, az or x, y, z")
+def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
+    """Where three acceleration columns, or one, stand: forward, left and up with their signs.
+
+    By names such as x y z, ax ay az, a_forward, acc_z or linear_acceleration_x, in any order. Raises InputError where
+    there are none, and for another unit.
+    """
+    found: dict[str, int] = {}
+    for place, name in enumerate(names):
+        column = _COLUMN.fullmatch(name)
+        if column is None or not (column["of"] or column["axis"]):
+            continue
+        if (unit := column["unit"] or column["suffix"]) not in _UNITS:
+            raise InputError(f"{path}: {name} is in {unit}, m/s^2 are needed")
+        found[column["axis"] or ""] = place
+    chosen = [axis for axes in _AXES for axis in axes if axis in found]
+    if len(found) == 1:
+        chosen = list(found)
+    elif len(found) != 3 or len(chosen) != 3 or any(not set(axes) & set(chosen) for axes in _AXES):
+        raise InputError(f"{path}: no acceleration columns among {', '.join(names)}: name them ax, ay, az or x, y, z")
+    return [found[axis] for axis in chosen], np.array([-1.0 if axis in _TURNED else 1.0 for axis in chosen])
 
 
 def _level(accel: Floats) -> tuple[Floats, Floats]:
