@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 from biodyn_core.subject import Subject
 from biodyn_ros.bag import BagReader, open_bag
@@ -52,6 +52,13 @@ def sha256_of(files: Iterable[Path], most_bytes: int | None = None) -> str:
                 digest.update(block)
                 left -= len(block)
     return digest.hexdigest()
+
+
+def rests_on(subject: Subject, besides: Container[str]) -> list[Any]:
+    """The recordings, as its file names them, that a subject's effects were fitted to, but for these hashes."""
+    known = subject.provenance.get("fitted") if subject.effects else None
+    earlier = known if isinstance(known, list) else []
+    return [each for each in earlier if isinstance(each, Mapping) and each.get("sha256") not in besides]
 
 
 def role_of(subject: Subject, sha256: str) -> Role | None:

@@ -1,5 +1,6 @@
 """From bags to a subject file: what is written, what is held out, what is refused."""
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -17,11 +18,13 @@ from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_core.subject import load_subject
+from biodyn_core.subject import Subject, load_subject
 from biodyn_ros.cli import main
+from biodyn_ros.fit.document import not_new, provenance
 from biodyn_ros.fit.fitting import FitOptions, Fitted, check_output, fit_bags, parse_cases, write_fitted
 from biodyn_ros.fit.text import text_of
 from biodyn_ros.provenance import bag_sha256, role_of
+from biodyn_ros.reading.events import BagEvent
 
 SUBJECT = subject()
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=200)
@@ -114,6 +117,21 @@ def test_the_subject_file_remembers_its_bags(fitted: Fitted, bags: dict[str, Pat
     kept = yaml.safe_load((tmp_path / "anna.yaml").read_text())["provenance"]
     assert kept["intervals"]["natural_frequency_hz[head]"][0] < written.parameters.natural_frequency_hz[5]
     assert kept["seed"] == 0 and kept["result"] == "joint" and len(kept["held_out"]) == 2
+
+
+def test_what_a_given_effect_rests_on_stays_fitted_to(fitted: Fitted, bags: dict[str, Path]) -> None:
+    """An effect that was traced in one recording is no news there, though theta is fitted to others."""
+    of_old = {"bag": "old.mcap", "sha256": bag_sha256(bags["spare"])}
+    known = {"fitted": [of_old, {"bag": "road.mcap", "sha256": bag_sha256(bags["road"])}]}
+    given = Subject.from_dict(
+        SUBJECT.to_dict() | {"effects": [{"name": "lift_off", "site": "pelvis"}], "provenance": known}
+    )
+    kept = provenance(fitted.document, given)["fitted"]
+    assert [each["sha256"] for each in kept].count(of_old["sha256"]) == 1 and len(kept) == 3
+    assert len(provenance(fitted.document, dataclasses.replace(given, effects=()))["fitted"]) == 2
+    spare = BagEvent("spare.mcap", of_old["sha256"], fitted.held_out[0], True)
+    (said,) = not_new(given, [(spare, fitted.held_out[0])])
+    assert said == "spare.mcap: held out, but an effect of the subject that was given was fitted to it"
 
 
 def test_a_bag_that_was_fitted_to_validates_nothing(

@@ -95,6 +95,12 @@ class Case:
         return round(WARM_UP_S * self.rate_hz)
 
     @property
+    def seat_peak_mps2(self) -> float:
+        """The largest acceleration of the seat where anything is compared, and in the warm-up: no misread spike."""
+        told = self.compared.any(axis=1) | (np.arange(self.seat_mps2.size) < self.begin)
+        return float(np.abs(self.seat_mps2[told]).max(initial=0.0))
+
+    @property
     def fitted(self) -> tuple[str, ...]:
         """The segments that are fitted to."""
         return _named(self.energy > 0.0)

@@ -20,6 +20,7 @@ from biodyn_core.identification.uncertainty import Estimate, Uncertainty
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import MassMatrix, Subject
 from biodyn_ros.json_files import finite
+from biodyn_ros.provenance import rests_on
 from biodyn_ros.reading.events import BagEvent
 
 Document = dict[str, Any]
@@ -87,20 +88,21 @@ def fit_document(
         "penalties": dict(_penalties(found)),
         "seed": seed,
         "settings": _settings(found),
-        "warnings": warnings_of([*fitted, *held_out]),
+        "warnings": [*warnings_of([*fitted, *held_out]), *not_new(subject, held_out)],
     }
 
 
-def provenance(document: Document) -> Document:
-    """What the subject's file keeps of its fit."""
+def provenance(document: Document, given: Subject) -> Document:
+    """What the subject's file keeps of its fit; what effects that were given rest on counts as fitted to."""
     result = document["result"]
+    fitted = [_origin(event) | {"nrmse_rms_percent": event[result]["mean"]} for event in document["cases"]]
     intervals = {name: [of["lower"], of["upper"]] for name, of in document["intervals"].items()}
     return {
         "made_by": "biodyn fit",
         "version": document["version"],
         "seed": document["seed"],
         "result": result,
-        "fitted": [_origin(event) | {"nrmse_rms_percent": event[result]["mean"]} for event in document["cases"]],
+        "fitted": fitted + rests_on(given, besides={each["sha256"] for each in fitted}),
         "held_out": [
             _origin(event) | {"nrmse_rms_percent": event[result]["nrmse_rms"]} for event in document["held_out"]
         ],
@@ -122,7 +124,7 @@ def _case(event: BagEvent, case: Case, fit: Fit) -> Document:
         "compared_s": by_segment(case.compared.sum(axis=0) / case.rate_hz),
         "not_fitted": [name for name in MEASURED_SEGMENTS if name not in case.fitted],
         "seat_rms_mps2": float(np.sqrt(np.mean(case.seat_mps2**2))),
-        "seat_peak_mps2": float(np.abs(case.seat_mps2).max()),
+        "seat_peak_mps2": case.seat_peak_mps2,
         "error": _error(fit.errors[0]) | {"objective": fit.refined.objective},
         "parameters": _parameters(fit.subject),
         "at_bound": list(fit.at_bound),
@@ -257,6 +259,13 @@ def _delays(fit: Fit, number: int) -> Document:
 def warnings_of(events: Iterable[Prepared]) -> list[str]:
     """What is to be said of the events, with their bags, each once."""
     return list(dict.fromkeys(f"{event.bag}: {line}" for event, case in events for line in case.warnings))
+
+
+def not_new(given: Subject, held_out: Sequence[Prepared]) -> list[str]:
+    """What is held out, though an effect that was given rests on it; theta is fitted anew, and knows nothing of it."""
+    known = {each.get("sha256") for each in rests_on(given, besides=())}
+    bags = dict.fromkeys(event.bag for event, _ in held_out if event.sha256 in known)
+    return [f"{bag}: held out, but an effect of the subject that was given was fitted to it" for bag in bags]
 
 
 def _origin(event: Document) -> Document:

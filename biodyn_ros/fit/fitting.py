@@ -94,7 +94,7 @@ def fit_bags(
         list(zip(spare, held_out, strict=True)), o.seed,
     )  # fmt: skip
     document |= {"seconds": time.monotonic() - begin, "version": __version__}
-    fitted_subject = dataclasses.replace(identification.subject, provenance=provenance(document))
+    fitted_subject = dataclasses.replace(identification.subject, provenance=provenance(document, subject))
     return Fitted(document, fitted_subject, identification, subject, tuple(held_out))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +18,7 @@ from biodyn_core.tracing.findings import Candidate, ComparedEvent, Diagnostics, 
 from biodyn_ros import __version__
 from biodyn_ros.fit.document import Prepared, by_segment
 from biodyn_ros.json_files import finite
+from biodyn_ros.provenance import rests_on
 from biodyn_ros.reading.events import BagEvent
 
 Document = dict[str, Any]
@@ -69,9 +70,7 @@ def provenance(document: Document, trace: Trace, bags: Sequence[Prepared], subje
     Bags that chose the effect count as fitted to. So do those that an effect already in the file rests on.
     """
     origins = [origin(event, case, trace) for event, case in bags]
-    own = {each["sha256"] for each in origins}
-    known = subject.provenance.get("fitted") if subject.effects else None
-    earlier = [each for each in known or () if isinstance(each, Mapping) and each.get("sha256") not in own]
+    earlier = rests_on(subject, besides={each["sha256"] for each in origins})
     return {
         "made_by": "biodyn trace",
         "version": document["version"],
@@ -82,7 +81,7 @@ def provenance(document: Document, trace: Trace, bags: Sequence[Prepared], subje
         "error": {
             when: {use: each["all"] for use, each in by_use.items()} for when, by_use in document["error"].items()
         },
-        "seat_peak_mps2": max(float(np.abs(case.seat_mps2).max()) for event, case in bags if not event.held_out),
+        "seat_peak_mps2": max(case.seat_peak_mps2 for event, case in bags if not event.held_out),
         "effects": {
             f"{effect['name']} at {effect['site']}": {
                 name: [of["lower"], of["upper"]] for name, of in effect["intervals"].items()
