@@ -59,6 +59,8 @@ class Recording:
     leans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """How far the sensors that were set upright lean on the mean, behind the warm-up, along x and y of `Channels`: what
     of a motion along these they would have read as vertical."""
+    seat_misread_s: float = 0.0
+    """Seconds in which the seat was not truly read, or the low-pass reaches what was not."""
     headings: Mapping[str, float] = field(default_factory=dict)
     """How far x of these sensors' `Channels` is turned to the left of the seat's, rad, where their motion tells it."""
 
@@ -193,6 +195,7 @@ class Recorder:
             warnings=(*self._moved(levels), *self._masked(unsettled, measured, rate_hz)),
             channels=channels,
             leans={name: sensor.lean for name, sensor in self._sensors.items() if sensor.lean is not None},
+            seat_misread_s=float(np.count_nonzero(np.isnan(tracks[SEAT][0])) / rate_hz),
             headings=headings_rad(channels, rate_hz),
         )
 

@@ -8,7 +8,7 @@ is left out too. A small error in time passes nothing by itself: the paper's own
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -23,7 +23,7 @@ from biodyn_core.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.model import Chain, Response, SeatForce, predict
 from biodyn_core.recording import WORTH_A_LINE_S, Recording
 from biodyn_core.response import CrossSpectra, Peak, SpectrumSettings, common_rate_hz, cross_spectra, peak
-from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEGMENTS
+from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.subject import Subject
 
 _HEAD: Final = SEGMENTS.index(HEAD)
@@ -109,7 +109,7 @@ class HeadPeaks:
 class Exposures:
     """Doses by segment, DRI, and HIC by the name of its window, of low-passed channels behind the warm-up.
 
-    masked: the segments of which so much is missing that their figures are lower bounds.
+    masked: the segments, and the seat, of which anything is missing, so that their figures are lower bounds.
     """
 
     seat: Dose
@@ -216,16 +216,29 @@ def _exposures(runs: Sequence[PredictedRun], rate_hz: float) -> Exposures:
     _count(runs, doses, lambda run: np.column_stack([run.seat_mps2, run.measured_mps2, run.predicted_mps2]))
     _count(runs, dri, lambda run: run.seat_mps2[:, None])
     seat, *others = doses.since_reset()
-    missing = np.concatenate([np.isnan(run.measured_mps2[run.begin :]) for run in runs]).sum(axis=0) / rate_hz
     return Exposures(
         seat=seat,
         measured=dict(zip(SEGMENTS, others[: len(SEGMENTS)], strict=True)),
         predicted=dict(zip(SEGMENTS, others[len(SEGMENTS) :], strict=True)),
-        masked=frozenset(name for name, i in _MEASURED.items() if missing[i] > WORTH_A_LINE_S),
+        masked=frozenset(_masked(runs)),
         dri=dri.since_reset(),
         measured_hic=_hics(runs, rate_hz, lambda run: run.measured_mps2),
         predicted_hic=_hics(runs, rate_hz, lambda run: run.predicted_mps2),
     )
+
+
+def _masked(runs: Sequence[PredictedRun]) -> Iterator[str]:
+    """What was not read throughout; the end of a run, where the low-pass sees nothing beyond, is no loss."""
+    if any(run.recording.seat_misread_s > 0.0 for run in runs):
+        yield SEAT
+    for name, column in _MEASURED.items():
+        for run in runs:
+            missing = np.isnan(run.measured_mps2[run.begin :, column])
+            read = np.flatnonzero(~missing)
+            within = missing[: read[-1]].any() if read.size else True
+            if within or missing.sum() > WORTH_A_LINE_S * run.recording.rate_hz:
+                yield name
+                break
 
 
 def _hics(runs: Sequence[PredictedRun], rate_hz: float, side: Callable[[PredictedRun], Floats]) -> dict[str, Hic]:

@@ -18,6 +18,7 @@ from streams import RATE_HZ, START_NS, independent_streams, noisy_streams, subje
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.flags import around, stretches
+from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain
 from biodyn_core.recording import WARM_UP_S, Recorder, Recording, RecordingSettings, level_mps2, representative
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
@@ -325,6 +326,15 @@ def test_a_spike_is_no_excitation():
     streams = changed([quiet(stream) for stream in independent_streams(6.0)], "seat", clip_at(5000, 1))
     with pytest.raises(InputError, match="without excitation"):
         recorded(streams)
+
+
+def test_a_spike_is_no_peak_of_the_seat_that_anything_was_fitted_to():
+    streams = independent_streams(6.0)
+    plain, spiked = (one(each) for each in (streams, changed(streams, "seat", clip_at(5000, 1))))
+    assert spiked.seat_misread_s > 0.0 == plain.seat_misread_s
+    peak_mps2 = Case.of(plain).seat_peak_mps2
+    assert peak_mps2 == pytest.approx(np.abs(plain.seat_mps2).max(), rel=0.01)
+    assert np.abs(spiked.seat_mps2).max() > 2.0 * peak_mps2 and Case.of(spiked).seat_peak_mps2 <= peak_mps2
 
 
 def test_an_unknown_sensor_is_refused():

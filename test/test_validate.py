@@ -329,6 +329,35 @@ def test_what_is_masked_is_left_out_on_both_sides():
     assert document["verdict"] == "agrees"
 
 
+def test_one_short_mask_makes_a_lower_bound_and_the_end_of_a_run_none():
+    def mask(measured: np.ndarray) -> None:
+        measured[8000:8031, HEAD] = np.nan  # one clipped sample, as far as a low-pass of 200 Hz reaches
+        measured[-40:, NECK] = np.nan
+
+    segments = document_of(with_measured(event(), mask))["exposure"]["segments"]
+    assert segments["head"]["lower_bound"] is True and segments["neck"]["lower_bound"] is False
+
+
+def test_a_seat_that_was_misread_makes_all_that_it_drives_a_lower_bound():
+    exposure = document_of(dataclasses.replace(event(), seat_misread_s=0.04))["exposure"]
+    marked = [exposure["seat"], exposure["dri"], exposure["hic15"], *exposure["segments"].values()]
+    assert all(each["lower_bound"] is True for each in marked)
+    exposure = document_of(event())["exposure"]
+    assert exposure["seat"]["lower_bound"] is False and exposure["dri"]["lower_bound"] is False
+
+
+def test_a_segment_that_was_hardly_compared_is_undecided():
+    def lose(measured: np.ndarray) -> None:
+        measured[BEHIND + 400 :, NECK] = np.nan
+
+    document = document_of(with_measured(event(), lose))
+    assert ("undecided", "too_short", "neck") in kinds(document) and document["verdict"] == "undecided"
+
+
+def test_the_bandwidth_of_injury_criteria_is_that_of_the_low_pass():
+    assert document_of(event())["exposure"]["hic15"]["bandwidth_hz"] == 100.0
+
+
 def test_a_segment_without_sensor_is_undecided():
     def lose(measured: np.ndarray) -> None:
         measured[:, HEAD] = np.nan

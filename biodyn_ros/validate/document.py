@@ -36,9 +36,17 @@ class Validated:
 
 
 def validation_document(
-    found: Validation, bag: str, role: Role | None, spectra: SpectrumSettings, limits: ValidationSettings
+    found: Validation,
+    bag: str,
+    role: Role | None,
+    spectra: SpectrumSettings,
+    limits: ValidationSettings,
+    cutoff_hz: float,
 ) -> Document:
-    """All that was compared, with the findings and the verdict by these limits; role is what the bag was to the fit."""
+    """All that was compared, with the findings and the verdict by these limits.
+
+    role is what the bag was to the fit; cutoff_hz is of the low-pass that everything lies behind.
+    """
     recordings = [run.recording for run in found.runs]
     made, rest = without_note(dict.fromkeys(line for recording in recordings for line in recording.warnings))
     document: Document = {
@@ -62,7 +70,7 @@ def validation_document(
         "power_spectral_density": power_document(found.measured, found.predicted),
         "stht": _stht(found.head),
         "driving_point": _driving_point(found, limits.least_coherence),
-        "exposure": _exposure(found.exposures),
+        "exposure": _exposure(found.exposures, cutoff_hz),
         "warnings": rest,
         "version": __version__,
     }
@@ -76,27 +84,32 @@ def validation_document(
 # --- doses -----------------------------------------------------------------------------------------------------------
 
 
-def _exposure(found: Exposures) -> Document:
+def _exposure(found: Exposures, cutoff_hz: float) -> Document:
+    misread = SEAT in found.masked  # then all that it drives lacks something too
+    seat = _dose(found.seat)
     document: Document = {
         "channel": "low_passed",
-        SEAT: _dose(found.seat),
+        SEAT: seat and seat | {"lower_bound": misread},
         "segments": {
             name: {
                 "measured": _dose(found.measured[name]),
                 "predicted": _dose(found.predicted[name]),
-                "lower_bound": name in found.masked,
+                "lower_bound": misread or name in found.masked,
             }
             for name in SEGMENTS
         },
-        "dri": {"compression": found.dri.compression, "as_printed": found.dri.as_printed, "class": found.dri.band},
-    }
+        "dri": {
+            "compression": found.dri.compression, "as_printed": found.dri.as_printed, "class": found.dri.band,
+            "lower_bound": misread,
+        },
+    }  # fmt: skip
     for name, measured in found.measured_hic.items():
         document[name] = {
             "measured": _hic(measured),
             "predicted": _hic(found.predicted_hic[name]),
-            "bandwidth_hz": measured.bandwidth_hz,
+            "bandwidth_hz": min(measured.bandwidth_hz, cutoff_hz),
         }
-        if HEAD in found.masked:
+        if misread or HEAD in found.masked:
             document[name]["lower_bound"] = True
     return document
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from biodyn_core.identification.problem import CaseSettings
 from biodyn_core.segments import HEAD
 from biodyn_core.settings import check_settings, setting
 from biodyn_ros.wording import number, words
@@ -15,6 +16,9 @@ Document = dict[str, Any]
 
 LEAST_COHERENCE: Final = 0.5
 """From which on a frequency can tell, unless said otherwise."""
+
+LEAST_COMPARED_S: Final = CaseSettings().least_compared_s
+"""A segment that was compared for less has no say, in validation as in a fit."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,9 @@ def findings(document: Document, limits: ValidationSettings) -> Iterator[Documen
     for name, error in document["error"]["segments"].items():
         if error is None or error["nrmse_rms_percent"] is None:
             yield _finding("undecided", "not_measured", name, f"{words(name)}: not measured in this event")
+        elif error["compared_s"] < LEAST_COMPARED_S:
+            text = f"{words(name)}: compared for {number(error['compared_s'])} s only, {LEAST_COMPARED_S:g} s can tell"
+            yield _finding("undecided", "too_short", name, text)
         elif error["nrmse_rms_percent"] > limits.nrmse_percent:
             percent = number(error["nrmse_rms_percent"])
             text = f"{words(name)}: error {percent} % of its rms, above {limits.nrmse_percent:g} %"

@@ -124,7 +124,7 @@ def _doses(document: Document) -> list[Pair]:
         values = [of[side]["vdv_mps175"] if of[side] else None for side in ("measured", "predicted")]
         rows.append(Pair(words(name), *values, of["lower_bound"], of["lower_bound"], _missing(of)))
     seat = exposure[SEAT]
-    return [*rows, Pair(words(SEAT), seat["vdv_mps175"] if seat else None, None)]
+    return [*rows, Pair(words(SEAT), seat["vdv_mps175"] if seat else None, None, bool(seat and seat["lower_bound"]))]
 
 
 def _missing(of: Document) -> str:
@@ -132,7 +132,10 @@ def _missing(of: Document) -> str:
 
 
 def _dri(dri: Document) -> list[Pair]:
-    return [Pair("compression", dri["compression"], None), Pair("as printed, |z|", dri["as_printed"], None)]
+    lower = dri["lower_bound"]
+    return [
+        Pair("compression", dri["compression"], None, lower), Pair("as printed, |z|", dri["as_printed"], None, lower)
+    ]  # fmt: skip
 
 
 def _hic(exposure: Document) -> list[Pair]:

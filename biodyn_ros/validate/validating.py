@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from biodyn_core import validation
+from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.model import SeatForce
 from biodyn_core.recording import Recording
@@ -89,4 +90,5 @@ def validate_recordings(
     """The same for recordings at hand, the runs of one event; role is what the bag was to the subject's fit."""
     o = options or ValidateOptions()
     found = validation.validate(recordings, subject, o.limits.least_coherence, o.spectra, o.seat_force, o.as_printed)
-    return Validated(validation_document(found, bag, role, o.spectra, o.limits), found.runs)
+    cutoff_hz = (o.reading.conditioning or ConditioningSettings()).cutoff_hz
+    return Validated(validation_document(found, bag, role, o.spectra, o.limits, cutoff_hz), found.runs)
