@@ -345,7 +345,39 @@ def test_what_no_subject_carries_is_named_and_not_added() -> None:
     assert "What was found, and no subject carries" in page.text and "What was added" not in page.text
     beside = trace_document(found(effects=(tilt, STOP), intervals=((), found().intervals[0])))
     assert [effect["added"] for effect in beside["effects"]] == [False, True]
-    assert "Added, it takes the held-out error from 20.0 % to 3.50 %." in headline(beside)
+    assert headline(beside) == (
+        "Missing in the model: stop in the joint between seat and pelvis."
+        " Added, it takes the held-out error from 20.0 % to 3.50 %."
+        " Found beside, and not added: tilt of the sensor on the head."
+    )
+
+
+def test_what_is_set_anew_claims_no_gain_in_other_events_nor_a_chance() -> None:
+    anew = Candidate(applied("clock", "head"), 0.8, True, 0.005, 0.2, 6, steady=False)
+    document = trace_document(found(rounds=(Round((anew, Candidate(STOP, 0.3, True, 0.01, 0.2, 6)), 0.1, anew, ()),)))
+    (first, second) = document["candidates"]
+    assert (first["p_value"], first["score"], first["steady"]) == (None, None, False)
+    assert second["p_value"] == 0.01 and second["steady"]
+
+
+def test_ambiguous_is_between_what_was_taken_and_its_rivals_alone() -> None:
+    tilt = applied("tilt", "head")
+    said = headline(trace_document(found("ambiguous", effects=(tilt, STOP), intervals=((), found().intervals[0]))))
+    assert "which: stop or asymmetry or cubic in the joint between seat and pelvis." in said
+    assert said.endswith("Found beside: tilt of the sensor on the head.")
+
+
+def test_none_claims_no_more_than_that_less_was_gained_than_asked() -> None:
+    document = trace_document(found("none"))
+    assert "gains more than was asked, or than is usual in bodies" in headline(document)
+    assert "stop in the joint between seat and pelvis reached 0.81" in belief(document)
+
+
+def test_green_is_only_what_helps_where_it_had_no_say() -> None:
+    document = trace_document(found())
+    assert tone(document) == "good"
+    document["error"]["after"]["held_out"]["all"] = document["error"]["before"]["held_out"]["all"] + 1.0
+    assert tone(document) == "warn"
 
 
 def test_the_page_shows_numbers_before_and_after() -> None:

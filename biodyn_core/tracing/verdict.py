@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.findings import Candidate, Surface, Verdict
 from biodyn_core.tracing.rounds import Outcome
+from biodyn_core.tracing.rungs import ANEW
 from biodyn_core.tracing.settings import TraceSettings
 
 
@@ -54,8 +55,10 @@ def _of_effect(outcome: Outcome) -> tuple[Verdict, tuple[str, ...]]:
     first = outcome.round
     assert first.taken is not None
     taken = first.taken
-    gains = f"{named(taken.applied)} gains {taken.gain:.2f} in events that its size was not fitted to"
-    said = f"{gains}, {first.threshold:.2f} was asked"
+    where = "in events that its size was not fitted to"
+    if not taken.steady:
+        where = f"set anew in the very events that choose, where {ANEW:g} says nothing"
+    said = f"{named(taken.applied)} gains {taken.gain:.2f} {where}; {first.threshold:.2f} was asked"
     others = [one.applied for one in first.ambiguous_with]
     if any(one.effect is not taken.applied.effect for one in others):
         return "ambiguous", (said, f"as good or nearly: {', '.join(map(named, others))}")

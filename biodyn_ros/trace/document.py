@@ -141,9 +141,10 @@ def _candidate(candidate: Candidate) -> Document:
     return _site(candidate.applied) | {
         "parameters": dict(candidate.applied.values),
         "gain": finite(candidate.gain),
-        "score": _score(candidate.p_value),
+        "score": _score(candidate.p_value) if candidate.steady else None,
         "absorbed": finite(candidate.absorbed),
-        "p_value": finite(candidate.p_value),
+        "p_value": finite(candidate.p_value) if candidate.steady else None,
+        "steady": candidate.steady,
         "helps": candidate.helps,
         "refitted": candidate.refitted,
         "against": list(candidate.against),

@@ -28,14 +28,19 @@ def headline(document: Document) -> str:
     before, after = (_held_out(document, when) for when in ("before", "after"))
     verdict = document["verdict"]
     if verdict == "effect":
-        what = ", and ".join(grouped(document["effects"], " and ")) or "an effect"
-        if not any(effect["added"] for effect in document["effects"]):
+        added, beside = ([each for each in document["effects"] if each["added"] is way] for way in (True, False))
+        if not added:
+            what = _all(beside) or "an effect"
             return f"Found: {what}. It is nothing that a subject can carry, so none was added. Held-out error {before}."
-        return f"Missing in the model: {what}. Added, it takes the held-out error from {before} to {after}."
+        said = f"Missing in the model: {_all(added)}. Added, it takes the held-out error from {before} to {after}."
+        return f"{said} Found beside, and not added: {_all(beside)}." if beside else said
     if verdict == "ambiguous":
-        return f"Something is missing, and it cannot be told which: {_either(document)}."
+        said = f"Something is missing, and it cannot be told which: {_either(document)}."
+        beside = [each for each in document["effects"] if not _is(each, _taken(document))]
+        return f"{said} Found beside: {_all(beside)}." if beside else said
     if verdict == "none":
-        return f"No missing effect found: nothing that was tried helps more than chance. Held-out error {before}."
+        said = "nothing that was tried gains more than was asked, or than is usual in bodies"
+        return f"No missing effect found: {said}. Held-out error {before}."
     if verdict == "unexplained":
         return f"Something is missing, and no effect that was tried explains it. Held-out error {after}."
     return f"These recordings cannot decide what is missing: {_first(document)}."
@@ -75,9 +80,11 @@ def because(document: Document) -> list[str]:
 
 
 def tone(document: Document) -> str:
-    """The colour of the verdict; green for nothing that the model itself made."""
+    """The colour of the verdict; green for nothing that the model itself made, nor an effect that helps nowhere."""
     found, (made, _) = TONE[document["verdict"]], without_note(document.get("warnings", []))
-    return "none" if made and found == "good" else found
+    if found == "good" and made:
+        return "none"
+    return "warn" if document["verdict"] == "effect" and not _helps(document) else found
 
 
 TONE: Final = {"effect": "good", "ambiguous": "warn", "none": "good", "unexplained": "bad", "not_decidable": "none"}
@@ -145,9 +152,31 @@ def _held_out(document: Document, when: str) -> str:
     return "not known" if known is None else f"not known ({number(known)} % where it was fitted)"
 
 
+def _helps(document: Document) -> bool:
+    """Whether the events that had no say are predicted better with what was added, or nothing was."""
+    if not any(each["added"] for each in document["effects"]):
+        return True
+    before, after = (document["error"][when]["held_out"]["all"] for when in ("before", "after"))
+    return before is not None and after is not None and after < before
+
+
+def _all(effects: Sequence[Document]) -> str:
+    return ", and ".join(grouped(effects, " and "))
+
+
 def _either(document: Document) -> str:
-    rivals = grouped([*document["effects"], *document["ambiguous_with"]])
+    taken = _taken(document)
+    rivals = grouped([*([taken] if taken else document["effects"]), *document["ambiguous_with"]])
     return ", or ".join(rivals) or document["family"] or "no name"
+
+
+def _taken(document: Document) -> Document | None:
+    """What the first round took."""
+    return document["rounds"][0]["taken"] if document["rounds"] else None
+
+
+def _is(one: Document, other: Document | None) -> bool:
+    return other is not None and (one["name"], one["site"]) == (other["name"], other["site"])
 
 
 def _place(name: str, site: str) -> str:
@@ -170,11 +199,12 @@ def _chance(document: Document) -> str:
     p_value, threshold = document["p_value"], document["threshold"]
     if p_value is None or threshold is None:
         return "how often chance does as much is not known"
-    gains = [each["gain"] for each in document["candidates"] if each["gain"] is not None]
-    best = f", the best reached {number(max(gains))}" if gains else ""
+    taken, tried = _taken(document), document["candidates"]
+    best = next((e for e in tried if (_is(e, taken) if taken else e["refitted"] and e["steady"])), None)
+    reached = f", {effect_name(best['name'], best['site'])} reached {number(best['gain'])}" if best else ""
     often = f"a residual of these colours without a cause does as well {100.0 * p_value:.2g} % of the time"
     blind = "that knows no misfit that is alike in every event, for which"
-    return f"{often}; {blind} a gain had to exceed {number(threshold)} ({CALIBRATED[document['calibrated']]}){best}"
+    return f"{often}; {blind} a gain had to exceed {number(threshold)} ({CALIBRATED[document['calibrated']]}){reached}"
 
 
 # --- diagnostics -----------------------------------------------------------------------------------------------------
