@@ -17,7 +17,7 @@ from biodyn_core.errors import InputError
 from biodyn_ros.dashboard import door, hub, settings, site
 from biodyn_ros.dashboard.door import Door
 from biodyn_ros.dashboard.hub import Hub
-from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token
+from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token, port_of
 from biodyn_ros.dashboard.site import Site
 from biodyn_ros.live import SNAPSHOT_RATE_HZ
 from biodyn_ros.resources import package_directory
@@ -396,6 +396,15 @@ def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(tm
     assert page_token() not in ("short", token)
     monkeypatch.setenv("XDG_STATE_HOME", "/proc/none")
     assert page_token() != page_token()
+    monkeypatch.setenv(settings.TOKEN_VARIABLE, "of_the_node")  # which a child shares, wherever it may write
+    assert page_token() == "of_the_node"
+
+
+def test_a_node_knows_the_port_that_its_page_takes() -> None:
+    assert port_of(ServingSettings(page_port=8765)) == 8765
+    assert 1024 <= port_of(ServingSettings(page_port=0)) < 65536
+    with pytest.raises(InputError, match=r"page_host 192\.0\.2\.1: nothing can be served there"):
+        port_of(ServingSettings(page_host="192.0.2.1", page_port=0))
 
 
 def test_browser_server_and_node_agree_on_bins_minute_and_pace() -> None:

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 
-from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token
+from biodyn_ros.dashboard.settings import TOKEN_VARIABLE, ServingSettings, address_of, page_token, port_of
 
 ENDS_WITHIN_S = 3.0
 
@@ -17,16 +17,18 @@ class PageChild:
     """Serves the page of a node by its full name until `end`, in the node's domain."""
 
     def __init__(self, node: str, domain_id: int, serving: ServingSettings) -> None:
-        self.link = address_of(serving.page_host, serving.page_port, page_token())
+        # Chosen here: the child's own choice would be known to nobody who reads what the node says.
+        token, port = page_token(), port_of(serving)
+        self.link = address_of(serving.page_host, port, token)
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the child lives
         # Standard input ends when this process does, even by kill -9: then the page ends too.
         self._process = subprocess.Popen(
             [
                 sys.executable, "-m", "biodyn_ros.cli", "page", "--node", node, "--until-input-ends",
-                "--page-host", serving.page_host, "--page-port", str(serving.page_port),
+                "--page-host", serving.page_host, "--page-port", str(port),
             ],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._said,
-            env=os.environ | {"ROS_DOMAIN_ID": str(domain_id)},
+            env=os.environ | {"ROS_DOMAIN_ID": str(domain_id), TOKEN_VARIABLE: token},
         )  # fmt: skip
 
     @property

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 import ipaddress
+import os
 import secrets
+import socket
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -14,6 +16,7 @@ from biodyn_core.settings import check_settings, setting
 from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
 
 TOKEN_BYTES: Final = 16
+TOKEN_VARIABLE: Final = "BIODYN_PAGE_TOKEN"  # noqa: S105 - where the token is, not what it is
 
 
 @dataclass(frozen=True)
@@ -51,8 +54,26 @@ def address_of(host: str, port: int, token: str) -> str:
     return f"http://{f'[{name}]' if bare.version == 6 else name}:{port}/#token={token}"
 
 
+def port_of(serving: ServingSettings) -> int:
+    """The port that is asked for, or one that is free now; raises InputError where the address is not here."""
+    if serving.page_port:
+        return serving.page_port
+    family = socket.AF_INET6 if ipaddress.ip_address(serving.page_host).version == 6 else socket.AF_INET
+    try:
+        with socket.socket(family) as found:
+            found.bind((serving.page_host, 0))
+            return int(found.getsockname()[1])
+    except OSError as error:
+        raise InputError(f"page_host {serving.page_host}: nothing can be served there ({error.strerror})") from None
+
+
 def page_token() -> str:
-    """The token of this user's pages, made once and kept, readable by its owner alone; else one for this time."""
+    """The token of this user's pages, made once and kept, readable by its owner alone; else one for this time.
+
+    A page that is a node's child has the node's, whatever is kept.
+    """
+    if given := os.environ.get(TOKEN_VARIABLE):
+        return given
     try:
         path = state_directory() / "page.token"
         if not is_there(path):

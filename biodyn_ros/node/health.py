@@ -260,9 +260,10 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: fl
 def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: Growth, mark: str) -> Status:
     """Judge the model, as it is now: it predicts while the seat lives. growth: of how often it left its range."""
     seen, silent = pipeline.status(SEAT), seat.silent_s
-    stopped = seen.fault or seat.wrong_type or seat.incompatible_qos
-    if silent is None or silent > SILENT_AFTER_S:
-        stopped = stopped or ("has sent nothing" if silent is None else f"is silent for {silent:.1f} s")
+    stopped = seen.fault
+    if silent is None or silent > SILENT_AFTER_S:  # what another publisher is or asks for stops nobody
+        unheard = "has sent nothing" if silent is None else f"is silent for {silent:.1f} s"
+        stopped = stopped or seat.wrong_type or seat.incompatible_qos or unheard
     lost = growth.by.get("divergences", 0)
     checks: list[tuple[bool, int, Callable[[], str]]] = [
         (bool(stopped), ERROR, lambda: f"predictions stopped: seat {stopped}"),
