@@ -85,7 +85,8 @@ class SeatExposure(Judgement):
 
     aw and VDV by axis are without k; A(8) and VDV so far are the largest over the axes with k = 1.4, 1.4, 1.0.
     lower_bound: samples are missing or clipped, or a horizontal axis is. withheld: why there are no times and no
-    projections. projected_from_s: the seconds that were counted. shock_ratios: of the governing axis.
+    projections. projected_from_s: the seconds that were counted; projected_lower_bound: a horizontal axis is missing.
+    shock_ratios: of the governing axis.
     """
 
     seconds: float
@@ -101,6 +102,7 @@ class SeatExposure(Judgement):
     a8_projected_8h_mps2: float | None
     vdv_projected_8h_mps175: float | None
     projected_from_s: float | None
+    projected_lower_bound: bool
     shock_ratios: tuple[ShockRatio, ...]
     beside: tuple[Judgement, ...]
 
@@ -151,6 +153,7 @@ def seat_exposure(
         a8_projected_8h_mps2=felt.so_far["a8"] * math.sqrt(scale) if projects else None,
         vdv_projected_8h_mps175=felt.so_far["vdv"] * scale**0.25 if projects else None,
         projected_from_s=seconds if projects else None,
+        projected_lower_bound=axes.dead > 0,
         shock_ratios=_shock_ratios(vertical, axes, deciding.axis),
         beside=tuple(_judge(each, felt) for each in limits.beside),
     )

@@ -105,8 +105,11 @@ def dose_figures(dose: Dose) -> dict[str, float | None]:
 
 
 def _figures(dose: Dose, lost: Lost) -> dict[str, Any]:
-    missing = {"clipped_samples": lost.clipped, "missing_s": lost.missing_s, "lower_bound": lost.lower_bound}
-    return dose_figures(dose) | missing
+    # A mean is a lower bound where samples are clipped or stuck, not where some are missing.
+    return dose_figures(dose) | {
+        "clipped_samples": lost.clipped, "missing_s": lost.missing_s, "lower_bound": lost.lower_bound,
+        "aw_lower_bound": lost.clipped > 0 or lost.flat_s > 0.0,
+    }  # fmt: skip
 
 
 def _and_absent(lost: Lost, seconds: float) -> Lost:

@@ -64,12 +64,15 @@ def table(rows: Sequence[Sequence[str]], left: Container[int]) -> list[str]:
     return ["  ".join(row).rstrip() for row in zip(*aligned, strict=True)]
 
 
-def duration(seconds: float) -> str:
-    """A time for people, rounded down, so that nobody is promised more: 8.4 s, 12 min, 3 h 20 min, more than 24 h."""
+def duration(seconds: float, at_most: bool = False) -> str:
+    """A time for people, rounded down, so that nobody is promised more: 8.4 s, 12 min, 3 h 20 min, more than 24 h.
+
+    at_most: it may be less, so that "more than" would promise too much: 41 h.
+    """
     if seconds < 60.0:
         return f"{math.floor(10.0 * seconds) / 10.0:g} s"
     if seconds > 24.0 * 3600.0:
-        return "more than 24 h"
+        return f"{math.floor(seconds / 3600.0)} h" if at_most else "more than 24 h"
     minutes = math.floor(seconds / 60.0)
     if minutes < 60:
         return f"{minutes} min"
@@ -101,7 +104,7 @@ def left(kind: str, seat: dict[str, Any]) -> str:
     seconds = seat[f"time_to_{kind}_value_s"]
     if seconds is None:
         return "never reached at this rate"
-    return f"{'at most ' if seat['lower_bound'] else ''}{duration(seconds)} left"
+    return f"at most {duration(seconds, at_most=True)} left" if seat["lower_bound"] else f"{duration(seconds)} left"
 
 
 def time_left(kind: str, seat: dict[str, Any]) -> str:

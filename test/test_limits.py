@@ -190,7 +190,7 @@ def test_a_sensor_with_one_dead_horizontal_axis_is_never_green(yaw_rad):
     seat = judge(upward(0.1, 1.0, HOUR), Plane((0.1, 1.0), (0.0, 0.0)), yaw_rad)
     assert seat.horizontal == ("worst_direction" if yaw_rad is None else "yaw_given")
     assert seat.zone == "undecided" and "one of its horizontal axes" in seat.zone_reason
-    assert seat.lower_bound  # the axis that is not known may be the worse one
+    assert seat.lower_bound and seat.projected_lower_bound  # the axis that is not known may be the worse one
 
 
 # --- the zone --------------------------------------------------------------------------------------------------------

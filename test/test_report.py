@@ -27,7 +27,7 @@ from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.strip import BIN_NS
-from biodyn_ros.wording import bound, duration, number, sentence, shocks, time_left
+from biodyn_ros.wording import bound, duration, left, number, sentence, shocks, time_left
 
 START_NS = 1_767_225_600 * 10**9 + 37
 RATE_HZ = 1000.0
@@ -48,7 +48,7 @@ def dose(level: float, **more: object) -> dict[str, object]:
 
 
 def measured(level: float) -> dict[str, object]:
-    return dose(level, clipped_samples=0, missing_s=0.0, lower_bound=False)
+    return dose(level, clipped_samples=0, missing_s=0.0, lower_bound=False, aw_lower_bound=False)
 
 
 def ratios(axis: str = "z", crest: float | None = 7.25, mtvv: float | None = 1.31) -> dict[str, object]:
@@ -90,6 +90,7 @@ def document() -> dict[str, object]:
             "vdv_axis": "z",
             "withheld": None,
             "projected_from_s": None,
+            "projected_lower_bound": False,
             "shock_ratios": ratios(),
             "horizontal": "worst_direction",
             "aw_weighted_mps2": {"worst_direction": 0.0313, "z": 0.412},
@@ -321,7 +322,7 @@ def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
     }  # fmt: skip
     for dose_of_seat in (changed["sensors"]["seat"], *changed["predicted"].values()):
         dose_of_seat |= {"lower_bound": True, "missing_s": 1.234}
-    changed["sensors"]["head"] |= {"lower_bound": True, "clipped_samples": 17}
+    changed["sensors"]["head"] |= {"lower_bound": True, "aw_lower_bound": True, "clipped_samples": 17}
     for name in ("dri", "hic15", "hic36"):
         changed[name]["lower_bound"] = True
     page = page_of(tmp_path, changed)
@@ -409,7 +410,7 @@ def test_projections_carry_their_length(tmp_path):
     assert "A(8) projected, m/s2 0.412 to 8 h, from 30 min counted" in text
     assert "VDV projected, m/s1.75 4.63 to 8 h, from 30 min counted" in text
     assert "projected to 8 h from 30 min counted: A(8) 0.4120 m/s^2, VDV 4.634 m/s^1.75" in summary(changed)
-    changed["seat"] |= {"horizontal": "missing"}
+    changed["seat"] |= {"horizontal": "missing", "projected_lower_bound": True}
     assert "A(8) projected, m/s2 >= 0.412" in page_of(tmp_path, changed).text
     assert "A(8) >= 0.4120 m/s^2, VDV >= 4.634 m/s^1.75" in summary(changed)
 
@@ -539,6 +540,29 @@ def test_a_bound_of_nothing_is_nothing():
 )
 def test_durations_are_for_people_and_never_promise_more(seconds, expected):
     assert duration(seconds) == expected
+
+
+def test_at_most_never_promises_more_than() -> None:
+    seat = {"zone": "below_action_value", "withheld": None, "time_to_limit_value_s": 150_000.0}
+    assert left("limit", seat | {"lower_bound": True}) == "at most 41 h left"
+    assert left("limit", seat | {"lower_bound": False}) == "more than 24 h left"
+
+
+def test_a_doubt_withholds_the_time_in_every_sentence() -> None:
+    for limit in ("action", "limit"):
+        assert any(f"{limit.capitalize()} value: " in line and " left" in line for line in judge(document()).reasons)
+    doubted = judge(document(), "two publishers send to the seat")
+    assert doubted.tone == "none" and not any(" left, if" in line for line in doubted.reasons)
+    assert sum("withheld, because two publishers send" in line for line in doubted.reasons) == 2
+    assert "below" not in " ".join(doubted.reasons)
+
+
+def test_the_aw_of_a_stuck_sensor_is_a_lower_bound(tmp_path):
+    changed = document()
+    changed["sensors"]["head"] |= {"lower_bound": True, "aw_lower_bound": True, "missing_s": 30.0}
+    text = page_of(tmp_path, changed).text
+    shown = f">= {number(changed['sensors']['head']['aw_mps2'])}"
+    assert shown in text and f">={changed['sensors']['head']['aw_mps2']:.3f}" in summary(changed)
 
 
 @pytest.mark.parametrize(("text", "expected"), [("a b", "A b."), ("is it?", "Is it?"), ("2 s are", "2 s are.")])

@@ -173,3 +173,26 @@ def test_runs_that_begin_anew_and_a_sensor_that_dies_leave_plain_numbers(leap_s)
     assert ride.snapshots[-1]["seat"]["counted_s"] > 15.0
     assert ride.pipeline.lost("head").missing_s > 3.0
     json.dumps(exposure_document(ride.pipeline, "", 1.0, []), allow_nan=False)
+
+
+def test_what_a_sensor_that_clipped_felt_is_a_lower_bound_in_rows_and_shocks():
+    told = Ride().drive(changed(noisy_streams(), "head", clipped)).snapshots[-1]
+    rows = {row["name"]: row for row in told["rows"]}
+    assert rows["head"]["measured_lower_bound"] and not rows["neck"]["measured_lower_bound"]
+    assert not rows["head"]["predicted_lower_bound"]
+    assert told["shocks"] and all(
+        shock["head_lower_bound"] and not shock["seat_lower_bound"] for shock in told["shocks"]
+    )
+
+
+def test_another_publisher_s_type_stops_no_prediction_and_a_silent_sensor_has_no_rate():
+    ride = Ride().drive(noisy_streams(**GENTLE), without=("head",))
+    ride.health[SEAT].wrong_type = "a publisher sends std_msgs/msg/String"
+    told = ride.look()
+    assert told["prediction"]["message"] == "predicting"
+    rows = {row["name"]: row for row in told["rows"]}
+    assert rows["seat"]["sensor"]["level"] == 2 and rows["seat"]["sensor"]["rate_hz"] > 1000.0
+    ride.clock_s += 1.0
+    told = ride.look()
+    assert "std_msgs/msg/String" in told["prediction"]["message"]
+    assert all(row["sensor"]["rate_hz"] is None for row in told["rows"] if row["sensor"])

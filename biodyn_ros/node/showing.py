@@ -14,7 +14,7 @@ from biodyn_core.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.json_files import finite
-from biodyn_ros.node.health import ERROR, Mark, Status
+from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.strip import Bins, Strip
 from biodyn_ros.wording import left, words
@@ -65,11 +65,11 @@ class Showing:
             "seconds": document["seconds"],
             "verdict": vars(judge(document, doubt)),
             "seat": _seat(seat, document, doubt) if seat else None,
-            "rows": _rows(pipeline.exposure(rolling=True), by_name),
+            "rows": _rows(pipeline.exposure(rolling=True), by_name, document["sensors"]),
             "prediction": _status(by_name["prediction"]) | {"extrapolated": _extrapolated(document)},
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
             "dri": document["dri"],
-            "shocks": [_shock(shock) for shock in self._shocks.latest()],
+            "shocks": [_shock(shock, document["sensors"]) for shock in self._shocks.latest()],
             "strip": {name: _strip(bins) for name, bins in self._bins.items()},
             "marks": [asdict(mark) for mark in marks],
         }
@@ -117,7 +117,7 @@ def _seat(seat: dict[str, Any], document: dict[str, Any], doubt: str) -> dict[st
     }  # fmt: skip
 
 
-def _rows(rolling: Exposure, statuses: dict[str, Status]) -> list[dict[str, Any]]:
+def _rows(rolling: Exposure, statuses: dict[str, Status], sensors: dict[str, Any]) -> list[dict[str, Any]]:
     """From the head down: weighted acceleration of the window, measured and predicted, and how each sensor does."""
     measured, predicted = rolling.measured_low_passed, rolling.predicted
     seat_mps2 = measured[SEAT].aw_mps2 if SEAT in measured else 0.0
@@ -130,7 +130,9 @@ def _rows(rolling: Exposure, statuses: dict[str, Status]) -> list[dict[str, Any]
             {
                 "name": words(name),
                 "measured_mps2": found,
+                "measured_lower_bound": _at_least(name, sensors),
                 "predicted_mps2": model,
+                "predicted_lower_bound": _at_least(SEAT, sensors),
                 "measured_ratio": _ratio(found, seat_mps2) if name != SEAT else None,
                 "predicted_ratio": _ratio(model, seat_mps2),
                 "residual_mps2": rms_mps2,
@@ -144,8 +146,10 @@ def _rows(rolling: Exposure, statuses: dict[str, Status]) -> list[dict[str, Any]
 
 
 def _sensor(status: Status) -> dict[str, Any]:
-    """How a sensor does, with its rate and lag."""
-    numbers = {key: float(status.values[key]) if status.values[key] else None for key in ("rate_hz", "lag_ms")}
+    """How a sensor does, with its rate and lag, which one that is silent has no more."""
+    values = status.values
+    sends = bool(values["silent_s"]) and float(values["silent_s"]) <= SILENT_AFTER_S
+    numbers = {key: float(values[key]) if values[key] and sends else None for key in ("rate_hz", "lag_ms")}
     return _status(status) | numbers
 
 
@@ -153,13 +157,20 @@ def _ratio(figure: float | None, seat_mps2: float) -> float | None:
     return None if figure is None or seat_mps2 < STILL_MPS2 else figure / seat_mps2
 
 
-def _shock(shock: Shock) -> dict[str, Any]:
+def _at_least(name: str, sensors: dict[str, Any]) -> bool:
+    """Whether a sensor clipped or stuck since reset, so that it felt more than it says."""
+    return name in sensors and sensors[name]["aw_lower_bound"]
+
+
+def _shock(shock: Shock, sensors: dict[str, Any]) -> dict[str, Any]:
     """A shock: when, and how hard it hit seat and head."""
     sensor, segment = HEAD_COLUMN
     return {
         "at_s": 1e-9 * shock.peak_ns,
         "seat_mps2": shock.seat_mps2,
+        "seat_lower_bound": _at_least(SEAT, sensors),
         "head_measured_mps2": finite(float(shock.measured_mps2[sensor])),
+        "head_lower_bound": _at_least(HEAD, sensors),
         "head_predicted_mps2": finite(float(shock.predicted_mps2[segment])),
     }
 

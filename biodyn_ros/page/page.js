@@ -105,8 +105,8 @@ function segment(of, most) {
     bars.append(bar);
   }
   const values = element("span", "values");
-  values.append(element("span", "", short(of.measured_mps2)));
-  values.append(element("span", "model", of.name === "seat" ? "" : short(of.predicted_mps2)));
+  values.append(element("span", "", least(of.measured_lower_bound, short(of.measured_mps2))));
+  values.append(element("span", "model", of.name === "seat" ? "" : least(of.predicted_lower_bound, short(of.predicted_mps2))));
   const shares = of.name === "seat" ? "" : `T ${short(of.measured_ratio)} / ${short(of.predicted_ratio)}`;
   made.append(sign, name, bars, values, element("span", "ratio", shares));
   return made;
@@ -139,10 +139,18 @@ function span(values, unit) {
 function shock(of) {
   const made = element("tr");
   made.append(element("td", "", clock(of.at_s)));
-  for (const value of [of.seat_mps2, of.head_measured_mps2, of.head_predicted_mps2]) {
-    made.append(element("td", "", number(value)));
+  for (const [lower, value] of [
+    [of.seat_lower_bound, of.seat_mps2],
+    [of.head_lower_bound, of.head_measured_mps2],
+    [of.seat_lower_bound, of.head_predicted_mps2],
+  ]) {
+    made.append(element("td", "", least(lower, number(value))));
   }
   return made;
+}
+
+function least(lower, text) {
+  return lower && text !== "–" ? `≥ ${text}` : text;
 }
 
 function noShock() {

@@ -47,8 +47,7 @@ def _row(name: str, document: dict[str, Any]) -> str:
 
 
 def _aw(figures: dict[str, Any]) -> str:
-    """A mean is a lower bound where samples are clipped, not where some are missing."""
-    return f"{'>=' if figures['clipped_samples'] > 0 else ''}{figures['aw_mps2']:.3f}"
+    return f"{'>=' if figures['aw_lower_bound'] else ''}{figures['aw_mps2']:.3f}"
 
 
 def _vdv(figures: dict[str, Any]) -> str:
@@ -88,7 +87,7 @@ def _projected(seat: dict[str, Any]) -> list[str]:
         return []
     a8, vdv = seat["a8_projected_8h_mps2"], seat["vdv_projected_8h_mps175"]
     counted = duration(seat["projected_from_s"])
-    mark = ">= " if seat["horizontal"] == "missing" else ""
+    mark = ">= " if seat["projected_lower_bound"] else ""
     return [f"projected to 8 h from {counted} counted: A(8) {mark}{a8:.4f} m/s^2, VDV {mark}{vdv:.3f} m/s^1.75"]
 
 

@@ -31,11 +31,13 @@ def judge(document: dict[str, Any], doubt: str = "") -> Verdict:
     seat, doubts = document["seat"], (sentence(doubt),) if doubt else ()
     if seat is None:
         return Verdict("none", "Undecided: nothing counted at the seat", doubts)
-    reasons = [sentence(seat["zone_reason"]), HORIZONTAL[seat["horizontal"]], *_bound_reasons(document)]
-    times = [time_left(kind, seat) for kind in ("action", "limit")]
     tone, zone = _TONE.get(seat["zone"], "none"), seat["zone"]
-    if doubt and tone == "good":
-        tone, zone = "none", "undecided"
+    reasons = [sentence(seat["zone_reason"]), HORIZONTAL[seat["horizontal"]], *_bound_reasons(document)]
+    if doubt:
+        seat = seat | {"withheld": doubt}  # nobody is promised time
+        if tone == "good":
+            tone, zone, reasons = "none", "undecided", reasons[1:]
+    times = [time_left(kind, seat) for kind in ("action", "limit")]
     return Verdict(tone, ZONE[zone], (*doubts, *reasons, *times))
 
 
