@@ -314,6 +314,21 @@ def test_a_small_lean_is_named_only_of_a_body_that_is_else_as_the_model_has_it()
     assert _leaning(beside, cases, settings) == ()
 
 
+@pytest.mark.parametrize(
+    ("name", "steady", "where"),
+    [
+        ("clock", True, "in events that its size was not fitted to"),
+        ("clock", False, "set anew in the very events that choose, where 0.25 says nothing"),
+        ("posture", False, "in events that its size was not fitted to"),
+    ],
+)
+def test_a_gain_is_said_to_be_of_the_events_that_it_is_of(name: str, steady: bool, where: str) -> None:
+    one = Candidate(applied(name, "head"), 0.8, True, 0.005, 0.1, 6, steady=steady)
+    outcome = rounds.Outcome(Round((one,), 0.2, one, ()), hiding.background(), without(), without())
+    said, reasons = judged([outcome], None, dataclasses.replace(TraceSettings(), least_closed=0.0))
+    assert said == "effect" and reasons[0] == f"clock at head gains 0.80 {where}; 0.20 was asked".replace("clock", name)
+
+
 @pytest.mark.parametrize(("usual", "verdict"), [(True, "none"), (False, "unexplained")])
 def test_what_is_refused_for_its_usual_size_leaves_nothing_unexplained(usual: bool, verdict: str) -> None:
     one = Candidate(applied("friction", "pelvis"), 0.4, True, 0.005, 0.1, 6, ("a reason",), usual=usual)

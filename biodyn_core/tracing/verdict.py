@@ -56,7 +56,7 @@ def _of_effect(outcome: Outcome) -> tuple[Verdict, tuple[str, ...]]:
     assert first.taken is not None
     taken = first.taken
     where = "in events that its size was not fitted to"
-    if not taken.steady:
+    if not taken.steady and taken.applied.effect.name != "posture":  # its two stiffnesses are fitted to others
         where = f"set anew in the very events that choose, where {ANEW:g} says nothing"
     said = f"{named(taken.applied)} gains {taken.gain:.2f} {where}; {first.threshold:.2f} was asked"
     others = [one.applied for one in first.ambiguous_with]
