@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.conditioning import CLOCK_TIME_CONSTANT_S
 from biodyn_core.segments import SENSORS
-from biodyn_ros.info import info
+from biodyn_ros.info.document import info
 from conformance import record, twins
 from conformance.record import Stream
 from conformance.table import Row, RowTable

@@ -36,7 +36,7 @@ from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, rows, text_of
 from biodyn_ros.blue_trident.starting import parse_start
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
-from biodyn_ros.info import info
+from biodyn_ros.info.document import info
 from biodyn_ros.reading.recordings import read_recordings
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay

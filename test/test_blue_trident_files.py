@@ -20,7 +20,7 @@ from biodyn_core.errors import LONGEST, InputError
 from biodyn_core.range_alignment import align, bias, levels
 from biodyn_ros.bag import open_bag
 from biodyn_ros.cli import main
-from biodyn_ros.info import info
+from biodyn_ros.info.document import info
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay
 from biodyn_ros.topics import INPUT

@@ -23,7 +23,7 @@ from biodyn_core.segments import SENSORS
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
-from biodyn_ros.info import info
+from biodyn_ros.info.document import info
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay
 from biodyn_ros.topics import INPUT

@@ -18,7 +18,8 @@ from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
-from biodyn_ros.info import info, text_of
+from biodyn_ros.info.document import info
+from biodyn_ros.info.text import text_of
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.reading.stamps import choose_times
 from biodyn_ros.replay.replaying import ReplayOptions, replay

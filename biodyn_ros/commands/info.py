@@ -21,7 +21,8 @@ def _add(command: CommandParser) -> None:
 
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.conditioning import ConditioningSettings
-    from biodyn_ros.info import info, text_of
+    from biodyn_ros.info.document import info
+    from biodyn_ros.info.text import text_of
     from biodyn_ros.reading.mapping import parse_map
     from biodyn_ros.reading.sensors import ReadingOptions
 

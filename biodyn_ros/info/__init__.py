@@ -1,0 +1,1 @@
+"""`biodyn info`: what a bag holds."""

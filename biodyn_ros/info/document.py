@@ -1,0 +1,94 @@
+"""Info: what a bag holds, Imu topic by Imu topic, and whether `biodyn replay` would take it. One pass, flat memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from biodyn_core.errors import InputError
+from biodyn_core.segments import SEAT, SENSORS
+from biodyn_ros.bag import BagReader, imu_blocks, open_bag
+from biodyn_ros.info.survey import Survey
+from biodyn_ros.progress import OnProgress, unwatched
+from biodyn_ros.reading.mapping import SensorMap, imu_topics, map_sensors
+from biodyn_ros.reading.saturation import limits_of
+from biodyn_ros.reading.sensors import ReadingOptions
+from biodyn_ros.reading.stamps import choose_times, clock_warnings
+from biodyn_ros.replay.replaying import check_seat
+
+
+def info(
+    bag: str | Path,
+    options: ReadingOptions | None = None,
+    progress: OnProgress = unwatched,
+) -> dict[str, Any]:
+    """Look through a bag and return the mapping of `biodyn info --json`.
+
+    `progress` hears (samples done, samples in all). InputError for what is no bag and for a mapped topic not there.
+    """
+    options = options or ReadingOptions()
+    with open_bag(bag) as reader:
+        sensors = map_sensors(reader, options.mapping)
+        topics = imu_topics(reader)
+        times = choose_times(reader, topics, options.time)
+        names = {topic: sensors.sensors.get(topic) for topic in topics}
+        settings, told = limits_of(
+            reader, {topic: name or topic for topic, name in names.items()}, options.conditioning
+        )
+        surveys = {topic: Survey(name, topic, times[topic], settings[name or topic]) for topic, name in names.items()}
+        total, done = sum(topic.messages for topic in reader.topics if topic.name in surveys), 0
+        for topic, block in imu_blocks(reader, topics, {name: choice.time for name, choice in times.items()}):
+            surveys[topic].push(block)
+            done += len(block)
+            progress(done, total)
+        for survey in surveys.values():
+            survey.finish()
+        return _document(reader, str(bag), sensors, surveys, told)
+
+
+def _document(
+    reader: BagReader, bag: str, sensors: SensorMap, surveys: dict[str, Survey], told: list[str]
+) -> dict[str, Any]:
+    seconds = 1e-9 * (reader.end_ns - reader.start_ns) if reader.start_ns is not None and reader.end_ns else 0.0
+    clocks = {survey.name: survey.clock() for survey in surveys.values()}
+    warnings = [*reader.warnings, *told]
+    warnings += [line for survey in surveys.values() for line in survey.warnings()]
+    warnings += clock_warnings(clocks, seconds)
+    copied = [name for name, clock in clocks.items() if clock.drift is not None and clock.drift.copied]
+    if copied:
+        warnings.append(f"{', '.join(copied)}: log times repeat the header stamps: nothing is known of the clocks")
+    return {
+        "bag": bag,
+        "storage": reader.storage,
+        "recovered": reader.recovered,
+        "messages": reader.message_count,
+        "seconds": seconds,
+        "topics": [survey.row(topic) for topic, survey in surveys.items()],
+        "other_topics": [
+            {"topic": topic.name, "type": topic.type, "messages": topic.messages}
+            for topic in reader.topics
+            if topic.name not in surveys
+        ],
+        "replay": _replay(bag, sensors, surveys),
+        "warnings": list(dict.fromkeys(warnings)),
+    }
+
+
+def _replay(bag: str, sensors: SensorMap, surveys: dict[str, Survey]) -> dict[str, Any]:
+    """What `biodyn replay` would do: the sensors it would use, those that are missing, or why it would refuse."""
+    seen = {survey.sensor: survey.replayed for survey in surveys.values() if survey.sensor}
+    refusal = sensors.refusal
+    if refusal is None:
+        try:
+            status = seen[SEAT]
+            assert status is not None
+            check_seat(status, bag)
+        except InputError as error:
+            refusal = str(error)
+    used = [name for name in SENSORS if (status := seen.get(name)) and status.rate_hz is not None]
+    return {
+        "refusal": refusal,
+        "sensors": [] if refusal else used,
+        "missing": [name for name in SENSORS if name not in seen],
+        "faults": [status.fault for status in seen.values() if status and status.fault],
+    }

@@ -1,0 +1,97 @@
+"""What `biodyn info` prints: its document as a page of text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from biodyn_ros.cdr import IMU_TYPE
+from biodyn_ros.wording import number, table
+
+_MOST_KINDS: Final = 12
+
+_COLUMNS: Final[tuple[tuple[str, str, Callable[[dict[str, Any]], str]], ...]] = (
+    ("topic", "", lambda row: row["topic"]),
+    ("sensor", "", lambda row: row["sensor"] or "-"),
+    ("messages", "", lambda row: str(row["messages"])),
+    ("rate", "Hz", lambda row: f"{row['rate_hz']:.2f}" if row["rate_hz"] else "-"),
+    ("time", "", lambda row: row["time"]),
+    ("clock", "ppm", lambda row: _with_error(row["clock_ppm"], row["clock_ppm_error"])),
+    ("offset", "ms", lambda row: _to_microseconds(row["offset_ms"])),
+    ("jitter", "ms", lambda row: _to_microseconds(row["jitter_ms"])),
+    ("step", "ms", lambda row: _to_microseconds(row["median_step_ms"])),
+    ("longest", "ms", lambda row: _to_microseconds(row["longest_step_ms"])),
+    ("gaps", "", lambda row: str(row["gaps"])),
+    ("rejected", "", lambda row: str(row["rejected"])),
+    ("clipped", "", lambda row: str(row["clipped"])),
+    ("gravity", "m/s^2", lambda row: number(row["gravity_mps2"])),
+    ("vertical", "", lambda row: " ".join(f"{v:.2f}" for v in row["vertical"]) if row["vertical"] else "-"),
+)
+
+
+def text_of(document: dict[str, Any]) -> str:
+    """The document as a page of text."""
+    state = ", recovered" if document["recovered"] else ""
+    lines = [
+        f"{document['bag']}: {document['storage']}{state}, {document['messages']} messages, {document['seconds']:.1f} s"
+    ]
+    if rows := document["topics"]:
+        cells = [[show(row) for _, _, show in _COLUMNS] for row in rows]
+        heads = [[name for name, _, _ in _COLUMNS], [unit for _, unit, _ in _COLUMNS]]
+        below = [*_rejected_lines(rows), *_legend(rows)]
+        lines += ["", *table([*heads, *cells], left=(0, 1)), *(["", *below] if below else [])]
+    if document["other_topics"]:
+        lines += ["", *_other_lines(document["other_topics"])]
+    lines += ["", *_replay_lines(document["replay"], f"{document['bag']}: ")]
+    return "\n".join([*lines, *(f"note: {line}" for line in document["warnings"])])
+
+
+def _to_microseconds(milliseconds: float | None) -> str:
+    return number(milliseconds if milliseconds is None else round(milliseconds, 3))
+
+
+def _with_error(value: float | None, error: float | None) -> str:
+    if value is None or error is None:
+        return "–"
+    digits = 2 if error < 0.1 else 1 if error < 5.0 else 0
+    return f"{value:+.{digits}f} ± {error:.{digits}f}"
+
+
+def _legend(rows: list[dict[str, Any]]) -> list[str]:
+    if all(row["clock_ppm"] is None for row in rows):
+        return []
+    return ["clock: what header stamps gain on log time; offset: by how much log time is behind the header, at least"]
+
+
+def _rejected_lines(rows: list[dict[str, Any]]) -> list[str]:
+    lines = []
+    for row in rows:
+        causes = [f"{n} {cause.replace('_', ' ')}" for cause, n in row["rejected_by_cause"].items() if n]
+        if causes:
+            lines.append(f"{row['sensor'] or row['topic']}: rejected {', '.join(causes)}")
+    return lines
+
+
+def _other_lines(others: list[dict[str, Any]]) -> list[str]:
+    """How many topics of each type there are besides, with one by name."""
+    kinds: dict[str, list[dict[str, Any]]] = {}
+    for other in others:
+        kinds.setdefault(other["type"], []).append(other)
+    width = max(len(kind) for kind in kinds)
+    lines = [f"not {IMU_TYPE}: {len(others)} topics"]
+    for kind, topics in [*kinds.items()][:_MOST_KINDS]:
+        more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
+        count = sum(topic["messages"] for topic in topics)
+        lines.append(f"  {kind.ljust(width)}  {count:8d} messages  {topics[0]['topic']}{more}")
+    if len(kinds) > _MOST_KINDS:
+        lines.append(f"  and {len(kinds) - _MOST_KINDS} more types")
+    return lines
+
+
+def _replay_lines(replay: dict[str, Any], prefix: str) -> list[str]:
+    if replay["refusal"]:
+        refusal, _, _ = replay["refusal"].removeprefix(prefix).partition("; there is ")  # that stands above
+        return [f"replay: refuses: {refusal}"]
+    missing = f"; not in the bag: {', '.join(replay['missing'])}" if replay["missing"] else ""
+    faults = [f"replay: without {fault}" for fault in replay["faults"]]
+    return [f"replay: takes {', '.join(replay['sensors'])}{missing}", *faults]
