@@ -1,7 +1,7 @@
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ from blind.tracing.outcome import Answer, Cause, Outcome, Score, line_of, places
 from blind.tracing.page import rendered
 from blind.tracing.records import Record, causes, record, sittings
 from blind.tracing.refits import oracle, placebo
-from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Drawing, drawings
+from blind.tracing.rows import CONDITIONS, DRAWINGS, FILLING, MEASURED, Condition, Drawing, drawings
 from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
 from blind.tracing.study import BrokenSeal, Call, Run, here
 from blind.tracing.table import BEGIN, END, RUNS, About, publish, with_latest
@@ -228,6 +228,7 @@ def test_every_condition_finds_its_drawings_and_enough_of_them() -> None:
     for row in CONDITIONS:
         assert sum(counts[name] for name in row.drawings) >= row.least
         assert row.least >= 40
+        assert (row.filled_from in row.drawings) is (row.ratio is not None)
     assert {name for row in CONDITIONS for name in row.drawings} == set(counts)
     with pytest.raises(ValueError, match="'elsewhere' is unknown, known are nothing,"):
         drawings(["elsewhere"])
@@ -359,7 +360,8 @@ def an_answer(drawing: Drawing, number: int) -> Answer:
 
 
 def a_score(drawing: Drawing, answer: Answer) -> Score:
-    return Score(drawing.name, answer.number, (SKIN,), ratio=1.5, recovered=0.5)
+    ratio = {"medium": 0.5, "weak": 0.2}.get(drawing.name, 1.5)
+    return Score(drawing.name, answer.number, (SKIN,), ratio=ratio, recovered=0.5)
 
 
 def answers(drawing: Drawing, numbers: Sequence[int], seed: int, split: str) -> list[Answer]:
@@ -443,6 +445,75 @@ def test_answers_that_change_behind_the_seal_are_seen(tmp_path: Path) -> None:
     for other in (dataclasses.replace(what, commit="later"), dataclasses.replace(what, drawings=FEW[:1])):
         with pytest.raises(BrokenSeal, match="of another run"):
             study.run(other, here, answers, scores)
+
+
+def ratios(of: Callable[[int], float]) -> study.Scoring:
+    """Scores whose ratios go by the number of the record."""
+
+    def given(drawing: Drawing, some: Sequence[Answer], seed: int, split: str) -> list[Score]:
+        return [Score(drawing.name, one.number, (SKIN,), ratio=of(one.number)) for one in some]
+
+    return given
+
+
+FILLED = (
+    Condition("strong ones", ("strong",), 4, (), (0.8, math.inf), "strong"),
+    Condition("nothing", ("nothing",), 9, ()),  # does not go by the ratio
+)
+
+
+def test_a_row_that_is_short_is_filled_up_behind_a_seal_of_its_own(tmp_path: Path) -> None:
+    what, seen = Run(5, FEW, tmp_path, filled=FILLED), []
+    scored = ratios(lambda number: 1.0 if number % 3 == 0 else 0.5)
+
+    def score(drawing: Drawing, given: Sequence[Answer], seed: int, split: str) -> list[Score]:
+        seen.append((len(study.seals(what)), drawing.name, [one.number for one in given]))
+        return scored(drawing, given, seed, split)
+
+    def interrupted(calls: Sequence[Call]) -> Iterator[Any]:
+        for function, arguments in calls:
+            yield from function(*arguments)
+            if arguments[1][0] == 3:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        study.run(what, interrupted, answers, score)
+    assert len(study.seals(what)) == 1
+    outcomes = study.run(what, here, answers, score)
+    # Of three one has the ratio, three are missing, so nine are drawn, of which three have it.
+    assert seen == [(1, "nothing", [0, 1]), (1, "strong", [0, 1, 2]), *((2, "strong", some) for some in _eights(3, 12))]
+    assert [(one.answer.row, one.answer.number) for one in outcomes] == [
+        *(("nothing", number) for number in range(2)), *(("strong", number) for number in range(12)),
+    ]  # fmt: skip
+    first, whole = study.seals(what)
+    assert first == study.seal(what, what.tasks, 1) != whole == study.seal(what, [*what.tasks, *_more(9)], 2)
+    lines = (tmp_path / study.ANSWERS).read_text().splitlines()
+    (tmp_path / study.ANSWERS).write_text("\n".join(lines[:-1]) + "\n")
+    with pytest.raises(BrokenSeal, match="the truth has been looked at"):
+        study.run(what, here, answers, score)
+
+
+def _eights(begin: int, end: int) -> list[list[int]]:
+    return [list(range(at, min(at + study.TOGETHER, end))) for at in range(begin, end, study.TOGETHER)]
+
+
+def _more(count: int) -> list[tuple[Drawing, int]]:
+    return [(FEW[1], 3 + number) for number in range(count)]
+
+
+def test_how_many_are_drawn_goes_by_ratios_alone_and_comes_to_an_end(tmp_path: Path) -> None:
+    drawn = {}
+    for verdict in ("effect", "none"):
+
+        def answer(
+            drawing: Drawing, numbers: Sequence[int], seed: int, split: str, said: str = verdict
+        ) -> list[Answer]:
+            return [dataclasses.replace(an_answer(drawing, number), verdict=said) for number in numbers]
+
+        what = Run(5, FEW, tmp_path / verdict, filled=FILLED)
+        drawn[verdict] = len(study.run(what, here, answer, ratios(lambda number: 0.1)))
+        assert len(study.seals(what)) == study.MOST_BATCHES
+    assert drawn["effect"] == drawn["none"] == 2 + 3 + 3 * 4 * (study.MOST_BATCHES - 1)
 
 
 def test_records_go_through_processes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -559,7 +630,10 @@ def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, answers, scores))
     assert command.main(["--out", str(tmp_path), "--seed", "3"]) == 1
     (about,) = published
-    assert (about.seed, about.records) == (3, sum(one.count for one in DRAWINGS))
+    weak = next(one.count for one in DRAWINGS if one.name == "weak")
+    filled_up = FILLING * (ROWS["with background, ratio < 0.4"].least - weak)
+    assert (about.seed, about.records) == (3, sum(one.count for one in DRAWINGS) + filled_up)
+    assert about.sealed == (tmp_path / "3" / study.SEAL).read_text().split()[1]
     commits = iter(["one", "two"])
     monkeypatch.setattr(command, "commit", lambda: next(commits))
     assert command.main(["--out", str(tmp_path), "--seed", "4"]) == 2

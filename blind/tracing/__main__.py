@@ -21,7 +21,7 @@ from blind.tracing.answer import thresholds
 from blind.tracing.marks import Mark, marks
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, drawings
-from blind.tracing.study import SEAL, BrokenSeal, Run, in_processes, run, seal
+from blind.tracing.study import SEAL, BrokenSeal, Run, in_processes, run, seals
 from blind.tracing.table import About, publish
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -51,7 +51,12 @@ def _studied(options: argparse.Namespace) -> int:
     partial = bool(options.rows or options.count is not None or options.split != "blind")
     print(f"blind: seed {seed}{', a partial run that is not published' if partial else ''}", flush=True)
     what = Run(
-        seed, tuple(drawings(options.rows, options.count)), _folder(options.out, seed, partial), options.split, commit()
+        seed,
+        tuple(drawings(options.rows, options.count)),
+        _folder(options.out, seed, partial),
+        options.split,
+        commit(),
+        () if partial else CONDITIONS,
     )
     outcomes = run(what, in_processes, say=say)
     if not partial:
@@ -61,7 +66,7 @@ def _studied(options: argparse.Namespace) -> int:
         if commit() != what.commit:
             raise BrokenSeal("the commit has changed since the run began: nothing is published")
         today = dt.datetime.now(dt.timezone.utc).date().isoformat()
-        publish(ROOT, About(today, what.commit, seed, thresholds(), seal(what), len(outcomes)), outcomes, found)
+        publish(ROOT, About(today, what.commit, seed, thresholds(), seals(what)[-1], len(outcomes)), outcomes, found)
     _print(found, outcomes, partial)
     return 0 if all(mark.met for mark in found) else 1
 

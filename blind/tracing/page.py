@@ -23,9 +23,12 @@ catalogue's. A seed is fresh for each run. All verdicts and their hash are writt
 the seed. The forms that are scored are other ones than those that thresholds may come from.
 
 Ratio is the rms of what the effect changes in the base refit's residual, over the rms without the effect, each record
-refitted with and without. Marks are judged on the point estimate; intervals are Wilson's, 95 %. A class counts as right
-where it is the first that is named alone: `ambiguous` is not. Joints 3 and 4, on either side of the central torso that
-is not measured, count as one.
+refitted with and without; it is known with the truth alone. A row that goes by it and has too few records is filled up
+with further ones, each batch sealed before any truth of it is drawn; how many goes by ratios, never by verdicts.
+
+Marks are judged on the point estimate; intervals are Wilson's, 95 %. A class counts as right where it is the first that
+is named alone: `ambiguous` is not. Joints 3 and 4, on either side of the central torso that is not measured, count as
+one.
 """
 
 

@@ -22,13 +22,17 @@ WEAK: Final = 0.4
 """Ratios between which a truth is to be in the reported set, and no more is asked."""
 
 
+FILLING: Final = 3
+"""So many records are drawn for each that a row lacks: every second or third has the ratio that was aimed at."""
+
+
 @dataclass(frozen=True)
 class Drawing:
     """Records that are drawn alike: how many, how many effects of which kinds, on which level of background.
 
     ratio is what the world aims at, by its own linear view; the scorer's own ratio says where a record belongs. It is
-    mostly half to twice that, with stragglers, so counts and ranges are such that each of the rows that go by it should
-    get its forty. coloured adds noise of 0.3 m/s^2 that does not follow the input.
+    mostly half to twice that, with stragglers; counts and ranges are such that the rows that go by it get about their
+    forty, and a row that gets fewer is filled up. coloured adds noise of 0.3 m/s^2 that does not follow the input.
     """
 
     name: str
@@ -77,7 +81,8 @@ class Rule:
 class Condition:
     """A row of the issue's table: records of some drawings, of these those of a ratio, at least so many, and marks.
 
-    ratio leaves out its lower end and has its upper one; records without a ratio are left out.
+    ratio leaves out its lower end and has its upper one; records without a ratio are left out. filled_from: the drawing
+    that more are taken of where the row has too few.
     """
 
     name: str
@@ -85,6 +90,7 @@ class Condition:
     least: int
     rules: tuple[Rule, ...]
     ratio: tuple[float, float] | None = None
+    filled_from: str = ""
 
     def chosen(self, outcomes: Sequence[Outcome]) -> list[Outcome]:
         """Those of the outcomes that this row is about."""
@@ -189,7 +195,7 @@ CONDITIONS: Final = (
             Rule("family", _family_right, 0.92, ">="),
             Rule("energy recovered, median", _recovered, 0.70, ">=", "median"),
         ),
-        (STRONG, float("inf")),
+        (STRONG, float("inf")), "strong",
     ),
     Condition(
         "with background, ratio 0.4 to 0.8", WITH_BACKGROUND, 40,
@@ -197,12 +203,12 @@ CONDITIONS: Final = (
             Rule("truth in the reported set", _in_set, 0.92, ">="),
             Rule("size of the set where there is one, mean", _set_size, 3.0, "<=", "mean"),
         ),
-        (WEAK, STRONG),
+        (WEAK, STRONG), "medium",
     ),
     Condition(
         "with background, ratio < 0.4", WITH_BACKGROUND, 40,
         (Rule("a wrong single cause named", _wrong_single, 0.10, "<="),),
-        (-1.0, WEAK),
+        (-1.0, WEAK), "weak",
     ),
     Condition(
         "effect outside the catalogue, ratio > 0.8", ("outside",), 40,
@@ -210,7 +216,7 @@ CONDITIONS: Final = (
             Rule("unexplained, or the right family", _unexplained, 0.80, ">="),
             Rule("a wrong single cause named", _wrong_single, 0.10, "<="),
         ),
-        (STRONG, float("inf")),
+        (STRONG, float("inf")), "outside",
     ),
     Condition(
         "two effects", ("two",), 40,
@@ -246,6 +252,12 @@ MEASURED: Final = (
     ),
 )  # fmt: skip
 """Effects hidden in measured streams: the marks of the background rows, so far as they have a subject to add to."""
+
+
+def lacking(conditions: Sequence[Condition], outcomes: Sequence[Outcome]) -> dict[str, int]:
+    """How many more records of which drawings are taken for the rows that have too few; none where all have enough."""
+    short = {row.filled_from: row.least - len(row.chosen(outcomes)) for row in conditions if row.filled_from}
+    return {name: FILLING * missing for name, missing in short.items() if missing > 0}
 
 
 def drawings(names: Sequence[str] = (), count: int | None = None) -> list[Drawing]:

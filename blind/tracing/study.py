@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,10 +17,14 @@ from biodyn_ros.work.executors import as_done, executor_of, result_of
 from blind.tracing.answer import Tracer, answered, traced
 from blind.tracing.outcome import FAILED, Answer, Outcome, Score, line_of
 from blind.tracing.records import record, sittings
-from blind.tracing.rows import Drawing
+from blind.tracing.rows import Condition, Drawing, lacking
 from blind.tracing.score import scored
 
 T = TypeVar("T", Answer, Score, int)
+Key = tuple[str, int]
+"""A record: its row and number."""
+
+Task = tuple[Drawing, int]
 Say = Callable[[str], None]
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 Doing = Callable[[Sequence[Call]], Iterator[Any]]
@@ -30,6 +35,8 @@ SEAL: Final = "answers.sha256"
 SCORES: Final = "scores.jsonl"
 PLAN: Final = "plan.json"
 PROCESSES: Final = 2
+MOST_BATCHES: Final = 4
+"""A row that is short of records behind so many is published as it is."""
 
 
 class BrokenSeal(RuntimeError):
@@ -52,18 +59,32 @@ class Scoring(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """One run: its seed, what is drawn from which split, the commit it is of, and where it writes."""
+    """One run: its seed, what is drawn from which split, the commit it is of, and where it writes.
+
+    filled: rows that further records are drawn for where they have too few.
+    """
 
     seed: int
     drawings: tuple[Drawing, ...]
     folder: Path
     split: Split = "blind"
     commit: str = ""
+    filled: tuple[Condition, ...] = ()
 
     @property
-    def tasks(self) -> list[tuple[Drawing, int]]:
-        """Every record."""
+    def tasks(self) -> list[Task]:
+        """Every record of the first batch."""
         return [(drawing, number) for drawing in self.drawings for number in range(drawing.count)]
+
+    def more(self, tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Task]:
+        """What the next batch adds to these; how much goes by the ratios of records, never by what was said of them."""
+        asked = lacking(self.filled, outcomes)
+        held = {name: sum(one.name == name for one, _ in tasks) for name in asked}
+        return [
+            (drawing, held[drawing.name] + number)
+            for drawing in self.drawings
+            for number in range(asked.get(drawing.name, 0))
+        ]
 
     @property
     def plan(self) -> str:
@@ -79,14 +100,24 @@ def run(
     score: Scoring | None = None,
     say: Say = lambda text: None,
 ) -> list[Outcome]:
-    """Go through a whole run, from where it was interrupted; raises BrokenSeal where that is not possible."""
+    """Go through a whole run, from where it was interrupted; raises BrokenSeal where that is not possible.
+
+    A record's ratio is known with its truth alone. So rows that go by it are filled up in further batches, each sealed
+    before any truth of it is drawn.
+    """
     begin(what)
-    answers = all_answers(what, doing, answer or answer_records, say)
-    say(f"{len(answers)} answers are sealed: sha256 {seal(what)}")
-    # Truths are drawn from here on, and not before.
-    scores = all_scores(what, answers, doing, score or score_records, say)
-    keys = {(one.row, one.number): one for one in scores}
-    return [Outcome(one, keys[one.row, one.number]) for one in answers]
+    tasks = what.tasks
+    for batch in itertools.count(1):
+        answers = all_answers(what, tasks, batch, doing, answer or answer_records, say)
+        say(f"{len(answers)} answers are sealed: sha256 {seal(what, tasks, batch)}")
+        # Truths of these are drawn from here on, and not before.
+        scores = all_scores(what, answers, doing, score or score_records, say)
+        outcomes = [Outcome(one, known) for one, known in zip(answers, scores, strict=True)]
+        more = what.more(tasks, outcomes)
+        if not more or batch == MOST_BATCHES:
+            break
+        tasks = [*tasks, *more]
+    return outcomes
 
 
 def begin(what: Run) -> None:
@@ -99,30 +130,40 @@ def begin(what: Run) -> None:
         raise BrokenSeal(f"{path} is of another run, with other rows, counts or commit: take another seed")
 
 
-def all_answers(what: Run, doing: Doing, answer: Answering, say: Say = lambda text: None) -> list[Answer]:
-    """Answers to all records in the order of the tasks; those that are on file are not asked for again."""
+def all_answers(
+    what: Run, tasks: Sequence[Task], batch: int, doing: Doing, answer: Answering, say: Say = lambda text: None
+) -> list[Answer]:
+    """Answers to all records up to this batch, in their order; those that are on file are not asked for again."""
     path = what.folder / ANSWERS
     done = _read(path, Answer.of)
-    left = [task for task in what.tasks if (task[0].name, task[1]) not in done]
-    if left and (what.folder / SEAL).exists():
+    left = [task for task in tasks if (task[0].name, task[1]) not in done]
+    if left and len(seals(what)) >= batch:
         raise BrokenSeal(f"{what.folder / SEAL} is there, but answers are missing: the truth has been looked at")
     calls = [(answer, (drawing, numbers, what.seed, what.split)) for drawing, numbers in _together(left)]
     for count, one in enumerate(_kept(path, doing(calls)), 1):
         say(f"traced {count} of {len(left)}: {one.row} {one.number}, {one.verdict}, {one.seconds:.0f} s{_why(one)}")
     done = _read(path, Answer.of)
-    return [done[drawing.name, number] for drawing, number in what.tasks]
+    return [done[drawing.name, number] for drawing, number in tasks]
 
 
-def seal(what: Run) -> str:
-    """The hash of all answers, sorted; written the first time, and from then on it may not change."""
-    lines = sorted((what.folder / ANSWERS).read_text(encoding="utf-8").splitlines())
+def seal(what: Run, tasks: Sequence[Task], batch: int) -> str:
+    """The hash of all answers up to this batch, sorted; written the first time, and from then on it may not change."""
+    wanted: set[Key] = {(drawing.name, number) for drawing, number in tasks}
+    lines = sorted(line for line in _whole_lines(what.folder / ANSWERS) if _key(Answer.of(line)) in wanted)
     found = hashlib.sha256("\n".join(lines).encode()).hexdigest()
-    path = what.folder / SEAL
-    if not path.exists():
-        path.write_text(f"{found}\n", encoding="utf-8")
-    if path.read_text(encoding="utf-8").strip() != found:
+    path, known = what.folder / SEAL, seals(what)
+    if len(known) < batch:
+        known = [*known, found]
+        path.write_text("".join(f"{one}\n" for one in known), encoding="utf-8")
+    if known[batch - 1] != found:
         raise BrokenSeal(f"{path} is of other answers than are in {ANSWERS}: they have been changed")
     return found
+
+
+def seals(what: Run) -> list[str]:
+    """The seals of all batches so far; each is of all answers up to there."""
+    path = what.folder / SEAL
+    return path.read_text(encoding="utf-8").split() if path.exists() else []
 
 
 def all_scores(
@@ -132,12 +173,12 @@ def all_scores(
     path = what.folder / SCORES
     drawings = {drawing.name: drawing for drawing in what.drawings}
     done = _read(path, Score.of)
-    left = [(drawings[one.row], one) for one in answers if (one.row, one.number) not in done]
+    left = [(drawings[one.row], one) for one in answers if _key(one) not in done]
     calls = [(score, (drawing, some, what.seed, what.split)) for drawing, some in _together(left)]
     for count, one in enumerate(_kept(path, doing(calls)), 1):
         say(f"scored {count} of {len(left)}: {one.row} {one.number}")
     done = _read(path, Score.of)
-    return [done[one.row, one.number] for one in answers]
+    return [done[_key(one)] for one in answers]
 
 
 def answer_records(
@@ -205,13 +246,21 @@ def _kept(path: Path, found: Iterable[T]) -> Iterator[T]:
             yield one
 
 
-def _read(path: Path, of: Callable[[str], T]) -> dict[tuple[str, int], T]:
-    """What is on file, by row and number; half a line, which a cut leaves at the end, is taken off."""
+def _read(path: Path, of: Callable[[str], T]) -> dict[Key, T]:
+    """What is on file, by row and number."""
+    return {_key(one): one for one in map(of, _whole_lines(path))}
+
+
+def _key(one: Answer | Score) -> Key:
+    return one.row, one.number
+
+
+def _whole_lines(path: Path) -> list[str]:
+    """The lines of a file; half a line, which a cut leaves at the end, is taken off."""
     if not path.exists():
-        return {}
+        return []
     text = path.read_text(encoding="utf-8")
     whole = text[: text.rfind("\n") + 1]
     if whole != text:
         path.write_text(whole, encoding="utf-8")
-    found = [of(line) for line in whole.splitlines()]
-    return {(one.row, one.number): one for one in found}
+    return whole.splitlines()
