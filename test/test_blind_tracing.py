@@ -481,7 +481,11 @@ def test_a_row_that_is_short_is_filled_up_behind_a_seal_of_its_own(tmp_path: Pat
     assert len(study.seals(what)) == 1
     outcomes = study.run(what, here, answers, score)
     # Of three one has the ratio, three are missing, so nine are drawn, of which three have it.
-    assert seen == [(1, "nothing", [0, 1]), (1, "strong", [0, 1, 2]), *((2, "strong", some) for some in _eights(3, 12))]
+    assert seen == [
+        (1, "nothing", [0, 1]),
+        (1, "strong", [0, 1, 2]),
+        *((2, "strong", some) for some in _at_once(3, 12)),
+    ]
     assert [(one.answer.row, one.answer.number) for one in outcomes] == [
         *(("nothing", number) for number in range(2)), *(("strong", number) for number in range(12)),
     ]  # fmt: skip
@@ -493,7 +497,7 @@ def test_a_row_that_is_short_is_filled_up_behind_a_seal_of_its_own(tmp_path: Pat
         study.run(what, here, answers, score)
 
 
-def _eights(begin: int, end: int) -> list[list[int]]:
+def _at_once(begin: int, end: int) -> list[list[int]]:
     return [list(range(at, min(at + study.TOGETHER, end))) for at in range(begin, end, study.TOGETHER)]
 
 
