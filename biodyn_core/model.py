@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from biodyn_core.arrays import Complexes, Floats
+from biodyn_core.constants import Constants
 from biodyn_core.effects import AppliedEffect, Joint, felt
 from biodyn_core.errors import InputError
-from biodyn_core.parameters import DAMPINGS, FREQUENCIES, MASS_SCALE, RAYLEIGH, STIFFENING
-from biodyn_core.segments import MASS_FRACTION, N_SEGMENTS, SEAT, SEGMENTS, STIFFENING_SHAPE_PER_M
+from biodyn_core.segments import N_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.subject import MassMatrix, Subject
 from biodyn_core.wiring import Element, Wiring
 
@@ -84,19 +84,16 @@ class Chain:
 
     @classmethod
     def of_theta(cls, theta: Floats, body_mass_kg: float, mass_matrix: MassMatrix) -> Chain:
-        """Build the chain of theta (15,), which may lie outside Table 1 (Eq. 5-8, 10-12, 16)."""
-        mass = theta[MASS_SCALE] * MASS_FRACTION * body_mass_kg
-        cascade = np.cumsum(mass[::-1])[::-1]
-        # Stiffness and damping come from the cascade masses under both conventions of M (Eq. 8, 11).
-        stiffness = (2.0 * np.pi * theta[FREQUENCIES]) ** 2 * cascade
+        """Build the chain of theta (15,), which may lie outside Table 1, without effects."""
+        c = Constants.of(theta, body_mass_kg, mass_matrix)
         return cls(
             mass_matrix_form=mass_matrix,
-            mass_kg=mass,
-            inertia_kg=mass if mass_matrix == "segment" else cascade,
-            stiffness_n_per_m=stiffness,
-            damping_n_s_per_m=2.0 * theta[DAMPINGS] * np.sqrt(stiffness * cascade),
-            stiffening_per_m=theta[STIFFENING] * STIFFENING_SHAPE_PER_M,
-            rayleigh_rad_per_s=float(theta[RAYLEIGH]),
+            mass_kg=c.mass_kg,
+            inertia_kg=c.inertia_kg,
+            stiffness_n_per_m=c.stiffness_n_per_m,
+            damping_n_s_per_m=c.damping_n_s_per_m,
+            stiffening_per_m=c.stiffening_per_m,
+            rayleigh_rad_per_s=float(c.rayleigh_rad_per_s),
         )
 
     def with_effects(self, effects: Iterable[AppliedEffect]) -> Chain:

@@ -192,6 +192,10 @@ def test_energy_recovered_is_a_median_with_zeros_for_the_wrong() -> None:
     records = [outcome("strong", "effect", [SKIN], [SKIN], ratio=2.0, recovered=value) for value in values]
     mark = judged("with background, ratio > 0.8", records)["energy recovered, median"]
     assert (mark.reached, mark.met, mark.lower) == (0.7, True, None)
+    # A record of which even the oracle takes off nothing has no such value, and is not counted among them.
+    records.append(outcome("strong", "effect", [SKIN], [SKIN], ratio=2.0, recovered=None))
+    mark = judged("with background, ratio > 0.8", records)["energy recovered, median"]
+    assert (mark.records, mark.said) == (6, "0.70 of 5")
 
 
 def test_what_is_outside_may_be_unexplained_or_of_its_family() -> None:

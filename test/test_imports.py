@@ -17,7 +17,7 @@ LAYERS = (
     ("parameters", "settings", "yaml_files"),
     ("effects",),
     ("kernels",),
-    ("subject", "wiring", "model"),
+    ("subject", "constants", "wiring", "model"),
     (
         "alignment",
         "channels",

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from biodyn_core.constants import Constants
 from biodyn_core.errors import InputError
 from biodyn_core.identification import objectives
 from biodyn_core.identification.objectives import (
     PENALTY,
-    Constants,
     Pull,
     Surrogate,
     SurrogateSettings,
@@ -69,15 +69,15 @@ def test_surrogate_settings_are_checked() -> None:
 
 
 @pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
-def test_constants_are_the_chains(mass_matrix) -> None:
-    subject = fitting.drawn(5, mass_matrix)
-    chain, mine = Chain.of(subject), Constants(fitting.theta_of(subject)[None, :], mass_matrix)
-    kg = subject.body_mass_kg
-    np.testing.assert_allclose(kg * mine.k[0], chain.stiffness_n_per_m, rtol=1e-14)
-    np.testing.assert_allclose(kg * mine.b[0], chain.damping_n_s_per_m, rtol=1e-14)
-    np.testing.assert_allclose(kg * mine.mass[0], chain.inertia_kg, rtol=1e-14)
-    np.testing.assert_allclose(mine.k_alpha[0], mine.k[0] * chain.stiffening_per_m, rtol=1e-14)
-    assert mine.alpha_r[0] == chain.rayleigh_rad_per_s
+def test_constants_of_many_per_kg_are_those_of_each_chain(mass_matrix) -> None:
+    theta, kg = points(3), 81.5
+    many = Constants.of(theta, 1.0, mass_matrix)
+    for row, one in enumerate(theta):
+        chain = Chain.of_theta(one, kg, mass_matrix)
+        for name in ("mass_kg", "inertia_kg", "stiffness_n_per_m", "damping_n_s_per_m"):
+            np.testing.assert_allclose(kg * getattr(many, name)[row], getattr(chain, name), rtol=1e-14)
+        np.testing.assert_array_equal(many.stiffening_per_m[row], chain.stiffening_per_m)
+        assert many.rayleigh_rad_per_s[row] == chain.rayleigh_rad_per_s
 
 
 @pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)

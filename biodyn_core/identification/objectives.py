@@ -15,31 +15,15 @@ from typing import Final, Literal
 import numpy as np
 
 from biodyn_core.arrays import Flags, Floats
+from biodyn_core.constants import Constants
 from biodyn_core.effects import felt, shown
 from biodyn_core.errors import InputError
 from biodyn_core.identification.problem import Case
 from biodyn_core.kernels.cost import LANES, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
 from biodyn_core.model import Chain, Stepper
-from biodyn_core.parameters import (
-    DAMPINGS,
-    FREQUENCIES,
-    LOWER,
-    MASS_SCALE,
-    N_PARAMETERS,
-    RAYLEIGH,
-    STIFFENING,
-    UPPER,
-    Parameters,
-    from_log,
-    to_log,
-)
-from biodyn_core.segments import (
-    MASS_FRACTION,
-    MEASURED_SEGMENT_INDEX,
-    MEASURED_SEGMENTS,
-    STIFFENING_SHAPE_PER_M,
-)
+from biodyn_core.parameters import LOWER, N_PARAMETERS, STIFFENING, UPPER, Parameters, from_log, to_log
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import MassMatrix, Subject
 
@@ -58,26 +42,11 @@ PENALTY: Final = 1e9
 _SEGMENTS: Final = MEASURED_SEGMENT_INDEX.astype(np.int64)
 _NO_TARGET: Final = np.empty((0, len(MEASURED_SEGMENTS)))
 _NO_ACCEL: Final = np.empty((0, len(MEASURED_SEGMENTS), LANES))
+_PER_KG: Final = 1.0
+"""The body mass that constants are of where it cancels."""
+
 _STEP: Final = 1e-6
 """Relative step of the parameters for the Jacobian: its own error and that of rounding are both below 1e-5 there."""
-
-
-class Constants:
-    """Constants of the joints per kg of body mass for many theta (p, 15), as `Chain.of` has them, each (p, 6)."""
-
-    def __init__(self, theta: Floats, mass_matrix: MassMatrix) -> None:
-        mass = theta[:, MASS_SCALE, None] * MASS_FRACTION
-        cascade = np.cumsum(mass[:, ::-1], axis=1)[:, ::-1]
-        self.k = (2.0 * np.pi * theta[:, FREQUENCIES]) ** 2 * cascade
-        self.b = 2.0 * theta[:, DAMPINGS] * np.sqrt(self.k * cascade)
-        self.k_alpha = self.k * theta[:, STIFFENING, None] * STIFFENING_SHAPE_PER_M
-        self.mass = np.ascontiguousarray(mass if mass_matrix == "segment" else cascade)
-        self.alpha_r = np.ascontiguousarray(theta[:, RAYLEIGH])
-
-    def lanes(self) -> Floats:
-        """The rows `integrate_lanes` reads, (25, LANES); lanes without a theta repeat the last."""
-        rows = np.column_stack([self.k, self.b, self.k_alpha, 1.0 / self.mass, self.alpha_r])
-        return np.ascontiguousarray(rows[np.minimum(np.arange(LANES), len(rows) - 1)].T)
 
 
 @dataclass(frozen=True)
@@ -117,8 +86,12 @@ class Surrogate:
         """The objective of each of the points (p, 13) in log space, (p,)."""
         theta = np.ones((theta_log.shape[0], N_PARAMETERS))
         theta[:, :N_LINEAR] = from_log(theta_log)
-        c, costs = Constants(theta, self.mass_matrix), np.empty(theta.shape[0])
-        surrogate_costs(self._omega, self._magnitude, self._weight, _SEGMENTS, c.k, c.b, c.mass, c.alpha_r, costs)
+        c, costs = Constants.of(theta, _PER_KG, self.mass_matrix), np.empty(theta.shape[0])
+        alpha_r = np.ascontiguousarray(c.rayleigh_rad_per_s)
+        surrogate_costs(
+            self._omega, self._magnitude, self._weight, _SEGMENTS, c.stiffness_n_per_m, c.damping_n_s_per_m,
+            c.inertia_kg, alpha_r, costs,
+        )  # fmt: skip
         return np.asarray(costs + self._lambda_1 * ((theta_log - self._reference) ** 2).sum(axis=1))
 
 
@@ -289,7 +262,8 @@ class TimeDomain:
 
     def _lanes(self, number: int, theta: Floats, target: Floats, weight: Floats, accel: Floats) -> Floats:
         case, substeps, costs = self.cases[number], self.substeps[number], np.empty(LANES)
-        lanes, step_s = Constants(theta, self.subject.mass_matrix).lanes(), 1.0 / (case.rate_hz * substeps)
+        lanes = _lanes_of(Constants.of(theta, _PER_KG, self.subject.mass_matrix))
+        step_s = 1.0 / (case.rate_hz * substeps)
         integrate_lanes(case.seat_mps2, lanes, step_s, substeps, _SEGMENTS, target, weight, costs, accel)
         return costs[: len(theta)]
 
@@ -299,6 +273,15 @@ class TimeDomain:
             return float(cost)
         self.penalties["not a number" if np.isnan(cost) else "diverged"] += 1
         return PENALTY
+
+
+def _lanes_of(c: Constants) -> Floats:
+    """The rows `integrate_lanes` reads, (25, LANES); lanes without a theta repeat the last."""
+    stiffening = c.stiffness_n_per_m * c.stiffening_per_m
+    rows = np.column_stack(
+        [c.stiffness_n_per_m, c.damping_n_s_per_m, stiffening, 1.0 / c.inertia_kg, c.rayleigh_rad_per_s]
+    )
+    return np.ascontiguousarray(rows[np.minimum(np.arange(LANES), len(rows) - 1)].T)
 
 
 def _delays(accel: Floats, rate_hz: float) -> Floats:

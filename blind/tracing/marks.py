@@ -18,7 +18,8 @@ class Mark:
     """One mark of one row: what is asked and what was reached, judged on the point estimate.
 
     reached is a share, mean or median, None where nothing counts; lower and upper are Wilson's 95 % interval of a
-    share. records counts those of the row; a row with fewer than it is to have, `least`, does not meet its marks.
+    share. records counts those of the row, values those of them that have one; a row with fewer records than it is to
+    have, `least`, does not meet its marks.
     """
 
     row: str
@@ -26,6 +27,7 @@ class Mark:
     asked: str
     reached: float | None
     records: int
+    values: int
     met: bool
     least: int = 0
     kind: str = "share"
@@ -39,8 +41,8 @@ class Mark:
         if self.reached is None:
             return "-"
         if self.kind != "share":
-            return f"{self.reached:.2f} of {self.records}"
-        return f"{100.0 * self.reached:.1f} % ({_percent(self.lower)} to {_percent(self.upper)}) of {self.records}"
+            return f"{self.reached:.2f} of {self.values}"
+        return f"{100.0 * self.reached:.1f} % ({_percent(self.lower)} to {_percent(self.upper)}) of {self.values}"
 
 
 @dataclass(frozen=True)
@@ -70,15 +72,15 @@ def marks(outcomes: Sequence[Outcome], conditions: Sequence[Condition] = CONDITI
 def _mark(row: Condition, rule: Rule, chosen: Sequence[Outcome]) -> Mark:
     values = [float(value) for one in chosen if (value := rule.of(one)) is not None]
     if not values:
-        return Mark(row.name, rule.what, rule.asked, None, len(chosen), False, row.least, rule.kind)
+        return Mark(row.name, rule.what, rule.asked, None, len(chosen), 0, False, row.least, rule.kind)
     reached = float(np.median(values) if rule.kind == "median" else np.mean(values))
     enough = len(chosen) >= row.least
     good = reached >= rule.limit if rule.sense == ">=" else reached <= rule.limit
     low, high = wilson(round(sum(values)), len(values)) if rule.kind == "share" else (None, None)
     baseline = most_frequent(chosen)[1] if rule.what == "class" else None
     return Mark(
-        row.name, rule.what, rule.asked, reached, len(chosen), bool(enough and good), row.least, rule.kind, low, high,
-        baseline,
+        row.name, rule.what, rule.asked, reached, len(chosen), len(values), bool(enough and good), row.least, rule.kind,
+        low, high, baseline,
     )  # fmt: skip
 
 
