@@ -325,7 +325,7 @@ def test_a_small_lean_is_named_only_of_a_body_that_is_else_as_the_model_has_it()
 def test_a_gain_is_said_to_be_of_the_events_that_it_is_of(name: str, steady: bool, where: str) -> None:
     one = Candidate(applied(name, "head"), 0.8, True, 0.005, 0.1, 6, steady=steady)
     outcome = rounds.Outcome(Round((one,), 0.2, one, ()), hiding.background(), without(), without())
-    said, reasons = judged([outcome], None, dataclasses.replace(TraceSettings(), least_closed=0.0))
+    said, reasons = judged([outcome], None, (), dataclasses.replace(TraceSettings(), least_closed=0.0))
     assert said == "effect" and reasons[0] == f"clock at head gains 0.80 {where}; 0.20 was asked".replace("clock", name)
 
 
@@ -333,8 +333,11 @@ def test_a_gain_is_said_to_be_of_the_events_that_it_is_of(name: str, steady: boo
 def test_what_is_refused_for_its_usual_size_leaves_nothing_unexplained(usual: bool, verdict: str) -> None:
     one = Candidate(applied("friction", "pelvis"), 0.4, True, 0.005, 0.1, 6, ("a reason",), usual=usual)
     outcome = rounds.Outcome(Round((one,), 0.2, None, ()), hiding.background(), without(), None)
-    said, reasons = judged([outcome], None, TraceSettings())
+    said, reasons = judged([outcome], None, (), TraceSettings())
     assert said == verdict and reasons[-1] == "friction at pelvis gains 0.40, but a reason"
+    # A sensor that leans is a cause by itself, but does not explain what something else was refused for.
+    with_lean, _ = judged([outcome], None, [applied("tilt", "neck", lean_x=0.1)], TraceSettings())
+    assert with_lean == ("effect" if usual else "unexplained")
 
 
 def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped: int = 6) -> int | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from biodyn_core.arrays import Floats
 from biodyn_core.effects import AppliedEffect
@@ -12,6 +12,9 @@ from biodyn_core.identification.problem import Errors
 from biodyn_core.subject import Subject
 
 Verdict = Literal["effect", "ambiguous", "none", "unexplained", "not_decidable"]
+NAMING: Final[tuple[Verdict, ...]] = ("effect", "ambiguous")
+"""The verdicts that name a cause."""
+
 Use = Literal["train", "choose", "held_out"]
 """What an event was for: theta and sizes are fitted to `train`, the effect is chosen by `choose`, and the errors that
 are reported come from `held_out`, which has had no say in either."""

@@ -15,7 +15,7 @@ from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import N_THETA
 from biodyn_core.tracing.diagnose import diagnose
 from biodyn_core.tracing.experiments import separating
-from biodyn_core.tracing.findings import ComparedEvent, Departure, Interval, Surface, Trace, Use
+from biodyn_core.tracing.findings import NAMING, ComparedEvent, Departure, Interval, Surface, Trace, Use
 from biodyn_core.tracing.leans import lean_deg, leaning
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.screen import candidates
@@ -34,55 +34,49 @@ def decided(
 ) -> Trace:  # fmt: skip
     """Everything a trace that could decide says."""
     train, choose, report = sides
-    added = after.effects[len(before.effects) :]
-    believed = explained(outcomes, s)
-    rivals = tuple(one.applied for one in outcomes[0].round.ambiguous_with) if believed else ()
-    looked = diagnose(before, outcomes[0].background)
-    law = None if believed else _surface(outcomes[0])
-    verdict, reasons = judged(outcomes, law, s)
+    first, believed = outcomes[0], explained(outcomes, s)
+    law = None if believed else _surface(first)
+    leaning_sensors = _leaning(first, [*train, *choose], s)  # what is reported has no say in any verdict
+    verdict, reasons = judged(outcomes, law, leaning_sensors, s)
     passing = _passing(outcomes) if believed else ()
-    reasons += tuple(f"{named(one)} is never twice the same, so no subject carries it" for one in passing)
-    leans = _leaning(outcomes[0], [*train, *choose], s)  # what is reported has no say in any verdict
-    reasons += tuple(
-        f"the sensor of {one.site} leans by {lean_deg(one):.1f} deg on the mean while it moves, as its gyro has it;"
-        " recordings set it upright, so no subject carries it"
-        for one in leans
-    )
-    if leans and verdict == "none":
-        verdict = "effect"
-    if verdict not in ("effect", "ambiguous"):
-        leans = ()
-    reasons += tuple(line for applied in added for line in _on_bounds(applied))
-    taken = [outcome for outcome in outcomes if outcome.carried][: len(added)]
-    first = outcomes[0].round
-    best = first.taken or next((one for one in first.ladder if one.steady), None)
+    added = after.effects[len(before.effects) :]
+    leans = leaning_sensors if verdict in NAMING else ()
+    rivals = tuple(one.applied for one in first.round.ambiguous_with) if believed else ()
+    best = first.round.taken or next((one for one in first.round.ladder if one.steady), None)
     return Trace(
         verdict=verdict,
-        reasons=reasons,
+        reasons=(*reasons, *map(_passes, passing), *map(_leans, leaning_sensors), *_on_bounds(added)),
         before=before,
         after=after,
         effects=(*leans, *added, *passing),
-        intervals=(
-            *(() for _ in leans),
-            *(_intervals(outcome, applied) for outcome, applied in zip(taken, added, strict=True)),
-            *(() for _ in passing),
-        ),
+        intervals=(*(() for _ in leans), *_intervals(outcomes, added), *(() for _ in passing)),
         ambiguous_with=rivals,
         family=_family([*(added or passing or leans)[:1], *rivals]),
         experiment=separating([one.effect for one in (*(added or passing)[:1], *rivals)]),
         events=_events(before, after, train, choose, report),
         rounds=tuple(outcome.round for outcome in outcomes),
         departures=_departures(outcomes[-1]),
-        diagnostics=looked,
+        diagnostics=diagnose(before, first.background),
         surface=law,
         floor_percent=_floor_percent(report, after),
         p_value=best.p_value if best and best.steady else None,
-        threshold=first.threshold,
+        threshold=first.round.threshold,
         untestable=tuple(candidates([*train, *choose])[1]),
         left_out=tuple(left_out),
         lacking=(),
         seed=seed,
         calibrated="anew",
+    )
+
+
+def _passes(one: AppliedEffect) -> str:
+    return f"{named(one)} is never twice the same, so no subject carries it"
+
+
+def _leans(one: AppliedEffect) -> str:
+    return (
+        f"the sensor of {one.site} leans by {lean_deg(one):.1f} deg on the mean while it moves, as its gyro has it;"
+        " recordings set it upright, so no subject carries it"
     )
 
 
@@ -149,11 +143,16 @@ def _event(case: Case, use: Use, before: Subject, after: Subject) -> ComparedEve
     return ComparedEvent(case.name, case.case, use, case.rate_hz, shown[0], shown[1], shown[2], told[0], told[1])
 
 
-def _intervals(outcome: Outcome, applied: AppliedEffect) -> tuple[Interval, ...]:
-    """The effect's values as they are in the subject, with intervals as wide as settling has them."""
-    assert outcome.taken is not None
-    pairs = zip(applied.effect.parameters, outcome.taken.intervals, strict=False)
-    return tuple(_interval(p, applied.values[p.name], *limits) for p, limits in pairs)
+def _intervals(outcomes: Sequence[Outcome], added: Sequence[AppliedEffect]) -> list[tuple[Interval, ...]]:
+    """For each effect that was added its values as they are in the subject, with intervals as wide as settling's."""
+    taken = [outcome.taken for outcome in outcomes if outcome.carried and outcome.taken is not None][: len(added)]
+    return [
+        tuple(
+            _interval(p, one.values[p.name], *limits)
+            for p, limits in zip(one.effect.parameters, settled.intervals, strict=False)
+        )
+        for settled, one in zip(taken, added, strict=True)
+    ]
 
 
 def _interval(parameter: EffectParameter, value: float, low: float, high: float) -> Interval:
@@ -177,10 +176,11 @@ def _departures(outcome: Outcome) -> tuple[Departure, ...]:
     return tuple(sorted(found, key=lambda one: -abs(one.times_usual)))
 
 
-def _on_bounds(applied: AppliedEffect) -> list[str]:
+def _on_bounds(added: Sequence[AppliedEffect]) -> list[str]:
     """A line for each strength that ends on a bound once departures are left out: the law's form fits only roughly."""
     return [
         f"{p.name} of {named(applied)} ends on its bound in the new subject: its form fits only roughly"
+        for applied in added
         for p in applied.effect.parameters
         if p.kind == "strength" and p.on_bound(applied.values[p.name])
     ]

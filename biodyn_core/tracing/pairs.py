@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from scipy import ndimage
@@ -19,9 +19,8 @@ from biodyn_core.arrays import Flags, Floats
 from biodyn_core.errors import InputError
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.tracing.faults import WAYS, Tried, all_tried, by_chance, tried_by, wandering, weights
+from biodyn_core.tracing.findings import NAMING, Verdict
 from biodyn_core.tracing.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
-
-Verdict = Literal["effect", "ambiguous", "none", "unexplained", "not_decidable"]
 
 MENDING: Final = 20
 """Turns until what is put in the place of clipped samples has settled."""
@@ -179,7 +178,7 @@ def trace(pair: Pair, baseline: Pair | None = None, seed: int = 0, settings: Pai
         return _unclipped(pair, baseline, clipped, seed, s)
     found = _unclipped(pair, baseline, clipped, seed, s)
     whole = _unclipped(pair, baseline, np.zeros_like(clipped), seed, s)
-    besides = f", {found.name} besides" if found.verdict in ("effect", "ambiguous") else ""
+    besides = f", {found.name} besides" if found.verdict in NAMING else ""
     return dataclasses.replace(
         found,
         verdict="effect",

@@ -23,10 +23,20 @@ def explained(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
     return outcomes[0].taken is not None and closed(outcomes, s) >= s.least_closed
 
 
-def judged(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
-    """The verdict, and the reasons for it, a line each."""
-    if explained(outcomes, s):
-        return _of_effect(outcomes[0])
+def judged(
+    outcomes: Sequence[Outcome], law: Surface | None, leaning: Sequence[AppliedEffect], s: TraceSettings
+) -> tuple[Verdict, tuple[str, ...]]:
+    """The verdict, and the reasons for it, a line each.
+
+    law: a joint's surface, where one was looked at; leaning: sensors whose gyro shows that they lean, which are a cause
+    by themselves where the rounds found none.
+    """
+    verdict, reasons = _of_effect(outcomes[0]) if explained(outcomes, s) else _of_none(outcomes, law, s)
+    return "effect" if leaning and verdict == "none" else verdict, reasons
+
+
+def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
+    """Where no effect is believed: whether more is left than is usual, or what would explain it was refused."""
     first, last = outcomes[0].round, outcomes[-1]
     best = first.taken or first.ladder[0]
     said = f"the best of all, {named(best.applied)}, gains {best.gain:.2f}; {first.threshold:.2f} was asked"

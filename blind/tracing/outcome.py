@@ -9,9 +9,7 @@ from typing import Any, Final
 
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
-
-NAMING: Final = ("effect", "ambiguous")
-"""Verdicts that say something is there and what it may be."""
+from biodyn_core.tracing.findings import NAMING
 
 FAILED: Final = "failed"
 """What stands for a verdict where the tracer gave none; it is right in nothing."""

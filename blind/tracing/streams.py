@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from biodyn_core.effects import CATALOGUE
+from biodyn_core.tracing.findings import NAMING
 from blind import measured
-from blind.tracing.outcome import NAMING, Answer, Cause, Outcome, Score
+from blind.tracing.outcome import Answer, Cause, Outcome, Score
 
 RECORDS: Final = 290
 NOTHING: Final = "none"
