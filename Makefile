@@ -66,6 +66,7 @@ clean:
 	rm -rf $(VENV) build install log out *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+# wheel comes first: without it an older pip warns of EmPy, which a newcomer can do nothing about.
 $(INSTALLED): setup.py setup.cfg pyproject.toml package.xml
 	@chosen=; \
 	for candidate in $(CANDIDATES); do \
@@ -82,5 +83,6 @@ $(INSTALLED): setup.py setup.cfg pyproject.toml package.xml
 	fi; \
 	echo "biodyn: making $(VENV) with $$("$$chosen" --version); this takes a few minutes" >&2; \
 	"$$chosen" -m venv --clear "$(VENV)"; \
+	"$(BIN)/python" -m pip install --quiet --disable-pip-version-check wheel; \
 	"$(BIN)/python" -m pip install --quiet --disable-pip-version-check --editable ".[$(EXTRAS)]"; \
 	touch "$@"

@@ -28,11 +28,12 @@ def is_made_by_model(reader: BagReader) -> bool:
     return reader.metadata(RECORD).get("made_by") == MADE_BY
 
 
-def without_note(warnings: Iterable[str]) -> tuple[int, list[str]]:
-    """How many warnings say that a recording was made by the model, and all others."""
-    said = list(warnings)
-    rest = [line for line in said if not line.endswith(MADE_BY_MODEL)]
-    return len(said) - len(rest), rest
+def without_note(warnings: Iterable[str]) -> tuple[list[str], list[str]]:
+    """The warnings that say that a recording was made by the model, and all others."""
+    notes, rest = [], []
+    for line in warnings:
+        (notes if line.endswith(MADE_BY_MODEL) else rest).append(line)
+    return notes, rest
 
 
 def bag_sha256(path: str | Path) -> str:

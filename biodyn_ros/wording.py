@@ -28,6 +28,9 @@ _RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv
 
 MODEL: Final = "the model"
 
+MOST_MORE_PLACES: Final = 3
+"""An interval is told by at most so many decimal places more than a number is."""
+
 
 def stuck(samples: int) -> str:
     """What is said of samples of a reading that never changed."""
@@ -43,10 +46,27 @@ def number(value: float | None) -> str:
     """Three significant digits without an exponent where that is possible; a dash for what is not known."""
     if value is None or math.isnan(value):
         return "–"
-    size = abs(value)
-    if size == 0.0 or not 1e-3 <= size < 1e6:
-        return f"{value:.3g}"
-    return f"{value:.{max(0, 2 - math.floor(math.log10(size)))}f}"
+    places = _places(value)
+    return f"{value:.3g}" if places is None else f"{value:.{places}f}"
+
+
+def told_apart(value: float, lower: float, upper: float) -> tuple[str, str, str]:
+    """A value and the ends of its interval, as `number` has them, or with as many more places as tell them apart."""
+    half = 0.5 * (upper - lower)
+    if not 0.0 < half < math.inf:
+        return number(value), number(lower), number(upper)
+    apart = min(-math.floor(math.log10(half)), (_places(value) or 0) + MOST_MORE_PLACES)
+    shown = []
+    for each in (value, lower, upper):
+        places = _places(each)
+        shown.append(number(each) if places is None else f"{each:.{max(places, apart)}f}")
+    return shown[0], shown[1], shown[2]
+
+
+def _places(value: float) -> int | None:
+    """Decimal places of three significant digits, once rounded to them; None where an exponent may be needed."""
+    size = abs(float(f"{value:.3g}"))
+    return max(0, 2 - math.floor(math.log10(size))) if 1e-3 <= size < 1e6 else None
 
 
 def bound(value: float | None, lower: bool) -> str:

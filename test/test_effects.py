@@ -478,7 +478,10 @@ def test_effects_travel_through_the_subject_file(tmp_path) -> None:
         ("[{name: magic, site: neck}]", "unknown effect 'magic', known are added_mass, asymmetry"),
         ("[{name: relaxation, site: knee, parameters: {stiffness_ratio: 0.4, tau_s: 0.1}}]", "site is 'knee', allowed"),
         ("[{name: lift_off, site: head}]", "site is 'head', allowed are pelvis"),
-        ("[{name: relaxation, site: neck}]", "parameter 'stiffness_ratio' is missing"),
+        (
+            "[{name: relaxation, site: neck}]",
+            "relaxation: missing under parameters: stiffness_ratio (0 to 2), tau_s (0.005 to 3 s)",
+        ),
         ("[{name: lift_off, site: pelvis, parameters: {x: 1}}]", "unknown parameter 'x', known are none"),
         (
             "[{name: relaxation, site: neck, parameters: {stiffness_ratio: 0.4, tau_s: 9}}]",

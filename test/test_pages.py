@@ -50,7 +50,7 @@ from biodyn_ros.validate import validating
 from biodyn_ros.validate.document import Validated
 from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page, worst_segment
 from biodyn_ros.validate.validating import validate_recordings, validate_to_directory
-from biodyn_ros.wording import number
+from biodyn_ros.wording import number, told_apart
 
 RATE_HZ = 400.0
 ODD = f"{NASTY}\udcff"
@@ -231,10 +231,12 @@ def test_a_fit_says_the_numbers_of_its_document(fitted: Fitted, page: str) -> No
     for name, of in document["intervals"].items():
         if not of["at_bound"]:
             unit = "" if of["unit"] == "-" else f" {of['unit']}"
-            said = f"{number(of['value'])} ({number(of['lower'])} to {number(of['upper'])}){unit}, "
+            value, lower, upper = told_apart(of["value"], of["lower"], of["upper"])
+            assert lower != upper, name
+            said = f"{value} ({lower} to {upper}){unit}, "
             assert said + document["identifiable"][name] in told(page), name
     assert "None was asked for: --profile NAME" in text and "The mass scale was held" in text
-    assert text.count(MADE_BY_MODEL) == 1 and "3 recordings: " in text
+    assert text.count(MADE_BY_MODEL) == 1 and "3 of 3 recordings: " in text
 
 
 def test_every_drawing_of_a_fit_says_what_and_in_which_unit(page: str) -> None:

@@ -27,7 +27,7 @@ from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.strip import BIN_NS
-from biodyn_ros.wording import bound, duration, left, number, sentence, shocks, time_left
+from biodyn_ros.wording import bound, duration, left, number, sentence, shocks, time_left, told_apart
 
 START_NS = 1_767_225_600 * 10**9 + 37
 RATE_HZ = 1000.0
@@ -515,10 +515,26 @@ def test_a_missing_library_is_named_with_its_remedy(tmp_path, monkeypatch, missi
 @pytest.mark.parametrize(
     ("value", "expected"),
     [(None, "–"), (float("nan"), "–"), (0.0, "0"), (0.01234, "0.0123"), (1.0, "1.00"), (17.64, "17.6"), (564.6, "565"),
-     (123456.0, "123456"), (1e-5, "1e-05"), (-2.5, "-2.50")],
+     (123456.0, "123456"), (1e-5, "1e-05"), (-2.5, "-2.50"), (9.996, "10.0"), (0.0009996, "0.00100")],
 )  # fmt: skip
 def test_numbers_have_three_digits(value, expected):
     assert number(value) == expected
+
+
+@pytest.mark.parametrize(
+    ("estimate", "expected"),
+    [
+        ((12.5, 5.0, 31.0), ("12.5", "5.00", "31.0")),  # wide: as numbers are
+        ((12.518, 12.512, 12.523), ("12.518", "12.512", "12.523")),
+        ((10.0004, 9.998, 10.003), ("10.000", "9.998", "10.003")),
+        ((0.01, 0.0099996, 0.0100004), ("0.0100000", "0.0099996", "0.0100004")),
+        ((4.0, 4.0, 4.0), ("4.00", "4.00", "4.00")),
+        ((2.0, 1.0, float("inf")), ("2.00", "1.00", "inf")),
+        ((1e-5, 0.9e-5, 1.1e-5), ("1e-05", "9e-06", "1.1e-05")),
+    ],
+)
+def test_the_ends_of_an_interval_are_told_apart(estimate, expected):
+    assert told_apart(*estimate) == expected
 
 
 def test_a_bound_of_nothing_is_nothing():

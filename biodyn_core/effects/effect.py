@@ -83,8 +83,12 @@ class EffectParameter:
     def check(self, value: float, where: str) -> None:
         """Raise InputError unless the value is finite and within the range."""
         if not (math.isfinite(value) and self.lower <= value <= self.upper):
-            unit = f" {self.unit}" if self.unit else ""
-            raise InputError(f"{where}.{self.name} is {value:g}, allowed are {self.lower:g} to {self.upper:g}{unit}")
+            raise InputError(f"{where}.{self.name} is {value:g}, allowed are {self.allowed}")
+
+    @property
+    def allowed(self) -> str:
+        """Its range in words."""
+        return f"{self.lower:g} to {self.upper:g}{self.unit and f' {self.unit}'}"
 
 
 @dataclass(frozen=True)
@@ -193,9 +197,10 @@ class AppliedEffect:
         for name in self.values:
             if name not in known:
                 raise InputError(f"{where}: unknown parameter {name!r}, known are {', '.join(known) or 'none'}")
+        missing = [f"{name} ({parameter.allowed})" for name, parameter in known.items() if name not in self.values]
+        if missing:
+            raise InputError(f"{where}: missing under parameters: {', '.join(missing)}")
         for name, parameter in known.items():
-            if name not in self.values:
-                raise InputError(f"{where}: parameter {name!r} is missing")
             parameter.check(self.values[name], where)
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,7 +20,7 @@ from biodyn_core.identification.uncertainty import Estimate, Uncertainty
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import MassMatrix, Subject
 from biodyn_ros.json_files import finite
-from biodyn_ros.provenance import rests_on
+from biodyn_ros.provenance import MADE_BY_MODEL, rests_on, without_note
 from biodyn_ros.reading.events import BagEvent
 
 Document = dict[str, Any]
@@ -256,9 +256,10 @@ def _delays(fit: Fit, number: int) -> Document:
     return by_segment(1e3 * fit.clock_delays_s[number, :, 0])
 
 
-def warnings_of(events: Iterable[Prepared]) -> list[str]:
-    """What is to be said of the events, with their bags, each once."""
-    return list(dict.fromkeys(f"{event.bag}: {line}" for event, case in events for line in case.warnings))
+def warnings_of(events: Sequence[Prepared]) -> list[str]:
+    """What is to be said of the events, with their bags, each once; that the model made them, in one line for all."""
+    made, rest = without_note(dict.fromkeys(f"{event.bag}: {line}" for event, case in events for line in case.warnings))
+    return [f"{len(made)} of {len(events)} recordings: {MADE_BY_MODEL}", *rest] if made else rest
 
 
 def not_new(given: Subject, held_out: Sequence[Prepared]) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from biodyn_core.parameters import PARAMETERS
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, OTHER_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
-from biodyn_ros.wording import number, parameter_name
+from biodyn_ros.wording import number, parameter_name, told_apart
 
 Document = dict[str, Any]
 
@@ -180,7 +180,8 @@ def _interval(axes: Any, name: str, estimate: Estimate, row: float, size: float 
 def _said(estimate: Estimate, unit: str) -> str:
     if estimate.call == "on its bound":
         return f"{number(estimate.value)}{unit}, on its bound"
-    return f"{number(estimate.value)} ({number(estimate.lower)} to {number(estimate.upper)}){unit}, {estimate.call}"
+    value, lower, upper = told_apart(estimate.value, estimate.lower, estimate.upper)
+    return f"{value} ({lower} to {upper}){unit}, {estimate.call}"
 
 
 def _profile(axes: Any, profile: Document) -> None:

@@ -14,7 +14,7 @@ from biodyn_core.tracing.findings import ComparedEvent
 from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
 from biodyn_ros.fit.fitting import Fitted, page_beside
 from biodyn_ros.fit.text import BY, said
-from biodyn_ros.provenance import MADE_BY_MODEL, without_note
+from biodyn_ros.provenance import without_note
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.reports.verdict import Verdict
@@ -142,9 +142,9 @@ def doubts(document: Document) -> list[str]:
 
 
 def made_by_model(warnings: list[str]) -> tuple[str | None, list[str]]:
-    """The note that recordings were made by the model, once for all of them, and all other warnings."""
-    made, rest = without_note(warnings)
-    return (f"{made} recording{'s' if made > 1 else ''}: {MADE_BY_MODEL}" if made else None), rest
+    """The note that recordings were made by the model, and all other warnings."""
+    notes, rest = without_note(warnings)
+    return (notes[0] if notes else None), rest
 
 
 def _rows(document: Document) -> list[tuple[Document, str, list[str]]]:

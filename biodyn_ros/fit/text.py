@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_ros.wording import number, parameter_name, words
+from biodyn_ros.wording import number, parameter_name, told_apart, words
 
 Document = dict[str, Any]
 
@@ -55,21 +55,25 @@ def _error_rows(event: Document, by: tuple[str, ...]) -> Iterator[str]:
 
 
 def _parameter_rows(document: Document) -> Iterator[str]:
-    yield f"{'parameter of the joint fit':<34}{'value':>8}  {'95 % interval':<20}{'CV of cases':>12}  "
+    yield f"{'parameter of the joint fit':<34}{'value':>8}  {'95 % interval':<24}{'CV of cases':>12}  "
     for name, of in document["intervals"].items():
         cv = document["cv"][name]
         scatter = f"{cv:.1f} %{'!' if name in document['flagged'] else ' '}" if cv is not None else "–"
-        interval = "on its bound" if of["at_bound"] else f"{number(of['lower'])} to {number(of['upper'])}"
+        value, lower, upper = told_apart(of["value"], of["lower"], of["upper"])
+        interval = "on its bound" if of["at_bound"] else f"{lower} to {upper}"
         call = document["identifiable"][name]
         unit = "" if of["unit"] == "-" else f" {of['unit']}"
-        yield f"{parameter_name(name):<34}{number(of['value']):>8}  {interval + unit:<20}{scatter:>12}  {call}".rstrip()
+        yield f"{parameter_name(name):<34}{value:>8}  {interval + unit:<24}{scatter:>12}  {call}".rstrip()
 
 
 def _profile_rows(document: Document) -> Iterator[str]:
     """Where the profiles that were asked for pass the 95 % mark; no value of Table 1 closes an open side."""
     for name, profile in document["profiles"].items():
-        lower, upper = ("open" if end is None else number(end) for end in (profile["lower"], profile["upper"]))
-        yield f"{'profile: ' + parameter_name(name):<34}{'':>8}  {lower} to {upper}"
+        lower, upper = profile["lower"], profile["upper"]
+        ends = ["open" if end is None else number(end) for end in (lower, upper)]
+        if lower is not None and upper is not None:
+            _, *ends = told_apart(lower, lower, upper)
+        yield f"{'profile: ' + parameter_name(name):<34}{'':>8}  {' to '.join(ends)}"
     for name in document["not_profiled"]:
         yield f"{'profile: ' + parameter_name(name):<34}{'':>8}  none, it lies on its bound"
 

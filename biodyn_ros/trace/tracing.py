@@ -23,7 +23,7 @@ from biodyn_ros.files import make_directory, remove, write_text
 from biodyn_ros.fit.document import Prepared, warnings_of
 from biodyn_ros.json_files import write_json
 from biodyn_ros.progress import OnProgress, Progress, unwatched
-from biodyn_ros.provenance import MADE_BY_MODEL, role_of, without_note
+from biodyn_ros.provenance import role_of
 from biodyn_ros.reading.events import check_bags, read_events
 from biodyn_ros.reading.recordings import RecordingOptions, case_of
 from biodyn_ros.trace.document import origin, provenance, trace_document
@@ -85,7 +85,7 @@ def trace_bags(
     document = trace_document(found) | {
         "bags": [origin(event, case, found) for event, case in prepared],
         "dealt": None if o.held_out else _dealt(train, held_out),
-        "warnings": [*_warnings(prepared), *_seen_before(subject, prepared)],
+        "warnings": [*warnings_of(prepared), *_seen_before(subject, prepared)],
         "seconds": time.monotonic() - begin,
     }
     new = dataclasses.replace(found.after, provenance=provenance(document, found, prepared, subject))
@@ -154,12 +154,6 @@ def _dealt(train: Sequence[Bag], held_out: Sequence[str]) -> str:
         return "nothing is held out: no loading condition has two bags to deal; give more, or --hold-out"
     names = ", ".join(Path(bag).name for bag in held_out)
     return f"none was held out by name, so each condition's were dealt by turns: {len(train)} to fit, held out {names}"
-
-
-def _warnings(prepared: Sequence[Prepared]) -> list[str]:
-    """What is to be said of the bags; what holds for many in the same words is said once."""
-    made, rest = without_note(warnings_of(prepared))
-    return [f"{made} of {len(prepared)} recordings: {MADE_BY_MODEL}", *rest] if made else rest
 
 
 def _seen_before(subject: Subject, prepared: Sequence[Prepared]) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any, Final
 from biodyn_core.effects import CATALOGUE, EffectParameter
 from biodyn_core.segments import SEAT, SEGMENTS
 from biodyn_ros.provenance import without_note
-from biodyn_ros.wording import number, parameter_name, sentence, words
+from biodyn_ros.wording import number, parameter_name, sentence, told_apart, words
 
 Document = dict[str, Any]
 
@@ -115,8 +115,8 @@ def with_unit(value: float | None, unit: str) -> str:
 
 def interval(of: Document) -> str:
     """A value with its 95 % interval and unit."""
-    value, unit = number(of["value"]), "" if of["unit"] in ("", "-") else f" {of['unit']}"
-    return f"{value} ({number(of['lower'])} to {number(of['upper'])}){unit}"
+    value, lower, upper = told_apart(of["value"], of["lower"], of["upper"])
+    return f"{value} ({lower} to {upper})" + ("" if of["unit"] in ("", "-") else f" {of['unit']}")
 
 
 def parameters_of(effect: Document) -> list[tuple[str, str]]:
