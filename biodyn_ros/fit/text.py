@@ -60,10 +60,10 @@ def _parameter_rows(document: Document) -> Iterator[str]:
         cv = document["cv"][name]
         scatter = f"{cv:.1f} %{'!' if name in document['flagged'] else ' '}" if cv is not None else "–"
         value, lower, upper = told_apart(of["value"], of["lower"], of["upper"])
-        interval = "on its bound" if of["at_bound"] else f"{lower} to {upper}"
+        unit = "" if of["unit"] == "-" else of["unit"]
+        interval = f"{unit and f'{unit}, '}on its bound" if of["at_bound"] else f"{lower} to {upper} {unit}"
         call = document["identifiable"][name]
-        unit = "" if of["unit"] == "-" else f" {of['unit']}"
-        yield f"{parameter_name(name):<34}{value:>8}  {interval + unit:<24}{scatter:>12}  {call}".rstrip()
+        yield f"{parameter_name(name):<34}{value:>8}  {interval:<24}{scatter:>12}  {call}".rstrip()
 
 
 def _profile_rows(document: Document) -> Iterator[str]:

@@ -78,7 +78,7 @@ def _other_lines(others: list[dict[str, Any]]) -> list[str]:
     for other in others:
         kinds.setdefault(other["type"], []).append(other)
     width = max(len(kind) for kind in kinds)
-    lines = [f"not {IMU_TYPE}: {len(others)} topics"]
+    lines = [f"not {IMU_TYPE}: {len(others)} topic{'' if len(others) == 1 else 's'}"]
     for kind, topics in [*kinds.items()][:_MOST_KINDS]:
         more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
         count = sum(topic["messages"] for topic in topics)
