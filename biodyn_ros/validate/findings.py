@@ -61,7 +61,7 @@ def findings(document: Document, limits: ValidationSettings) -> Iterator[Documen
             ratio = predicted["vdv_mps175"] / measured["vdv_mps175"]
             if not 1.0 / limits.dose_ratio <= ratio <= limits.dose_ratio:
                 text = f"{words(name)}: predicted VDV is {number(ratio)} times the measured one"
-                yield _finding("disagrees", "vdv", name, text)
+                yield _finding("disagrees", "vdv", name, text + _allowed(limits.dose_ratio))
 
 
 def _stht_findings(stht: Document, spectra: Document, limits: ValidationSettings) -> Iterator[Document]:
@@ -74,17 +74,19 @@ def _stht_findings(stht: Document, spectra: Document, limits: ValidationSettings
         return
     # Two standard errors, as a factor; the prediction has none.
     allowed, off, margin = math.log(limits.stht_ratio), abs(math.log(ratio)), 2.0 * error
-    peaks = (
-        f"predicted peak {number(stht['predicted']['magnitude'])} at {number(stht['predicted']['frequency_hz'])} Hz,"
-        f" measured {number(stht['measured']['magnitude'])} at {number(stht['measured']['frequency_hz'])} Hz,"
+    predicted, measured = stht["predicted"], stht["measured"]
+    heights = (
+        f"predicted peak {number(predicted['magnitude'])}, measured {number(measured['magnitude'])},"
         f" ratio {number(ratio)} +- {number(100.0 * margin)} %"
     )
     if off - margin > allowed or (off > allowed and margin <= allowed):
-        yield _finding("disagrees", "stht", HEAD, f"{what}: {peaks}")
+        yield _finding("disagrees", "stht", HEAD, f"{what}: {heights}{_allowed(limits.stht_ratio)}")
     elif margin > allowed:
-        yield _finding("undecided", "stht", HEAD, f"{what}: too uncertain to tell: {peaks}")
+        yield _finding("undecided", "stht", HEAD, f"{what}: too uncertain to tell: {heights}")
     if not 1.0 / limits.frequency_ratio <= stht["frequency_ratio"] <= limits.frequency_ratio:
-        yield _finding("disagrees", "stht_frequency", HEAD, f"{what}: the peaks lie apart: {peaks}")
+        at_hz, measured_hz = (number(peak["frequency_hz"]) for peak in (predicted, measured))
+        text = f"{what}: its peaks lie apart, predicted at {at_hz} Hz, measured at {measured_hz} Hz"
+        yield _finding("disagrees", "stht_frequency", HEAD, text + _allowed(limits.frequency_ratio))
     hidden = stht["predicted_anywhere"]
     if hidden and hidden["magnitude"] > limits.stht_ratio * stht["predicted"]["magnitude"]:
         text = (
@@ -92,6 +94,10 @@ def _stht_findings(stht: Document, spectra: Document, limits: ValidationSettings
             " lies where the measured coherence is too low to tell"
         )
         yield _finding("undecided", "stht_peak_hidden", HEAD, text)
+
+
+def _allowed(factor: float) -> str:
+    return f"; a factor of {factor:g} is allowed"
 
 
 def _finding(status: str, what: str, segment: str | None, text: str) -> Document:
