@@ -107,48 +107,16 @@ def powers(document: Document) -> Any:
 
 def driving_point(document: Document) -> Any:
     """Seat to head, apparent mass and impedance beneath each other, magnitudes on the left and phases on the right."""
-    frequency_hz = _values(document["spectra"]["frequency_hz"])
-    head, point = document["transmissibility"][HEAD], document["driving_point"]
 
     def fill(figure: Any) -> None:
         grid = figure.add_gridspec(3, 2)
-        axes = [[figure.add_subplot(grid[row, column]) for column in range(2)] for row in range(3)]
-        for column, key in enumerate(("magnitude", "phase_deg")):
-            for side in ("measured", "predicted", "linear"):
-                if head[side] is not None:
-                    _line(
-                        axes[0][column],
-                        frequency_hz,
-                        head[side][key],
-                        _told(head, "measured", document),
-                        side,
-                        column == 1,
-                    )
-        if head["measured"] is None:
-            _beside(axes[0][0], "head not measured")
-        rows = (("apparent_mass_kg", "phase_deg"), ("impedance_n_s_per_m", "impedance_phase_deg"))
-        for row, keys in enumerate(rows, 1):
-            for column, key in enumerate(keys):
-                if "refused" in point:
-                    say(axes[row][column], "refused, see below")
-                    continue
-                told = _told(point, "predicted", document)
-                _line(axes[row][column], frequency_hz, point["predicted"][key], told, "predicted", column == 1)
-                _line(axes[row][column], frequency_hz, point["linear"][key], None, "linear", column == 1)
-        if "refused" not in point:
-            _masses(axes[1][0], point)
+        head, *point = [[figure.add_subplot(grid[row, column]) for column in range(2)] for row in range(3)]
+        _seat_to_head(head, document)
+        _felt_by_the_seat(point, document)
         titles = ("seat to head", "apparent mass of the body", "impedance of the body")
         labels = ("|head / seat|, no unit", "|force / acceleration|, kg", "|force / velocity|, N s/m")
-        for row in range(3):
-            axes[row][0].set_title(titles[row], loc="left", fontweight="bold")
-            axes[row][0].set_ylabel(labels[row], color=SOFT_COLOUR)
-            axes[row][1].set_ylabel("phase, degrees", color=SOFT_COLOUR)
-            axes[row][1].set_ylim(-190.0, 190.0)
-            axes[row][1].set_yticks((-180, -90, 0, 90, 180))
-            for each in axes[row]:
-                _frequency_axis(each, frequency_hz)
-                each.set_xlabel(_FREQUENCY, color=SOFT_COLOUR)
-            axes[row][0].set_ylim(bottom=0.0)
+        for pair, title, label in zip((head, *point), titles, labels, strict=True):
+            _frame(pair, title, label, _values(document["spectra"]["frequency_hz"]))
 
     return drawn(_WIDTH_IN, 8.2, fill)
 
@@ -226,6 +194,48 @@ def _transmitted(upper: Any, lower: Any, frequency_hz: Floats, found: Document, 
         say(upper, "not measured")
     elif measured is None:
         _beside(upper, "not measured")
+
+
+def _seat_to_head(pair: Sequence[Any], document: Document) -> None:
+    """Magnitude and phase of the head over the seat, measured, predicted and of the linear model."""
+    frequency_hz, found = _values(document["spectra"]["frequency_hz"]), document["transmissibility"][HEAD]
+    tells = _told(found, "measured", document)
+    for axes, key in zip(pair, ("magnitude", "phase_deg"), strict=True):
+        for side in ("measured", "predicted", "linear"):
+            if found[side] is not None:
+                _line(axes, frequency_hz, found[side][key], tells, side, phase=key == "phase_deg")
+    if found["measured"] is None:
+        _beside(pair[0], "head not measured")
+
+
+def _felt_by_the_seat(pairs: Sequence[Sequence[Any]], document: Document) -> None:
+    """Magnitude and phase of apparent mass and of impedance, unless forces are refused."""
+    frequency_hz, point = _values(document["spectra"]["frequency_hz"]), document["driving_point"]
+    if "refused" in point:
+        for axes in (axes for pair in pairs for axes in pair):
+            say(axes, "refused, see below")
+        return
+    tells = _told(point, "predicted", document)
+    rows = (("apparent_mass_kg", "phase_deg"), ("impedance_n_s_per_m", "impedance_phase_deg"))
+    for pair, keys in zip(pairs, rows, strict=True):
+        for axes, key in zip(pair, keys, strict=True):
+            for side in ("predicted", "linear"):
+                _line(axes, frequency_hz, point[side][key], tells, side, phase=key.endswith("phase_deg"))
+    _masses(pairs[0][0], point)
+
+
+def _frame(pair: Sequence[Any], title: str, label: str, frequency_hz: Floats) -> None:
+    """Title, labels and axes of a magnitude and the phase beside it."""
+    magnitude, phase = pair
+    magnitude.set_title(title, loc="left", fontweight="bold")
+    magnitude.set_ylabel(label, color=SOFT_COLOUR)
+    phase.set_ylabel("phase, degrees", color=SOFT_COLOUR)
+    phase.set_ylim(-190.0, 190.0)
+    phase.set_yticks((-180, -90, 0, 90, 180))
+    for axes in pair:
+        _frequency_axis(axes, frequency_hz)
+        axes.set_xlabel(_FREQUENCY, color=SOFT_COLOUR)
+    magnitude.set_ylim(bottom=0.0)
 
 
 def _line(
