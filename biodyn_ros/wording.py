@@ -50,11 +50,11 @@ def number(value: float | None) -> str:
     return f"{value:.3g}" if places is None else f"{value:.{places}f}"
 
 
-def told_apart(value: float, lower: float, upper: float) -> tuple[str, str, str]:
+def told_apart(value: float | None, lower: float | None, upper: float | None) -> tuple[str, str, str]:
     """A value and the ends of its interval, as `number` has them, or with as many more places as tell them apart."""
-    half = 0.5 * (upper - lower)
-    if not 0.0 < half < math.inf:
+    if value is None or lower is None or upper is None or not 0.0 < upper - lower < math.inf:
         return number(value), number(lower), number(upper)
+    half = 0.5 * (upper - lower)
     apart = min(-math.floor(math.log10(half)), (_places(value) or 0) + MOST_MORE_PLACES)
     shown = []
     for each in (value, lower, upper):

@@ -531,6 +531,8 @@ def test_numbers_have_three_digits(value, expected):
         ((4.0, 4.0, 4.0), ("4.00", "4.00", "4.00")),
         ((2.0, 1.0, float("inf")), ("2.00", "1.00", "inf")),
         ((1e-5, 0.9e-5, 1.1e-5), ("1e-05", "9e-06", "1.1e-05")),
+        ((3.0, None, 4.0), ("3.00", "–", "4.00")),
+        ((3.0, 2.0, float("nan")), ("3.00", "2.00", "–")),
     ],
 )
 def test_the_ends_of_an_interval_are_told_apart(estimate, expected):
