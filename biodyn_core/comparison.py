@@ -6,7 +6,7 @@ Instants wait until every sensor has come, or until they are `wait_s` of stamp t
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -48,6 +48,10 @@ class ResidualMeter(Meter):
             return np.sqrt(rows[:, 0] / rows[:, 2]), 100.0 * np.sqrt(rows[:, 0] / rows[:, 1])
 
 
+_NO_BREAK: Final = np.full(1, np.nan)
+"""Before the one instant of a live block: an array for each would cost as much as the rest of it."""
+
+
 class _Instants(NamedTuple):
     """Instants of the seat that wait for the other sensors: stamps, time, seat (n,), and all predictions (n, 6).
 
@@ -63,9 +67,10 @@ class _Instants(NamedTuple):
     @classmethod
     def of(cls, block: Block, predicted_mps2: Floats) -> _Instants:
         """The instants of a block of the seat."""
-        break_s = np.full(block.stamps_ns.size, np.nan)
-        if block.begins_run:
-            break_s[0] = block.gap_s
+        break_s = _NO_BREAK
+        if block.begins_run or block.stamps_ns.size > 1:
+            break_s = np.full(block.stamps_ns.size, np.nan)
+            break_s[0] = block.gap_s if block.begins_run else np.nan
         return cls(block.stamps_ns, block.time_s, block.low_passed_mps2, predicted_mps2, break_s)
 
     @classmethod

@@ -119,6 +119,7 @@ class Conditioner:
         self._state = np.zeros(kernel.STATE_SIZE)
         self._counts = np.zeros(kernel.COUNT_SIZE, dtype=np.int64)
         self._undecided: tuple[Integers, Floats] | None = None
+        self._room = np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 3)), np.empty((0, 1))
         self._held: list[Block] = []
         self.runs = Runs()
         self._run_epoch_ns = 0
@@ -351,23 +352,30 @@ class Conditioner:
     def _advance(self, stamps_ns: Integers, samples: Floats, final: bool) -> tuple[int, Block | None, int]:
         """One call of the kernel: (samples consumed, what it wrote, why it stopped)."""
         assert self._rest is not None
-        room, epoch_ns = stamps_ns.shape[0] + self._max_fill + 2, self._run_epoch_ns
-        stamps, times = np.empty(room, dtype=np.int64), np.empty(room)
-        levelled, low_passed = np.empty((room, 3)), np.empty((room, 1))
+        epoch_ns = self._run_epoch_ns
+        stamps, times, levelled, low_passed = self._room_for(stamps_ns.shape[0])
         used, written, why = kernel.condition(
             stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts,
             stamps, times, levelled, low_passed,
         )  # fmt: skip
         if not written:
             return used, None, why
-        begins_ns, ends_ns = (epoch_ns + round(float(times[k]) * 1e9) for k in (0, written - 1))
+        begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)
         begins_run, gap_s = self.runs.answered(begins_ns, ends_ns, 1.0 / self.rate_hz)
         shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
         block = Block(
-            stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0], begins_run, gap_s,
-            self._rest.epoch_ns, self.rate_hz, self.settings.cutoff_hz,
+            stamps[:written].copy(), times[:written] + shift_s, levelled[:written].copy(),
+            low_passed[:written, 0].copy(), begins_run, gap_s, self._rest.epoch_ns, self.rate_hz,
+            self.settings.cutoff_hz,
         )  # fmt: skip
         return used, block, why
+
+    def _room_for(self, samples: int) -> tuple[Integers, Floats, Floats, Floats]:
+        """Where the kernel writes: kept from call to call, since live every call is of one sample."""
+        size = samples + self._max_fill + 2
+        if self._room[0].size != size:
+            self._room = np.empty(size, dtype=np.int64), np.empty(size), np.empty((size, 3)), np.empty((size, 1))
+        return self._room
 
     def _end_run(self, next_ns: int) -> list[Block]:
         """Nothing integrates across a break: filters start anew, and time that jumped back goes on."""
