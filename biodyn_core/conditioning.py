@@ -82,6 +82,10 @@ SettingsOf = ConditioningSettings | Mapping[str, ConditioningSettings] | None
 """Settings of all sensors, or of each by its name; of a sensor that is not named they are the defaults."""
 
 
+_Rows = tuple[Integers, Floats, Floats, Floats]
+"""Stamps (n,) ns, times (n,) s, levelled (n, 3) and low-passed m/s^2."""
+
+
 def settings_for(sensor: str, conditioning: SettingsOf) -> ConditioningSettings | None:
     """How one sensor is conditioned."""
     return conditioning.get(sensor) if isinstance(conditioning, Mapping) else conditioning
@@ -119,7 +123,6 @@ class Conditioner:
         self._state = np.zeros(kernel.STATE_SIZE)
         self._counts = np.zeros(kernel.COUNT_SIZE, dtype=np.int64)
         self._undecided: tuple[Integers, Floats] | None = None
-        self._room = np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 3)), np.empty((0, 1))
         self._held: list[Block] = []
         self.runs = Runs()
         self._run_epoch_ns = 0
@@ -300,6 +303,7 @@ class Conditioner:
         s[kernel.TRACKER_GAIN] = rest.period_s / tracker_s if tracker_s else 0.0
         self._counts[kernel.TRACKED] = self._counts[kernel.IN_RUN] = rest.samples
         self._max_fill = int(s[kernel.MAX_GAP] / (0.98 * rest.period_s)) + 2
+        self._lone_room = _room(1, self._max_fill)
         self._sos = np.zeros((kernel.SECTIONS, 6))
         self.delay_s = 0.0
         if self.mode != "survey":
@@ -352,30 +356,23 @@ class Conditioner:
     def _advance(self, stamps_ns: Integers, samples: Floats, final: bool) -> tuple[int, Block | None, int]:
         """One call of the kernel: (samples consumed, what it wrote, why it stopped)."""
         assert self._rest is not None
-        epoch_ns = self._run_epoch_ns
-        stamps, times, levelled, low_passed = self._room_for(stamps_ns.shape[0])
+        epoch_ns, is_lone = self._run_epoch_ns, stamps_ns.shape[0] == 1
+        room = self._lone_room if is_lone else _room(stamps_ns.shape[0], self._max_fill)
         used, written, why = kernel.condition(
-            stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts,
-            stamps, times, levelled, low_passed,
+            stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts, *room
         )  # fmt: skip
         if not written:
             return used, None, why
+        stamps, times, levelled, low_passed = room
         begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)
         begins_run, gap_s = self.runs.answered(begins_ns, ends_ns, 1.0 / self.rate_hz)
         shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
+        rows = stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0]
         block = Block(
-            stamps[:written].copy(), times[:written] + shift_s, levelled[:written].copy(),
-            low_passed[:written, 0].copy(), begins_run, gap_s, self._rest.epoch_ns, self.rate_hz,
+            *(_copied(rows) if is_lone else rows), begins_run, gap_s, self._rest.epoch_ns, self.rate_hz,
             self.settings.cutoff_hz,
         )  # fmt: skip
         return used, block, why
-
-    def _room_for(self, samples: int) -> tuple[Integers, Floats, Floats, Floats]:
-        """Where the kernel writes: kept from call to call, since live every call is of one sample."""
-        size = samples + self._max_fill + 2
-        if self._room[0].size != size:
-            self._room = np.empty(size, dtype=np.int64), np.empty(size), np.empty((size, 3)), np.empty((size, 1))
-        return self._room
 
     def _end_run(self, next_ns: int) -> list[Block]:
         """Nothing integrates across a break: filters start anew, and time that jumped back goes on."""
@@ -403,6 +400,18 @@ class Conditioner:
         )
         self._held = []
         return [run]
+
+
+def _room(samples: int, max_fill: int) -> _Rows:
+    """Where the kernel writes; what lies in it is handed out without a copy."""
+    size = samples + max_fill + 2
+    return np.empty(size, dtype=np.int64), np.empty(size), np.empty((size, 3)), np.empty((size, 1))
+
+
+def _copied(rows: _Rows) -> _Rows:
+    """Live a block is one row of sixty: copied out, it holds no more than that, and its room serves again."""
+    stamps, times, levelled, low_passed = rows
+    return stamps.copy(), times.copy(), levelled.copy(), low_passed.copy()
 
 
 def group_delay_s(sos: Floats, rate_hz: float) -> float:
