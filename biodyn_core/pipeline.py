@@ -19,13 +19,13 @@ import numpy as np
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning import Conditioner, Mode, SettingsOf, settings_for
-from biodyn_core.earlier_run import EarlierRun
+from biodyn_core.counting import Counting
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose
 from biodyn_core.frames import NO_FRAMES, NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames, joined
 from biodyn_core.injury import Dri, Hic
 from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
-from biodyn_core.keeping import NOTHING_LOST, KeptExposure, KeptSensor, Lost
+from biodyn_core.keeping import KeptExposure, Lost
 from biodyn_core.levelling import Vector, first_axis_rad
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.metering import SensorMeters
@@ -90,20 +90,16 @@ class Pipeline:
             name: Conditioner(name, settings_for(name, conditioning), mode, verticals.get(name)) for name in SENSORS
         }
         self._timelines = Timelines(self._conditioners, self.settings.wait_s)
-        self._meters: dict[str, SensorMeters] = {}
+        self._counting = Counting(self._conditioners, self._timelines, self.settings)
         self._seat: SeatSide | None = None
         self._whole_runs: list[tuple[str, Block]] = []
         self._early: dict[str, deque[Block]] = {name: deque() for name in SENSORS}
-        self._at_reset = dict.fromkeys(SENSORS, NOTHING_LOST)
-        self._earlier = EarlierRun.none(self._conditioners)
 
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
         if sensor not in self._conditioners:
             raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
-        if self._earlier.sensors:
-            stamps_ns, samples_mps2 = self._earlier.begun(sensor, stamps_ns, samples_mps2)
-        return self._push(sensor, stamps_ns, samples_mps2)
+        return self._push(sensor, *self._counting.earlier.begun(sensor, stamps_ns, samples_mps2))
 
     def _push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
         blocks = self._conditioners[sensor].push(stamps_ns, samples_mps2)
@@ -115,7 +111,7 @@ class Pipeline:
 
     def finish(self) -> Frames:
         """The record has ended: take what the sensors still hold, and answer every instant with what is there."""
-        frames = [self._push(name, *samples) for name, samples in self._earlier.waiting()]
+        frames = [self._push(name, *samples) for name, samples in self._counting.earlier.waiting()]
         held = self._whole_runs + [(name, block) for name, c in self._conditioners.items() for block in c.finish()]
         self._whole_runs = []
         frames += [self._take(name, [block]) for name, block in _in_turns(held)]
@@ -125,40 +121,28 @@ class Pipeline:
 
     def reset(self) -> None:
         """Start exposure "since reset" anew; filters, model and rolling figures go on."""
-        for meters in self._meters.values():
-            meters.reset()
         if self._seat:
             self._seat.reset()
-        self._earlier = EarlierRun.none(self._conditioners)
-        self._timelines.reset()
-        self._at_reset = {name: self._lost(name) for name in SENSORS}
+        self._counting.reset()
 
     def resume(self, kept: KeptExposure) -> None:
         """Go on with the exposure of a run before this one, whose first sample is still to come.
 
         Raises InputError where it does not fit.
         """
-        meters = {name: self._new_meters(name, 1.0 / one.rest.period_s) for name, one in kept.sensors.items()}
-        earlier = EarlierRun.of(kept, self._conditioners, meters)
-        if SEAT in meters:  # whether the rest fits is to be known now, not in the middle of the ride
-            self._new_seat_side(meters[SEAT].rate_hz).resume(kept.beside, 0.0)
-        self._earlier = earlier
+        if SEAT in kept.sensors:  # whether the rest fits is to be known now, not in the middle of the ride
+            self._new_seat_side(1.0 / kept.sensors[SEAT].rest.period_s).resume(kept.beside, 0.0)
+        self._counting.resume(kept)
 
     def kept(self, belongs: Mapping[str, str]) -> KeptExposure | None:
         """Exposure since reset as plain data, None while nothing was counted; belongs: see `KeptExposure`."""
-        sensors = dict(self._earlier.sensors)
-        for name, meters in self._meters.items():
-            conditioner = self._conditioners[name]
-            newest_ns = conditioner.newest_ns or conditioner.first_ns
-            if conditioner.rest is not None and newest_ns is not None:
-                told_ns = newest_ns + round(1e9 * self._timelines.silent_s(name))
-                sensors[name] = KeptSensor(newest_ns, told_ns, self.lost(name), conditioner.rest, meters.kept())
-        beside = self._seat.kept() if self._seat else self._earlier.beside
+        sensors = self._counting.kept()
+        beside = self._seat.kept() if self._seat else self._counting.earlier.beside
         return KeptExposure(belongs, sensors, beside) if sensors else None
 
     def exposure(self, rolling: bool = False) -> Exposure:
         """The figures since reset, or over the last `window_s`, in which a sensor that is silent counts nothing."""
-        counted = self._recent if rolling else self._counted
+        counted = self._counting.rolling() if rolling else self._counting.since_reset()
         side = self._seat if SEAT in counted else None
         seat, head = counted.get(SEAT), counted.get(HEAD)
         return Exposure(
@@ -182,7 +166,7 @@ class Pipeline:
 
         project: to eight hours from less than 20 minutes too.
         """
-        meters = self._counted.get(SEAT)
+        meters = self._counting.since_reset().get(SEAT)
         if meters is None:
             return None
         status = self.status(SEAT)
@@ -206,24 +190,12 @@ class Pipeline:
         return self._conditioners[sensor].status()
 
     def lost(self, sensor: str) -> Lost:
-        """What a sensor lost since reset.
-
-        Absent is what lies in gaps, or passed before it joined the others, in motion before it had been at rest,
-        while its clock was set back, or since it fell silent.
-        """
-        return self._lost(sensor).since(self._at_reset[sensor]).and_before(self._earlier.lost(sensor))
+        """What a sensor lost since reset."""
+        return self._counting.lost(sensor)
 
     def seconds(self) -> float:
         """Length of the record by the samples that were accepted: one wild stamp does not count."""
         return max(conditioner.status().recorded_s for conditioner in self._conditioners.values())
-
-    def _lost(self, sensor: str) -> Lost:
-        status, timelines = self.status(sensor), self._timelines
-        gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
-        # Where a sensor goes on from an earlier run, what passed between both is told from there.
-        late_s = 0.0 if sensor in self._earlier.sensors else timelines.late_s(sensor)
-        absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + timelines.silent_s(sensor)
-        return Lost(status.clipped, absent_s, status.filled_s, status.flat_s)
 
     def clock_apart_s(self, sensor: str) -> float:
         """How far a sensor's clock was set ahead of the others', so that nothing can be compared; mostly 0."""
@@ -237,7 +209,7 @@ class Pipeline:
         if self._seat is None:
             return {}
         delay_s = self._conditioners[SEAT].delay_s
-        rates = [meters.rate_hz for meters in self._meters.values()]
+        rates = [meters.rate_hz for meters in self._counting.meters.values()]
         look_ahead_s = self._seat.comparison.look_ahead() / min(rates)
         compared = Latency(delay_s, look_ahead_s, self.settings.wait_s)
         return {
@@ -273,27 +245,11 @@ class Pipeline:
             return False
         return self._seat.seat_peak_mps2 > fitted_mps2
 
-    @property
-    def _counted(self) -> dict[str, SensorMeters]:
-        """The meters of all sensors, those of an earlier run that have not come back among them."""
-        return self._earlier.held | self._meters
-
-    @property
-    def _recent(self) -> dict[str, SensorMeters]:
-        """The meters of the sensors that sent something within the window."""
-        window_s = self.settings.window_s
-        return {name: meters for name, meters in self._meters.items() if self._timelines.silent_s(name) <= window_s}
-
     def _take(self, sensor: str, blocks: list[Block]) -> Frames:
         """Count what a sensor's conditioning brought forth; the seat's is predicted from, the others' compared."""
         if not blocks:
             return NO_FRAMES
-        if sensor not in self._meters:
-            conditioner = self._conditioners[sensor]
-            meters = self._new_meters(sensor, conditioner.rate_hz, conditioner.status().vertical)
-            self._meters[sensor] = self._earlier.resumed(sensor, meters)
-        for block in blocks:
-            self._meters[sensor].push(block)
+        self._counting.count(sensor, blocks)
         return self._predict(blocks) if sensor == SEAT else Frames(NO_PREDICTED, self._compare(sensor, blocks))
 
     def _predict(self, blocks: list[Block]) -> Frames:
@@ -301,7 +257,8 @@ class Pipeline:
         if self._seat is None:
             rate_hz = self._conditioners[SEAT].rate_hz
             self._seat = self._new_seat_side(rate_hz)
-            self._seat.resume(self._earlier.beside, self._earlier.between_s(SEAT))
+            earlier = self._counting.earlier
+            self._seat.resume(earlier.beside, earlier.between_s(SEAT))
             for sensor, early in self._early.items():
                 if early:
                     self._seat.comparison.sensor(sensor, list(early))
@@ -313,10 +270,6 @@ class Pipeline:
             return Frames(PredictedFrames(blocks[0].stamps_ns, accel[0]), measured)
         stamps = np.concatenate([block.stamps_ns for block in blocks])
         return Frames(PredictedFrames(stamps, np.concatenate(accel)), measured)
-
-    def _new_meters(self, sensor: str, rate_hz: float, vertical: Vector | None = None) -> SensorMeters:
-        first_rad = first_axis_rad(vertical) if vertical else 0.0
-        return SensorMeters(sensor, rate_hz, self.settings.window_s, self.settings.weightings(), first_rad)
 
     def _new_seat_side(self, rate_hz: float) -> SeatSide:
         return SeatSide(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s)

@@ -25,6 +25,7 @@ LAYERS = (
         "comparison",
         "conditioned",
         "conditioning",
+        "counting",
         "driving_point",
         "dual_range",
         "earlier_run",
