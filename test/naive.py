@@ -153,6 +153,12 @@ def pulses(pieces, time_s):
     return total
 
 
+def half_sine(peak, length_s, seconds, rate_hz, begin_s=0.02):
+    """Rest and one half-sine, (n,)."""
+    phase = (np.arange(round(seconds * rate_hz)) / rate_hz - begin_s) / length_s
+    return peak * np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase), 0.0)
+
+
 def response_to_pulses(top, bottom, pieces, time_s):
     """What the system top(p) / bottom(p) makes of `pulses`, in closed form by partial fractions (simple poles)."""
     poles = np.roots(bottom)

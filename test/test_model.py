@@ -31,8 +31,7 @@ bodies = st.builds(person, THETAS, mass_matrix=FORMS, body_mass_kg=st.floats(30.
 
 def half_sine(peak_g: float, length_s: float, seconds: float, rate_hz: float, begin_s: float = 0.01) -> np.ndarray:
     """A seat at rest that gets one half-sine of acceleration, m/s^2."""
-    phase = (np.arange(round(seconds * rate_hz)) / rate_hz - begin_s) / length_s
-    return peak_g * naive.GRAVITY * np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase), 0.0)
+    return naive.half_sine(peak_g * naive.GRAVITY, length_s, seconds, rate_hz, begin_s)
 
 
 def step(size_g: float, seconds: float, rate_hz: float) -> np.ndarray:
