@@ -1,117 +1,44 @@
-"""Bags against mcap's and rosbags' own writers and readers, both ways; cut, odd and hostile files."""
+"""Bags against mcap's and rosbags' own writers and readers, both ways, and real recordings."""
 
 from __future__ import annotations
 
 import shutil
 import sqlite3
-import struct
-import subprocess
-import sys
-from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from logged import (
+    COMPRESSIONS,
+    HEAD,
+    ODD,
+    RECORDING,
+    SEAT,
+    START_NS,
+    Logged,
+    by_topic,
+    constant_size,
+    merged,
+    read_ours,
+    write_ours,
+    write_with_mcap,
+    write_with_rosbags,
+)
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import IndexType, Writer
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_typestore
 
 from biodyn_core.errors import InputError
 from biodyn_ros import cdr
-from biodyn_ros.bag import SLICE_NS, BagReader, BagWriter, imu_blocks, open_bag
+from biodyn_ros.bag import SLICE_NS, BagWriter, imu_blocks, open_bag
 from biodyn_ros.cdr import IMU_TYPE
-
-ROOT = Path(__file__).resolve().parents[1]
-COMPRESSIONS = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
-START_NS = 1_700_000_000_000_000_000
-SEAT, HEAD, ODD = "/imu/seat/data", "/imu/head/data", "/imu/odd"
-
-Logged = tuple[str, int, bytes]
-"""Topic, log time, message."""
-
-
-def recording(n: int = 400, rate_hz: float = 100.0) -> list[Logged]:
-    """Some messages each of two topics of one frame_id length, and a third whose frame_id length differs each time."""
-    rng = np.random.default_rng(1)
-    out: list[Logged] = []
-    for k, (topic, frame_id) in enumerate({SEAT: "seat", HEAD: "head_link", ODD: None}.items()):
-        for i in range(n):
-            frame = "o" * (i % 23) if frame_id is None else frame_id
-            stamp_ns = START_NS + int(i * 1e9 / rate_hz) + k * 1000
-            x = rng.normal(size=(1, 6))
-            message = cdr.encode_imu(np.array([stamp_ns - 5_000_000]), x[:, :3], x[:, 3:], frame)
-            out.append((topic, stamp_ns, message.tobytes()))
-    return sorted(out, key=lambda item: item[1])
-
-
-def by_topic(messages: Iterable[Logged]) -> dict[str, list[tuple[int, bytes]]]:
-    found = defaultdict(list)
-    for topic, log_ns, data in messages:
-        found[topic].append((log_ns, data))
-    return dict(found)
-
-
-def read_ours(reader: BagReader, topics: Iterable[str] | None = None) -> dict[str, list[tuple[int, bytes]]]:
-    return by_topic(
-        (block.topic, log_ns, data)
-        for block in reader.blocks(topics)
-        for log_ns, data in zip(block.log_ns.tolist(), block.messages(), strict=True)
-    )
-
-
-def write_with_mcap(path: Path, messages: Iterable[Logged], **options: object) -> None:
-    with path.open("wb") as stream:
-        writer = Writer(stream, **{"chunk_size": 20_000, **options})
-        writer.start("ros2", "test")
-        schema = writer.register_schema(IMU_TYPE, "ros2msg", b"")
-        channels: dict[str, int] = {}
-        for topic, log_ns, data in messages:
-            if topic not in channels:
-                channels[topic] = writer.register_channel(topic, "cdr", schema)
-            writer.add_message(channels[topic], log_ns, data, log_ns)
-        writer.add_metadata("biodyn", {"command": "test"})
-        writer.finish()
-
-
-def write_with_rosbags(path: Path, messages: Iterable[Logged], plugin: StoragePlugin) -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with RosbagsWriter(path, version=9, storage_plugin=plugin) as writer:
-        connections = {}
-        for topic, log_ns, data in messages:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, IMU_TYPE, typestore=store)
-            writer.write(connections[topic], log_ns, data)
-
-
-def write_ours(path: Path, messages: Iterable[Logged], block: int = 25, **options: object) -> None:
-    """Blocks of some messages per topic in turns; ODD is left out, its messages differ in size."""
-    topics = {topic: found for topic, found in by_topic(messages).items() if topic != ODD}
-    with BagWriter(path, **options) as writer:
-        for topic in topics:
-            writer.add_topic(topic, IMU_TYPE)
-        for lo in range(0, max(map(len, topics.values())), block):
-            for topic, found in topics.items():
-                if part := found[lo : lo + block]:
-                    payload = np.frombuffer(b"".join(data for _, data in part), np.uint8).reshape(len(part), -1)
-                    writer.write(topic, np.array([log_ns for log_ns, _ in part]), payload)
-        writer.add_metadata("biodyn", {"command": "test", "version": "1"})
-
-
-def constant_size(messages: Iterable[Logged]) -> list[Logged]:
-    return [item for item in messages if item[0] != ODD]
-
-
-RECORDING = recording()
-
 
 # They write, we read.
 
@@ -354,13 +281,6 @@ def test_what_cannot_be_written_is_refused(tmp_path):
 # Imu blocks.
 
 
-def merged(blocks: Iterable[tuple[str, cdr.ImuBlock]]) -> dict[str, list[int]]:
-    found = defaultdict(list)
-    for topic, block in blocks:
-        found[topic] += block.stamps_ns.tolist()
-    return dict(found)
-
-
 @pytest.mark.parametrize("time", ["header", "log"])
 def test_imu_blocks_are_the_decoded_messages(tmp_path, time):
     write_with_mcap(tmp_path / "a.mcap", RECORDING)
@@ -451,320 +371,6 @@ def test_wrong_wishes_are_refused_by_name(tmp_path):
         assert len(merged(imu_blocks(bag, [HEAD]))[HEAD]) == 400
     with open_bag(tmp_path / "b.mcap") as bag, pytest.raises(InputError, match="/exposure is std_msgs/msg/Float64"):
         imu_blocks(bag, ["/exposure"])
-
-
-# Cut and damaged files.
-
-
-def whole_chunks(path: Path) -> list[tuple[int, int]]:
-    """(end of the chunk record in the file, messages in it)."""
-    with path.open("rb") as stream:
-        indexes = make_reader(stream).get_summary().chunk_indexes
-    return [
-        (
-            index.chunk_start_offset + index.chunk_length,
-            (index.message_index_length - 15 * len(index.message_index_offsets)) // 16,
-        )
-        for index in indexes
-    ]
-
-
-@pytest.mark.parametrize("who", ["mcap", "ours"])
-@pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_every_whole_chunk_before_the_cut_is_recovered(tmp_path, who, compression):
-    whole = tmp_path / "whole.mcap"
-    if who == "mcap":
-        write_with_mcap(whole, RECORDING, compression=COMPRESSIONS[compression])
-    else:
-        write_ours(whole, RECORDING, compression=compression, chunk_bytes=20_000)
-    expected = RECORDING if who == "mcap" else constant_size(RECORDING)
-    data, chunks = whole.read_bytes(), whole_chunks(whole)
-    ends = [end for end, _ in chunks]
-    near = {end + d for end in ends[:4] for d in (-1, 0, 1, 9, 20)}
-    cut = tmp_path / "cut.mcap"
-    for at in sorted(near | set(np.linspace(0, len(data) - 1, 60, dtype=int).tolist())):
-        cut.write_bytes(data[:at])
-        count = sum(n for end, n in chunks if end <= at)
-        if not count:
-            with pytest.raises(InputError):
-                open_bag(cut)
-            continue
-        with open_bag(cut) as bag:
-            assert bag.recovered
-            assert bag.message_count == count
-            (warning,) = bag.warnings
-            seconds = (expected[count - 1][1] - expected[0][1]) / 1e9
-            assert f"cut.mcap: unfinished or cut: recovered {count} messages, up to {seconds:.3f} s" in warning
-            assert read_ours(bag) == by_topic(expected[:count])
-
-
-def test_every_whole_message_outside_of_chunks_is_recovered(tmp_path):
-    write_with_mcap(tmp_path / "a.mcap", RECORDING, use_chunking=False)
-    data = (tmp_path / "a.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
-    with open_bag(tmp_path / "cut.mcap") as bag:
-        assert bag.recovered
-        assert 300 < bag.message_count < 900
-        assert read_ours(bag) == by_topic(RECORDING[: bag.message_count])
-
-
-def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path):
-    write_with_mcap(tmp_path / "a.mcap", RECORDING)
-    data = bytearray((tmp_path / "a.mcap").read_bytes())
-    end, count = whole_chunks(tmp_path / "a.mcap")[2]
-    data[end - 400 : end] = bytes(400)
-    (tmp_path / "a.mcap").write_bytes(data)
-    with open_bag(tmp_path / "a.mcap") as bag:
-        assert not bag.recovered
-        assert sum(map(len, read_ours(bag).values())) == 1200 - count
-        assert bag.recovered
-        assert len(bag.warnings) == 1
-        assert "damaged and left out: zstd" in bag.warnings[0]
-
-
-def test_a_cut_database_is_read_as_far_as_it_goes(tmp_path):
-    """Up to its last whole page: a page that is cut reads as zeros, so that what lies in it only looks whole."""
-    write_with_rosbags(tmp_path / "a", RECORDING, StoragePlugin.SQLITE3)
-    data = (tmp_path / "a" / "a.db3").read_bytes()
-    cut, refused = tmp_path / "cut.db3", 0
-    for at in np.linspace(0, len(data) - 1, 60, dtype=int):
-        cut.write_bytes(data[:at])
-        try:
-            with open_bag(cut) as bag:
-                found = read_ours(bag)
-                assert bag.recovered
-                (warning,) = bag.warnings
-        except InputError as error:
-            assert str(cut) in str(error)  # noqa: PT017
-            refused += 1
-            continue
-        count = sum(map(len, found.values()))
-        assert found == by_topic(RECORDING[:count])
-        assert bag.message_count == count >= 1200 * (at - 50_000) / len(data)
-        seconds = (RECORDING[count - 1][1] - RECORDING[0][1]) / 1e9
-        assert f"cut.db3: cut or damaged: recovered {count} messages, up to {seconds:.3f} s after the first" in warning
-    assert refused < 10
-
-
-def test_a_database_with_a_page_of_zeros_is_read_up_to_it(tmp_path):
-    write_with_rosbags(tmp_path / "a", RECORDING, StoragePlugin.SQLITE3)
-    data = bytearray((tmp_path / "a" / "a.db3").read_bytes())
-    middle = len(data) // 2 // 4096 * 4096
-    data[middle : middle + 4096] = bytes(4096)
-    (tmp_path / "hurt.db3").write_bytes(data)
-    with open_bag(tmp_path / "hurt.db3") as bag:
-        found = read_ours(bag)
-        assert bag.recovered
-        assert 300 < bag.message_count < 900
-        assert found == by_topic(RECORDING[: bag.message_count])
-
-
-def test_a_cut_recording_without_metadata_is_recovered_too(tmp_path):
-    (tmp_path / "drive").mkdir()
-    write_with_mcap(tmp_path / "whole.mcap", RECORDING)
-    data = (tmp_path / "whole.mcap").read_bytes()
-    (tmp_path / "drive" / "drive_0.mcap").write_bytes(data[: len(data) * 6 // 10])
-    with open_bag(tmp_path / "drive") as bag:
-        assert bag.recovered
-        assert read_ours(bag) == by_topic(RECORDING[: bag.message_count])
-        assert "recovered" in bag.warnings[0]
-
-
-@pytest.mark.parametrize("compression", COMPRESSIONS)
-@pytest.mark.parametrize("seed", range(15))
-def test_flipped_bytes_lead_to_messages_or_an_input_error(tmp_path, compression, seed):
-    write_with_mcap(tmp_path / "a.mcap", RECORDING[:120], compression=COMPRESSIONS[compression], chunk_size=9000)
-    data = np.frombuffer((tmp_path / "a.mcap").read_bytes(), np.uint8).copy()
-    rng = np.random.default_rng(seed)
-    for _ in range(20):
-        hurt = data.copy()
-        # Lengths and offsets live near the chunks' ends and in the summary: hit those more often than payload.
-        places = rng.integers(0, len(data), 3) if rng.random() < 0.5 else rng.integers(len(data) * 4 // 5, len(data), 3)
-        hurt[places] = rng.choice([0, 1, 127, 255], 3)
-        (tmp_path / "b.mcap").write_bytes(hurt.tobytes())
-        try:
-            with open_bag(tmp_path / "b.mcap") as bag:
-                assert sum(map(len, read_ours(bag).values())) <= 10_000
-                merged(imu_blocks(bag, [t.name for t in bag.topics]))
-        except InputError as error:
-            assert "\n" not in str(error)  # noqa: PT017
-
-
-@pytest.mark.parametrize("size", [2**64 - 1, 2**63, 2**40, 2**31, 0, 17])
-@pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_a_chunk_that_lies_about_its_size_allocates_nothing(tmp_path, compression, size):
-    write_with_mcap(tmp_path / "a.mcap", RECORDING, compression=COMPRESSIONS[compression], chunk_size=1 << 30)
-    data = bytearray((tmp_path / "a.mcap").read_bytes())
-    with (tmp_path / "a.mcap").open("rb") as stream:
-        (index,) = make_reader(stream).get_summary().chunk_indexes
-    at = index.chunk_start_offset
-    assert struct.unpack_from("<q", data, at + 9)[0] == START_NS
-    struct.pack_into("<Q", data, at + 25, size)
-    (tmp_path / "a.mcap").write_bytes(data)
-    with open_bag(tmp_path / "a.mcap") as bag:
-        assert read_ours(bag) == {}
-        assert "damaged and left out" in bag.warnings[0]
-
-
-@pytest.mark.parametrize("field", ["offset", "length"])
-def test_an_index_that_points_outside_is_not_followed(tmp_path, field):
-    """The messages are then found by walking the chunk."""
-    write_with_mcap(tmp_path / "a.mcap", RECORDING, compression=CompressionType.NONE, chunk_size=1 << 30)
-    data = bytearray((tmp_path / "a.mcap").read_bytes())
-    ((end, _),) = whole_chunks(tmp_path / "a.mcap")
-    if field == "offset":
-        struct.pack_into("<Q", data, end + 9 + 6 + 8, 2**64 - 5)
-        (tmp_path / "a.mcap").write_bytes(data)
-        with open_bag(tmp_path / "a.mcap") as bag:
-            assert read_ours(bag) == by_topic(RECORDING)
-    else:
-        struct.pack_into("<I", data, end + 9 + 2, 2**32 - 1)
-        (tmp_path / "a.mcap").write_bytes(data)
-        with open_bag(tmp_path / "a.mcap") as bag:
-            assert read_ours(bag) == {}
-            assert "message index has a wrong length" in bag.warnings[0]
-
-
-# Directories and files that are no bag.
-
-
-def split_bag(path: Path, parts: int = 12) -> None:
-    path.mkdir()
-    step = len(RECORDING) // parts
-    for k in range(parts):
-        write_with_mcap(path / f"drive_{k}.mcap", RECORDING[k * step : (k + 1) * step])
-
-
-def metadata_yaml(path: Path, names: Iterable[str], mode: str = "", form: str = "cdr") -> None:
-    lines = ["rosbag2_bagfile_information:", "  version: 5", "  storage_identifier: mcap", "  relative_file_paths:"]
-    lines += [f"    - {name}" for name in names]
-    lines += ["  topics_with_message_count:", "    - topic_metadata:", f"        name: {SEAT}"]
-    lines += [f"        type: {IMU_TYPE}", f"        serialization_format: {form}", "      message_count: 400"]
-    lines += [f"  compression_mode: '{mode}'", "  compression_format: 'zstd'"]
-    (path / "metadata.yaml").write_text("\n".join(lines))
-
-
-@pytest.mark.parametrize("metadata", [True, False])
-def test_a_split_bag_is_one_recording_in_order(tmp_path, metadata):
-    split_bag(tmp_path / "drive")
-    if metadata:
-        metadata_yaml(tmp_path / "drive", [f"drive/drive_{k}.mcap" for k in range(12)])
-    with open_bag(tmp_path / "drive") as bag:
-        assert (bag.message_count, bag.warnings) == (1200, [])
-        assert (bag.start_ns, bag.end_ns) == (RECORDING[0][1], RECORDING[-1][1])
-        assert read_ours(bag) == by_topic(RECORDING)
-        assert [t.messages for t in bag.topics] == [400, 400, 400]
-
-
-def test_missing_parts_are_told(tmp_path):
-    split_bag(tmp_path / "drive")
-    metadata_yaml(tmp_path / "drive", [f"drive_{k}.mcap" for k in range(13)])
-    with open_bag(tmp_path / "drive") as bag:
-        assert bag.message_count == 1200
-        assert bag.warnings == [
-            f"{tmp_path / 'drive'}: drive_12.mcap is missing: its part of the recording is left out"
-        ]
-
-
-def test_a_renamed_file_is_used_with_a_warning(tmp_path):
-    (tmp_path / "drive").mkdir()
-    write_with_mcap(tmp_path / "drive" / "my_bag.mcap", RECORDING)
-    metadata_yaml(tmp_path / "drive", ["../../../etc/drive_0.mcap"])
-    with open_bag(tmp_path / "drive") as bag:
-        assert bag.message_count == 1200
-        assert "names drive_0.mcap, which is missing: my_bag.mcap is read instead" in bag.warnings[0]
-
-
-@pytest.mark.parametrize("text", ["", "{", "a: 1", "rosbag2_bagfile_information: 3", "\0"])
-def test_a_broken_metadata_file_is_a_warning(tmp_path, text):
-    (tmp_path / "drive").mkdir()
-    write_with_mcap(tmp_path / "drive" / "drive_0.mcap", RECORDING)
-    (tmp_path / "drive" / "metadata.yaml").write_text(text)
-    with open_bag(tmp_path / "drive") as bag:
-        assert bag.message_count == 1200
-        assert "metadata.yaml: not readable as rosbag2 metadata" in bag.warnings[0]
-
-
-def test_what_is_no_bag_is_refused_in_one_line(tmp_path):
-    for name in ("empty", "two", "both", "ros1", "zstd", "compressed", "foreign"):
-        (tmp_path / name).mkdir()
-    for name in ("two/a.mcap", "two/b.mcap", "both/a_0.mcap", "compressed/a.mcap", "foreign/a.mcap"):
-        write_with_mcap(tmp_path / name, RECORDING[:10])
-    with sqlite3.connect(tmp_path / "both/a_1.db3") as database:
-        database.execute("CREATE TABLE a (b)")
-    database.close()
-    (tmp_path / "ros1/a.bag").write_bytes(b"#ROSBAG V2.0\n")
-    (tmp_path / "zstd/a.mcap.zstd").write_bytes(b"\x28\xb5\x2f\xfd")
-    metadata_yaml(tmp_path / "compressed", ["a.mcap"], mode="FILE")
-    metadata_yaml(tmp_path / "foreign", ["a.mcap"], form="ros1")
-    (tmp_path / "text.mcap").write_text("time,x,y,z\n")
-    (tmp_path / "nothing.mcap").touch()
-    for name, message in {
-        "missing": "cannot be read",
-        "empty": "no .mcap or .db3 file",
-        "two": "several recordings.*a.mcap, b.mcap",
-        "both": "both MCAP and sqlite3",
-        "both/a_1.db3": "not a readable rosbag2 database",
-        "ros1": "a ROS 1 bag",
-        "ros1/a.bag": "a ROS 1 bag",
-        "zstd": "compressed as a whole",
-        "zstd/a.mcap.zstd": "compressed as a whole",
-        "compressed": "compressed by file",
-        "foreign": f"topic {SEAT} is serialized as 'ros1'",
-        "text.mcap": "neither an MCAP nor a sqlite3 file",
-        "nothing.mcap": "the file is empty",
-    }.items():
-        with pytest.raises(InputError, match=message) as caught:
-            open_bag(tmp_path / name)
-        assert str(tmp_path / name) in str(caught.value)
-        assert "\n" not in str(caught.value)
-
-
-def test_bags_that_rosbags_compressed_by_file_or_message_are_refused(tmp_path):
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for mode in (CompressionMode.FILE, CompressionMode.MESSAGE):
-        writer = RosbagsWriter(tmp_path / mode.name, version=9)
-        writer.set_compression(mode, CompressionFormat.ZSTD)
-        with writer:
-            writer.write(writer.add_connection(SEAT, IMU_TYPE, typestore=store), 1, RECORDING[0][2])
-        with pytest.raises(InputError, match=f"compressed by {mode.name.lower()}"):
-            open_bag(tmp_path / mode.name)
-
-
-def test_foreign_topics_beside_ros_topics_are_left_out(tmp_path):
-    with (tmp_path / "a.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start("ros2", "test")
-        for topic, form in ((SEAT, "cdr"), ("/notes", "json")):
-            channel = writer.register_channel(topic, form, writer.register_schema(IMU_TYPE, "ros2msg", b""))
-            writer.add_message(channel, 5, b"x", 5)
-        writer.finish()
-    with open_bag(tmp_path / "a.mcap") as bag:
-        assert [t.name for t in bag.topics] == [SEAT]
-        assert read_ours(bag) == {SEAT: [(5, b"x")]}
-        assert "topic /notes is serialized as 'json'" in bag.warnings[0]
-
-
-@pytest.mark.parametrize("missing", ["mcap", "zstandard", "rosbags"])
-def test_without_the_extra_the_module_loads_and_says_what_to_install(tmp_path, missing):
-    write_with_mcap(tmp_path / "a.mcap", RECORDING)
-    program = f"""
-import sys
-sys.modules[{missing!r}] = None
-from biodyn_core.errors import InputError
-from biodyn_ros.bag import BagWriter, open_bag
-try:
-    with open_bag({str(tmp_path / "a.mcap")!r}) as bag:
-        list(bag.blocks())
-    with BagWriter({str(tmp_path / "b.mcap")!r}) as writer:
-        writer.add_topic("/a", "sensor_msgs/msg/Imu")
-except InputError as error:
-    print(error)
-"""
-    run = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert run.stdout == (
-        f"bags need the Python module {missing}, which is not installed: pip install 'biodyn_ros[bags]'\n"
-    )
 
 
 # Real recordings.
