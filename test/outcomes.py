@@ -1,0 +1,23 @@
+"""Outcomes of blind traces as a test wants them: what was said, what was true, and how well it did."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from blind.tracing.outcome import Answer, Cause, Outcome, Score
+from blind.tracing.rows import CONDITIONS, MEASURED
+
+ROWS = {row.name: row for row in (*CONDITIONS, *MEASURED)}
+SKIN = Cause("skin", "head", "sensor")
+CLOCK = Cause("clock", "head", "sensor")
+STOP = Cause("stop", "pelvis", "stiffening")
+
+
+def outcome(
+    row: str, verdict: str, said: Sequence[Cause] = (), true: Sequence[Cause] = (), beside: Sequence[Cause] = (),
+    number: int = 0, applied: bool = True, **score: Any,
+) -> Outcome:  # fmt: skip
+    added = ({"name": said[0].name},) if said and applied else ()
+    answer = Answer(row, number, verdict, tuple(said), tuple(beside), applied=added)
+    return Outcome(answer, Score(row, number, tuple(true), **score))
