@@ -130,7 +130,7 @@ class Pipeline:
 
         Raises InputError where it does not fit.
         """
-        if SEAT in kept.sensors:  # whether the rest fits is to be known now, not in the middle of the ride
+        if SEAT in kept.sensors:  # whether what is kept beside it fits is to be known now, not amid the ride
             self._new_seat_side(1.0 / kept.sensors[SEAT].rest.period_s).resume(kept.beside, 0.0)
         self._counting.resume(kept)
 

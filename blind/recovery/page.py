@@ -21,7 +21,7 @@ HEAD: Final = f"""\
 # Recovery
 
 Made by `make blind`, which ends with an error where a mark is missed. Do not edit. But for the seconds it comes out the
-same each time on one machine; on another, last bits of arithmetic move digits of the paper's way, and none of ours.
+same each time on one machine with the same libraries. Between two, digits of the paper's way moved, and none of ours.
 
 People are drawn evenly from the whole of Table 1, half of them under either mass matrix. Each rides through six events:
 road, pothole and rail-like shocks, {TRAINING_S:g} s each to be identified from, and once more {HELD_OUT_S:g} s each,
