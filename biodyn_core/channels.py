@@ -95,6 +95,9 @@ def _rest(stamps_ns: Integers, conditioner: Conditioner) -> slice:
 
     They came in one piece, and are told by where they came, since time may have leapt back before.
     """
+    if conditioner.gravity is not None:
+        begin, end = (conditioner.gravity.samples or (0, 0)) if conditioner.gravity.is_rest else (0, 0)
+        return slice(begin, end)
     assert conditioner.rest is not None
     before = stamps_ns[: conditioner.waited]
     return slice(int(np.flatnonzero(before == conditioner.rest.epoch_ns)[-1]), conditioner.waited)

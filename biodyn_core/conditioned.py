@@ -42,6 +42,8 @@ class Block(NamedTuple):
 class SensorStatus:
     """What one sensor's conditioning has seen so far; `fault` says in one line why it answers nothing.
 
+    `waiting` says in one line why gravity is not known yet, and what helps.
+
     rate_hz follows the sensor's clock; period_s is that of rest, by which lost samples are seconds, 0 before it.
     Rejected samples by cause: stamp unset, reading not finite, duplicate, late, stamp astray. filled: interpolated;
     flat: of one that never changed for long. run_s: how long this run goes on, the rest before the first one included,
@@ -72,6 +74,7 @@ class SensorStatus:
     gap_s: float
     warnings: tuple[str, ...]
     fault: str | None
+    waiting: str | None
 
     @property
     def rejected(self) -> int:

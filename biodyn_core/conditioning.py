@@ -18,6 +18,7 @@ from scipy import signal
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.errors import InputError
+from biodyn_core.gravity import Gravity, GravitySearch
 from biodyn_core.kernels import sensor as kernel
 from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.rest import Rest, RestWindow
@@ -56,7 +57,7 @@ class ConditioningSettings:
     cutoff_hz: float = setting(100.0, "low-pass cut-off of the model's input and of comparisons", "Hz", 5.0, 200.0)
     rest_s: float = setting(0.8, "seconds at rest from which gravity, vertical and clock are taken", "s", 0.2, 60.0)
     rest_patience_s: float = setting(
-        10.0, "seconds to wait for rest before motion is averaged instead", "s", 0.2, 600.0
+        10.0, "live: seconds to wait for rest before motion is averaged instead", "s", 0.2, 600.0
     )
     rest_rms_mps2: float = setting(0.3, "largest rms about the mean that still counts as rest", "m/s^2", 0.01, 5.0)
     max_gap_s: float = setting(
@@ -82,8 +83,17 @@ SettingsOf = ConditioningSettings | Mapping[str, ConditioningSettings] | None
 """Settings of all sensors, or of each by its name; of a sensor that is not named they are the defaults."""
 
 
+_NONE_LEFT: Final = np.empty(0, dtype=np.int64), np.empty((0, 3))
+
 _Rows = tuple[Integers, Floats, Floats, Floats]
 """Stamps (n,) ns, times (n,) s, levelled (n, 3) and low-passed m/s^2."""
+
+
+def gravity_search(settings: ConditioningSettings | None, vertical: Vector | None) -> GravitySearch:
+    """Search a record for rest as a sensor with these settings would take it."""
+    s = settings or ConditioningSettings()
+    implausible_mps2 = kernel.IMPLAUSIBLE * s.saturation_mps2
+    return GravitySearch(s.rest_s, s.rest_rms_mps2, s.max_gap_s, implausible_mps2, vertical)
 
 
 def settings_for(sensor: str, conditioning: SettingsOf) -> ConditioningSettings | None:
@@ -95,7 +105,8 @@ class Conditioner:
     """One sensor: clock, gaps, vertical and gravity, low-pass. `push` raw samples, get `Block`s, `finish` at the end.
 
     vertical (3,): where the sensor's axes see up, if rest is not to tell it; its gravity is then the mean along it.
-    waited: how many samples had been pushed when rest ended, the last one at rest included.
+    gravity: its mean reading, where that is known before the first sample, as offline: conditioning begins there.
+    waited: how many samples came before those that are conditioned, the last one at rest included.
     """
 
     def __init__(
@@ -104,6 +115,7 @@ class Conditioner:
         settings: ConditioningSettings | None = None,
         mode: Mode = "causal",
         vertical: Vector | None = None,
+        gravity: Gravity | None = None,
     ) -> None:
         self.sensor = sensor
         self.settings = settings or ConditioningSettings()
@@ -114,6 +126,8 @@ class Conditioner:
             raise InputError(f"{sensor}: vertical {vertical} is no direction: three finite numbers, not all zero")
         self.delay_s = 0.0
         self._given_vertical = vertical
+        # Rest at the begin is found here as it is live, so that both give the same numbers.
+        self.gravity = None if gravity is None or gravity.origin == "begin" else gravity
         self._fault: str | None = None
         self.first_ns: int | None = None
         self.waited = 0
@@ -156,10 +170,12 @@ class Conditioner:
 
     def finish(self) -> list[Block]:
         """Answer what still waits: a sample that nothing followed, and the last run of a zero-phase sensor."""
+        left = _NONE_LEFT
+        if self._rest is None and self.gravity is not None and self._found_rest(final=True):
+            left = self._waiting.averaged
         if self._rest is None:
             return []
-        blocks = self._condition(np.empty(0, dtype=np.int64), np.empty((0, 3)), final=True)
-        return blocks + self._filtered_run()
+        return self._condition(*left, final=True) + self._filtered_run()
 
     @property
     def rate_hz(self) -> float:
@@ -190,7 +206,7 @@ class Conditioner:
     def _unrested(self) -> int:
         """Samples that came before the window at rest; all of them where there was none."""
         rest = self._rest
-        if rest is None or rest.in_motion:
+        if rest is None or rest.in_motion or self.gravity is not None:
             return self._uncounted
         return max(0, self._uncounted - round(rest.last_time_s / rest.period_s) - 1)
 
@@ -237,6 +253,7 @@ class Conditioner:
             gap_s=self.runs.gap_s,
             warnings=tuple(self._warnings()),
             fault=self.fault,
+            waiting=self._why_waiting(),
         )
 
     # --- rest --------------------------------------------------------------------------------------------------------
@@ -244,7 +261,22 @@ class Conditioner:
     def _new_wait(self) -> RestWindow:
         s = self.settings
         return RestWindow(
-            s.rest_s, s.rest_patience_s, s.rest_rms_mps2, s.max_gap_s, kernel.IMPLAUSIBLE * s.saturation_mps2
+            s.rest_s, s.rest_patience_s, s.rest_rms_mps2, s.max_gap_s, kernel.IMPLAUSIBLE * s.saturation_mps2,
+            clock_only=self.gravity is not None,
+        )  # fmt: skip
+
+    def _why_waiting(self) -> str | None:
+        """Why gravity and rate are not known yet, and what helps, in one line; None once they are."""
+        s, waiting = self.settings, self._waiting
+        if self._rest is not None:
+            return None
+        moving_mps2, waited_s = waiting.moving_rms_mps2, waiting.waited_s
+        if moving_mps2 is None or waited_s < s.rest_s:
+            return f"gravity needs {s.rest_s:g} s of samples (rest_s), {waited_s:.2g} s have come"
+        return (
+            f"waiting for rest: the sensor moves by {moving_mps2:.2g} m/s^2 rms, {s.rest_rms_mps2:g} is allowed: hold"
+            f" still, or with an engine that idles set rest_rms_mps2 above {moving_mps2:.2g};"
+            f" after {s.rest_patience_s:g} s (rest_patience_s) motion is averaged, {waited_s:.1f} s have passed"
         )
 
     def _look_for_rest(self, stamps_ns: Integers, samples: Floats) -> tuple[Integers, Floats] | None:
@@ -259,25 +291,48 @@ class Conditioner:
         found = self._found_rest()
         begin = int(np.flatnonzero(is_set)[-self._waiting.end()]) if found else len(stamps_ns)
         self._counts[kernel.UNSET] += int((~is_set[:begin]).sum())
-        self.waited += begin
-        return (stamps_ns[begin:], samples[begin:]) if found else None
+        if not found or self.gravity is None:
+            self.waited += begin
+        if not found:
+            return None
+        if self.gravity is None:
+            return stamps_ns[begin:], samples[begin:]
+        first_ns, first = self._waiting.averaged
+        return np.concatenate([first_ns, stamps_ns[begin:]]), np.concatenate([first, samples[begin:]])
 
-    def _found_rest(self) -> bool:
+    def _found_rest(self, final: bool = False) -> bool:
         while True:
             try:
-                rest = self._waiting.look()
+                rest = self._waiting.conclude() if final else self._waiting.look()
                 if rest is None:
                     return False
-                self._start(rest)
+                self._begin(rest)
             except InputError as error:
                 self._fault = f"{self.sensor}: {error}"
+                if final:
+                    return False
                 continue
-            self._rest, self._run_epoch_ns, self._fault = rest, rest.epoch_ns, None
+            self._fault = None
+            if self.gravity is not None:
+                return True
             self._uncounted = self._waiting.dropped
             # By what was counted, not by the first stamp, which may be a wild one.
             waited_s = (self._uncounted - 1) * rest.period_s
             self.first_ns = rest.epoch_ns + round(1e9 * (rest.last_time_s - waited_s))
             return True
+
+    def _begin(self, rest: Rest) -> None:
+        """Begin behind a rest, or with known gravity at the first sample that tells the clock."""
+        if self.gravity is None:
+            self._start(rest)
+            self._rest, self._run_epoch_ns = rest, rest.epoch_ns
+        else:
+            known = dataclasses.replace(rest, mean_mps2=self.gravity.mean_mps2, in_motion=False)
+            self.begin_known(known, rest.epoch_ns)
+            # The line through all these stamps holds from the first of them on.
+            periods = round(rest.last_time_s / rest.period_s)
+            self._state[kernel.TIME] = rest.last_time_s - (periods + 1) * rest.period_s
+            self.waited = self._uncounted = self._waiting.before
 
     def _start(self, rest: Rest) -> None:
         """Design the filters for the rate found; they start in steady state for gravity: zero, once levelled."""
@@ -322,6 +377,8 @@ class Conditioner:
         if self._rest is not None:
             if self._rest.in_motion:
                 lines.append("no rest found: gravity was averaged over motion")
+            if self.gravity is not None and (line := self.gravity.warning(self._given_vertical is not None)):
+                lines.append(line)
             if abs(self._gravity_mps2 / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
                 lines.append(f"gravity at rest reads {self._gravity_mps2:.2f} m/s^2: gain, unit or mounting is off")
             period_s, nominal_s = self._state[kernel.PERIOD], self._state[kernel.NOMINAL]

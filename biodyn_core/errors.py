@@ -19,6 +19,10 @@ class InputError(ValueError):
         super().__init__(cut)
 
 
+class UnusableRecording(InputError):
+    """A recording that can be read but not compared with a model; where several are given, the others go on."""
+
+
 def one_line(error: Exception) -> str:
     """An error in one line: our own texts say all there is, others need their kind."""
     line = " ".join(str(error).split())

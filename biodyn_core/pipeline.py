@@ -23,6 +23,7 @@ from biodyn_core.counting import Counting
 from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose
 from biodyn_core.frames import NO_FRAMES, NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames, joined
+from biodyn_core.gravity import Gravity
 from biodyn_core.injury import Dri, Hic
 from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
 from biodyn_core.keeping import KeptExposure, Lost
@@ -69,7 +70,10 @@ class Latency(NamedTuple):
 
 
 class Pipeline:
-    """`push(sensor, stamps_ns, samples)` gives frames, `finish()` those still waiting, `exposure()` the figures."""
+    """`push(sensor, stamps_ns, samples)` gives frames, `finish()` those still waiting, `exposure()` the figures.
+
+    gravity: of sensors whose whole record was searched for rest, as it can be offline.
+    """
 
     def __init__(
         self,
@@ -78,6 +82,7 @@ class Pipeline:
         settings: PipelineSettings | None = None,
         limits: Limits = EU_LIMITS,
         mode: Mode = "causal",
+        gravity: Mapping[str, Gravity] | None = None,
     ) -> None:
         self.subject = subject
         self.settings = settings or PipelineSettings()
@@ -85,9 +90,10 @@ class Pipeline:
         self.mode = mode
         _check_effects(subject)
         self._chain = Chain.of(subject)
-        verticals = self.settings.verticals()
+        verticals, known = self.settings.verticals(), gravity or {}
         self._conditioners = {
-            name: Conditioner(name, settings_for(name, conditioning), mode, verticals.get(name)) for name in SENSORS
+            name: Conditioner(name, settings_for(name, conditioning), mode, verticals.get(name), known.get(name))
+            for name in SENSORS
         }
         self._timelines = Timelines(self._conditioners, self.settings.wait_s)
         self._counting = Counting(self._conditioners, self._timelines, self.settings)

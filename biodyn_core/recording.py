@@ -19,8 +19,9 @@ from biodyn_core.arrays import Flags, Floats, Integers
 from biodyn_core.channels import Channels
 from biodyn_core.conditioned import Block
 from biodyn_core.conditioning import Conditioner, SettingsOf, settings_for
-from biodyn_core.errors import InputError
+from biodyn_core.errors import InputError, UnusableRecording
 from biodyn_core.flags import around, stretches
+from biodyn_core.gravity import Gravity
 from biodyn_core.heading import bend_rates_radps, headings_rad
 from biodyn_core.levelling import Vector
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
@@ -107,7 +108,7 @@ class Recorder:
     """`push(sensor, stamps_ns, samples)` raw samples as they come, `finish()` gives the recordings; any cut, same bits.
 
     verticals: where sensors' axes see up, for those whose rest is not to tell it. channels: whether the channels of a
-    recording are wanted, for which rates are pushed too.
+    recording are wanted, for which rates are pushed too. gravity: of sensors whose whole record was searched for rest.
     """
 
     def __init__(
@@ -118,14 +119,17 @@ class Recorder:
         settings: RecordingSettings | None = None,
         verticals: Mapping[str, Vector] | None = None,
         channels: bool = False,
+        gravity: Mapping[str, Gravity] | None = None,
     ) -> None:
         self.case, self.name = case, name
         self.settings = settings or RecordingSettings()
-        given = verticals or {}
+        given, known = verticals or {}, gravity or {}
         self._with_channels = channels
         self._sensors = {
             sensor: WornSensor(
-                Conditioner(sensor, settings_for(sensor, conditioning), "zero_phase", given.get(sensor)),
+                Conditioner(
+                    sensor, settings_for(sensor, conditioning), "zero_phase", given.get(sensor), known.get(sensor)
+                ),
                 channels,
                 self.settings.keep_lean,
             )
@@ -146,7 +150,7 @@ class Recorder:
     def finish(self) -> list[Recording]:
         """The record has ended: one recording for each run of the seat that can be fitted to, in order.
 
-        Raises InputError, saying why, where there is none: no seat, no other sensor, too short, no excitation.
+        Raises UnusableRecording, saying why, where there is none: no seat, no other sensor, too short, no excitation.
         """
         for sensor in self._sensors.values():
             sensor.finish()
@@ -155,9 +159,10 @@ class Recorder:
             sensor.set_upright(believed, WARM_UP_S)
         seat, others = self._sensors[SEAT], [self._sensors[name] for name in MEASURED_SEGMENTS]
         if not seat.runs:
-            raise InputError(f"{self.name}: {seat.why_nothing()}")
+            raise UnusableRecording(f"{self.name}: {seat.why_nothing()}")
         if not any(sensor.runs for sensor in others):
-            raise InputError(f"{self.name}: {others[-1].why_nothing()}, nor is any other segment: nothing to compare")
+            why = f"{others[-1].why_nothing()}, nor is any other segment: nothing to compare"
+            raise UnusableRecording(f"{self.name}: {why}")
         aligners = {name: self._sensors[name].aligners(self.settings.bridge_s) for name in MEASURED_SEGMENTS}
         recordings, reasons = [], []
         for run in seat.runs:
@@ -166,7 +171,7 @@ class Recorder:
             except InputError as error:
                 reasons.append((-run.block.time_s.size, str(error)))
         if not recordings:
-            raise InputError(f"{self.name}: {min(reasons)[1]}")  # that of the longest run
+            raise UnusableRecording(f"{self.name}: {min(reasons)[1]}")  # that of the longest run
         return self._told(recordings, [reason for _, reason in reasons])
 
     def _recording(self, run: Run, aligners: Mapping[str, Sequence[Aligner]]) -> Recording:

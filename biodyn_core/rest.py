@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -53,12 +54,20 @@ class RestWindow:
     """Collects the first seconds of a sensor until one window of them is at rest, or patience runs out.
 
     No window spans a gap or a jump of the stamps: behind one, waiting starts anew. Readings from `implausible_mps2` on
-    count for the clock alone.
+    count for the clock alone. clock_only: gravity is known, so that all windows together tell the clock, at rest or
+    not, until a gap, the end of the record, or of patience.
     """
 
     def __init__(
-        self, rest_s: float, patience_s: float, rms_mps2: float, max_gap_s: float, implausible_mps2: float
+        self,
+        rest_s: float,
+        patience_s: float,
+        rms_mps2: float,
+        max_gap_s: float,
+        implausible_mps2: float,
+        clock_only: bool = False,
     ) -> None:
+        self._clock_only = clock_only
         self._rest_s, self._patience_s, self._rms_mps2 = rest_s, patience_s, rms_mps2
         self._max_gap_s, self._implausible_mps2 = max_gap_s, implausible_mps2
         self._room: tuple[Integers, Floats] = np.empty(0, dtype=np.int64), np.empty((0, 3))
@@ -66,6 +75,13 @@ class RestWindow:
         self._start = 0
         self._first = 0
         self.dropped = 0
+        self.moving_rms_mps2: float | None = None
+        """Of the last window that was judged and moved; None before."""
+        self._broken = False
+        self.before = 0
+        """How many samples came before those that were averaged."""
+        self.averaged: tuple[Integers, Floats] = self._room
+        """Stamps and samples that were averaged."""
 
     def add(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
         """Collect stamps (n,) ns and samples (n, 3) m/s^2, in order of arrival."""
@@ -87,11 +103,23 @@ class RestWindow:
             if end is None:
                 return None
             window = self._plausible(self._start, end)
-            moving = len(window) < 2 or _rms_about_mean(window) > self._rms_mps2
+            rms_mps2 = _rms_about_mean(window) if len(window) > 1 else math.inf
+            moving = self._clock_only or rms_mps2 > self._rms_mps2
+            self.moving_rms_mps2 = rms_mps2 if moving and len(window) > 1 else None
             waited_s = 1e-9 * int(self._stamps_ns[end] - self._stamps_ns[self._first])
-            if not moving or waited_s >= self._patience_s:
+            if not moving or waited_s >= self._patience_s or self._broken:
                 return self._told(self._first if moving else self._start, end, moving)
             self._start = end
+
+    def conclude(self) -> Rest | None:
+        """The record has ended: return what all windows so far tell of the clock, None where there was none."""
+        return self._told(self._first, len(self._stamps_ns), in_motion=True) if self._start > self._first else None
+
+    @property
+    def waited_s(self) -> float:
+        """Seconds of stamps since the first sample that is still looked at."""
+        stamps_ns = self._stamps_ns[self._first :]
+        return 1e-9 * int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0.0
 
     @property
     def collected(self) -> int:
@@ -123,7 +151,11 @@ class RestWindow:
             breaks = np.flatnonzero((steps_s > longest_s) | (steps_s < -LEAP_S))
             most = int(_MOST_PER_S * self._rest_s)
             if breaks.size and breaks[0] < most:
-                self._drop(self._start + int(breaks[0]) + 1)
+                behind = self._start + int(breaks[0]) + 1
+                self._broken = self._clock_only and self._start > self._first
+                if self._broken:
+                    return behind
+                self._drop(behind)
             elif inside.size > most:
                 self._drop(self._start + most)
                 raise InputError(_STANDING)
@@ -133,6 +165,7 @@ class RestWindow:
     def _told(self, begin: int, end: int, in_motion: bool) -> Rest:
         stamps_ns, samples = self._stamps_ns[begin:end], self._samples[begin:end]
         readings = self._plausible(begin, end)
+        self.before, self.averaged = self.dropped + begin, (stamps_ns, samples)
         self._drop(end)
         if len(readings) < 2:
             raise InputError("no finite sample arrived: check the sensor")

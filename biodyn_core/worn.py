@@ -95,7 +95,7 @@ class WornSensor:
         assert status.vertical is not None and status.gravity_mps2 is not None  # it has been levelled by it
         gravity_mps2, rotation = status.gravity_mps2, rotation_to_vertical(np.array(status.vertical))
         try:
-            if not self._gyro.still:
+            if not self._gyro.still or self._conditioner.gravity is not None:
                 raise ValueError("its gyro does not rest at the begin")
             return self._followed_from(rotation, gravity_mps2)
         except ValueError as error:
@@ -209,8 +209,7 @@ class WornSensor:
         sensor = self._conditioner.sensor
         if not self._usable:
             return f"{sensor}: not in the record"
-        shorter = "shorter than the seconds of rest that gravity needs: record longer, or lower rest_s"
-        return self._conditioner.fault or f"{sensor}: {shorter}"
+        return self._conditioner.fault or f"{sensor}: {self._conditioner.status().waiting}"
 
     def warnings(self) -> Iterator[str]:
         """What is to be said of the sensor, one line each."""

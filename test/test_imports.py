@@ -37,6 +37,7 @@ LAYERS = (
         "judgement",
         "keeping",
         "levelling",
+        "gravity",
         "limits",
         "metering",
         "pipeline_settings",

@@ -297,7 +297,10 @@ def test_a_missing_segment_stays_without_numbers_and_is_said():
         (lambda: independent_streams(3.0), "2.14 s between rest, gaps and ends are too short: 3 s are needed"),
         (lambda: [quiet(stream) for stream in independent_streams(6.0)], "without excitation nothing can be told"),
         (lambda: [slow(stream) for stream in independent_streams(6.0)], "a rate of 112.9 Hz does not fit"),
-        (lambda: [first(stream, 500) for stream in independent_streams(6.0)], "shorter than the seconds of rest"),
+        (
+            lambda: [first(stream, 500) for stream in independent_streams(6.0)],
+            "seat: gravity needs 0.8 s of samples (rest_s), 0.44 s have come",
+        ),
     ],
 )
 def test_what_cannot_be_fitted_to_is_refused_in_one_line(streams, said):

@@ -40,6 +40,7 @@ from biodyn_core.tracing.findings import (
 from biodyn_ros.cli import main
 from biodyn_ros.files import check_directory
 from biodyn_ros.provenance import MADE_BY_MODEL, bag_sha256, role_of
+from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reports.residuals import residual_spectra, windowed
 from biodyn_ros.trace.document import PROOF, trace_document
 from biodyn_ros.trace.page import trace_page, worst_event
@@ -471,9 +472,23 @@ def heard(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 
 def test_bags_are_dealt_by_turns_within_their_condition() -> None:
-    names = ["rail_1.mcap", "road_1.mcap", "rail_2.mcap", "rail_3.mcap", "own.mcap"]
-    assert deal(names, {}) == (["rail_1.mcap", "road_1.mcap", "rail_3.mcap", "own.mcap"], ["rail_2.mcap"])
-    assert deal(names, {"own.mcap": "road"})[1] == ["rail_2.mcap", "own.mcap"]
+    def held_out(**cases: str) -> list[str]:
+        events = [
+            (BagEvent(bag, bag, types.SimpleNamespace(), False), types.SimpleNamespace(case=case))  # type: ignore[arg-type]
+            for bag, case in cases.items()
+        ]
+        given = [event.bag for event, _ in events]
+        dealt = [event for event, _ in deal(events)]
+        assert sorted(event.bag for event in dealt) == sorted(given)
+        assert [event.bag for event in dealt] == sorted(given, key=lambda bag: (bag in out(dealt), given.index(bag)))
+        return out(dealt)
+
+    def out(events: list[BagEvent]) -> list[str]:
+        return [event.bag for event in events if event.held_out]
+
+    bags = {"rail_1": "rail", "road_1": "road", "rail_2": "rail", "rail_3": "rail", "own": "own"}
+    assert held_out(**bags) == ["rail_2"]
+    assert held_out(**bags | {"own": "road"}) == ["rail_2", "own"]
 
 
 def test_bags_become_cases_with_channels_and_their_roles(bags: dict[str, Path], heard: dict[str, Any]) -> None:

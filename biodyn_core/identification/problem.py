@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from biodyn_core.arrays import Flags, Floats
-from biodyn_core.errors import InputError
+from biodyn_core.errors import InputError, UnusableRecording
 from biodyn_core.recording import WARM_UP_S, Recording
 from biodyn_core.response import SpectrumSettings, cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
@@ -62,16 +62,16 @@ class Case:
     def of(
         cls, recording: Recording, spectrum: SpectrumSettings | None = None, settings: CaseSettings | None = None
     ) -> Case:
-        """Make a recording ready; raises InputError, one line, where there is nothing to fit to."""
+        """Make a recording ready; raises UnusableRecording, one line, where there is nothing to fit to."""
         s, name = settings or CaseSettings(), recording.name
         seat = np.ascontiguousarray(recording.seat_mps2, dtype=np.float64)
         if not np.isfinite(seat).all():
-            raise InputError(f"{name}: the seat has samples that are not finite; split the recording there")
+            raise UnusableRecording(f"{name}: the seat has samples that are not finite; split the recording there")
         compared = np.isfinite(recording.measured_mps2)
         compared[: recording.begin] = False
         short = compared.sum(axis=0) < s.least_compared_s * recording.rate_hz
         if short.all():
-            raise InputError(
+            raise UnusableRecording(
                 f"{name}: no segment has {s.least_compared_s:g} s to compare behind the {WARM_UP_S:g} s of warm-up;"
                 " record longer"
             )
@@ -80,7 +80,7 @@ class Case:
         energy = (measured**2).sum(axis=0)
         still = ~short & (energy == 0.0)
         if still.any():
-            raise InputError(f"{name}: {_named(still)[0]} does not move at all; leave its sensor out")
+            raise UnusableRecording(f"{name}: {_named(still)[0]} does not move at all; leave its sensor out")
         grid, magnitude, coherence = _spectra(recording, ~short, spectrum)
         said = [f"{segment}: not fitted, less than {s.least_compared_s:g} s to compare" for segment in _named(short)]
         return cls(
@@ -131,7 +131,7 @@ def _spectra(recording: Recording, wanted: Flags, settings: SpectrumSettings | N
     try:
         spectra = cross_spectra([(recording.seat_mps2, recording.measured_mps2)], recording.rate_hz, settings)
     except InputError as error:
-        raise InputError(f"{recording.name}: {error}") from error
+        raise UnusableRecording(f"{recording.name}: {error}") from error
     there = wanted & (spectra.segments > 0)
     magnitude, coherence = np.abs(spectra.h1), spectra.coherence
     return spectra.frequency_hz, np.where(there, magnitude, 0.0), np.where(there, coherence, 0.0)

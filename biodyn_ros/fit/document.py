@@ -21,10 +21,9 @@ from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import MassMatrix, Subject
 from biodyn_ros.json_files import finite
 from biodyn_ros.provenance import MADE_BY_MODEL, rests_on, without_note
-from biodyn_ros.reading.events import BagEvent
+from biodyn_ros.reading.events import BagEvent, Prepared
 
 Document = dict[str, Any]
-Prepared = tuple[BagEvent, Case]
 
 Subjects = Literal["joint", "idealized"]
 

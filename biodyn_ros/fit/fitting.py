@@ -30,7 +30,7 @@ from biodyn_ros import __version__
 from biodyn_ros.files import check_directory, make_directory, write_text
 from biodyn_ros.fit.document import Findings, fit_document, provenance
 from biodyn_ros.json_files import write_json
-from biodyn_ros.reading.events import BagEvent, check_bags, read_events
+from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.work.tasks import Work
 
@@ -82,17 +82,15 @@ def fit_bags(
     check_profiles(o)
     reading = dataclasses.replace(o.reading, channels=needs_channels(subject.effects))
     with work.watch("reading") as progress:
-        events = read_events(bags, o.held_out, o.cases, reading, progress)
-    fitted, spare = choose(events)
-    # A bag that holds nothing to compare with must be heard of before the work, not after it.
-    cases, held_out = [_prepared(event, o) for event in fitted], [_prepared(event, o) for event in spare]
+        # A bag that holds nothing to compare with must be heard of before the work, not after it.
+        events = read_events(bags, o.held_out, EventOptions(o.cases, reading, o.spectra, o.preparing), progress)
+    fitted, spare = choose(events.prepared)
+    cases, held_out = [case for _, case in fitted], [case for _, case in spare]
     problem = fingerprint(cases, subject, o.seed, o.settings)
     identification = identify(cases, subject, o.seed, o.settings, work.run(problem))
     findings = _findings(identification, held_out, o)
-    document = fit_document(
-        subject, identification, findings, list(zip(fitted, cases, strict=True)),
-        list(zip(spare, held_out, strict=True)), o.seed,
-    )  # fmt: skip
+    document = fit_document(subject, identification, findings, fitted, spare, o.seed)
+    document["warnings"] = [*events.left_out, *document["warnings"]]
     document |= {"seconds": time.monotonic() - begin, "version": __version__}
     fitted_subject = dataclasses.replace(identification.subject, provenance=provenance(document, subject))
     return Fitted(document, fitted_subject, identification, subject, tuple(held_out))
@@ -138,24 +136,25 @@ def page_beside(output: Path) -> Path:
     return output.with_name(f"{output.stem}.fit.html")
 
 
-def choose(events: Sequence[BagEvent]) -> tuple[list[BagEvent], list[BagEvent]]:
+def choose(events: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
     """The events that are fitted to, the representative one of each case, and those that are only predicted."""
-    by_case: dict[str, list[BagEvent]] = {}
-    for event in events:
+    by_case: dict[str, list[Prepared]] = {}
+    for each in events:
+        event, _ = each
         if not event.held_out:
-            by_case.setdefault(event.recording.case, []).append(event)
+            by_case.setdefault(event.recording.case, []).append(each)
     fitted = [_representative(case, repetitions) for case, repetitions in by_case.items()]
-    return fitted, [event for event in events if event not in fitted]
+    return fitted, [each for each in events if each not in fitted]
 
 
-def _representative(case: str, repetitions: Sequence[BagEvent]) -> BagEvent:
+def _representative(case: str, repetitions: Sequence[Prepared]) -> Prepared:
     if len(repetitions) == 1:
         return repetitions[0]
     try:
-        chosen = representative([event.recording for event in repetitions])
+        chosen = representative([event.recording for event, _ in repetitions])
     except InputError as error:
         raise InputError(f"{case}: {error}; give one bag of this case, the others with --hold-out") from error
-    return next(event for event in repetitions if event.recording is chosen)
+    return next(each for each in repetitions if each[0].recording is chosen)
 
 
 def check_profiles(options: FitOptions) -> None:
@@ -164,10 +163,6 @@ def check_profiles(options: FitOptions) -> None:
     for name in options.profiles:
         if name != "all" and name not in known:
             raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}")
-
-
-def _prepared(event: BagEvent, options: FitOptions) -> Case:
-    return Case.of(event.recording, options.spectra, options.preparing)
 
 
 def _findings(found: Identification, held_out: Sequence[Case], options: FitOptions) -> Findings:

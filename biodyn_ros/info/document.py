@@ -1,15 +1,17 @@
-"""Info: what a bag holds, Imu topic by Imu topic, and whether `biodyn replay` would take it. One pass, flat memory."""
+"""Info: what a bag holds, Imu topic by Imu topic, and whether `biodyn replay` would take it. Flat memory."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+from biodyn_core.conditioning import gravity_search
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.bag import BagReader, imu_blocks, open_bag
 from biodyn_ros.info.survey import Survey
 from biodyn_ros.progress import OnProgress, unwatched
+from biodyn_ros.reading.gravity import search_gravity
 from biodyn_ros.reading.mapping import SensorMap, imu_topics, map_sensors
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.sensors import ReadingOptions
@@ -35,9 +37,15 @@ def info(
         settings, told = limits_of(
             reader, {topic: name or topic for topic, name in names.items()}, options.conditioning
         )
-        surveys = {topic: Survey(name, topic, times[topic], settings[name or topic]) for topic, name in names.items()}
+        by_stamps = {name: choice.time for name, choice in times.items()}
+        searches = {topic: gravity_search(settings[name or topic], None) for topic, name in names.items()}
+        gravity = search_gravity(searches, imu_blocks(reader, topics, by_stamps))
+        surveys = {
+            topic: Survey(name, topic, times[topic], settings[name or topic], gravity.get(topic))
+            for topic, name in names.items()
+        }
         total, done = sum(topic.messages for topic in reader.topics if topic.name in surveys), 0
-        for topic, block in imu_blocks(reader, topics, {name: choice.time for name, choice in times.items()}):
+        for topic, block in imu_blocks(reader, topics, by_stamps):
             surveys[topic].push(block)
             done += len(block)
             progress(done, total)

@@ -9,6 +9,7 @@ import numpy as np
 from biodyn_core.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioned import SensorStatus
 from biodyn_core.conditioning import Conditioner, ConditioningSettings
+from biodyn_core.gravity import Gravity
 from biodyn_ros.bag import LoggedImu
 from biodyn_ros.reading.stamps import SensorClock, TimeChoice
 from biodyn_ros.wording import stuck
@@ -24,11 +25,16 @@ class Survey:
     """What is noted of one Imu topic; a mapped one is also conditioned as replay does, for what that would say."""
 
     def __init__(
-        self, sensor: str | None, topic: str, choice: TimeChoice, settings: ConditioningSettings | None
+        self,
+        sensor: str | None,
+        topic: str,
+        choice: TimeChoice,
+        settings: ConditioningSettings | None,
+        gravity: Gravity | None,
     ) -> None:
         self.sensor, self.name, self.choice = sensor, sensor or topic, choice
-        self._survey = Conditioner(self.name, settings, "survey")
-        self._causal = Conditioner(sensor, settings) if sensor else None
+        self._survey = Conditioner(self.name, settings, "survey", gravity=gravity)
+        self._causal = Conditioner(sensor, settings, gravity=gravity) if sensor else None
         self._clocks = ClockComparison()
         self._steps = _Steps()
         self._messages = 0
@@ -45,6 +51,8 @@ class Survey:
     def finish(self) -> None:
         """The topic has no more messages."""
         self._survey.finish()
+        if self._causal:
+            self._causal.finish()
 
     @property
     def replayed(self) -> SensorStatus | None:
@@ -86,11 +94,13 @@ class Survey:
         """What the survey has to say, a line each; a fault already begins with the name."""
         status = self._survey.status()
         lines = [status.fault] if status.fault else []
-        if status.rate_hz is None and not status.fault:
-            lines.append(f"{self.name}: too short to tell gravity, clock and gaps: rest_s of samples are needed")
-        if status.rate_hz and status.jitter_s and status.jitter_s > max(0.5 / status.rate_hz, UNEVEN_S):
+        if status.waiting and not status.fault:
+            lines.append(f"{self.name}: {status.waiting}")
+        # The first seconds tell it about one line, later ones about a clock that follows such stamps.
+        off_s = max(status.jitter_s or 0.0, self._survey.rest.jitter_s if self._survey.rest else 0.0)
+        if status.rate_hz and off_s > max(0.5 / status.rate_hz, UNEVEN_S):
             lines.append(
-                f"{self.name}: stamps are {1e3 * status.jitter_s:.0f} ms off an even clock on average: sampling is"
+                f"{self.name}: stamps are {1e3 * off_s:.0f} ms off an even clock on average: sampling is"
                 " uneven, or the driver stamps late"
             )
         told = [*status.warnings, *([stuck(status.flat)] if status.flat else [])]

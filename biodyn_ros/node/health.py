@@ -226,7 +226,7 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: fl
         ((silent or 0.0) > SILENT_AFTER_S, ERROR if name == SEAT else WARN, lambda: f"silent for {silent:.1f} s"),
         (health.publishers > 1, WARN, lambda: f"{health.publishers} publishers send to it: whose are the samples?"),
         (bool(health.causes), WARN, lambda: health.causes),
-        (seen.rate_hz is None, WARN, lambda: "waiting for rest: gravity and rate are not known yet"),
+        (seen.waiting is not None, WARN, lambda: seen.waiting or ""),
         ("gaps" in health.growth.by, WARN, lambda: "a gap: figures begin anew behind it"),
         (apart_s != 0.0, WARN, lambda: f"its clock was set {apart_s:+.1f} s against the others': it is not compared"),
         (abs(off_ms) > 1e3 * CLOCK_OFF_S, WARN, lambda: f"its stamps lie {off_ms:+.0f} ms off the seat's, {OFF}"),
@@ -267,7 +267,7 @@ def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: Growth, ma
     lost = growth.by.get("divergences", 0)
     checks: list[tuple[bool, int, Callable[[], str]]] = [
         (bool(stopped), ERROR, lambda: f"predictions stopped: seat {stopped}"),
-        (seen.rate_hz is None, WARN, lambda: "waiting for the seat at rest"),
+        (seen.waiting is not None, WARN, lambda: f"seat: {seen.waiting}"),
         (lost > 0, ERROR, lambda: f"{MODEL} {left_range(lost)}"),
         (is_settling(seen), OK, lambda: "settling behind a gap of the seat"),
     ]

@@ -6,10 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from biodyn_core.errors import InputError
+from biodyn_core.errors import InputError, UnusableRecording
+from biodyn_core.identification.problem import Case, CaseSettings
 from biodyn_core.recording import Recording
+from biodyn_core.response import SpectrumSettings
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import bag_sha256
+from biodyn_ros.reading.gravity import gravity_by_bag
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
 
 
@@ -21,6 +24,28 @@ class BagEvent:
     sha256: str
     recording: Recording
     held_out: bool
+
+
+Prepared = tuple[BagEvent, Case]
+"""An event, and its recording made ready to be fitted."""
+
+
+@dataclass(frozen=True)
+class EventOptions:
+    """How events are read and made ready; cases: the loading condition of a bag where its name does not tell it."""
+
+    cases: Mapping[str, str]
+    reading: RecordingOptions
+    spectra: SpectrumSettings
+    preparing: CaseSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Events:
+    """The events that can be compared, those held out last, and why others are left out, one line each."""
+
+    prepared: tuple[Prepared, ...]
+    left_out: tuple[str, ...]
 
 
 def check_bags(bags: Sequence[str | Path], held_out: Sequence[str], cases: Iterable[str]) -> None:
@@ -38,26 +63,42 @@ def check_bags(bags: Sequence[str | Path], held_out: Sequence[str], cases: Itera
 
 
 def read_events(
-    bags: Sequence[str | Path],
-    held_out: Sequence[str],
-    cases: Mapping[str, str],
-    reading: RecordingOptions,
-    progress: OnProgress,
-) -> list[BagEvent]:
-    """The recordings of all bags, those held out last; raises InputError for the same recording by two names."""
-    events: list[BagEvent] = []
+    bags: Sequence[str | Path], held_out: Sequence[str], options: EventOptions, progress: OnProgress
+) -> Events:
+    """The recordings of all bags, made ready; one that cannot be compared with a model is left out.
+
+    Raises InputError for a bag that cannot be read, the same recording by two names, and if nothing to fit to remains.
+    """
     given = [(bag, False) for bag in bags] + [(bag, True) for bag in held_out]
+    gravity = gravity_by_bag([bag for bag, _ in given], options.reading, options.reading.verticals())
+    hashes: dict[str, str | Path] = {}
+    prepared: list[Prepared] = []
+    reasons: list[str] = []
     for number, (bag, is_held_out) in enumerate(given):
         progress(number, len(given))
         sha256 = bag_sha256(bag)
-        _refuse_twin(bag, sha256, events)
-        found = read_recordings(bag, cases.get(str(bag), case_of(bag)), reading)
-        events += [BagEvent(str(bag), sha256, recording, is_held_out) for recording in found]
+        if sha256 in hashes:
+            raise InputError(f"{bag}: the same recording as {hashes[sha256]}; give it once")
+        hashes[sha256] = bag
+        case = options.cases.get(str(bag), case_of(bag))
+        try:
+            recordings = read_recordings(bag, case, options.reading, gravity=gravity[number])
+        except UnusableRecording as error:
+            reasons.append(str(error))
+            continue
+        for recording in recordings:
+            try:
+                ready = Case.of(recording, options.spectra, options.preparing)
+            except UnusableRecording as error:
+                reasons.append(str(error))
+            else:
+                prepared.append((BagEvent(str(bag), sha256, recording, is_held_out), ready))
     progress(len(given), len(given))
-    return events
+    if all(event.held_out for event, _ in prepared):
+        raise InputError(_none_left(reasons, len(bags)))
+    return Events(tuple(prepared), tuple(f"left out: {reason}" for reason in reasons))
 
 
-def _refuse_twin(bag: str | Path, sha256: str, events: Sequence[BagEvent]) -> None:
-    for event in events:
-        if event.sha256 == sha256:
-            raise InputError(f"{bag}: the same recording as {event.bag}; give it once")
+def _none_left(reasons: Sequence[str], bags: int) -> str:
+    """Why nothing to fit to remains: the first reason stands for all."""
+    return reasons[0] if bags == 1 else f"none of the {bags} bags can be fitted to; the first: {reasons[0]}"

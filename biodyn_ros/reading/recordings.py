@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from biodyn_core.gravity import Gravity
+from biodyn_core.levelling import Vector
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.recording import Recorder, Recording, RecordingSettings
 from biodyn_core.synthesis import CASES
 from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL
+from biodyn_ros.reading.gravity import gravity_of
 from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 
 
@@ -27,24 +31,30 @@ class RecordingOptions(ReadingOptions):
     recording: RecordingSettings | None = None
     channels: bool = False
 
+    def verticals(self) -> dict[str, Vector]:
+        """The given verticals by sensor; raises InputError for what is none."""
+        return PipelineSettings(vertical=self.vertical).verticals()
+
 
 def read_recordings(
     bag: str | Path,
     case: str | None = None,
     options: RecordingOptions | None = None,
     progress: OnProgress = unwatched,
+    gravity: Mapping[str, Gravity] | None = None,
 ) -> list[Recording]:
     """Read a bag's recordings, one for each run of its seat; the case by the file's name where it is not given.
 
-    `progress` hears (samples done, samples in all). Raises InputError for a bag without Imu or seat, and as
-    `Recorder.finish`.
+    `progress` hears (samples done, samples in all). gravity: of its sensors, as `gravity_by_bag` finds it; None to
+    search this bag alone. Raises InputError for a bag without Imu or seat, and as `Recorder.finish`.
     """
     options = options or RecordingOptions()
-    verticals = PipelineSettings(vertical=options.vertical).verticals()
+    verticals = options.verticals()
     with_rates = options.channels or not (options.recording or RecordingSettings()).keep_lean
     with open_sensors(bag, options) as sensors:
         settings, named = sensors.conditioning, case or case_of(bag)
-        recorder = Recorder(named, str(bag), settings, options.recording, verticals, options.channels)
+        known = gravity_of(sensors, verticals) if gravity is None else gravity
+        recorder = Recorder(named, str(bag), settings, options.recording, verticals, options.channels, known)
         for sensor, block in sensors.blocks(progress, with_rates):
             recorder.push(sensor, block.stamps_ns, block.accel_mps2, block.gyro_radps)
         warnings = [*([MADE_BY_MODEL] if sensors.made_by_model else []), *sensors.bag_warnings()]

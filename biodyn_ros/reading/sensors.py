@@ -48,14 +48,21 @@ class SensorReading:
         """Each sensor's next samples, in order of log time; `progress` hears (samples done, samples in all)."""
         total = sum(topic.messages for topic in self._reader.topics if topic.name in self._sensors)
         done = 0
-        times = {topic: choice.time for topic, choice in self._choices.items()}
-        for topic, block in imu_blocks(self._reader, self._sensors, times, gyro):
+        for topic, block in self._imu_blocks(gyro):
             if self._begin_ns is None:
                 self._begin_ns = int(block.log_ns[0])
             yield self._sensors[topic], block
             self._clocks[topic].push(block.header_ns, block.log_ns)
             done += len(block.stamps_ns)
             progress(done, total)
+
+    def samples(self) -> Iterator[tuple[str, LoggedImu]]:
+        """The samples that `blocks` gives, as often as they are asked for; nothing is noted of them."""
+        return ((self._sensors[topic], block) for topic, block in self._imu_blocks(gyro=False))
+
+    def _imu_blocks(self, gyro: bool) -> Iterator[tuple[str, LoggedImu]]:
+        times = {topic: choice.time for topic, choice in self._choices.items()}
+        return imu_blocks(self._reader, self._sensors, times, gyro)
 
     def bag_warnings(self) -> list[str]:
         """What is to be said of the bag itself."""

@@ -27,6 +27,7 @@ from biodyn_ros.files import check_directory, make_directory, remove
 from biodyn_ros.json_files import write_json
 from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL
+from biodyn_ros.reading.gravity import gravity_of
 from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 from biodyn_ros.replay.traces import Traces
 
@@ -66,7 +67,9 @@ def replay(
     """
     options = options or ReplayOptions()
     with open_sensors(bag, options) as sensors:
-        pipeline = Pipeline(subject, sensors.conditioning, options.pipeline, options.limits, options.mode)
+        settings = options.pipeline or PipelineSettings()
+        gravity = gravity_of(sensors, settings.verticals())
+        pipeline = Pipeline(subject, sensors.conditioning, settings, options.limits, options.mode, gravity)
         for sensor, block in sensors.blocks(progress):
             each(pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
         each(pipeline.finish())
@@ -88,9 +91,7 @@ def check_seat(status: SensorStatus, bag: str) -> None:
     if status.fault:
         raise InputError(f"{bag}: {status.fault}")
     if status.rate_hz is None:
-        raise InputError(
-            f"{bag}: seat: shorter than the seconds of rest that gravity needs: record longer, or lower rest_s"
-        )
+        raise InputError(f"{bag}: seat: {status.waiting}")
 
 
 class PredictedBag:

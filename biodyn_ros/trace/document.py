@@ -16,10 +16,10 @@ from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Candidate, ComparedEvent, Diagnostics, Interval, Round, Surface, Trace
 from biodyn_ros import __version__
-from biodyn_ros.fit.document import Prepared, by_segment
+from biodyn_ros.fit.document import by_segment
 from biodyn_ros.json_files import finite
 from biodyn_ros.provenance import rests_on
-from biodyn_ros.reading.events import BagEvent
+from biodyn_ros.reading.events import BagEvent, Prepared
 
 Document = dict[str, Any]
 

@@ -14,18 +14,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
-from biodyn_core.identification.problem import Case, CaseSettings
+from biodyn_core.identification.problem import CaseSettings
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.files import make_directory, remove, write_text
-from biodyn_ros.fit.document import Prepared, warnings_of
+from biodyn_ros.fit.document import warnings_of
 from biodyn_ros.json_files import write_json
 from biodyn_ros.progress import OnProgress, Progress, unwatched
 from biodyn_ros.provenance import role_of
-from biodyn_ros.reading.events import check_bags, read_events
-from biodyn_ros.reading.recordings import RecordingOptions, case_of
+from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
+from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.trace.document import origin, provenance, trace_document
 from biodyn_ros.work.tasks import Watch
 
@@ -74,38 +74,33 @@ def trace_bags(
 
     o, begin = options or TraceOptions(), time.monotonic()
     check_bags(bags, o.held_out, o.cases)
-    train, held_out = (bags, o.held_out) if o.held_out else deal(bags, o.cases)
+    # Every channel that was measured lets one effect more be tried.
+    reading = EventOptions(o.cases, dataclasses.replace(o.reading, channels=True), o.spectra, o.preparing)
     with Progress("reading") as progress:
-        # Every channel that was measured lets one effect more be tried.
-        events = read_events(train, held_out, o.cases, dataclasses.replace(o.reading, channels=True), progress)
-    prepared = [(event, Case.of(event.recording, o.spectra, o.preparing)) for event in events]
+        events = read_events(bags, o.held_out, reading, progress)
+    prepared = list(events.prepared) if o.held_out else deal(events.prepared)
     fitted, spare = ([case for event, case in prepared if event.held_out is out] for out in (False, True))
     with Stages(Progress) as stages:
         found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, tell=stages, kept=kept)
     document = trace_document(found) | {
         "bags": [origin(event, case, found) for event, case in prepared],
-        "dealt": None if o.held_out else _dealt(train, held_out),
-        "warnings": [*warnings_of(prepared), *_seen_before(subject, prepared)],
+        "dealt": None if o.held_out else _dealt(prepared),
+        "warnings": [*events.left_out, *warnings_of(prepared), *_seen_before(subject, prepared)],
         "seconds": time.monotonic() - begin,
     }
     new = dataclasses.replace(found.after, provenance=provenance(document, found, prepared, subject))
     return Traced(document, new, found)
 
 
-def deal(bags: Sequence[Bag], cases: Mapping[str, str]) -> tuple[list[Bag], list[str]]:
-    """Bags of every loading condition by turns, in the order given: those to fit to, and those held out."""
-    turns: dict[str, int] = {}
-    train: list[Bag] = []
-    held_out: list[str] = []
-    for bag in bags:
-        case = cases.get(str(bag), case_of(bag))
-        turn = turns.get(case, 0)
-        turns[case] = turn + 1
-        if turn % 2:
-            held_out.append(str(bag))
-        else:
-            train.append(bag)
-    return train, held_out
+def deal(events: Sequence[Prepared]) -> list[Prepared]:
+    """The events with every second bag of a loading condition held out, in the order given, those held out last."""
+    bags: dict[str, dict[str, bool]] = {}
+    dealt = []
+    for event, case in events:
+        of_case = bags.setdefault(case.case, {})
+        is_held_out = of_case.setdefault(event.bag, len(of_case) % 2 == 1)
+        dealt.append((dataclasses.replace(event, held_out=is_held_out), case))
+    return sorted(dealt, key=lambda each: each[0].held_out)
 
 
 def write_traced(traced: Traced, directory: Path, report: bool = True) -> None:
@@ -149,7 +144,10 @@ class Stages:
         self._progress(round(1000 * share), 1000)
 
 
-def _dealt(train: Sequence[Bag], held_out: Sequence[str]) -> str:
+def _dealt(prepared: Sequence[Prepared]) -> str:
+    train, held_out = (
+        list(dict.fromkeys(event.bag for event, _ in prepared if event.held_out is out)) for out in (False, True)
+    )
     if not held_out:
         return "nothing is held out: no loading condition has two bags to deal; give more, or --hold-out"
     names = ", ".join(Path(bag).name for bag in held_out)

@@ -1,0 +1,226 @@
+"""Gravity: the mean reading of one sensor at rest, searched for in a whole record before it is conditioned.
+
+A live sensor waits for rest, and its samples until then are not counted. Offline all samples are at hand: rest may lie
+anywhere in the record, and conditioning begins at the first sample.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from biodyn_core.arrays import Floats, Integers
+from biodyn_core.errors import InputError
+from biodyn_core.levelling import Vector, gravity_and_vertical
+from biodyn_core.rest import RestWindow
+
+Origin = Literal["begin", "rest", "other_record", "motion"]
+"""Rest at the begin of the record, later in it, or in another record; or no rest, and the mean over all motion."""
+
+SAME_MOUNTING_MPS2: Final = 0.86
+"""Means of one sensor in two records differ by less than this, 5 deg of tilt, where it was mounted alike."""
+
+PARTS: Final = 4
+"""A window at rest may begin at any of so many parts of its length, so that rest need not last for two windows."""
+
+EVEN: Final = 0.75
+"""The parts of a window hold about equally many samples: fewer than this share of the most mean a gap."""
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """Mean reading of one sensor, (3,) m/s^2: gravity and bias together.
+
+    at_s: where the averaged stretch begins in the record. samples: its first sample and the one behind it, in order of
+    arrival; None at the begin, where conditioning finds them, and where another record (source) was averaged.
+    quietest_mps2: least rms of any window of a record without rest.
+    """
+
+    mean_mps2: Vector
+    origin: Origin
+    at_s: float = 0.0
+    samples: tuple[int, int] | None = None
+    quietest_mps2: float | None = None
+    source: str = ""
+
+    @property
+    def is_rest(self) -> bool:
+        """Whether it was averaged over rest in its own record."""
+        return self.origin in ("begin", "rest")
+
+    def warning(self, vertical_given: bool) -> str | None:
+        """Where it comes from, in one line; None for rest at the begin."""
+        if self.origin == "begin":
+            return None
+        if self.origin == "rest":
+            return f"no rest at the begin: gravity is from the rest at {self.at_s:.1f} s"
+        if self.origin == "other_record":
+            return f"no rest in the record: gravity is from the rest in {self.source}"
+        averaged = "the length of gravity" if vertical_given else "gravity"
+        options = [] if vertical_given else ["give vertical"]
+        if self.quietest_mps2 is not None:
+            options.insert(0, f"set rest_rms_mps2 above {self.quietest_mps2:.2g}, which its quietest stretch has")
+        return f"no rest in the record: {averaged} is the mean over motion; {', or '.join(options)}".rstrip("; ")
+
+
+class GravitySearch:
+    """`push` the samples of one sensor in order of arrival until it is `decided`, then ask for the `result`.
+
+    Memory does not grow with the record. rest_s, rest_rms_mps2, max_gap_s, implausible_mps2: as `RestWindow`. vertical
+    (3,): the direction of up in the axes of the sensor, if it is given.
+    """
+
+    def __init__(
+        self, rest_s: float, rest_rms_mps2: float, max_gap_s: float, implausible_mps2: float, vertical: Vector | None
+    ) -> None:
+        self._rest_rms_mps2, self._implausible_mps2, self._vertical = rest_rms_mps2, implausible_mps2, vertical
+        self._first_window: RestWindow | None = RestWindow(rest_s, 0.0, rest_rms_mps2, max_gap_s, implausible_mps2)
+        self._part_ns = round(1e9 * rest_s / PARTS)
+        self._epoch_ns: int | None = None
+        self._arrived = 0
+        self._open: list[tuple[Integers, Floats]] = []
+        self._slot = 0
+        self._recent: deque[_Part] = deque(maxlen=PARTS)
+        self._whole: _Part | None = None
+        self._quietest_mps2 = math.inf
+        self._at_begin: Gravity | None = None
+        self._later: Gravity | None = None
+        self._is_faulty = False
+
+    @property
+    def decided(self) -> bool:
+        """Whether later samples change nothing: rest was found, or conditioning will refuse the stamps."""
+        return self._is_faulty or self._at_begin is not None or (self._first_window is None and self._later is not None)
+
+    def push(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
+        """Take raw specific force (n, 3) m/s^2 with stamps (n,) ns, in order of arrival."""
+        if self.decided:
+            return
+        is_set = stamps_ns != 0
+        if self._first_window is not None:
+            self._look_at_begin(self._first_window, stamps_ns[is_set], samples_mps2[is_set])
+        # NaN compares as False.
+        usable = np.flatnonzero(is_set & (np.abs(samples_mps2) < self._implausible_mps2).all(axis=1))
+        if usable.size:
+            self._add(np.asarray(stamps_ns[usable], dtype=np.int64), samples_mps2[usable], self._arrived + usable)
+        self._arrived += len(stamps_ns)
+
+    def result(self) -> Gravity | None:
+        """The record has ended: the rest found, else the mean over motion.
+
+        None where the record is shorter than rest_s, shows no gravity, or is faulty.
+        """
+        if self._is_faulty or self._first_window is not None:
+            return None
+        self._close_part()
+        found = self._at_begin or self._later
+        return found if found or self._whole is None else self._gravity(self._whole, "motion")
+
+    def _look_at_begin(self, window: RestWindow, stamps_ns: Integers, samples_mps2: Floats) -> None:
+        """Judge the first window as a live sensor does."""
+        window.add(stamps_ns, samples_mps2)
+        try:
+            rest = window.look()
+        except InputError:
+            self._is_faulty = True
+            return
+        if rest is None:
+            return
+        self._first_window = None
+        if not rest.in_motion and self._shows_gravity(rest.mean_mps2):
+            self._at_begin = Gravity(rest.mean_mps2, "begin")
+
+    def _add(self, stamps_ns: Integers, samples_mps2: Floats, arrival: Integers) -> None:
+        """Sum samples part by part; a part that is complete may complete a window at rest."""
+        if self._epoch_ns is None:
+            self._epoch_ns = int(stamps_ns[0])
+        slots = (stamps_ns - self._epoch_ns) // self._part_ns
+        cuts = [0, *(np.flatnonzero(np.diff(slots)) + 1).tolist(), slots.size]
+        for begin, end in pairwise(cuts):
+            if int(slots[begin]) != self._slot:
+                self._close_part()
+                self._slot = int(slots[begin])
+            self._open.append((arrival[begin:end], samples_mps2[begin:end]))
+
+    def _close_part(self) -> None:
+        """The open part is complete: judge the window that it completes."""
+        if not self._open or self._later is not None:
+            return
+        # Summed in one piece: block cuts change no number.
+        arrival, samples = (np.concatenate(pieces) for pieces in zip(*self._open, strict=True))
+        self._open = []
+        part = _Part(
+            self._slot, int(arrival[0]), int(arrival[-1]) + 1, len(samples), samples.sum(axis=0),
+            float((samples**2).sum()),
+        )  # fmt: skip
+        self._whole = part if self._whole is None else self._whole.joined(part)
+        if self._recent and part.slot != self._recent[-1].slot + 1:
+            self._recent.clear()
+        self._recent.append(part)
+        counts = [each.size for each in self._recent]
+        if len(counts) < PARTS or min(counts) < EVEN * max(counts):
+            return
+        first, second, third, last = self._recent
+        window = first.joined(second).joined(third).joined(last)
+        self._quietest_mps2 = min(self._quietest_mps2, window.rms_mps2)
+        if window.rms_mps2 <= self._rest_rms_mps2:
+            self._later = self._gravity(window, "rest")
+
+    def _gravity(self, part: _Part, origin: Origin) -> Gravity | None:
+        if not self._shows_gravity(part.mean_mps2):
+            return None
+        quietest_mps2 = self._quietest_mps2 if math.isfinite(self._quietest_mps2) else None
+        at_s = 1e-9 * part.slot * self._part_ns
+        return Gravity(part.mean_mps2, origin, at_s, (part.first, part.end), quietest_mps2)
+
+    def _shows_gravity(self, mean_mps2: Vector) -> bool:
+        return gravity_and_vertical(mean_mps2, self._vertical)[1] is not None
+
+
+class _Part(NamedTuple):
+    """Sums over a stretch of samples: its slot in time, first sample and the one behind it, count, sum, squares."""
+
+    slot: int
+    first: int
+    end: int
+    size: int
+    sum_mps2: Floats
+    squares: float
+
+    def joined(self, later: _Part) -> _Part:
+        """Both stretches as one."""
+        return _Part(
+            self.slot, self.first, later.end, self.size + later.size, self.sum_mps2 + later.sum_mps2,
+            self.squares + later.squares,
+        )  # fmt: skip
+
+    @property
+    def mean_mps2(self) -> Vector:
+        x, y, z = (self.sum_mps2 / self.size).tolist()
+        return x, y, z
+
+    @property
+    def rms_mps2(self) -> float:
+        """About the mean, over all axes."""
+        mean = self.sum_mps2 / self.size
+        return math.sqrt(max(0.0, self.squares / self.size - float(mean @ mean)))
+
+
+def from_other_record(own: Gravity, others: Iterable[tuple[str, Gravity]]) -> Gravity:
+    """The gravity of a sensor without rest from its rest in another record, if it was mounted alike there.
+
+    others: (name of the record, gravity there). The nearest mean is taken; without one its own mean over motion stays.
+    """
+    if own.origin != "motion":
+        return own
+    rested = [(math.dist(own.mean_mps2, other.mean_mps2), name, other) for name, other in others if other.is_rest]
+    apart_mps2, name, nearest = min(rested, key=lambda each: each[0], default=(math.inf, "", own))
+    if apart_mps2 > SAME_MOUNTING_MPS2:
+        return own
+    return replace(own, mean_mps2=nearest.mean_mps2, origin="other_record", samples=None, source=name)
