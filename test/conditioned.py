@@ -35,8 +35,10 @@ def raw(accel: np.ndarray, mounting: np.ndarray | None = None) -> np.ndarray:
 class Conditioned:
     """One conditioner's blocks, joined."""
 
-    def __init__(self, stamps_ns, samples, cuts=(), conditioning=None, mode="causal", vertical=None) -> None:
-        self.conditioner = Conditioner("seat", conditioning, mode, vertical)
+    def __init__(
+        self, stamps_ns, samples, cuts=(), conditioning=None, mode="causal", vertical=None, gravity=None
+    ) -> None:
+        self.conditioner = Conditioner("seat", conditioning, mode, vertical, gravity)
         parts = zip(np.split(stamps_ns, cuts), np.split(samples, cuts), strict=True)
         self.blocks = [block for s, x in parts for block in self.conditioner.push(s, x)] + self.conditioner.finish()
         self.status = self.conditioner.status()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from streams import RATE_HZ, noisy_streams, subject
 
+from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_core.weighting import CURVES
@@ -94,6 +95,30 @@ def test_a_cause_is_named_while_it_lasts_and_is_no_alarm_two_seconds_later(senso
     assert node.says(sensor) == (OK, "streaming") and node.predicts() == (OK, "predicting")
     values = node.statuses[sensor].values
     assert values["lower_bound"] == "true" and values["settling"] == "false"
+
+
+def test_an_engine_that_idles_is_named_within_seconds_with_the_parameter_that_helps() -> None:
+    streams = [
+        dataclasses.replace(one, accel_mps2=one.accel_mps2 + 0.42 * np.sqrt(2.0) * engine(len(one.stamps_ns)))
+        for one in noisy_streams(6.0, "road")
+    ]
+    node = Node(streams)
+    node.look(3)
+    level, message = node.says(SEAT)
+    assert level == WARN and "moves by 0.4" in message and "set rest_rms_mps2 above 0.4" in message
+    assert "after 10 s (rest_patience_s) motion is averaged, 1." in message
+    assert node.predicts() == (WARN, f"seat: {message}")
+    # What it names does help.
+    above = float(message.split("rest_rms_mps2 above ")[1].split(";")[0]) + 0.05
+    pipeline = Pipeline(subject(), ConditioningSettings(rest_rms_mps2=above))
+    (seat,) = (one for one in streams if one.sensor == SEAT)
+    pipeline.push(SEAT, seat.stamps_ns[:2000], seat.accel_mps2[:2000])
+    assert pipeline.status(SEAT).waiting is None
+
+
+def engine(count: int) -> np.ndarray:
+    """A vertical vibration of 25 Hz and unit amplitude, (n, 3)."""
+    return np.sin(2.0 * np.pi * 25.0 * np.arange(count) / RATE_HZ)[:, None] * [0.0, 0.0, 1.0]
 
 
 def test_what_begins_anew_behind_a_gap_is_settling_and_then_is_not() -> None:

@@ -1,0 +1,285 @@
+"""Gravity offline: rest anywhere in the record, the mean over motion, another record; every sample counts."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import naive
+import numpy as np
+import pytest
+from conditioned import RATE_HZ, START_NS, Conditioned, raw, stamps
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from streams import independent_streams, subject, write_bag
+
+from biodyn_core.conditioning import ConditioningSettings, gravity_search
+from biodyn_core.errors import InputError
+from biodyn_core.gravity import Gravity, from_other_record
+from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.segments import SENSORS
+from biodyn_core.synthesis import ImuStream
+from biodyn_ros.cli import main
+from biodyn_ros.fit.fitting import FitOptions, fit_bags
+from biodyn_ros.info.document import info
+from biodyn_ros.reading.events import EventOptions, read_events
+from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
+from biodyn_ros.replay.replaying import ReplayOptions, replay
+
+G = naive.GRAVITY
+
+
+def swaying(seconds: float, size: float = 3.0, seed: int = 0, still: tuple[float, float] | None = None) -> np.ndarray:
+    """Specific force (n, 3), up last, that sways about gravity, but for the seconds in which it is still."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    sway = sum(np.sin(2.0 * np.pi * f * time + rng.uniform(0, 6.3)) for f in (2.3, 4.1, 7.9))[:, None]
+    if still is not None:
+        sway = np.where((time >= still[0]) & (time < still[1]), 0.0, sway.T).T
+    return size * sway * [0.2, 0.3, 1.0] + [0.0, 0.0, G] + 0.01 * rng.standard_normal((time.size, 3))
+
+
+def searched(samples: np.ndarray, cuts=(), stamps_ns=None, **settings_: float) -> Gravity | None:
+    """What a search of the record finds."""
+    search = gravity_search(ConditioningSettings(**settings_), None)
+    stamps_ns = stamps(len(samples)) if stamps_ns is None else stamps_ns
+    for part in zip(np.split(stamps_ns, cuts), np.split(samples, cuts), strict=True):
+        search.push(*part)
+    return search.result()
+
+
+# --- where gravity comes from ----------------------------------------------------------------------------------------
+
+
+def test_rest_at_the_begin_is_left_to_conditioning():
+    samples = swaying(6.0, still=(0.0, 1.0))
+    assert searched(samples).origin == "begin"
+    known = Conditioned(stamps(len(samples)), samples, gravity=searched(samples))
+    plain = Conditioned(stamps(len(samples)), samples)
+    np.testing.assert_array_equal(known.low_passed, plain.low_passed)
+    assert known.status == plain.status
+
+
+@pytest.mark.parametrize("begin_s", [0.3, 2.05, 5.0])
+def test_rest_is_found_anywhere(begin_s):
+    samples = swaying(6.2, still=(begin_s, begin_s + 1.2))
+    found = searched(samples)
+    first, end = found.samples
+    assert found.origin == "rest" and begin_s - 0.2 <= found.at_s <= begin_s + 0.4
+    assert (end - first) / RATE_HZ == pytest.approx(0.8, abs=0.01)
+    np.testing.assert_allclose(found.mean_mps2, samples[first:end].mean(axis=0), rtol=1e-12)
+    assert "no rest at the begin: gravity is from the rest at" in found.warning(vertical_given=False)
+
+
+def test_without_rest_the_mean_of_the_record_is_taken_and_the_option_that_helps_is_named():
+    samples = swaying(6.0)
+    found = searched(samples)
+    assert found.origin == "motion"
+    np.testing.assert_allclose(found.mean_mps2, samples.mean(axis=0), rtol=1e-12)
+    told = found.warning(vertical_given=False)
+    assert "no rest in the record" in told and "set rest_rms_mps2 above" in told and "give vertical" in told
+    assert "give vertical" not in found.warning(vertical_given=True)
+    # What it names does help.
+    assert searched(samples, rest_rms_mps2=1.01 * found.quietest_mps2).is_rest
+
+
+def test_zeros_of_a_sensor_that_starts_late_are_no_rest():
+    samples = np.concatenate([np.zeros((2000, 3)), swaying(6.0, still=(3.0, 4.5))])
+    found = searched(samples)
+    assert found.origin == "rest" and found.samples[0] > 2000 + 2.7 * RATE_HZ
+
+
+@pytest.mark.parametrize(("samples", "stamp_ns"), [(500, None), (3000, 7)])
+def test_what_cannot_be_searched_is_left_to_conditioning(samples, stamp_ns):
+    # Shorter than rest_s, and stamps that stand still.
+    readings = swaying(samples / RATE_HZ)
+    stamps_ns = None if stamp_ns is None else np.full(len(readings), START_NS)
+    assert searched(readings, stamps_ns=stamps_ns) is None
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32 - 1), st.lists(st.integers(1, 6000), max_size=6), st.floats(0.0, 5.0), st.booleans())
+def test_any_cut_finds_the_same(seed, cuts, begin_s, rests):
+    samples = swaying(5.5, seed=seed % 7, still=(begin_s, begin_s + 1.1) if rests else None)
+    rng = np.random.default_rng(seed)
+    keep = np.sort(rng.choice(len(samples), len(samples) - rng.integers(0, 400), replace=False))
+    stamps_ns = stamps(len(samples))[keep]
+    cuts = sorted(min(cut, len(keep)) for cut in cuts)
+    assert searched(samples[keep], cuts, stamps_ns) == searched(samples[keep], (), stamps_ns)
+
+
+def test_no_window_at_rest_spans_a_gap():
+    # Two quiet ends of 0.5 s around a gap of an hour are no 0.8 s of rest.
+    samples = np.concatenate([swaying(3.0, still=(2.5, 3.0)), swaying(3.0, seed=1, still=(0.0, 0.5))])
+    stamps_ns = stamps(len(samples))
+    stamps_ns[len(samples) // 2 :] += 3600 * 10**9
+    assert searched(samples, stamps_ns=stamps_ns).origin == "motion"
+
+
+def tilted(mean: np.ndarray, deg: float) -> tuple[float, float, float]:
+    turn = np.radians(deg)
+    return tuple(np.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]]) @ mean)
+
+
+@pytest.mark.parametrize(("deg", "alike"), [(3.0, True), (8.0, False)])
+def test_rest_of_another_record_serves_where_the_sensor_was_mounted_alike(deg, alike):
+    own = Gravity((0.0, 0.0, G), "motion")
+    other = Gravity(tilted(np.array([0.0, 0.0, G]), deg), "rest")
+    far = Gravity(tilted(np.array([0.0, 0.0, G]), deg + 1.0), "begin")
+    found = from_other_record(own, [("far.mcap", far), ("other.mcap", other), ("own.mcap", own)])
+    assert (found.mean_mps2 == other.mean_mps2) is alike
+    assert (found.origin, found.source) == (("other_record", "other.mcap") if alike else ("motion", ""))
+    assert from_other_record(other, [("far.mcap", far)]) is other
+
+
+# --- conditioning with known gravity ---------------------------------------------------------------------------------
+
+
+def test_conditioning_begins_at_the_first_sample():
+    samples = swaying(4.0, still=(2.5, 3.5))
+    known = searched(samples)
+    found = Conditioned(stamps(len(samples)), samples, gravity=known)
+    np.testing.assert_allclose(found.levelled[:, 2], samples[:, 2] - known.mean_mps2[2], atol=2e-3)
+    assert len(found.levelled) == len(samples)
+    assert (found.status.uncounted_s, found.status.unrested_s, found.status.runs) == (0.0, 0.0, 1)
+    assert found.conditioner.first_ns == START_NS
+    assert any("gravity is from the rest at 2." in line for line in found.status.warnings)
+
+
+def test_samples_before_a_gap_count_too_once_they_are_longer_than_rest():
+    samples = swaying(5.0)
+    stamps_ns = stamps(len(samples))
+    stamps_ns[3000:] += 10**9
+    found = Conditioned(stamps_ns, samples, gravity=searched(samples))
+    assert len(found.levelled) == len(samples) and found.status.runs == 2
+    assert found.status.gap_s == pytest.approx(1.0, abs=1e-3)
+
+
+@settings(max_examples=40)
+@given(st.lists(st.integers(0, 17_000), max_size=6), st.sampled_from(["causal", "zero_phase"]), st.floats(1.0, 14.0))
+def test_any_cut_gives_the_same_with_known_gravity(cuts, mode, seconds):
+    samples = swaying(seconds)
+    stamps_ns = stamps(len(samples))
+    stamps_ns[len(samples) // 2 :] += 200_000_000
+    known = Gravity((0.0, 0.0, G), "motion", samples=(0, len(samples)))
+    cuts = sorted(min(cut, len(samples)) for cut in cuts)
+    whole = Conditioned(stamps_ns, samples, mode=mode, gravity=known)
+    cut = Conditioned(stamps_ns, samples, cuts, mode=mode, gravity=known)
+    for name in ("stamps_ns", "time_s", "levelled", "low_passed", "begins"):
+        np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name), err_msg=name)
+    assert cut.status == whole.status
+
+
+# --- replay: nothing is lost -----------------------------------------------------------------------------------------
+
+
+def idling(seconds: float = 14.0, shock_s: float = 5.0) -> np.ndarray:
+    """Vertical of a seat over an engine that idles with 0.4 m/s^2 rms, and a half-sine of 30 m/s^2, 50 ms, early on."""
+    time = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    shock = np.where(np.abs(time - shock_s) < 0.025, 30.0 * np.cos(np.pi * (time - shock_s) / 0.05), 0.0)
+    return 0.4 * np.sqrt(2.0) * np.sin(2.0 * np.pi * 25.0 * time) + shock
+
+
+@pytest.fixture(scope="module")
+def idle_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All six sensors on the seat's motion, which never rests."""
+    samples = raw(idling()[:, None] * [0.0, 0.0, 1.0])
+    streams = [ImuStream(name, stamps(len(samples)), samples, np.zeros_like(samples)) for name in SENSORS]
+    return write_bag(tmp_path_factory.mktemp("idle") / "idle.mcap", streams)
+
+
+@pytest.mark.parametrize("vertical", ["", "seat=0,0,1"])
+def test_a_shock_before_any_rest_is_counted(idle_bag: Path, vertical: str) -> None:
+    options = ReplayOptions(pipeline=PipelineSettings(vertical=vertical))
+    document = replay(idle_bag, subject(), options).document
+    truth = naive.weighted("Wk", idling(), RATE_HZ)
+    vdv = (np.sum(truth**4) / RATE_HZ) ** 0.25
+    assert vdv > 5.0  # without the shock it is 0.9
+    assert document["uncounted_s"] == 0.0
+    assert document["sensors"]["seat"]["vdv_mps175"] == pytest.approx(vdv, rel=2e-3)
+    assert not document["sensors"]["seat"]["lower_bound"]
+    (told,) = (line for line in document["warnings"] if line.startswith("seat: no rest in the record"))
+    assert "set rest_rms_mps2 above 0.4" in told
+    assert ("give vertical" in told) is not bool(vertical)
+
+
+def test_info_says_what_replay_does(idle_bag: Path) -> None:
+    document = info(idle_bag)
+    assert document["topics"][0]["gravity_mps2"] == pytest.approx(G + idling().mean(), abs=1e-3)
+    assert document["replay"]["refusal"] is None and document["replay"]["sensors"] == list(SENSORS)
+    assert any(line.startswith("seat: no rest in the record") for line in document["warnings"])
+
+
+# --- fit and trace: what cannot be used is left out ------------------------------------------------------------------
+
+
+def part(stream: ImuStream, begin_s: float, end_s: float) -> ImuStream:
+    cut = slice(round(begin_s * RATE_HZ), round(end_s * RATE_HZ))
+    return dataclasses.replace(
+        stream, stamps_ns=stream.stamps_ns[cut], accel_mps2=stream.accel_mps2[cut], gyro_radps=stream.gyro_radps[cut]
+    )
+
+
+@pytest.fixture(scope="module")
+def short_bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One ride with rest, six seconds of motion alone, one second, and one that does not move."""
+    folder, ride = tmp_path_factory.mktemp("short"), independent_streams(9.0)
+    still = [dataclasses.replace(each, accel_mps2=np.tile([0.0, 0.0, G], (len(each.stamps_ns), 1))) for each in ride]
+    written = {
+        "road_whole": ride,
+        "road_moving": [part(each, 2.5, 8.5) for each in ride],
+        "road_second": [part(each, 3.0, 4.0) for each in ride],
+        "road_still": still,
+    }
+    return {name: write_bag(folder / f"{name}.mcap", streams) for name, streams in written.items()}
+
+
+def test_a_recording_without_rest_is_a_recording(short_bags: dict[str, Path]) -> None:
+    (found,) = read_recordings(short_bags["road_moving"])
+    (whole,) = read_recordings(short_bags["road_whole"])
+    assert found.stamps_ns.size / found.rate_hz == pytest.approx(6.0, abs=0.1)
+    assert any("seat: no rest in the record" in line for line in found.warnings)
+    shared, here, there = np.intersect1d(found.stamps_ns, whole.stamps_ns, return_indices=True)
+    inner = slice(round(1.0 * RATE_HZ), shared.size - round(1.0 * RATE_HZ))
+    np.testing.assert_allclose(found.seat_mps2[here][inner], whole.seat_mps2[there][inner], atol=0.1)
+
+
+def events(bags: list[Path], held_out: list[Path] | None = None):
+    options = EventOptions({}, RecordingOptions(), FitOptions().spectra, FitOptions().preparing)
+    return read_events(bags, [str(bag) for bag in held_out or []], options, lambda done, total: None)
+
+
+def test_events_that_cannot_be_used_are_left_out_by_name(short_bags: dict[str, Path]) -> None:
+    found = events(list(short_bags.values()))
+    assert [Path(event.bag).stem for event, _ in found.prepared] == ["road_whole", "road_moving"]
+    assert [line.split(".mcap")[0].rsplit("/")[-1] for line in found.left_out] == ["road_second", "road_still"]
+    assert "are too short" in found.left_out[0] and "without excitation" in found.left_out[1]
+    lent = found.prepared[1][1].warnings
+    assert any("seat: no rest in the record: gravity is from the rest in road_whole.mcap" in line for line in lent)
+
+
+def test_a_fit_goes_on_and_stops_only_where_nothing_is_left(
+    short_bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = [short_bags["road_second"], short_bags["road_still"]]
+    with pytest.raises(InputError, match=r"none of the 2 bags can be fitted to; the first: .*road_second.* too short"):
+        fit_bags(bad, subject())
+    with pytest.raises(InputError, match="road_still"):
+        fit_bags(bad[1:], subject())
+    # A held-out event alone is nothing to fit to.
+    with pytest.raises(InputError, match="none of the 2 bags"):
+        events(bad, [short_bags["road_whole"]])
+    assert main(["trace", *map(str, bad), "--subject", "subject_1", "-o", str(tmp_path / "out")]) == 2
+    refused = capsys.readouterr().err.strip().splitlines()[-1]
+    assert refused.startswith("biodyn trace: none of the 2 bags can be fitted to") and not (tmp_path / "out").exists()
+    # A path that is wrong is an error, not an event to leave out.
+    assert main(["fit", str(short_bags["road_whole"]), "nowhere.mcap", "--subject", "subject_1", "-o", "x.yaml"]) == 2
+    assert "nowhere.mcap" in capsys.readouterr().err
+
+
+def test_a_trace_says_what_it_leaves_out(short_bags: dict[str, Path], tmp_path: Path) -> None:
+    bags = [str(short_bags[name]) for name in ("road_whole", "road_second")]
+    assert main(["trace", *bags, "--subject", "subject_1", "-o", str(tmp_path / "out"), "--no-report"]) == 0
+    document = json.loads((tmp_path / "out" / "trace.json").read_text())
+    assert any(line.startswith("left out: ") and "road_second" in line for line in document["warnings"])
