@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -17,13 +16,13 @@ from scipy import signal
 
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block, SensorStatus
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.kernels import sensor as kernel
 from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.rest import Rest, RestWindow
 from biodyn_core.runs import Runs
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.settings import check_settings, setting
 from biodyn_core.weighting import MIN_RATE_HZ, RATE_TOLERANCE
 
 Mode = Literal["causal", "zero_phase", "survey"]
@@ -47,36 +46,6 @@ UNSET_TOLERATED: Final = 20
 
 RATE_TOLERATED: Final = 0.0199
 """The tracked rate stays within 2 % of that at rest; one that comes this close is not followed."""
-
-
-@dataclass(frozen=True)
-class ConditioningSettings:
-    """How every sensor is conditioned."""
-
-    cutoff_hz: float = setting(100.0, "low-pass cut-off of the model's input and of comparisons", "Hz", 5.0, 200.0)
-    rest_s: float = setting(0.8, "seconds at rest from which gravity, vertical and clock are taken", "s", 0.2, 60.0)
-    rest_patience_s: float = setting(
-        10.0, "seconds to wait for rest before motion is averaged instead", "s", 0.2, 600.0
-    )
-    rest_rms_mps2: float = setting(0.3, "largest rms about the mean that still counts as rest", "m/s^2", 0.01, 5.0)
-    max_gap_s: float = setting(
-        0.05, "longest gap that is interpolated; a longer one splits the record", "s", 0.002, 1.0
-    )
-    saturation_mps2: float = setting(
-        156.8, "reading of one axis that counts as clipped (16 g, less one step of 12 bits)", "m/s^2", 10.0, 5000.0
-    )
-    flat_s: float = setting(2.0, "seconds of one unchanging reading that count as a stuck sensor", "s", 0.05, 3600.0)
-    gravity_tracker_s: float | None = setting(
-        None,
-        "time constant of a slow level taken off predictions and comparisons, never off exposure",
-        "s",
-        40.0,
-        3600.0,
-    )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 SettingsOf = ConditioningSettings | Mapping[str, ConditioningSettings] | None
 """Settings of all sensors, or of each by its name; of a sensor that is not named they are the defaults."""

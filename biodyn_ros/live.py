@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 
 from biodyn_core import kernels
 from biodyn_core.arrays import Floats, Integers
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.errors import InputError, one_line
 from biodyn_core.limits import EU_LIMITS, load_limits
 from biodyn_core.pipeline import Pipeline

@@ -11,7 +11,7 @@ from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:
-    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.conditioning_settings import ConditioningSettings
 
     add_bag(command)
     add_map(command)
@@ -20,7 +20,7 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from biodyn_core.conditioning import ConditioningSettings
+    from biodyn_core.conditioning_settings import ConditioningSettings
     from biodyn_ros.info.document import info
     from biodyn_ros.info.text import text_of
     from biodyn_ros.reading.mapping import parse_map

@@ -8,7 +8,8 @@ import numpy as np
 
 from biodyn_core.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioned import SensorStatus
-from biodyn_core.conditioning import Conditioner, ConditioningSettings
+from biodyn_core.conditioning import Conditioner
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_ros.bag import LoggedImu
 from biodyn_ros.reading.stamps import SensorClock, TimeChoice
 from biodyn_ros.wording import stuck

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from biodyn_core.clocks import ClockComparison
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import is_made_by_model
