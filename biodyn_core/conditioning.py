@@ -12,21 +12,24 @@ from collections.abc import Mapping
 from typing import Final, Literal
 
 import numpy as np
-from scipy import signal
 
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.kernels import sensor as kernel
+from biodyn_core.kernels.compiling import views
 from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.rest import Rest, RestWindow
 from biodyn_core.runs import Runs
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.weighting import MIN_RATE_HZ, RATE_TOLERANCE
 
-Mode = Literal["causal", "zero_phase", "survey"]
-"""What comes out: causal or zero-phase answers, or none at all, only the status of a sensor of any rate."""
+Mode = Literal["causal", "zero_phase", "survey", "rest"]
+"""What comes out: causal or zero-phase answers, or none at all.
+
+With "survey" only the status of a sensor of any rate; with "rest" only whether, and when, a causal path begins.
+"""
 
 FILTER_ORDER: Final = 2 * kernel.SECTIONS
 """Butterworth low-pass of the paper, 5.2; zero-phase it runs forward and backward, -6 dB at the cut-off."""
@@ -143,6 +146,8 @@ class Conditioner:
 
     def zero_phase(self, values: Floats) -> Floats:
         """Low-pass a whole run (n, ...) forward and backward, as a zero-phase sensor's vertical is; not before rest."""
+        from scipy import signal  # half a second
+
         padding = min(3 * (2 * kernel.SECTIONS + 1), len(values) - 1)
         filtered: Floats = np.ascontiguousarray(signal.sosfiltfilt(self._sos, values, axis=0, padlen=padding))
         return filtered
@@ -275,7 +280,9 @@ class Conditioner:
         self._lone_room = _room(1, self._max_fill)
         self._sos = np.zeros((kernel.SECTIONS, 6))
         self.delay_s = 0.0
-        if self.mode != "survey":
+        if self.mode in ("causal", "zero_phase"):
+            from scipy import signal  # half a second
+
             self._sos = signal.butter(FILTER_ORDER, settings.cutoff_hz, fs=rate_hz, output="sos")
         if self.mode == "causal":
             s[kernel.LOW_PASS : kernel.LOW_PASS_STATE] = self._sos.ravel()
@@ -304,6 +311,8 @@ class Conditioner:
     # --- runs --------------------------------------------------------------------------------------------------------
 
     def _condition(self, stamps_ns: Integers, samples: Floats, final: bool) -> list[Block]:
+        if self.mode == "rest":
+            return []
         if self._undecided is not None:
             stamps_ns = np.concatenate([self._undecided[0], stamps_ns])
             samples = np.concatenate([self._undecided[1], samples])
@@ -327,12 +336,18 @@ class Conditioner:
         assert self._rest is not None
         epoch_ns, is_lone = self._run_epoch_ns, stamps_ns.shape[0] == 1
         room = self._lone_room if is_lone else _room(stamps_ns.shape[0], self._max_fill)
-        used, written, why = kernel.condition(
-            stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts, *room
-        )  # fmt: skip
+        stamps, times, levelled, low_passed = room
+        if self.mode == "survey":
+            # Nobody asks for more than the clock: the parts of the path behind it need not be compiled.
+            arrays = stamps_ns, samples, self._state, self._counts, times, levelled, stamps
+            n, x, state, counts, t, out, source = views(*arrays)
+            used, written, why = kernel.regularise(n, x, epoch_ns, final, state, counts, t, out, source)
+        else:
+            used, written, why = kernel.condition(
+                stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts, *room
+            )  # fmt: skip
         if not written:
             return used, None, why
-        stamps, times, levelled, low_passed = room
         begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)
         begins_run, gap_s = self.runs.answered(begins_ns, ends_ns, 1.0 / self.rate_hz)
         shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s

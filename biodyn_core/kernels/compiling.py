@@ -1,4 +1,7 @@
-"""How kernels are compiled: the only module that imports numba, and where its cache goes."""
+"""How kernels are compiled: the only module that imports numba, and where its cache goes.
+
+With numba's own switch, NUMBA_DISABLE_JIT=1, it is not even imported, which takes as long as numpy.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+SWITCH: Final = "NUMBA_DISABLE_JIT"
+
 try:
+    if os.environ.get(SWITCH, "0") not in ("", "0"):
+        raise ImportError
     import numba
 except ImportError:  # apt-only installs: there is no numba package on Ubuntu noble
     numba = None
@@ -16,6 +23,14 @@ except ImportError:  # apt-only installs: there is no numba package on Ubuntu no
 F = TypeVar("F", bound=Callable[..., Any])
 
 COMPILED: Final = numba is not None
+
+
+def views(*arrays: Any) -> tuple[Any, ...]:
+    """The arrays as a kernel reads them fastest: uncompiled, by memory views, whose elements are Python's own numbers.
+
+    A kernel that is called with them may index and slice, no more.
+    """
+    return arrays if COMPILED else tuple(memoryview(array) for array in arrays)
 
 
 def cache_folder() -> str | None:

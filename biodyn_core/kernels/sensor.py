@@ -6,6 +6,7 @@ costs by the number of its arguments, and the live path calls once a sample.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -343,7 +344,7 @@ def regularise(
             return i, written, verdict
         stamp = (stamps_ns[i] - epoch_ns) * 1e-9
         now = stamp
-        if np.isnan(state[TIME]):
+        if math.isnan(state[TIME]):
             counts[IN_RUN] = 0
         else:
             slipped = _slipped(stamp, missing, state)
@@ -365,8 +366,7 @@ def regularise(
         times[written], source[written] = now, i
         _count_reading(stamp, samples, i, state, counts)
         for c in range(3):
-            out[written, c] = samples[i, c]
-            state[LAST + c] = samples[i, c]
+            out[written, c] = state[LAST + c] = samples[i, c]
         written += 1
         state[TIME], state[LAST_STAMP] = now, stamp
         counts[UNUSABLE] = 0
