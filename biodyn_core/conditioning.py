@@ -336,18 +336,15 @@ class Conditioner:
         assert self._rest is not None
         epoch_ns, is_lone = self._run_epoch_ns, stamps_ns.shape[0] == 1
         room = self._lone_room if is_lone else _room(stamps_ns.shape[0], self._max_fill)
-        stamps, times, levelled, low_passed = room
         if self.mode == "survey":
-            # Nobody asks for more than the clock: the parts of the path behind it need not be compiled.
-            arrays = stamps_ns, samples, self._state, self._counts, times, levelled, stamps
-            n, x, state, counts, t, out, source = views(*arrays)
-            used, written, why = kernel.regularise(n, x, epoch_ns, final, state, counts, t, out, source)
+            used, written, why = self._survey(stamps_ns, samples, final, room)
         else:
             used, written, why = kernel.condition(
                 stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts, *room
             )  # fmt: skip
         if not written:
             return used, None, why
+        stamps, times, levelled, low_passed = room
         begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)
         begins_run, gap_s = self.runs.answered(begins_ns, ends_ns, 1.0 / self.rate_hz)
         shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
@@ -357,6 +354,12 @@ class Conditioner:
             self.settings.cutoff_hz,
         )  # fmt: skip
         return used, block, why
+
+    def _survey(self, stamps_ns: Integers, samples: Floats, final: bool, room: _Rows) -> tuple[int, int, int]:
+        """The kernel up to its clock, so that nothing behind it is compiled; only the times in `room` are told."""
+        unused_ns, times, unused, _ = room
+        ns, raw, state, counts = views(stamps_ns, samples, self._state, self._counts)
+        return kernel.regularise(ns, raw, self._run_epoch_ns, final, state, counts, *views(times, unused, unused_ns))
 
     def _end_run(self, next_ns: int) -> list[Block]:
         """Nothing integrates across a break: filters start anew, and time that jumped back goes on."""

@@ -12,8 +12,8 @@ from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
 from biodyn_ros.progress import Progress
 
-UNCOMPILED_UP_TO: Final = 150_000
-"""Samples in all, 22 s of six sensors at 1129 Hz: fewer are through in plain Python before numba has loaded."""
+UNCOMPILED_UP_TO: Final = 125_000
+"""Samples in all, 18 s of six sensors at 1129 Hz: so many take plain Python no longer than loading numba takes."""
 
 _SWITCH: Final = "NUMBA_DISABLE_JIT"
 
