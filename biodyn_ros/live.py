@@ -209,7 +209,7 @@ class BiodynNode(LifecycleNode):
     def _warn_of_slow_kernels(self, rate_hz: float) -> None:
         if not kernels.COMPILED:
             self.get_logger().warning(
-                f"numba is missing: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor"
+                f"numba is missing or switched off: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor"
             )
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:

@@ -334,7 +334,9 @@ print(kernels.COMPILED, CACHE, out.ravel().tolist())
 """
 
 
-@pytest.mark.parametrize("block", ["", "sys.modules['numba'] = None"])
+@pytest.mark.parametrize(
+    "block", ["", "sys.modules['numba'] = None", "import os; os.environ['NUMBA_DISABLE_JIT'] = '1'"]
+)
 def test_kernels_run_without_home_cache_or_numba(closed, block):
     if not block and not kernels.COMPILED:
         pytest.skip("numba is not here")

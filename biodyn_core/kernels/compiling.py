@@ -1,6 +1,6 @@
 """How kernels are compiled: the only module that imports numba, and where its cache goes.
 
-With numba's own switch, NUMBA_DISABLE_JIT=1, it is not even imported, which takes as long as numpy.
+With numba's own switch, NUMBA_DISABLE_JIT=1, numba is not imported at all: its import takes as long as that of numpy.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-SWITCH: Final = "NUMBA_DISABLE_JIT"
-
-try:
-    if os.environ.get(SWITCH, "0") not in ("", "0"):
-        raise ImportError
-    import numba
-except ImportError:  # apt-only installs: there is no numba package on Ubuntu noble
+if os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0"):
+    try:
+        import numba
+    except ImportError:  # apt-only installs: there is no numba package on Ubuntu noble
+        numba = None
+else:
     numba = None
 
 F = TypeVar("F", bound=Callable[..., Any])

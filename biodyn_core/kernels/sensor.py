@@ -330,7 +330,8 @@ def regularise(
     stamps_ns (n,), samples (n, 3) m/s^2; state and counts as laid out above, carried on; times (m,) smoothed s since
     epoch_ns, out (m, 3), source (m,) raw index or -1 where interpolated. Returns (samples consumed, samples written,
     DONE, NEW_RUN or UNDECIDED); the next stamp is the epoch of a new run, `final` leaves nothing undecided. Stops early
-    where `out` may not hold the next one's interpolated predecessors.
+    where `out` may not hold the next one's interpolated predecessors. It and those it calls index and slice arrays, no
+    more, for uncompiled they are called with `views` of them.
     """
     written = 0
     room = times.shape[0] - int(state[MAX_GAP] / (0.98 * state[NOMINAL])) - 2
