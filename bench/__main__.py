@@ -1,4 +1,4 @@
-"""`python -m bench [ode] [effects] [bag] [replay] [live] [fit]`: the marks beside their baselines."""
+"""`python -m bench [start] [ode] [effects] [bag] [replay] [live] [fit]`: the marks beside their baselines."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.table import render
 
-NAMES = ("ode", "effects", "bag", "replay", "live", "fit")
+NAMES = ("start", "ode", "effects", "bag", "replay", "live", "fit")
 
 
 def main(asked: list[str]) -> int:

@@ -16,7 +16,8 @@ from bench.table import Row, render
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.subject import Subject, load_subject
-from biodyn_core.synthesis import NATIVE_RATE_HZ, load_case
+from biodyn_core.synthesis import load_case
+from biodyn_core.synthesis_settings import NATIVE_RATE_HZ
 from biodyn_ros.resources import subject_file
 
 SECONDS = 5.0

@@ -12,18 +12,19 @@ from bench.table import Row, render
 from biodyn_core.identification.fit import Fit, fit_cases, fit_joint
 from biodyn_core.identification.identify import identify
 from biodyn_core.identification.objectives import Pull, Surrogate, TimeDomain
-from biodyn_core.identification.phase1 import SwarmSettings, search
+from biodyn_core.identification.phase1 import search
 from biodyn_core.identification.problem import Case
-from biodyn_core.identification.settings import PAPER, FitSettings
+from biodyn_core.identification.settings import PAPER, FitSettings, SwarmSettings
 from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.kernels.cost import LANES
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER
 from biodyn_core.recording import Recorder, Recording
-from biodyn_core.response import SpectrumSettings
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject, load_subject
-from biodyn_core.synthesis import CASES, NATIVE_RATE_HZ, imu_streams, load_case
+from biodyn_core.synthesis import imu_streams, load_case
+from biodyn_core.synthesis_settings import CASES, NATIVE_RATE_HZ
 from biodyn_ros.resources import subject_file
 from biodyn_ros.work.executors import executor_of
 from biodyn_ros.work.tasks import Work

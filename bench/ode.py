@@ -14,7 +14,8 @@ from bench.table import Row, render
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.segments import N_SEGMENTS
 from biodyn_core.subject import load_subject
-from biodyn_core.synthesis import CASES, NATIVE_RATE_HZ, load_case
+from biodyn_core.synthesis import load_case
+from biodyn_core.synthesis_settings import CASES, NATIVE_RATE_HZ
 from biodyn_ros.resources import subject_file
 
 SECONDS = 5.0

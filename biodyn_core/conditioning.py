@@ -9,26 +9,28 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from scipy import signal
 
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block, SensorStatus
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.gravity import Gravity, GravitySearch
 from biodyn_core.kernels import sensor as kernel
+from biodyn_core.kernels.compiling import views
 from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.rest import Rest, RestWindow
 from biodyn_core.runs import Runs
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.settings import check_settings, setting
 from biodyn_core.weighting import MIN_RATE_HZ, RATE_TOLERANCE
 
-Mode = Literal["causal", "zero_phase", "survey"]
-"""What comes out: causal or zero-phase answers, or none at all, only the status of a sensor of any rate."""
+Mode = Literal["causal", "zero_phase", "survey", "rest"]
+"""What comes out: causal or zero-phase answers, or none at all.
+
+With "survey" only the status of a sensor of any rate; with "rest" only whether, and when, a causal path begins.
+"""
 
 FILTER_ORDER: Final = 2 * kernel.SECTIONS
 """Butterworth low-pass of the paper, 5.2; zero-phase it runs forward and backward, -6 dB at the cut-off."""
@@ -48,36 +50,6 @@ UNSET_TOLERATED: Final = 20
 
 RATE_TOLERATED: Final = 0.0199
 """The tracked rate stays within 2 % of that at rest; one that comes this close is not followed."""
-
-
-@dataclass(frozen=True)
-class ConditioningSettings:
-    """How every sensor is conditioned."""
-
-    cutoff_hz: float = setting(100.0, "low-pass cut-off of the model's input and of comparisons", "Hz", 5.0, 200.0)
-    rest_s: float = setting(0.8, "seconds at rest from which gravity, vertical and clock are taken", "s", 0.2, 60.0)
-    rest_patience_s: float = setting(
-        10.0, "live: seconds to wait for rest before motion is averaged instead", "s", 0.2, 600.0
-    )
-    rest_rms_mps2: float = setting(0.3, "largest rms about the mean that still counts as rest", "m/s^2", 0.01, 5.0)
-    max_gap_s: float = setting(
-        0.05, "longest gap that is interpolated; a longer one splits the record", "s", 0.002, 1.0
-    )
-    saturation_mps2: float = setting(
-        156.8, "reading of one axis that counts as clipped (16 g, less one step of 12 bits)", "m/s^2", 10.0, 5000.0
-    )
-    flat_s: float = setting(2.0, "seconds of one unchanging reading that count as a stuck sensor", "s", 0.05, 3600.0)
-    gravity_tracker_s: float | None = setting(
-        None,
-        "time constant of a slow level taken off predictions and comparisons, never off exposure",
-        "s",
-        40.0,
-        3600.0,
-    )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 SettingsOf = ConditioningSettings | Mapping[str, ConditioningSettings] | None
 """Settings of all sensors, or of each by its name; of a sensor that is not named they are the defaults."""
@@ -190,6 +162,8 @@ class Conditioner:
 
     def zero_phase(self, values: Floats) -> Floats:
         """Low-pass a whole run (n, ...) forward and backward, as a zero-phase sensor's vertical is; not before rest."""
+        from scipy import signal  # half a second
+
         padding = min(3 * (2 * kernel.SECTIONS + 1), len(values) - 1)
         filtered: Floats = np.ascontiguousarray(signal.sosfiltfilt(self._sos, values, axis=0, padlen=padding))
         return filtered
@@ -361,7 +335,9 @@ class Conditioner:
         self._lone_room = _room(1, self._max_fill)
         self._sos = np.zeros((kernel.SECTIONS, 6))
         self.delay_s = 0.0
-        if self.mode != "survey":
+        if self.mode in ("causal", "zero_phase"):
+            from scipy import signal  # half a second
+
             self._sos = signal.butter(FILTER_ORDER, settings.cutoff_hz, fs=rate_hz, output="sos")
         if self.mode == "causal":
             s[kernel.LOW_PASS : kernel.LOW_PASS_STATE] = self._sos.ravel()
@@ -392,6 +368,8 @@ class Conditioner:
     # --- runs --------------------------------------------------------------------------------------------------------
 
     def _condition(self, stamps_ns: Integers, samples: Floats, final: bool) -> list[Block]:
+        if self.mode == "rest":
+            return []
         if self._undecided is not None:
             stamps_ns = np.concatenate([self._undecided[0], stamps_ns])
             samples = np.concatenate([self._undecided[1], samples])
@@ -415,9 +393,12 @@ class Conditioner:
         assert self._rest is not None
         epoch_ns, is_lone = self._run_epoch_ns, stamps_ns.shape[0] == 1
         room = self._lone_room if is_lone else _room(stamps_ns.shape[0], self._max_fill)
-        used, written, why = kernel.condition(
-            stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts, *room
-        )  # fmt: skip
+        if self.mode == "survey":
+            used, written, why = self._survey(stamps_ns, samples, final, room)
+        else:
+            used, written, why = kernel.condition(
+                stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts, *room
+            )  # fmt: skip
         if not written:
             return used, None, why
         stamps, times, levelled, low_passed = room
@@ -430,6 +411,12 @@ class Conditioner:
             self.settings.cutoff_hz,
         )  # fmt: skip
         return used, block, why
+
+    def _survey(self, stamps_ns: Integers, samples: Floats, final: bool, room: _Rows) -> tuple[int, int, int]:
+        """The kernel up to its clock, so that nothing behind it is compiled; only the times in `room` are told."""
+        unused_ns, times, unused, _ = room
+        ns, raw, state, counts = views(stamps_ns, samples, self._state, self._counts)
+        return kernel.regularise(ns, raw, self._run_epoch_ns, final, state, counts, *views(times, unused, unused_ns))
 
     def _end_run(self, next_ns: int) -> list[Block]:
         """Nothing integrates across a break: filters start anew, and time that jumped back goes on."""

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.arrays import Flags, Floats, Integers
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.dual_range_settings import DualRangeSettings
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.settings import check_settings, setting
 
 Signs = NDArray[np.int8]
 
@@ -41,21 +40,6 @@ _SHAPE: Final = 5.65
 
 _EDGE: Final = 0.43
 """-6 dB of the reader per rate of the slower channel: 484 Hz of 1125 Hz, so that nothing folds back below 470 Hz."""
-
-
-@dataclass(frozen=True)
-class DualRangeSettings:
-    """When the wide channel takes over."""
-
-    saturation_mps2: float = setting(
-        ConditioningSettings.saturation_mps2,
-        "reading of one axis from which the low-g channel is at its rail",
-        "m/s^2", 10.0, 5000.0,
-    )  # fmt: skip
-    compared_s: float = setting(5.0, "seconds around a saturation over which the channels are compared", "s", 0.5, 60.0)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 class Span(NamedTuple):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from biodyn_core.errors import InputError
-from biodyn_core.levelling import Vector
-from biodyn_core.segments import SENSORS
 from biodyn_core.settings import check_settings, setting
-from biodyn_core.weighting import CURVES, WeightingName
+
+if TYPE_CHECKING:
+    from biodyn_core.levelling import Vector
+    from biodyn_core.weighting import WeightingName
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class PipelineSettings:
 
     def verticals(self) -> dict[str, Vector]:
         """The given verticals by sensor; InputError naming the part that is none."""
+        from biodyn_core.segments import SENSORS
+
         given: dict[str, Vector] = {}
         for part in self.vertical.split():
             sensor, _, axes = part.partition("=")
@@ -47,6 +51,8 @@ class PipelineSettings:
 
     def weightings(self) -> tuple[WeightingName, ...]:
         """The further weightings; InputError naming one that is unknown."""
+        from biodyn_core.weighting import CURVES
+
         asked = self.also_weighted.replace(",", " ").split()
         for name in asked:
             if name not in CURVES:

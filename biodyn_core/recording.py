@@ -24,8 +24,8 @@ from biodyn_core.flags import around, stretches
 from biodyn_core.gravity import Gravity
 from biodyn_core.heading import bend_rates_radps, headings_rad
 from biodyn_core.levelling import Vector
+from biodyn_core.recording_settings import RecordingSettings
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
-from biodyn_core.settings import check_settings, setting
 from biodyn_core.worn import Run, WornSensor
 
 WARM_UP_S: Final = 2.0
@@ -79,29 +79,6 @@ class Recording:
         }
         found |= bend_rates_radps(self.channels, self.headings)
         return {name: np.nan_to_num(column) for name, column in found.items()}
-
-
-@dataclass(frozen=True)
-class RecordingSettings:
-    """What a recording must be, and what is masked or taken off in it."""
-
-    shortest_s: float = setting(3.0, "shortest recording, the 2 s of warm-up included", "s", 2.5, 3600.0)
-    least_seat_rms_mps2: float = setting(
-        0.1, "least rms of the seat, behind the warm-up, that counts as excitation", "m/s^2", 0.0, 100.0
-    )
-    bridge_s: float = setting(
-        0.004, "a straight line across a gap up to this long is kept, a longer one is masked", "s", 0.0, 0.05
-    )
-    keep_level: bool = setting(False, "keep what a channel's level has moved by since rest, instead of taking it off")
-    keep_lean: bool = setting(
-        False, "keep verticals along the axis that was up at rest, though a gyro says that its sensor leans"
-    )
-    moved_level_mps2: float = setting(
-        0.3, "a level moved by more than this is said: 14 deg of lean, or a bias", "m/s^2", 0.0, 100.0
-    )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 class Recorder:

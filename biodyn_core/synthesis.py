@@ -19,14 +19,8 @@ from biodyn_core.effects import shown
 from biodyn_core.errors import InputError
 from biodyn_core.model import predict
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
-from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
-
-NATIVE_RATE_HZ: Final = 1129.3
-"""Blue Trident, low-g channel (Zaman et al., 5.2)."""
-
-CASE_S: Final = 10.0
-"""How long a load case is where nobody says."""
+from biodyn_core.synthesis_settings import CASES, NATIVE_RATE_HZ, SensorSettings
 
 MOTION_S: Final = (2.0, 3600.0)
 """A motion is at least so long, and a drawn case at most."""
@@ -55,24 +49,6 @@ class SeatMotion:
             raise InputError(f"{seconds:g} s of a motion are not used, at least {MOTION_S[0]:g} s are needed")
         end = None if seconds is None else round(min(seconds, self.seconds) * self.rate_hz)
         return SeatMotion(self.rate_hz, self.accel_mps2[:end], self.pitch_rate_radps[:end])
-
-
-@dataclass(frozen=True)
-class SensorSettings:
-    """How far the synthetic IMUs are from perfect ones."""
-
-    rate_hz: float = setting(NATIVE_RATE_HZ, "sampling rate", "Hz", 250.0, 4000.0)
-    tilt_deg: float = setting(8.0, "mounting tilt, rms per axis", "deg", 0.0, 60.0)
-    noise_mps2: float = setting(0.05, "white noise of the accelerometer, rms", "m/s^2", 0.0, 5.0)
-    bias_mps2: float = setting(0.05, "constant bias of the accelerometer, rms per axis", "m/s^2", 0.0, 2.0)
-    gyro_noise_radps: float = setting(0.002, "white noise of the gyroscope, rms", "rad/s", 0.0, 1.0)
-    range_g: float = setting(16.0, "range of the 16-bit accelerometer, either way", "g", 1.0, 400.0)
-    clock_offset_ms: float = setting(0.2, "constant clock offset, rms", "ms", 0.0, 50.0)
-    clock_drift_ppm: float = setting(20.0, "clock drift, rms", "ppm", 0.0, 1000.0)
-    jitter_ms: float = setting(0.02, "white jitter of the stamps, rms", "ms", 0.0, 0.2)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass(frozen=True)
@@ -216,12 +192,9 @@ def _rail(time: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
     return up
 
 
-_CASES: Final[dict[str, Callable[[Floats, float, np.random.Generator], Floats]]] = {
-    "road": _road,
-    "pothole": _pothole,
-    "rail": _rail,
-}
-CASES: Final = tuple(_CASES)
+_CASES: Final[dict[str, Callable[[Floats, float, np.random.Generator], Floats]]] = dict(
+    zip(CASES, (_road, _pothole, _rail), strict=True)
+)
 
 
 def _impact(since_s: Floats, peak_mps2: float, frequency_hz: float, decay_s: float) -> Floats:

@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 
 from biodyn_core import kernels
 from biodyn_core.arrays import Floats, Integers
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.errors import InputError, one_line
 from biodyn_core.limits import EU_LIMITS, load_limits
 from biodyn_core.pipeline import Pipeline
@@ -209,7 +209,7 @@ class BiodynNode(LifecycleNode):
     def _warn_of_slow_kernels(self, rate_hz: float) -> None:
         if not kernels.COMPILED:
             self.get_logger().warning(
-                f"numba is missing: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor"
+                f"numba is missing or switched off: kernels run uncompiled and keep up to {rate_hz:.0f} Hz per sensor"
             )
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:

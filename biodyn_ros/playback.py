@@ -1,4 +1,4 @@
-"""What playing a bag means, without ROS: its settings, what goes where, what was sent, and the order of messages."""
+"""What playing a bag means, without ROS: what goes where, what was sent, and the order of messages."""
 
 from __future__ import annotations
 
@@ -6,25 +6,9 @@ import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from biodyn_core.settings import check_settings, setting
 from biodyn_ros.bag import BagReader
 from biodyn_ros.reading.mapping import check_given
 from biodyn_ros.topics import INPUT
-
-
-@dataclass(frozen=True)
-class PlayerSettings:
-    """How a bag is played."""
-
-    rate: float = setting(1.0, "speed, as a multiple of recorded time", "", 0.01, 100.0)
-    wait_s: float = setting(10.0, "how long to wait for subscribers; 0: do not wait", "s", 0.0, 3600.0)
-    depth: int = setting(2000, "queue of every publisher, in messages", "", 1, 10_000_000)
-    loop: bool = setting(False, "start again at the end")
-    clock: bool = setting(False, "publish /clock")
-    keep_stamps: bool = setting(False, "leave the header stamps as recorded")
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,8 @@ from rosgraph_msgs.msg import Clock
 from biodyn_core.errors import InputError
 from biodyn_ros.bag import open_bag
 from biodyn_ros.cdr import restamp, shift_stamp
-from biodyn_ros.playback import Played, PlayerSettings, in_order, played_on
+from biodyn_ros.playback import Played, in_order, played_on
+from biodyn_ros.player_settings import PlayerSettings
 from biodyn_ros.progress import OnProgress, unwatched
 
 CLOCK_STEP_NS: Final = 10_000_000

@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
-from biodyn_core.subject import Subject
 from biodyn_ros.bag import BagReader, open_bag
+
+if TYPE_CHECKING:
+    from biodyn_core.subject import Subject
 
 Role = Literal["fitted", "held_out"]
 ROLES: Final[tuple[Role, Role]] = ("fitted", "held_out")

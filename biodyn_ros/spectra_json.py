@@ -9,8 +9,9 @@ import numpy as np
 
 from biodyn_core.arrays import Floats
 from biodyn_core.model import Chain
-from biodyn_core.response import CrossSpectra, SpectrumSettings
+from biodyn_core.response import CrossSpectra
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
+from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
 
 Document = dict[str, Any]

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.frames import Frames
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.segments import SENSORS

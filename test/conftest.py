@@ -37,6 +37,12 @@ def field_data() -> Path:
     return Path(os.environ.get("BIODYN_DATA") or ROOT.parent / "shared" / "data")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _compiled_kernels() -> None:
+    """Kernels are compiled in a process of tests, also where a command that leaves them uncompiled comes first."""
+    import biodyn_core.kernels  # noqa: F401
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The recordings beside the checkout, which are too large for it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import json
 import re
 import shlex
@@ -28,7 +29,7 @@ from biodyn_ros.commands.completion import script
 from biodyn_ros.commands.parsing import CommandParser
 from biodyn_ros.commands.table import GROUPS, NAMES, command_of, parser
 from biodyn_ros.node.params import names
-from biodyn_ros.resources import config_file, subject_file, subject_names
+from biodyn_ros.resources import bag_file, config_file, subject_file, subject_names
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = [example for name in NAMES for example in command_of(name).examples]
@@ -263,15 +264,60 @@ def started(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("arguments", [["--version"], ["-h"], ["replya"], ["demo", "-h"], ["completion", "-h"]])
-def test_what_computes_nothing_does_not_wait_for_numpy(arguments: list[str]) -> None:
-    code = (
-        "import contextlib, sys\nfrom biodyn_ros.cli import main\n"
-        f"with contextlib.suppress(SystemExit):\n    main({arguments!r})\n"
-        "print(sorted({'numpy', 'scipy', 'numba', 'rclpy'} & set(sys.modules)))"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert ended.stdout.splitlines()[-1] == "[]"
+LOADED_BY = """
+import contextlib, json, sys
+from biodyn_ros.cli import main
+for arguments in json.loads(sys.argv[1]):
+    before = set(sys.modules)
+    with contextlib.suppress(SystemExit):
+        main(arguments)
+    print(json.dumps([arguments, sorted(set(sys.modules) - before)]), file=sys.stderr)
+"""
+
+
+def loaded_by(*commands: list[str]) -> dict[str, set[str]]:
+    """What each of several commands loads, one after the other in one process; errors of one line are left out."""
+    words = [sys.executable, "-c", LOADED_BY, json.dumps(commands)]
+    ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
+    lines = [json.loads(line) for line in ended.stderr.splitlines() if line.startswith("[[")]
+    assert len(lines) == len(commands)
+    return {" ".join(arguments): set(modules) for arguments, modules in lines}
+
+
+def test_what_computes_nothing_does_not_wait_for_numpy() -> None:
+    asked = [[name, how] for name in NAMES for how in ("-h", "--help-all")]
+    heavy = {"numpy", "scipy", "numba", "rclpy", "matplotlib", "yaml"}
+    found = loaded_by(["--version"], ["-h"], ["replya"], *asked)
+    assert {command: modules & heavy for command, modules in found.items() if modules & heavy} == {}
+
+
+def test_info_of_a_short_bag_loads_neither_numba_nor_the_slow_parts_of_scipy() -> None:
+    (modules,) = loaded_by(["info", str(bag_file("subject_1.mcap"))]).values()
+    assert "biodyn_core.kernels.sensor" in modules
+    assert not {"numba", "scipy.signal", "scipy.optimize", "scipy.stats", "matplotlib", "rclpy"} & modules
+
+
+def test_info_says_the_same_compiled_or_not() -> None:
+    code = "import sys; from biodyn_ros.commands import info; from biodyn_ros.cli import main; info.UNCOMPILED_UP_TO ="
+    words = ["info", str(bag_file("subject_1.mcap")), "--json"]
+    loaded = "print('numba' in sys.modules, 'NUMBA_DISABLE_JIT' in __import__('os').environ, file=sys.stderr)"
+    ended = [
+        subprocess.run(
+            [sys.executable, "-c", f"{code} {most}; main({words!r}); {loaded}"],
+            cwd=ROOT, capture_output=True, text=True, check=True,
+        )
+        for most in (0, 10**9)
+    ]  # fmt: skip
+    compiled, plain = ended
+    assert plain.stderr == "False False\n"
+    assert compiled.stderr == f"{importlib.util.find_spec('numba') is not None} False\n"
+    rows, others = (json.loads(each.stdout)["topics"] for each in ended)
+    for row, other in zip(rows, others, strict=True):
+        # Contracted multiplications may differ in the last bit.
+        assert [row.pop(key) for key in ("rate_hz", "jitter_ms")] == pytest.approx(
+            [other.pop(key) for key in ("rate_hz", "jitter_ms")], rel=1e-12
+        )
+        assert row == other
 
 
 # --- completion ------------------------------------------------------------------------------------------------------

@@ -10,9 +10,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import signal
 from scipy.spatial.transform import Rotation
+from uncompiled import Uncompiled
 
 from biodyn_core.conditioning import Conditioner, ConditioningSettings, group_delay_s
 from biodyn_core.errors import InputError
+from biodyn_core.kernels import compiling
 from biodyn_core.levelling import rotation_to_vertical
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -446,6 +448,34 @@ def test_any_cut_gives_the_same_in_the_other_modes_and_counts_alike(record, cuts
     for name in same:
         assert getattr(whole.status, name) == getattr(causal.status, name), name
     np.testing.assert_array_equal(whole.levelled, causal.levelled if mode == "zero_phase" else np.empty((0, 3)))
+
+
+@settings(max_examples=40)
+@given(faulty(), CUTS)
+def test_a_survey_in_plain_python_sees_what_the_compiled_one_does(record, cuts):
+    compiled = Conditioned(*record, cuts, mode="survey").status
+    with pytest.MonkeyPatch.context() as patch:
+        Uncompiled(patch)
+        patch.setattr(compiling, "COMPILED", False)
+        plain = Conditioned(*record, cuts, mode="survey").status
+    tracked = ("rate_hz", "jitter_s")  # contracted multiplications may differ in the last bit
+    found, wanted = vars(plain) | dict.fromkeys(tracked), vars(compiled) | dict.fromkeys(tracked)
+    assert found == wanted
+    if compiled.rate_hz is not None:
+        assert plain.rate_hz == pytest.approx(compiled.rate_hz, rel=1e-9)
+        assert plain.jitter_s == pytest.approx(compiled.jitter_s, rel=1e-9)
+
+
+@settings(max_examples=40)
+@given(faulty(), CUTS, st.sampled_from([{}, {"cutoff_hz": 200.0}, {"rest_rms_mps2": 0.01, "rest_patience_s": 2.0}]))
+def test_where_rest_alone_is_looked_for_the_causal_path_begins(record, cuts, how):
+    stamps_ns, samples = record
+    causal, rest = (Conditioner("seat", ConditioningSettings(**how), mode) for mode in ("causal", "rest"))
+    for here in np.split(np.arange(len(stamps_ns)), cuts):
+        causal.push(stamps_ns[here], samples[here])
+        assert rest.push(stamps_ns[here], samples[here]) == []
+    assert rest.finish() == []
+    assert (rest.rest, rest.fault, rest.first_ns) == (causal.rest, causal.fault, causal.first_ns)
 
 
 @settings(max_examples=10)

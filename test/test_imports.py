@@ -14,7 +14,16 @@ ROOT = Path(__file__).resolve().parents[1]
 # From the bottom up. A module imports from lower layers, and from its own as long as no circle arises.
 LAYERS = (
     ("arrays", "errors", "segments"),
-    ("parameters", "settings", "yaml_files"),
+    (
+        "conditioning_settings",
+        "dual_range_settings",
+        "parameters",
+        "recording_settings",
+        "settings",
+        "spectrum_settings",
+        "synthesis_settings",
+        "yaml_files",
+    ),
     ("effects",),
     ("kernels",),
     ("subject", "constants", "wiring", "model"),

@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import signal
+from uncompiled import Uncompiled
 
 from biodyn_core import kernels
 from biodyn_core.alignment import lagrange_weights
 from biodyn_core.injury import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, first_order_hold
-from biodyn_core.kernels import alignment, chain, compiling, exposure, guard, lean, sensor
+from biodyn_core.kernels import compiling, sensor
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
@@ -48,16 +49,6 @@ def given(kind: str, columns: int) -> np.ndarray:
 def plain(function: Callable) -> Callable:
     """The kernel as ordinary Python; without numba it is that already."""
     return getattr(function, "py_func", function)
-
-
-class Uncompiled:
-    """Kernels call each other by name: while it lasts those names are plain functions too."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        for module in (kernels, alignment, chain, exposure, guard, lean, sensor):
-            for name, value in vars(module).items():
-                if hasattr(value, "py_func"):
-                    monkeypatch.setattr(module, name, value.py_func)
 
 
 def answers(name: str, kind: str) -> list[np.ndarray]:
@@ -343,7 +334,9 @@ print(kernels.COMPILED, CACHE, out.ravel().tolist())
 """
 
 
-@pytest.mark.parametrize("block", ["", "sys.modules['numba'] = None"])
+@pytest.mark.parametrize(
+    "block", ["", "sys.modules['numba'] = None", "import os; os.environ['NUMBA_DISABLE_JIT'] = '1'"]
+)
 def test_kernels_run_without_home_cache_or_numba(closed, block):
     if not block and not kernels.COMPILED:
         pytest.skip("numba is not here")

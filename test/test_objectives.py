@@ -20,11 +20,12 @@ from biodyn_core.identification.objectives import (
     TimeDomain,
 )
 from biodyn_core.identification.problem import Case
+from biodyn_core.identification.settings import SEGMENT_WEIGHTS
 from biodyn_core.kernels import compiling, cost, surrogate
 from biodyn_core.kernels.cost import LANES
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 
 WEIGHTS = (0.5, 0.2, 0.8, 2.5, 3.0)
 """Of Eq. 31, as its text has them, pelvis to head."""
@@ -59,6 +60,8 @@ def test_surrogate_is_the_dense_sum(mass_matrix) -> None:
 
 
 def test_surrogate_settings_are_checked() -> None:
+    assert tuple(SEGMENT_WEIGHTS) == MEASURED_SEGMENTS
+    assert SurrogateSettings().segment_weights == WEIGHTS
     with pytest.raises(InputError, match="segment_weights"):
         SurrogateSettings(segment_weights=(1.0, 2.0))
     with pytest.raises(InputError, match="lambda_1"):

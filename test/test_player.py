@@ -17,8 +17,9 @@ from sensor_msgs.msg import Imu
 from biodyn_core.errors import InputError
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.cdr import IMU_TYPE, decode_imu, encode_imu
-from biodyn_ros.playback import PlayerSettings, played_on
+from biodyn_ros.playback import played_on
 from biodyn_ros.player import MOMENT_S, Player
+from biodyn_ros.player_settings import PlayerSettings
 
 COUNT = 300
 START_NS = 1_700_000_000 * 10**9

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
 from biodyn_core.errors import InputError
+from biodyn_core.identification.settings import THRESHOLD_PERCENT
 from biodyn_core.model import Chain
 from biodyn_core.parameters import PARAMETERS
 from biodyn_core.segments import SEGMENTS
 from biodyn_core.subject import Subject
-
-THRESHOLD_PERCENT: Final = 30.0
-"""Parameters that deviate by less are convergent (9.1.1)."""
 
 
 @dataclass(frozen=True)

@@ -10,31 +10,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
 from biodyn_core.arrays import Flags, Floats
 from biodyn_core.constants import Constants
 from biodyn_core.effects import felt, shown
-from biodyn_core.errors import InputError
 from biodyn_core.identification.problem import Case
+from biodyn_core.identification.settings import Clocks, Regularization, SurrogateSettings
 from biodyn_core.kernels.cost import LANES, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
 from biodyn_core.model import Chain, Stepper
-from biodyn_core.parameters import LOWER, N_PARAMETERS, STIFFENING, UPPER, Parameters, from_log, to_log
+from biodyn_core.parameters import LOWER, N_PARAMETERS, STIFFENING, UPPER, from_log, to_log
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
-from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import MassMatrix, Subject
-
-Regularization = Literal["physical", "log"]
-Clocks = Literal["trusted", "estimated"]
 
 N_LINEAR: Final = STIFFENING
 """Parameters of phase 1: f_n, zeta and alpha_r; s_nl = 0 and m_scale = 1 are held (Eq. 29)."""
-
-SEGMENT_WEIGHTS: Final = {"pelvis": 0.5, "lower_torso": 0.2, "upper_torso": 0.8, "neck": 2.5, "head": 3.0}
-"""Weights of the measured segments in Eq. 31, given in its text; each multiplies its segment's sum."""
 
 PENALTY: Final = 1e9
 """Cost of a parameter set whose answer runs away; an answer of nothing but zeros costs 5 a case."""
@@ -47,20 +40,6 @@ _PER_KG: Final = 1.0
 
 _STEP: Final = 1e-6
 """Relative step of the parameters for the Jacobian: its own error and that of rounding are both below 1e-5 there."""
-
-
-@dataclass(frozen=True)
-class SurrogateSettings:
-    """What Eq. 31 leaves open. `reference` is theta_ref, the middle of Table 1 in log space where none is given."""
-
-    lambda_1: float = setting(0.005, "pull of Eq. 31 towards theta_ref, of the logarithms", "", 0.0, 1e3)
-    segment_weights: tuple[float, ...] = tuple(SEGMENT_WEIGHTS[name] for name in MEASURED_SEGMENTS)
-    reference: Parameters | None = None
-
-    def __post_init__(self) -> None:
-        if len(self.segment_weights) != len(MEASURED_SEGMENTS) or not all(0.0 <= w < 1e6 for w in self.segment_weights):
-            raise InputError(f"segment_weights: {len(MEASURED_SEGMENTS)} numbers from 0 to 1e6 are needed")
-        check_settings(self)
 
 
 class Surrogate:

@@ -22,8 +22,8 @@ from scipy import optimize
 from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.identification.objectives import Surrogate
+from biodyn_core.identification.settings import SwarmSettings
 from biodyn_core.parameters import from_log
-from biodyn_core.settings import check_settings, setting
 
 PULL: Final = 1.49445
 """How strongly a particle is drawn to its own best place, and to its neighbours' (Clerc and Kennedy 2002)."""
@@ -33,23 +33,6 @@ DESCENT_STEP: Final = 1e-6
 
 SAME_OPTIMUM: Final = 0.01
 """Starts whose cost is above the best by no more than this share of it have reached the same optimum."""
-
-
-@dataclass(frozen=True)
-class SwarmSettings:
-    """The swarm; 80 and 200 are the paper's (6.2.1)."""
-
-    particles: int = setting(80, "particles of a swarm", "", 2, 10_000)
-    iterations: int = setting(200, "iterations of a swarm", "", 1, 100_000)
-    starts: int = setting(4, "swarms, each from its own seed", "", 1, 1000)
-    first_inertia: float = setting(0.9, "share of its velocity a particle keeps at first", "", 0.0, 1.0)
-    last_inertia: float = setting(0.4, "... and at last", "", 0.0, 1.0)
-    velocity_clamp: float = setting(0.2, "largest step, as a share of the range", "", 1e-3, 1.0)
-    polish: bool = setting(True, "descend from where a swarm ends to the bottom of its valley")
-    neighbours: int = setting(3, "particles to either side on the ring that a particle hears of", "", 1, 5000)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,23 +12,11 @@ import numpy as np
 
 from biodyn_core.arrays import Flags, Floats
 from biodyn_core.errors import InputError, UnusableRecording
+from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.recording import WARM_UP_S, Recording
-from biodyn_core.response import SpectrumSettings, cross_spectra
+from biodyn_core.response import cross_spectra
 from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_core.settings import check_settings, setting
-
-
-@dataclass(frozen=True)
-class CaseSettings:
-    """How much of a segment is enough to fit to; the grid of the spectra is a `SpectrumSettings`."""
-
-    least_compared_s: float = setting(
-        0.5, "a segment with less to compare behind the warm-up is left out", "s", 0.1, 3600.0
-    )
-    sharpen_seat: bool = setting(True, "make up for what straight lines between the seat's samples take off")
-
-    def __post_init__(self) -> None:
-        check_settings(self)
+from biodyn_core.spectrum_settings import SpectrumSettings
 
 
 @dataclass(frozen=True, eq=False)

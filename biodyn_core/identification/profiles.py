@@ -17,10 +17,10 @@ from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import PENALTY, TimeDomain
 from biodyn_core.identification.phase2 import least_squares
 from biodyn_core.identification.problem import Case
+from biodyn_core.identification.settings import UncertaintySettings
 from biodyn_core.identification.uncertainty import (
     LOG_RANGE,
     NORMAL_95,
-    UncertaintySettings,
     covariance_of,
     off_bounds,
 )

@@ -9,12 +9,13 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.arrays import Floats
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.flags import stretches
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.problem import Case
-from biodyn_core.response import SpectrumSettings, cross_spectra
+from biodyn_core.response import cross_spectra
+from biodyn_core.spectrum_settings import SpectrumSettings
 
 DEFAULT_CUTOFF_HZ: Final = ConditioningSettings().cutoff_hz
 

@@ -4,17 +4,89 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
-import numpy as np
-
-from biodyn_core.arrays import Flags
-from biodyn_core.identification.objectives import Clocks, Regularization, SurrogateSettings
-from biodyn_core.identification.phase1 import SwarmSettings
-from biodyn_core.parameters import PARAMETERS
+from biodyn_core.errors import InputError
 from biodyn_core.settings import check_settings, setting
 
+if TYPE_CHECKING:
+    from biodyn_core.arrays import Flags
+    from biodyn_core.parameters import Parameters
+
+Regularization = Literal["physical", "log"]
+Clocks = Literal["trusted", "estimated"]
 Refiner = Literal["least-squares", "nelder-mead"]
+
+SEGMENT_WEIGHTS: Final = {"pelvis": 0.5, "lower_torso": 0.2, "upper_torso": 0.8, "neck": 2.5, "head": 3.0}
+"""Weights of the measured segments in Eq. 31, given in its text; each multiplies its segment's sum.
+
+In the order of `MEASURED_SEGMENTS`.
+"""
+
+THRESHOLD_PERCENT: Final = 30.0
+"""Parameters of two subjects that deviate by less are convergent (9.1.1)."""
+
+
+@dataclass(frozen=True)
+class CaseSettings:
+    """How much of a segment is enough to fit to; the grid of the spectra is a `SpectrumSettings`."""
+
+    least_compared_s: float = setting(
+        0.5, "a segment with less to compare behind the warm-up is left out", "s", 0.1, 3600.0
+    )
+    sharpen_seat: bool = setting(True, "make up for what straight lines between the seat's samples take off")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class SurrogateSettings:
+    """What Eq. 31 leaves open. `reference` is theta_ref, the middle of Table 1 in log space where none is given."""
+
+    lambda_1: float = setting(0.005, "pull of Eq. 31 towards theta_ref, of the logarithms", "", 0.0, 1e3)
+    segment_weights: tuple[float, ...] = tuple(SEGMENT_WEIGHTS.values())
+    reference: Parameters | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.segment_weights) != len(SEGMENT_WEIGHTS) or not all(0.0 <= w < 1e6 for w in self.segment_weights):
+            raise InputError(f"segment_weights: {len(SEGMENT_WEIGHTS)} numbers from 0 to 1e6 are needed")
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class SwarmSettings:
+    """The swarm; 80 and 200 are the paper's (6.2.1)."""
+
+    particles: int = setting(80, "particles of a swarm", "", 2, 10_000)
+    iterations: int = setting(200, "iterations of a swarm", "", 1, 100_000)
+    starts: int = setting(4, "swarms, each from its own seed", "", 1, 1000)
+    first_inertia: float = setting(0.9, "share of its velocity a particle keeps at first", "", 0.0, 1.0)
+    last_inertia: float = setting(0.4, "... and at last", "", 0.0, 1.0)
+    velocity_clamp: float = setting(0.2, "largest step, as a share of the range", "", 1e-3, 1.0)
+    polish: bool = setting(True, "descend from where a swarm ends to the bottom of its valley")
+    neighbours: int = setting(3, "particles to either side on the ring that a particle hears of", "", 1, 5000)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class UncertaintySettings:
+    """What is assumed of residuals and sensors, and from when on a parameter is called known."""
+
+    window_s: float = setting(
+        1.0, "residuals farther apart than this are taken as independent; chains ring for 0.3 s", "s", 0.05, 10.0
+    )
+    cross_axis: float = setting(
+        0.002, "share of the vertical that reaches a sensor sideways: 0.3 deg off, and sideways 0.4 of it", "", 0.0, 0.1
+    )
+    gain_error: float = setting(0.0, "standard error of the sensors' scale factors", "", 0.0, 0.1)
+    identifiable: float = setting(0.05, "identifiable: half width up to this share of Table 1, in log", "", 1e-3, 1.0)
+    weakly: float = setting(0.25, "weakly identifiable: up to this share", "", 1e-3, 1.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
 
 @dataclass(frozen=True)
@@ -50,11 +122,17 @@ class FitSettings:
     @property
     def free(self) -> Flags:
         """Which parameters are fitted, (15,)."""
+        import numpy as np
+
+        from biodyn_core.parameters import PARAMETERS
+
         return np.array([p.group != "mass_scale" or self.mass_scale == "free" for p in PARAMETERS])
 
     @property
     def fitted(self) -> tuple[str, ...]:
         """Their names."""
+        from biodyn_core.parameters import PARAMETERS
+
         return tuple(p.name for p, free in zip(PARAMETERS, self.free, strict=True) if free)
 
 

@@ -20,9 +20,9 @@ from biodyn_core.arrays import Flags, Floats
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import TimeDomain
 from biodyn_core.identification.problem import Case
+from biodyn_core.identification.settings import UncertaintySettings
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_core.settings import check_settings, setting
 
 Call = Literal["identifiable", "weakly identifiable", "not identifiable"]
 
@@ -37,24 +37,6 @@ WINDOW_STEPS: Final = 10
 
 LOG_RANGE: Final = np.log(UPPER / LOWER)
 """Of each parameter, by Table 1, (15,)."""
-
-
-@dataclass(frozen=True)
-class UncertaintySettings:
-    """What is assumed of residuals and sensors, and from when on a parameter is called known."""
-
-    window_s: float = setting(
-        1.0, "residuals farther apart than this are taken as independent; chains ring for 0.3 s", "s", 0.05, 10.0
-    )
-    cross_axis: float = setting(
-        0.002, "share of the vertical that reaches a sensor sideways: 0.3 deg off, and sideways 0.4 of it", "", 0.0, 0.1
-    )
-    gain_error: float = setting(0.0, "standard error of the sensors' scale factors", "", 0.0, 0.1)
-    identifiable: float = setting(0.05, "identifiable: half width up to this share of Table 1, in log", "", 1e-3, 1.0)
-    weakly: float = setting(0.25, "weakly identifiable: up to this share", "", 1e-3, 1.0)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,7 @@
-"""How kernels are compiled: the only module that imports numba, and where its cache goes."""
+"""How kernels are compiled: the only module that imports numba, and where its cache goes.
+
+With numba's own switch, NUMBA_DISABLE_JIT=1, numba is not imported at all: its import takes as long as that of numpy.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-try:
-    import numba
-except ImportError:  # apt-only installs: there is no numba package on Ubuntu noble
+if os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0"):
+    try:
+        import numba
+    except ImportError:  # apt-only installs: there is no numba package on Ubuntu noble
+        numba = None
+else:
     numba = None
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 COMPILED: Final = numba is not None
+
+
+def views(*arrays: Any) -> tuple[Any, ...]:
+    """The arrays as a kernel reads them fastest: uncompiled, by memory views, whose elements are Python's own numbers.
+
+    A kernel that is called with them may index and slice, no more.
+    """
+    return arrays if COMPILED else tuple(memoryview(array) for array in arrays)
 
 
 def cache_folder() -> str | None:

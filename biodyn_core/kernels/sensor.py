@@ -6,6 +6,7 @@ costs by the number of its arguments, and the live path calls once a sample.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -329,7 +330,8 @@ def regularise(
     stamps_ns (n,), samples (n, 3) m/s^2; state and counts as laid out above, carried on; times (m,) smoothed s since
     epoch_ns, out (m, 3), source (m,) raw index or -1 where interpolated. Returns (samples consumed, samples written,
     DONE, NEW_RUN or UNDECIDED); the next stamp is the epoch of a new run, `final` leaves nothing undecided. Stops early
-    where `out` may not hold the next one's interpolated predecessors.
+    where `out` may not hold the next one's interpolated predecessors. It and those it calls index and slice arrays, no
+    more, for uncompiled they are called with `views` of them.
     """
     written = 0
     room = times.shape[0] - int(state[MAX_GAP] / (0.98 * state[NOMINAL])) - 2
@@ -343,7 +345,7 @@ def regularise(
             return i, written, verdict
         stamp = (stamps_ns[i] - epoch_ns) * 1e-9
         now = stamp
-        if np.isnan(state[TIME]):
+        if math.isnan(state[TIME]):
             counts[IN_RUN] = 0
         else:
             slipped = _slipped(stamp, missing, state)
@@ -365,8 +367,7 @@ def regularise(
         times[written], source[written] = now, i
         _count_reading(stamp, samples, i, state, counts)
         for c in range(3):
-            out[written, c] = samples[i, c]
-            state[LAST + c] = samples[i, c]
+            out[written, c] = state[LAST + c] = samples[i, c]
         written += 1
         state[TIME], state[LAST_STAMP] = now, stamp
         counts[UNUSABLE] = 0

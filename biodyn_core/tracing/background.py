@@ -19,28 +19,16 @@ from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain
 from biodyn_core.parameters import PARAMETERS
-from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer, answers
-from biodyn_core.tracing.departures import Direction, UsualSettings, bend_n, columns, directions
-from biodyn_core.tracing.rows import Products, Rows, WeightSettings
+from biodyn_core.tracing.departures import Direction, bend_n, columns, directions
+from biodyn_core.tracing.rows import Products, Rows
+from biodyn_core.tracing.settings import BackgroundSettings
 
 FREE: Final = np.array([p.group != "mass_scale" for p in PARAMETERS])
 """m_scale cancels from accelerations."""
 
 N_THETA: Final = int(FREE.sum())
-
-
-@dataclass(frozen=True)
-class BackgroundSettings:
-    """How samples are weighed, how far bodies and sensors usually depart, and how far theta may move."""
-
-    theta_spread: float = setting(0.5, "how far theta may move from the fit, in its logarithm", "", 0.01, 10.0)
-    weights: WeightSettings = dataclasses.field(default_factory=WeightSettings)
-    usual: UsualSettings = dataclasses.field(default_factory=UsualSettings)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,36 +19,12 @@ from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain, Stepper, predict
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEAT, SEGMENTS
-from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.settings import UsualSettings
 
 DRIFTING_S: Final = 5.0
 """A clock that drifts is late by as much after so long, the middle of an event, as others usually are throughout."""
-
-
-@dataclass(frozen=True)
-class UsualSettings:
-    """How far bodies and sensors usually depart from the model, as one standard deviation.
-
-    Sensors: what data sheets, a belt mounting and clocks set once before an event allow. Bodies: the tracing study's.
-    """
-
-    usual_gain: float = setting(0.015, "gain of a sensor", "", 1e-4, 0.5)
-    usual_clock_s: float = setting(0.0005, "offset of a sensor's clock", "s", 1e-6, 0.1)
-    usual_lean: float = setting(0.025, "lean of a sensor in motion, as a share of g", "", 1e-4, 0.5)
-    rest_lean: float = setting(
-        0.008, "lean that a sensor's bias gives to what it takes for level at rest, as a share of g", "", 1e-4, 0.1
-    )
-    usual_softness_s: float = setting(0.0005, "softness of what a sensor sits on, 1 / (2 pi f)", "s", 1e-6, 0.02)
-    usual_level_mps2: float = setting(0.2, "level of a sensor against its rest", "m/s^2", 1e-3, 10.0)
-    usual_bend: float = setting(
-        0.1, "bend of a joint's law at its reach, as a share of its linear force", "", 1e-3, 1.0
-    )
-    usual_mass: float = setting(0.06, "mass of a segment against its table", "", 1e-3, 0.5)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass(frozen=True)

@@ -16,31 +16,14 @@ from biodyn_core.arrays import Floats
 from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain, predict
 from biodyn_core.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
-from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
+from biodyn_core.tracing.settings import FloorSettings
 
 _APART_S: Final = 1.0
 """Peaks closer together are of one shock: two axles, two rails."""
 
 SPOILED: Final = 0.02
 """A sensor of which so much more than of the others is masked is left out of that event."""
-
-
-@dataclass(frozen=True)
-class FloorSettings:
-    """The least that a verdict rests on, each to fit and once more held out.
-
-    The tracing study's 30 s of road, three potholes and three rails, told by what the seat feels: rails differ.
-    """
-
-    road_s: float = setting(30.0, "seconds without shocks", "s", 1.0, 3600.0)
-    shocks: int = setting(6, "shocks, hard ones among them", "", 0, 1000)
-    hard_shocks: int = setting(1, "hard shocks", "", 0, 1000)
-    shock_g: float = setting(0.8, "a shock has a peak of so much", "g", 0.1, 10.0)
-    hard_shock_g: float = setting(2.0, "a hard one", "g", 0.2, 20.0)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass(frozen=True)

@@ -16,28 +16,13 @@ from scipy import ndimage
 
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.identification.problem import Case
-from biodyn_core.settings import check_settings, setting
-from biodyn_core.tracing.departures import UsualSettings
+from biodyn_core.tracing.settings import UsualSettings, WeightSettings
 
 THINNED_HZ: Final = 280.0
 """All channels are low-passed at 100 Hz: closer samples say nothing new."""
 
 LOCAL_S: Final = 0.5
 """Over which the size of the motion is taken that a sample's weight goes by."""
-
-
-@dataclass(frozen=True)
-class WeightSettings:
-    """How samples and windows are weighed: one over what a good model still misses, and what counts as independent."""
-
-    noise_mps2: float = setting(0.025, "noise of a channel after the low-pass, rms", "m/s^2", 1e-4, 10.0)
-    local_share: float = setting(0.04, "... and this share of the motion around a sample", "", 0.0, 1.0)
-    event_share: float = setting(0.015, "... and this of the motion of the event", "", 0.0, 1.0)
-    counted_s: float = setting(1.0, "length of the windows that are counted", "s", 0.1, 10.0)
-    independent: float = setting(0.001, "share of the samples that count as independent of each other", "", 1e-6, 1.0)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 class Rows:

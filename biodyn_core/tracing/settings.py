@@ -8,16 +8,80 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from biodyn_core.identification.phase1 import SwarmSettings
-from biodyn_core.identification.settings import FitSettings
+from biodyn_core.identification.settings import FitSettings, SwarmSettings
 from biodyn_core.settings import check_settings, setting
-from biodyn_core.tracing.background import BackgroundSettings
-from biodyn_core.tracing.gate import FloorSettings
 
 BASE = FitSettings(
     phase1="pooled", clocks="trusted", refined_starts=2, swarm=SwarmSettings(particles=40, iterations=120, starts=3)
 )
 """How theta is refitted before anything is looked for: clocks are one of the things to be found."""
+
+
+@dataclass(frozen=True)
+class FloorSettings:
+    """The least that a verdict rests on, each to fit and once more held out.
+
+    The tracing study's 30 s of road, three potholes and three rails, told by what the seat feels: rails differ.
+    """
+
+    road_s: float = setting(30.0, "seconds without shocks", "s", 1.0, 3600.0)
+    shocks: int = setting(6, "shocks, hard ones among them", "", 0, 1000)
+    hard_shocks: int = setting(1, "hard shocks", "", 0, 1000)
+    shock_g: float = setting(0.8, "a shock has a peak of so much", "g", 0.1, 10.0)
+    hard_shock_g: float = setting(2.0, "a hard one", "g", 0.2, 20.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class WeightSettings:
+    """How samples and windows are weighed: one over what a good model still misses, and what counts as independent."""
+
+    noise_mps2: float = setting(0.025, "noise of a channel after the low-pass, rms", "m/s^2", 1e-4, 10.0)
+    local_share: float = setting(0.04, "... and this share of the motion around a sample", "", 0.0, 1.0)
+    event_share: float = setting(0.015, "... and this of the motion of the event", "", 0.0, 1.0)
+    counted_s: float = setting(1.0, "length of the windows that are counted", "s", 0.1, 10.0)
+    independent: float = setting(0.001, "share of the samples that count as independent of each other", "", 1e-6, 1.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class UsualSettings:
+    """How far bodies and sensors usually depart from the model, as one standard deviation.
+
+    Sensors: what data sheets, a belt mounting and clocks set once before an event allow. Bodies: the tracing study's.
+    """
+
+    usual_gain: float = setting(0.015, "gain of a sensor", "", 1e-4, 0.5)
+    usual_clock_s: float = setting(0.0005, "offset of a sensor's clock", "s", 1e-6, 0.1)
+    usual_lean: float = setting(0.025, "lean of a sensor in motion, as a share of g", "", 1e-4, 0.5)
+    rest_lean: float = setting(
+        0.008, "lean that a sensor's bias gives to what it takes for level at rest, as a share of g", "", 1e-4, 0.1
+    )
+    usual_softness_s: float = setting(0.0005, "softness of what a sensor sits on, 1 / (2 pi f)", "s", 1e-6, 0.02)
+    usual_level_mps2: float = setting(0.2, "level of a sensor against its rest", "m/s^2", 1e-3, 10.0)
+    usual_bend: float = setting(
+        0.1, "bend of a joint's law at its reach, as a share of its linear force", "", 1e-3, 1.0
+    )
+    usual_mass: float = setting(0.06, "mass of a segment against its table", "", 1e-3, 0.5)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class BackgroundSettings:
+    """How samples are weighed, how far bodies and sensors usually depart, and how far theta may move."""
+
+    theta_spread: float = setting(0.5, "how far theta may move from the fit, in its logarithm", "", 0.01, 10.0)
+    weights: WeightSettings = dataclasses.field(default_factory=WeightSettings)
+    usual: UsualSettings = dataclasses.field(default_factory=UsualSettings)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.dual_range import DualRangeSettings
+from biodyn_core.dual_range_settings import DualRangeSettings
 from biodyn_core.range_alignment import Alignment
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.blue_trident.cleaning import LeftOut

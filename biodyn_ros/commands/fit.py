@@ -28,12 +28,14 @@ if TYPE_CHECKING:
 
 
 def _kinds() -> dict[str, type[Any]]:
-    from biodyn_core.identification.objectives import SurrogateSettings
-    from biodyn_core.identification.phase1 import SwarmSettings
-    from biodyn_core.identification.problem import CaseSettings
-    from biodyn_core.identification.settings import FitSettings
-    from biodyn_core.identification.uncertainty import UncertaintySettings
-    from biodyn_core.response import SpectrumSettings
+    from biodyn_core.identification.settings import (
+        CaseSettings,
+        FitSettings,
+        SurrogateSettings,
+        SwarmSettings,
+        UncertaintySettings,
+    )
+    from biodyn_core.spectrum_settings import SpectrumSettings
 
     return {
         "fitting": FitSettings,

@@ -27,13 +27,15 @@ if TYPE_CHECKING:
 
 
 def _kinds() -> dict[str, type[Any]]:
-    from biodyn_core.identification.problem import CaseSettings
-    from biodyn_core.response import SpectrumSettings
-    from biodyn_core.tracing.background import BackgroundSettings
-    from biodyn_core.tracing.departures import UsualSettings
-    from biodyn_core.tracing.gate import FloorSettings
-    from biodyn_core.tracing.rows import WeightSettings
-    from biodyn_core.tracing.settings import TraceSettings
+    from biodyn_core.identification.settings import CaseSettings
+    from biodyn_core.spectrum_settings import SpectrumSettings
+    from biodyn_core.tracing.settings import (
+        BackgroundSettings,
+        FloorSettings,
+        TraceSettings,
+        UsualSettings,
+        WeightSettings,
+    )
 
     return {
         "tracing": TraceSettings,

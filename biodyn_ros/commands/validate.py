@@ -20,8 +20,8 @@ from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:
-    from biodyn_core.response import SpectrumSettings
-    from biodyn_ros.validate.findings import ValidationSettings
+    from biodyn_core.spectrum_settings import SpectrumSettings
+    from biodyn_ros.validate.settings import ValidationSettings
 
     add_bag(command)
     add_subject(command)
@@ -38,10 +38,10 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from biodyn_core.response import SpectrumSettings
+    from biodyn_core.spectrum_settings import SpectrumSettings
     from biodyn_core.subject import load_subject
     from biodyn_ros.resources import subject_file
-    from biodyn_ros.validate.findings import ValidationSettings
+    from biodyn_ros.validate.settings import ValidationSettings
     from biodyn_ros.validate.text import text_of
     from biodyn_ros.validate.validating import ValidateOptions, validate, validate_to_directory
 

@@ -13,18 +13,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import prediction_errors
 from biodyn_core.identification.identify import Identification, fingerprint, identify
-from biodyn_core.identification.problem import Case, CaseSettings
+from biodyn_core.identification.problem import Case
 from biodyn_core.identification.profiles import profile
 from biodyn_core.identification.residuals import leftovers
-from biodyn_core.identification.settings import FitSettings
-from biodyn_core.identification.uncertainty import UncertaintySettings, uncertainty
+from biodyn_core.identification.settings import CaseSettings, FitSettings, UncertaintySettings
+from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.recording import representative
-from biodyn_core.response import SpectrumSettings
+from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_ros import __version__
 from biodyn_ros.files import check_directory, make_directory, write_text

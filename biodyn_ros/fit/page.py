@@ -18,7 +18,7 @@ from biodyn_ros.provenance import without_note
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.reports.verdict import Verdict
-from biodyn_ros.validate.findings import ValidationSettings
+from biodyn_ros.validate.settings import ValidationSettings
 from biodyn_ros.wording import number, parameter_name
 
 Document = dict[str, Any]

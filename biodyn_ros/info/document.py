@@ -12,11 +12,10 @@ from biodyn_ros.bag import BagReader, imu_blocks, open_bag
 from biodyn_ros.info.survey import Survey
 from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.reading.gravity import search_gravity
-from biodyn_ros.reading.mapping import SensorMap, imu_topics, map_sensors
+from biodyn_ros.reading.mapping import SensorMap, imu_messages, imu_topics, map_sensors
 from biodyn_ros.reading.saturation import limits_of
-from biodyn_ros.reading.sensors import ReadingOptions
+from biodyn_ros.reading.sensors import ReadingOptions, check_seat
 from biodyn_ros.reading.stamps import choose_times, clock_warnings
-from biodyn_ros.replay.replaying import check_seat
 
 
 def info(
@@ -28,30 +27,32 @@ def info(
 
     `progress` hears (samples done, samples in all). InputError for what is no bag and for a mapped topic not there.
     """
-    options = options or ReadingOptions()
     with open_bag(bag) as reader:
-        sensors = map_sensors(reader, options.mapping)
-        topics = imu_topics(reader)
-        times = choose_times(reader, topics, options.time)
-        names = {topic: sensors.sensors.get(topic) for topic in topics}
-        settings, told = limits_of(
-            reader, {topic: name or topic for topic, name in names.items()}, options.conditioning
-        )
-        by_stamps = {name: choice.time for name, choice in times.items()}
-        searches = {topic: gravity_search(settings[name or topic], None) for topic, name in names.items()}
-        gravity = search_gravity(searches, imu_blocks(reader, topics, by_stamps))
-        surveys = {
-            topic: Survey(name, topic, times[topic], settings[name or topic], gravity.get(topic))
-            for topic, name in names.items()
-        }
-        total, done = sum(topic.messages for topic in reader.topics if topic.name in surveys), 0
-        for topic, block in imu_blocks(reader, topics, by_stamps):
-            surveys[topic].push(block)
-            done += len(block)
-            progress(done, total)
-        for survey in surveys.values():
-            survey.finish()
-        return _document(reader, str(bag), sensors, surveys, told)
+        return info_of(reader, str(bag), options or ReadingOptions(), progress)
+
+
+def info_of(reader: BagReader, bag: str, options: ReadingOptions, progress: OnProgress = unwatched) -> dict[str, Any]:
+    """The same for a bag that is open, by the name that it is to be called."""
+    sensors = map_sensors(reader, options.mapping)
+    topics = imu_topics(reader)
+    times = choose_times(reader, topics, options.time)
+    names = {topic: sensors.sensors.get(topic) for topic in topics}
+    settings, told = limits_of(reader, {topic: name or topic for topic, name in names.items()}, options.conditioning)
+    by_stamps = {name: choice.time for name, choice in times.items()}
+    searches = {topic: gravity_search(settings[name or topic], None) for topic, name in names.items()}
+    gravity = search_gravity(searches, imu_blocks(reader, topics, by_stamps))
+    surveys = {
+        topic: Survey(name, topic, times[topic], settings[name or topic], gravity.get(topic))
+        for topic, name in names.items()
+    }
+    total, done = imu_messages(reader), 0
+    for topic, block in imu_blocks(reader, topics, by_stamps):
+        surveys[topic].push(block)
+        done += len(block)
+        progress(done, total)
+    for survey in surveys.values():
+        survey.finish()
+    return _document(reader, bag, sensors, surveys, told)
 
 
 def _document(

@@ -8,7 +8,8 @@ import numpy as np
 
 from biodyn_core.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioned import SensorStatus
-from biodyn_core.conditioning import Conditioner, ConditioningSettings
+from biodyn_core.conditioning import Conditioner
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.gravity import Gravity
 from biodyn_ros.bag import LoggedImu
 from biodyn_ros.reading.stamps import SensorClock, TimeChoice
@@ -22,7 +23,7 @@ _MOST_STEPS: Final = 1 << 14
 
 
 class Survey:
-    """What is noted of one Imu topic; a mapped one is also conditioned as replay does, for what that would say."""
+    """What is noted of one Imu topic; of a mapped one also whether replay's conditioning would begin."""
 
     def __init__(
         self,
@@ -34,7 +35,7 @@ class Survey:
     ) -> None:
         self.sensor, self.name, self.choice = sensor, sensor or topic, choice
         self._survey = Conditioner(self.name, settings, "survey", gravity=gravity)
-        self._causal = Conditioner(sensor, settings, gravity=gravity) if sensor else None
+        self._replayed = Conditioner(sensor, settings, "rest", gravity=gravity) if sensor else None
         self._clocks = ClockComparison()
         self._steps = _Steps()
         self._messages = 0
@@ -42,8 +43,8 @@ class Survey:
     def push(self, block: LoggedImu) -> None:
         """Take the topic's next messages."""
         self._survey.push(block.stamps_ns, block.accel_mps2)
-        if self._causal:
-            self._causal.push(block.stamps_ns, block.accel_mps2)
+        if self._replayed:
+            self._replayed.push(block.stamps_ns, block.accel_mps2)
         self._clocks.push(block.header_ns, block.log_ns)
         self._steps.push(block.stamps_ns)
         self._messages += len(block)
@@ -51,13 +52,13 @@ class Survey:
     def finish(self) -> None:
         """The topic has no more messages."""
         self._survey.finish()
-        if self._causal:
-            self._causal.finish()
+        if self._replayed:
+            self._replayed.finish()
 
     @property
     def replayed(self) -> SensorStatus | None:
-        """What replay would have seen; None for a topic that it does not take."""
-        return self._causal.status() if self._causal else None
+        """What replay's conditioning begins with, or why it does not; None for a topic that it does not take."""
+        return self._replayed.status() if self._replayed else None
 
     def clock(self) -> SensorClock:
         """Whose time its samples have, and what the header's gains on the recorder's."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from biodyn_core.errors import InputError, UnusableRecording
-from biodyn_core.identification.problem import Case, CaseSettings
+from biodyn_core.identification.problem import Case
+from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.recording import Recording
-from biodyn_core.response import SpectrumSettings
+from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import bag_sha256
 from biodyn_ros.reading.gravity import gravity_by_bag

@@ -38,6 +38,11 @@ def imu_topics(reader: BagReader) -> tuple[str, ...]:
     return tuple(topic.name for topic in reader.topics if topic.type == IMU_TYPE and topic.messages)
 
 
+def imu_messages(reader: BagReader) -> int:
+    """How many messages these topics have in all."""
+    return sum(topic.messages for topic in reader.topics if topic.type == IMU_TYPE)
+
+
 def sensors_of(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
     """Return {topic: sensor} for a bag; raises InputError where there is no Imu, no seat, or a topic is unknown."""
     found = map_sensors(reader, given)

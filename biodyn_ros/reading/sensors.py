@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from biodyn_core.clocks import ClockComparison
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioned import SensorStatus
+from biodyn_core.conditioning_settings import ConditioningSettings
+from biodyn_core.errors import InputError
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import is_made_by_model
@@ -79,6 +81,14 @@ class SensorReading:
             for topic, sensor in self._sensors.items()
         }
         return clock_warnings(clocks, seconds)
+
+
+def check_seat(status: SensorStatus, bag: str) -> None:
+    """Raise InputError, saying why, where a bag's seat gives no prediction."""
+    if status.fault:
+        raise InputError(f"{bag}: {status.fault}")
+    if status.rate_hz is None:
+        raise InputError(f"{bag}: seat: {status.waiting}")
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from biodyn_ros.reports.frequency import powers, residual_channels, transmissibi
 from biodyn_ros.reports.motion import envelopes, overlay
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.verdict import judge
-from biodyn_ros.validate.findings import LEAST_COHERENCE
+from biodyn_ros.validate.settings import LEAST_COHERENCE
 from biodyn_ros.wording import ZONE, words
 
 

@@ -10,9 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.conditioned import SensorStatus
 from biodyn_core.conditioning import Mode
-from biodyn_core.errors import InputError
 from biodyn_core.frames import Frames
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.pipeline import Pipeline
@@ -28,7 +26,7 @@ from biodyn_ros.json_files import write_json
 from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.gravity import gravity_of
-from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
+from biodyn_ros.reading.sensors import ReadingOptions, check_seat, open_sensors
 from biodyn_ros.replay.traces import Traces
 
 PREDICTED: Final = "predicted.mcap"
@@ -84,14 +82,6 @@ def replay(
     if sensors.made_by_model:
         document["bag_made_by_model"] = MADE_BY_MODEL
     return Replayed(document, pipeline)
-
-
-def check_seat(status: SensorStatus, bag: str) -> None:
-    """Raise InputError, saying why, where a bag's seat gives no prediction."""
-    if status.fault:
-        raise InputError(f"{bag}: {status.fault}")
-    if status.rate_hz is None:
-        raise InputError(f"{bag}: seat: {status.waiting}")
 
 
 class PredictedBag:

@@ -9,8 +9,9 @@ import numpy as np
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.errors import InputError
 from biodyn_core.frames import MeasuredFrames
-from biodyn_core.response import CrossSpectra, SpectraMeter, SpectrumSettings
+from biodyn_core.response import CrossSpectra, SpectraMeter
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SENSORS
+from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.waterfall import USABLE, Waterfall, WaterfallMeter
 from biodyn_ros.spectra_json import power_document, spectra_document, transmissibility_document
 

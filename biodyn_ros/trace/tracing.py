@@ -14,8 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
-from biodyn_core.identification.problem import CaseSettings
-from biodyn_core.response import SpectrumSettings
+from biodyn_core.identification.settings import CaseSettings
+from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.settings import TraceSettings

@@ -12,14 +12,16 @@ from biodyn_core.exposure import Dose
 from biodyn_core.injury import Hic
 from biodyn_core.model import CASCADE_FORCES
 from biodyn_core.recording import WARM_UP_S
-from biodyn_core.response import Peak, SpectrumSettings, peak
+from biodyn_core.response import Peak, peak
 from biodyn_core.segments import HEAD, SEAT, SEGMENTS
+from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.validation import Exposures, HeadPeaks, PredictedRun, Validation
 from biodyn_ros import __version__
 from biodyn_ros.exposure_json import dose_figures
 from biodyn_ros.provenance import MADE_BY_MODEL, Role, without_note
 from biodyn_ros.spectra_json import array, power_document, spectra_document, transmissibility_document
-from biodyn_ros.validate.findings import ValidationSettings, findings, verdict
+from biodyn_ros.validate.findings import findings, verdict
+from biodyn_ros.validate.settings import ValidationSettings
 
 Document = dict[str, Any]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from biodyn_core import validation
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.model import SeatForce
 from biodyn_core.recording import Recording
-from biodyn_core.response import SpectrumSettings
+from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_ros.files import check_directory, make_directory, remove
 from biodyn_ros.json_files import write_json
@@ -20,7 +20,7 @@ from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import Role, bag_sha256, role_of
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
 from biodyn_ros.validate.document import Validated, validation_document
-from biodyn_ros.validate.findings import ValidationSettings
+from biodyn_ros.validate.settings import ValidationSettings
 
 Document = dict[str, Any]
 

@@ -1,0 +1,53 @@
+"""Start: how long a command takes that computes little, beside what nobody can do without."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+from bench.table import Row, render
+from biodyn_ros.commands.table import NAMES
+from biodyn_ros.resources import bag_file
+
+ROUNDS = 7
+MOST = 2.0
+COMMAND = (sys.executable, "-m", "biodyn_ros.cli")
+IMPORTS = (sys.executable, "-c", "import numpy, scipy.signal")
+
+
+def rows() -> list[Row]:
+    """Measure; about a minute. Processes take turns, and medians are compared."""
+    info = (*COMMAND, "info", str(bag_file("subject_1.mcap")))
+    asked = {f"{name} -h": (*COMMAND, name, "-h") for name in NAMES}
+    programs = {"version": (*COMMAND, "--version"), "imports": IMPORTS, "info": info, **asked}
+    times: dict[str, list[float]] = {name: [] for name in (*programs, "info, nothing cached")}
+    for _ in range(ROUNDS):
+        for name, program in programs.items():
+            times[name].append(_process_s(program))
+        with tempfile.TemporaryDirectory() as folder:
+            times["info, nothing cached"].append(_process_s(info, NUMBA_CACHE_DIR=folder))
+    median = {name: statistics.median(each) for name, each in times.items()}
+    slowest = max(asked, key=lambda name: median[name])
+    return [
+        _row(f"the slowest help, biodyn {slowest}", median[slowest], median["version"], "--version"),
+        _row("info of the bundled bag", median["info"], median["imports"], "import numpy, scipy.signal"),
+        _row("... nothing compiled before", median["info, nothing cached"], median["imports"], "the same imports"),
+    ]
+
+
+def _row(what: str, ours_s: float, baseline_s: float, baseline: str) -> Row:
+    return Row(what, ours_s, "s", baseline_s, baseline, f"<= {MOST:g} times", ours_s <= MOST * baseline_s)
+
+
+def _process_s(program: tuple[str, ...], **environment: str) -> float:
+    start = time.perf_counter()
+    subprocess.run(program, env={**os.environ, **environment}, stdout=subprocess.DEVNULL, check=True)
+    return time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    print(render(rows()))

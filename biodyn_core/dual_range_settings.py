@@ -1,0 +1,23 @@
+"""When a sensor's wide channel takes over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from biodyn_core.conditioning_settings import ConditioningSettings
+from biodyn_core.settings import check_settings, setting
+
+
+@dataclass(frozen=True)
+class DualRangeSettings:
+    """When the wide channel takes over."""
+
+    saturation_mps2: float = setting(
+        ConditioningSettings.saturation_mps2,
+        "reading of one axis from which the low-g channel is at its rail",
+        "m/s^2", 10.0, 5000.0,
+    )  # fmt: skip
+    compared_s: float = setting(5.0, "seconds around a saturation over which the channels are compared", "s", 0.5, 60.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
