@@ -334,7 +334,10 @@ def _off(grounds: Grounds) -> str | None:
 
 
 def _shock_ratios(vertical: Dose, axes: _Axes, axis: str) -> tuple[ShockRatio, ...]:
-    """The ratios of ISO 2631-1:1997 that tell whether rms is enough; peak and MTVV are measured for the vertical."""
+    """The ratios of ISO 2631-1:1997 that tell whether rms is enough; peak and MTVV are measured for the vertical.
+
+    Of both MTVV the larger decides, as 6.3.3 leaves open which average it means.
+    """
     aw, vdv = axes.aw_mps2[axis], axes.vdv_mps175[axis]
     steady = aw * vertical.seconds**0.25
     up = steady > 0.0 and axis == "z"

@@ -98,6 +98,8 @@ def dose_figures(dose: Dose) -> dict[str, float | None]:
     return {
         "aw_mps2": dose.aw_mps2,
         "mtvv_mps2": dose.mtvv_mps2,
+        "mtvv_linear_mps2": dose.mtvv_linear_mps2,
+        "mtvv_exponential_mps2": dose.mtvv_exponential_mps2,
         "crest_factor": dose.crest_factor,
         "vdv_mps175": dose.vdv_mps175,
         "peak_mps2": dose.peak_mps2,
@@ -152,4 +154,12 @@ def _dri(since: Exposure, lower_bound: bool) -> dict[str, Any] | None:
 
 
 def _hic(hic: Hic | None, lower_bound: bool) -> dict[str, Any] | None:
-    return dataclasses.asdict(hic) | {"lower_bound": lower_bound} if hic else None
+    if hic is None:
+        return None
+    return dataclasses.asdict(hic) | {"windows_s": hic_windows(hic, hic.windows_s), "lower_bound": lower_bound}
+
+
+def hic_windows(hic: Hic, definitions: Iterable[str]) -> dict[str, list[float] | None]:
+    """Begin and end of the window with the largest HIC, by definition; None where HIC is zero."""
+    windows = {name: hic.windows_s[name] for name in definitions}
+    return {name: None if window is None else list(window) for name, window in windows.items()}

@@ -35,7 +35,7 @@ class Plane:
 
 def upward(aw: float, vdv: float, seconds: float, mtvv: float = 1.1, peak: float = 3.0) -> Dose:
     """A vertical dose; MTVV and peak as multiples of aw."""
-    return Dose(aw, mtvv * aw, vdv, peak * aw, seconds)
+    return Dose(aw, mtvv * aw, 0.9 * mtvv * aw, vdv, peak * aw, seconds)
 
 
 def judge(
@@ -425,3 +425,15 @@ def test_a_single_axis_sensor_through_the_meters():
     plane.push(np.zeros((5000, 2)))
     seat = seat_exposure(up.since_reset()[0], plane, None, EU_LIMITS, COMPLETE)
     assert (seat.horizontal, seat.zone, set(seat.aw_weighted_mps2)) == ("missing", "undecided", {"z"})
+
+
+def test_a_burst_of_a_second_exceeds_the_ratio_of_mtvv_by_the_linear_average_alone():
+    """A second in three: MTVV/aw is sqrt(3) = 1.73, and sqrt(3 (1 - 1/e)) = 1.38 by the exponential average."""
+    wave = np.sin(2.0 * np.pi * 16.0 * np.arange(1500) / 500.0) * (np.arange(1500) < 500)
+    up, plane = DoseMeter("Wk", 500.0, 1, 10.0), HorizontalMeter(500.0, 10.0)
+    up.push(wave[:, None])
+    plane.push(np.zeros((1500, 2)))
+    dose = up.since_reset()[0]
+    assert dose.mtvv_exponential_mps2 / dose.aw_mps2 == pytest.approx(1.38, abs=0.02)
+    value, exceeded = ratios(seat_exposure(dose, plane, None, EU_LIMITS, COMPLETE))["mtvv_over_aw"]
+    assert value == pytest.approx(math.sqrt(3.0), rel=5e-3) and exceeded
