@@ -25,6 +25,7 @@ from biodyn_core.heading import bend_rates_radps, headings_rad
 from biodyn_core.levelling import Vector
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
+from biodyn_core.suggestions import did_you_mean
 from biodyn_core.worn import Run, WornSensor
 
 WARM_UP_S: Final = 2.0
@@ -138,7 +139,9 @@ class Recorder:
         rates_radps (n, 3) in the same axes, NaN where there are none: with them verticals stay upright.
         """
         if sensor not in self._sensors:
-            raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
+            raise InputError(
+                f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}{did_you_mean(sensor, SENSORS)}"
+            )
         if rates_radps is not None and rates_radps.shape != samples_mps2.shape:
             raise InputError(f"{sensor}: rates of shape {rates_radps.shape}, samples have {samples_mps2.shape}")
         self._sensors[sensor].push(stamps_ns, samples_mps2, rates_radps)

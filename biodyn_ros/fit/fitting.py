@@ -26,6 +26,7 @@ from biodyn_core.identification.uncertainty import UncertaintySettings, uncertai
 from biodyn_core.recording import representative
 from biodyn_core.response import SpectrumSettings
 from biodyn_core.subject import Subject
+from biodyn_core.suggestions import did_you_mean
 from biodyn_ros import __version__
 from biodyn_ros.files import check_directory, make_directory, write_text
 from biodyn_ros.fit.document import Findings, fit_document, provenance
@@ -163,7 +164,8 @@ def check_profiles(options: FitOptions) -> None:
     known = options.settings.fitted
     for name in options.profiles:
         if name != "all" and name not in known:
-            raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}")
+            near = did_you_mean(name, ["all", *known])
+            raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}{near}")
 
 
 def _prepared(event: BagEvent, options: FitOptions) -> Case:

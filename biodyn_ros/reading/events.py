@@ -8,6 +8,7 @@ from pathlib import Path
 
 from biodyn_core.errors import InputError
 from biodyn_core.recording import Recording
+from biodyn_core.suggestions import did_you_mean
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import bag_sha256
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
@@ -34,7 +35,7 @@ def check_bags(bags: Sequence[str | Path], held_out: Sequence[str], cases: Itera
     given = {str(bag) for bag in (*bags, *held_out)}
     for bag in cases:
         if bag not in given:
-            raise InputError(f"case of {bag}: no such bag is given")
+            raise InputError(f"case of {bag}: no such bag is given{did_you_mean(bag, given)}")
 
 
 def read_events(
