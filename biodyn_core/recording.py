@@ -26,6 +26,7 @@ from biodyn_core.levelling import Vector
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.suggestions import did_you_mean
+from biodyn_core.wording import counted
 from biodyn_core.worn import Run, WornSensor
 
 WARM_UP_S: Final = 2.0
@@ -252,7 +253,7 @@ class Recorder:
         of_all += [f"a part is left out: {reason}" for reason in left_out]
         several = len(recordings) > 1
         if several:
-            of_all.append(f"gaps of the seat split the record into {len(recordings)} recordings")
+            of_all.append(f"gaps of the seat split the record into {counted(len(recordings), 'recording')}")
         return [
             dataclasses.replace(
                 recording,

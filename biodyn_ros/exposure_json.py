@@ -14,6 +14,7 @@ from biodyn_core.keeping import Lost
 from biodyn_core.limits import Limits
 from biodyn_core.pipeline import Exposure, Pipeline
 from biodyn_core.segments import HEAD, SEAT, SENSORS
+from biodyn_core.wording import counted
 from biodyn_ros import __version__
 from biodyn_ros.wording import MODEL, left_range, stuck
 
@@ -85,7 +86,7 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
             lines.append(f"{name}: {stuck(status.flat)}")
         lost = pipeline.lost(name)
         if lost.clipped:
-            lines.append(f"{name}: {lost.clipped} samples clipped: doses and peaks are lower bounds")
+            lines.append(f"{name}: {counted(lost.clipped, 'sample')} clipped: doses and peaks are lower bounds")
         if lost.missing_s > 0.0:
             lines.append(f"{name}: {lost.missing_s:.3f} s missing: doses and peaks are lower bounds")
     if pipeline.divergences:

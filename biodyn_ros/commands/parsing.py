@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final, NoReturn
 
 from biodyn_core.suggestions import did_you_mean
+from biodyn_core.wording import counted
 
 EXIT_INPUT: Final = 2
 _NARROWEST, _WIDEST = 40, 100
@@ -115,9 +116,7 @@ class CommandParser(Parser):
 
     def _ends(self) -> str:
         count = len(self.tuned)
-        more = (
-            f"{count} more setting{'s' if count > 1 else ''}, with ranges: {self.prog} --help-all\n\n" if count else ""
-        )
+        more = f"{counted(count, 'more setting')}, with ranges: {self.prog} --help-all\n\n" if count else ""
         return f"{more}{self._examples()}"
 
     def _examples(self) -> str:
