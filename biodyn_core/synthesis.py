@@ -22,6 +22,7 @@ from biodyn_core.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.settings import check_settings, setting
 from biodyn_core.subject import Subject
 from biodyn_core.suggestions import did_you_mean
+from biodyn_core.weighting import MAX_RATE_HZ, MIN_RATE_HZ
 
 NATIVE_RATE_HZ: Final = 1129.3
 """Blue Trident, low-g channel (Zaman et al., 5.2)."""
@@ -62,7 +63,7 @@ class SeatMotion:
 class SensorSettings:
     """How far the synthetic IMUs are from perfect ones."""
 
-    rate_hz: float = setting(NATIVE_RATE_HZ, "sampling rate", "Hz", 250.0, 4000.0)
+    rate_hz: float = setting(NATIVE_RATE_HZ, "sampling rate", "Hz", MIN_RATE_HZ, MAX_RATE_HZ)
     tilt_deg: float = setting(8.0, "mounting tilt, rms per axis", "deg", 0.0, 60.0)
     noise_mps2: float = setting(0.05, "white noise of the accelerometer, rms", "m/s^2", 0.0, 5.0)
     bias_mps2: float = setting(0.05, "constant bias of the accelerometer, rms per axis", "m/s^2", 0.0, 2.0)

@@ -29,8 +29,11 @@ From here on they are off by 0.5 % at most, from 500 Hz by 0.07 %, at 1129.3 Hz 
 transition beside it, by 0.93, 0.23 and 0.012 %.
 """
 
+MAX_RATE_HZ: Final = 20_000.0
+"""Of a sensor, measured or simulated."""
+
 RATE_TOLERANCE: Final = 0.001
-"""A clock may run slow by this before a sensor of the lowest rate is refused."""
+"""A clock may run slow or fast by this before a sensor of the lowest or highest rate is refused."""
 
 _FIT_BAND_HZ: Final = (0.4, 90.0)
 _BILINEAR_FROM: Final = 200.0
