@@ -10,6 +10,7 @@ from typing import Final
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SENSORS
 from biodyn_core.suggestions import did_you_mean, did_you_mean_file
+from biodyn_core.wording import counted
 from biodyn_core.yaml_files import read_yaml
 from biodyn_ros.blue_trident.capture_u import capture_u, is_capture_u, is_magnetometer
 from biodyn_ros.blue_trident.nexus import is_nexus, nexus
@@ -75,7 +76,8 @@ def find_exports(place: Path) -> Found:
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from None
     if len(paths) > MOST_FILES:
-        raise InputError(f"{place}: {len(paths)} files, so this is no directory of one recording: give another")
+        count = counted(len(paths), "file")
+        raise InputError(f"{place}: {count}, so this is no directory of one recording: give another")
     exports: list[Export] = []
     aside, refused = [], []
     for path in paths:
@@ -139,7 +141,8 @@ def _serial(found: Found, sensor: str, given: str) -> str:
     if len(ending) > 1:
         raise InputError(f"{where}: {_listed(ending)} end so: give one of them whole")
     if not ending:
-        hint = did_you_mean(given, there) or (f"; {found.refused[0]}" if found.refused else "")
+        ends = [serial[-len(given) :] for serial in there]
+        hint = did_you_mean(given, [*there, *ends]) or (f"; {found.refused[0]}" if found.refused else "")
         raise InputError(f"{where}: no such serial; there are {_listed(there)}{hint}")
     return ending[0]
 
