@@ -33,7 +33,7 @@ NAMES: Final = {
     "aw_mps2": "aw", "vdv_mps175": "VDV", "mtvv_mps2": "MTVV", "mtvv_linear_mps2": "MTVV, linear",
     "mtvv_exponential_mps2": "MTVV, exponential", "peak_mps2": "peak",
 }  # fmt: skip
-UNITS: Final = {name: "m/s^1.75" if name == "vdv_mps175" else "m/s²" for name in NAMES}
+UNITS: Final = {name: "m/s¹·⁷⁵" if name == "vdv_mps175" else "m/s²" for name in NAMES}
 
 
 class _Span:

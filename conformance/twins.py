@@ -106,7 +106,7 @@ def weighted(name: str, accel: Floats, rate_hz: float) -> Floats:
 
 
 class Mode(NamedTuple):
-    """A part of a motion: Re(amplitude exp(exponent (t - begin))) from `begin` on, m/s^2."""
+    """A part of a motion: Re(amplitude exp(exponent (t - begin))) from `begin` on, m/s²."""
 
     begin_s: float
     exponent: complex
