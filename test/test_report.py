@@ -110,6 +110,7 @@ def document() -> dict[str, object]:
             "vertical": 0.456,
             "resultant": 0.567,
             "bandwidth_hz": 564.6,
+            "windows_s": {"as_printed": [1.0, 1.015], "vertical": [1.0, 1.015], "resultant": [1.2, 1.2131]},
             "lower_bound": False,
         },
         "hic36": {
@@ -117,6 +118,7 @@ def document() -> dict[str, object]:
             "vertical": 0.678,
             "resultant": 0.789,
             "bandwidth_hz": 564.6,
+            "windows_s": {"as_printed": [1.0, 1.015], "vertical": [1.0, 1.015], "resultant": [1.2, 1.2131]},
             "lower_bound": False,
         },
         "residual": {
@@ -277,8 +279,8 @@ def test_the_page_says_every_figure_with_its_unit(tmp_path):
         "seat 0.100 0.500 0.200 7.25 0.900 0.000 0", "pelvis 0.200 0.317 1.00 1.58 0.400 7.25 1.80 not validated",
         "central torso 0.226 – 1.13 –", "DRI 6.78", "band 5.2-13.0", "7.89 as the paper prints it",
         "23.456 s after counting began",
-        "a single upward pulse", "not a dose of repeated shocks", "HIC15 1.23 0.456 0.567 565",
-        "HIC36 2.35 0.678 0.789 565",
+        "a single upward pulse", "not a dose of repeated shocks", "HIC15 1.23 0.456 0.567 1.200 to 1.213 565",
+        "HIC36 2.35 0.678 0.789 1.200 to 1.213 565",
         "before the 80.0 Hz low-pass", "Predictions are a model's",
         "aw, m/s² VDV, m/s¹·⁷⁵ MTVV, m/s² crest factor peak, m/s²", "whole record: residual 0.123 m/s² rms, 15.0 %",
     ):  # fmt: skip
@@ -332,7 +334,7 @@ def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
         "Action value: time left withheld, because 1.23 s are missing at the seat, more than 1 %.",
         "seat 0.100 >= 0.500 >= 0.200 7.25 >= 0.900 1.234 0",
         "head >= 0.155 >= 0.775 >= 0.310 7.25 >= 1.40 0.000 17",
-        "pelvis 0.200 0.317 >= 1.00 1.58 >= 0.400", "DRI >= 6.78", "HIC15 >= 1.23 >= 0.456 >= 0.567 565",
+        "pelvis 0.200 0.317 >= 1.00 1.58 >= 0.400", "DRI >= 6.78", "HIC15 >= 1.23 >= 0.456 >= 0.567 1.200 to 1.213 565",
         "undecided whether additional evaluation is asked for",
     ):  # fmt: skip
         assert expected in page.text, expected
@@ -580,7 +582,7 @@ def test_the_aw_of_a_stuck_sensor_is_a_lower_bound(tmp_path):
     changed["sensors"]["head"] |= {"lower_bound": True, "aw_lower_bound": True, "missing_s": 30.0}
     text = page_of(tmp_path, changed).text
     shown = f">= {number(changed['sensors']['head']['aw_mps2'])}"
-    assert shown in text and f">={changed['sensors']['head']['aw_mps2']:.3f}" in summary(changed)
+    assert shown in text and shown in summary(changed)
 
 
 @pytest.mark.parametrize(("text", "expected"), [("a b", "A b."), ("is it?", "Is it?"), ("2 s are", "2 s are.")])
