@@ -23,8 +23,8 @@ from biodyn_core.kernels.compiling import views
 from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.rest import Rest, RestWindow
 from biodyn_core.runs import Runs
+from biodyn_core.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERANCE
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.weighting import MIN_RATE_HZ, RATE_TOLERANCE
 
 Mode = Literal["causal", "zero_phase", "survey", "rest"]
 """What comes out: causal or zero-phase answers, or none at all.
@@ -35,7 +35,6 @@ With "survey" only the status of a sensor of any rate; with "rest" only whether,
 FILTER_ORDER: Final = 2 * kernel.SECTIONS
 """Butterworth low-pass of the paper, 5.2; zero-phase it runs forward and backward, -6 dB at the cut-off."""
 
-MAX_RATE_HZ: Final = 20_000.0
 RATE_PER_CUTOFF: Final = 2.5
 CLOCK_TIME_CONSTANT_S: Final = 5.0
 """The loop that follows a sensor's clock: slow enough to average jitter, fast enough for any drift of a quartz."""
@@ -345,7 +344,8 @@ class Conditioner:
 
     def _check_rate(self, rate_hz: float) -> None:
         least = max(MIN_RATE_HZ, RATE_PER_CUTOFF * self.settings.cutoff_hz)
-        if self.mode != "survey" and not least * (1.0 - RATE_TOLERANCE) <= rate_hz <= MAX_RATE_HZ:
+        lowest_hz, highest_hz = least * (1.0 - RATE_TOLERANCE), MAX_RATE_HZ * (1.0 + RATE_TOLERANCE)
+        if self.mode != "survey" and not lowest_hz <= rate_hz <= highest_hz:
             raise InputError(f"a rate of {rate_hz:.4g} Hz does not fit, {least:g} to {MAX_RATE_HZ:g} Hz are needed")
 
     def _warnings(self) -> list[str]:

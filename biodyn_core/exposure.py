@@ -25,8 +25,8 @@ from biodyn_core.weighting import CURVES, WeightingName, weighting_sections
 BIN_S: Final = 0.1
 """Rolling figures move in steps of this."""
 
-MTVV_TIME_CONSTANT_S: Final = 1.0
-"""MTVV is the largest exponentially averaged running rms (ISO 2631-1:1997, 6.3.1, Eq. 3)."""
+MTVV_AVERAGING_S: Final = 1.0
+"""Length of the linear average and time constant of the exponential one (ISO 2631-1:1997, 6.3.1)."""
 
 LEVEL_SHARE: Final = 0.2
 """A channel's slow level is its mean by a first-order low-pass at this share of the weighting's high-pass frequency.
@@ -46,15 +46,21 @@ ISO 2631-1:1997, 5.5 asks for a duration of reasonable statistical precision and
 class Dose:
     """Weighted exposure of one channel: aw and MTVV m/s^2, VDV m/s^1.75, weighted peak m/s^2, seconds counted.
 
-    MTVV's running mean square starts at zero behind a break. What it held there could only have added to the later
-    ones, so it is a lower bound like the others.
+    MTVV is the largest running rms, by the linear average over 1 s (ISO 2631-1:1997, 6.3.1, Eq. 2) and by the
+    exponential one (Eq. 3). Both running mean squares start at zero behind a break, so both are lower bounds.
     """
 
     aw_mps2: float
-    mtvv_mps2: float
+    mtvv_linear_mps2: float
+    mtvv_exponential_mps2: float
     vdv_mps175: float
     peak_mps2: float
     seconds: float
+
+    @property
+    def mtvv_mps2(self) -> float:
+        """The larger MTVV: the standard allows both averages, and neither is always the larger."""
+        return max(self.mtvv_linear_mps2, self.mtvv_exponential_mps2)
 
     @property
     def crest_factor(self) -> float | None:
@@ -179,23 +185,29 @@ class DoseMeter(Meter):
     def __init__(self, weighting: WeightingName, rate_hz: float, channels: int, window_s: float) -> None:
         self._rate_hz = rate_hz
         self._weighting = _Weighting(weighting, rate_hz, channels)
-        self._decay = 1.0 - math.exp(-1.0 / (MTVV_TIME_CONSTANT_S * rate_hz))
+        self._window = MTVV_AVERAGING_S * rate_hz
+        self._squares = np.zeros((channels, math.floor(self._window) + 2))
+        self._partial = np.zeros(channels)
+        self._filled = np.zeros(1, dtype=np.int64)
+        self._decay = 1.0 - math.exp(-1.0 / self._window)
         self._running = np.zeros(channels)
-        self._tally = Tally(rate_hz, channels, 5, 3, window_s)
+        self._tally = Tally(rate_hz, channels, 6, 3, window_s)
 
     def push(self, accel_mps2: Floats) -> None:
         """Count a block (n, c)."""
         w, t = self._weighting, self._tally
         kernels.dose(
-            accel_mps2, w.sos, w.state, w.follow, w.level, self._decay, self._running,
-            t.bin, t.total, t.ring, t.position, t.length,
+            accel_mps2, w.sos, w.state, w.follow, w.level, self._decay, self._running, self._squares, self._partial,
+            self._filled, self._window, t.bin, t.total, t.ring, t.position, t.length,
         )  # fmt: skip
 
     def skip(self, seconds: float) -> None:
         """Nothing was measured for that long."""
-        self._tally.skip(seconds)
+        samples = self._tally.skip(seconds)
+        self._filled[0] = (self._filled[0] + samples) % (self._squares.shape[1] - 1)
         self._weighting.restart()
-        self._running[:] = 0.0
+        for average in (self._running, self._squares, self._partial):
+            average[:] = 0.0
 
     def since_reset(self) -> tuple[Dose, ...]:
         """One Dose per channel since the last reset."""
@@ -209,12 +221,13 @@ class DoseMeter(Meter):
         return tuple(
             Dose(
                 aw_mps2=math.sqrt(square / max(count, 1.0)),
-                mtvv_mps2=math.sqrt(running),
+                mtvv_linear_mps2=math.sqrt(linear),
+                mtvv_exponential_mps2=math.sqrt(exponential),
                 vdv_mps175=(fourth / self._rate_hz) ** 0.25,
                 peak_mps2=peak,
                 seconds=count / self._rate_hz,
             )
-            for square, fourth, count, peak, running in rows.tolist()
+            for square, fourth, count, peak, linear, exponential in rows.tolist()
         )
 
 

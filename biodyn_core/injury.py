@@ -6,8 +6,9 @@ Meters as those of `exposure`. Zaman et al., Eq. 23-25, in the definitions their
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -45,14 +46,26 @@ class Dri:
         return next(label for upper, label in DRI_BANDS if self.compression < upper)
 
 
+class Window(NamedTuple):
+    """Begin and end, seconds."""
+
+    begin: float
+    end: float
+
+
 @dataclass(frozen=True)
 class Hic:
-    """Head Injury Criterion over all windows up to one length: |vertical + 1 g|, |vertical|, resultant (Eq. 23)."""
+    """Head Injury Criterion over all windows up to one length: |vertical + 1 g|, |vertical|, resultant (Eq. 23).
+
+    windows_s: by those names begin and end of the window with the largest, since reset, breaks included; below zero
+    where it began before the reset, None where HIC is zero and of rolling figures.
+    """
 
     as_printed: float
     vertical: float
     resultant: float
     bandwidth_hz: float
+    windows_s: Mapping[str, Window | None]
 
 
 class DriMeter(Meter):
@@ -120,6 +133,8 @@ class HicMeter(Meter):
         self._weights = np.append(np.arange(1, whole + 1) / rate_hz, length_s) ** -0.6
         self._history = np.zeros((3, 2, 2 * (whole + 2)))
         self._filled = np.zeros((3, 2), dtype=np.int64)
+        self._seen = np.zeros(1, dtype=np.int64)
+        self._windows = np.zeros((3, 2))
         self._tally = Tally(rate_hz, 3, 1, 0, window_s)
 
     def push(self, accel_mps2: Floats) -> None:
@@ -129,25 +144,48 @@ class HicMeter(Meter):
         t = self._tally
         kernels.head_injury(
             channels, 1.0 / self._rate_hz, self._length_s, self._weights, self._history, self._filled,
-            t.bin, t.total, t.ring, t.position, t.length,
+            self._seen, self._windows, t.bin, t.total, t.ring, t.position, t.length,
         )  # fmt: skip
 
     def skip(self, seconds: float) -> None:
         """Nothing was measured for that long; no window reaches across."""
-        self._tally.skip(seconds)
+        self._seen += self._tally.skip(seconds)
         self._filled[:, 0] = 0
 
     def since_reset(self) -> Hic:
         """The largest since the last reset."""
-        return self._hic(self._tally.since_reset())
+        return self._hic(self._tally.since_reset(), (self._windows / self._rate_hz).tolist())
 
     def rolling(self) -> Hic:
-        """The largest over the last `window_s`."""
-        return self._hic(self._tally.rolling())
+        """The largest over the last `window_s`, without its windows."""
+        return self._hic(self._tally.rolling(), None)
 
-    def _hic(self, rows: Floats) -> Hic:
-        as_printed, vertical, resultant = (rows[:, 0] ** 2.5).tolist()
-        return Hic(as_printed, vertical, resultant, self._rate_hz / 2.0)
+    def reset(self) -> None:
+        """Start "since reset" anew."""
+        super().reset()
+        self._seen[:] = 0
+        self._windows[:] = 0.0
+
+    def kept(self) -> Floats:
+        """As of every meter, with begin and end of the windows and the seconds that passed, (3, 4)."""
+        passed = np.full((3, 1), float(self._seen[0]))
+        return np.column_stack([super().kept(), np.hstack([self._windows, passed]) / self._rate_hz])
+
+    def resume(self, kept: Floats) -> None:
+        """Count on from what was kept."""
+        before = kept[:, 1:] * self._rate_hz
+        larger = kept[:, 0] >= self._tally.since_reset()[:, 0]
+        self._windows = np.where(larger[:, None], before[:, :2], self._windows + before[0, 2])
+        self._seen += round(before[0, 2])
+        super().resume(np.ascontiguousarray(kept[:, :1]))
+
+    def _hic(self, rows: Floats, spans_s: list[list[float]] | None) -> Hic:
+        names = ("as_printed", "vertical", "resultant")
+        largest = dict(zip(names, (rows[:, 0] ** 2.5).tolist(), strict=True))
+        windows: dict[str, Window | None] = dict.fromkeys(names)
+        for name, span in zip(names, spans_s or [], strict=False):
+            windows[name] = Window(*span) if largest[name] > 0.0 else None
+        return Hic(**largest, bandwidth_hz=self._rate_hz / 2.0, windows_s=windows)
 
 
 def first_order_hold(omega: float, zeta: float, step_s: float) -> Floats:

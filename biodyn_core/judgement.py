@@ -16,6 +16,7 @@ from biodyn_core.exposure import Dose, HorizontalMeter
 from biodyn_core.keeping import Lost
 from biodyn_core.limits import Kind, Limits, LimitSet, Measure
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.wording import counted, number, number_below
 
 Zone = Literal["below_action_value", "above_action_value", "above_limit_value", "undecided"]
 Horizontal = Literal["yaw_given", "worst_direction", "missing"]
@@ -270,22 +271,25 @@ _UNIT: Final[dict[Measure, str]] = {"a8": "m/s^2", "vdv": "m/s^1.75"}
 
 def _reached(limits: LimitSet, felt: _Felt, kind: Kind, measure: Measure) -> str:
     least, value = "at least " if felt.at_least else "", limits.values(kind)[measure]
-    return f"{_so_far(felt, measure, least)}: the {kind} value of {value:g} ({limits.source}) is reached"
+    shown = f"{least}{number(felt.so_far[measure])}"
+    return f"{_so_far(felt, measure, shown)}: the {kind} value of {value:g} ({limits.source}) is reached"
 
 
 def _below(limits: LimitSet, felt: _Felt) -> str:
     values = limits.values("action")
-    figures = " and ".join(_so_far(felt, measure) for measure in values)
+    figures = " and ".join(
+        _so_far(felt, measure, number_below(felt.so_far[measure], values[measure])) for measure in values
+    )
     stated = f"value{'s' if len(values) > 1 else ''} of {' and '.join(f'{value:g}' for value in values.values())}"
     missing_s, allowed = felt.lost.missing_s, f"within the {100.0 * MISSING_SHARE_TRUSTED:g} % allowed"
     missing = f"; {missing_s:.3g} s are missing, {allowed}" if missing_s > 0.0 else ""
     return f"{figures}: below the action {stated} ({limits.source}){missing}"
 
 
-def _so_far(felt: _Felt, measure: Measure, least: str = "") -> str:
+def _so_far(felt: _Felt, measure: Measure, shown: str) -> str:
     axis = felt.axis[measure]
     where = "worst horizontal direction" if axis == "worst_direction" else f"axis {axis}"
-    return f"{_NAME[measure]} so far is {least}{felt.so_far[measure]:.4g} {_UNIT[measure]} ({where})"
+    return f"{_NAME[measure]} so far is {shown} {_UNIT[measure]} ({where})"
 
 
 def _withheld(grounds: Grounds, seconds: float) -> str | None:
@@ -297,7 +301,7 @@ def _lacking(grounds: Grounds, seconds: float) -> str | None:
     """What the record lacks, None where that is little."""
     count, missing = grounds.lost.clipped, grounds.lost.missing_s
     if count > 0:
-        return f"{count} sample{' is' if count == 1 else 's are'} clipped at the seat"
+        return f"{counted(count, 'sample is', 'samples are')} clipped at the seat"
     if seconds <= 0.0:
         return "nothing was counted at the seat"
     if missing > MISSING_SHARE_TRUSTED * (seconds + grounds.lost.absent_s):
@@ -334,7 +338,10 @@ def _off(grounds: Grounds) -> str | None:
 
 
 def _shock_ratios(vertical: Dose, axes: _Axes, axis: str) -> tuple[ShockRatio, ...]:
-    """The ratios of ISO 2631-1:1997 that tell whether rms is enough; peak and MTVV are measured for the vertical."""
+    """The ratios of ISO 2631-1:1997 that tell whether rms is enough; peak and MTVV are measured for the vertical.
+
+    Of both MTVV the larger decides, as 6.3.3 leaves open which average it means.
+    """
     aw, vdv = axes.aw_mps2[axis], axes.vdv_mps175[axis]
     steady = aw * vertical.seconds**0.25
     up = steady > 0.0 and axis == "z"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from biodyn_core.errors import InputError
+from biodyn_core.suggestions import did_you_mean
 from biodyn_core.yaml_files import read_yaml
 
 Measure = Literal["a8", "vdv"]
@@ -71,15 +72,21 @@ def _limits(data: object) -> Limits:
     if not isinstance(data, dict) or not {"sets", "decides"} & set(data):
         return Limits(_limit_set(data, ""))
     if set(data) != {"sets", "decides"} or not isinstance(data["sets"], list) or not data["sets"]:
-        odd = ", ".join(sorted(map(str, set(data) ^ {"sets", "decides"}))) or "sets is no list, or an empty one"
-        raise InputError(f"a list of sets and the source that decides are needed; missing, unknown or wrong: {odd}")
+        keys = {"sets", "decides"}
+        odd = ", ".join(sorted(map(str, set(data) ^ keys))) or "sets is no list, or an empty one"
+        near = next((text for key in sorted(map(str, set(data) - keys)) if (text := did_you_mean(key, keys))), "")
+        raise InputError(
+            f"a list of sets and the source that decides are needed; missing, unknown or wrong: {odd}{near}"
+        )
     sets = [_limit_set(item, f"sets[{index}]: ") for index, item in enumerate(data["sets"])]
     sources = [each.source for each in sets]
     for source in sources:
         if sources.count(source) > 1:
             raise InputError(f"sets: {source!r} is there twice, every set needs a source of its own")
     if data["decides"] not in sources:
-        raise InputError(f"decides is {data['decides']!r}, allowed are the sources of the sets: {', '.join(sources)}")
+        near = did_you_mean(data["decides"], sources)
+        allowed = ", ".join(sources)
+        raise InputError(f"decides is {data['decides']!r}, allowed are the sources of the sets: {allowed}{near}")
     decides = sources.index(data["decides"])
     return Limits(sets[decides], tuple(sets[:decides] + sets[decides + 1 :]))
 
@@ -89,7 +96,7 @@ def _limit_set(data: object, where: str) -> LimitSet:
     names = [item.name for item in dataclasses.fields(LimitSet)]
     if not isinstance(data, dict) or "source" not in data or set(data) - set(names):
         odd = sorted(map(str, set(data) - set(names))) if isinstance(data, dict) else []
-        unknown = f"; unknown: {', '.join(odd)}" if odd else ""
+        unknown = f"; unknown: {', '.join(odd)}{did_you_mean(odd[0], names)}" if odd else ""
         raise InputError(f"{where}source is needed, and of {', '.join(names[1:])} those that it states{unknown}")
     if not isinstance(data["source"], str) or not data["source"].strip():
         raise InputError(f"{where}source is {data['source']!r}, expected where the values come from, in words")

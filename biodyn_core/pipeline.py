@@ -35,6 +35,7 @@ from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import SeatSide
 from biodyn_core.segments import HEAD, SEAT, SENSORS
 from biodyn_core.subject import Subject
+from biodyn_core.suggestions import did_you_mean
 from biodyn_core.timelines import Timelines
 
 SLICE_S: Final = 0.25
@@ -104,7 +105,9 @@ class Pipeline:
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
         if sensor not in self._conditioners:
-            raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
+            raise InputError(
+                f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}{did_you_mean(sensor, SENSORS)}"
+            )
         return self._push(sensor, *self._counting.earlier.begun(sensor, stamps_ns, samples_mps2))
 
     def _push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:

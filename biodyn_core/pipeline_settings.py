@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from biodyn_core.errors import InputError
 from biodyn_core.settings import check_settings, setting
+from biodyn_core.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from biodyn_core.levelling import Vector
@@ -45,7 +46,9 @@ class PipelineSettings:
             except ValueError:
                 x = y = z = math.nan
             if sensor not in SENSORS or not 0.0 < x * x + y * y + z * z < math.inf:
-                raise InputError(f"vertical {part!r}: expected sensor=x,y,z with a sensor of {', '.join(SENSORS)}")
+                near = "" if sensor in SENSORS else did_you_mean(sensor, SENSORS)
+                known = ", ".join(SENSORS)
+                raise InputError(f"vertical {part!r}: expected sensor=x,y,z with a sensor of {known}{near}")
             given[sensor] = x, y, z
         return given
 
@@ -56,5 +59,7 @@ class PipelineSettings:
         asked = self.also_weighted.replace(",", " ").split()
         for name in asked:
             if name not in CURVES:
-                raise InputError(f"also_weighted {name!r} is no weighting, known are {', '.join(CURVES)}")
+                raise InputError(
+                    f"also_weighted {name!r} is no weighting, known are {', '.join(CURVES)}{did_you_mean(name, CURVES)}"
+                )
         return tuple(name for name in CURVES if name in asked)

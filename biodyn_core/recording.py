@@ -26,6 +26,8 @@ from biodyn_core.heading import bend_rates_radps, headings_rad
 from biodyn_core.levelling import Vector
 from biodyn_core.recording_settings import RecordingSettings
 from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
+from biodyn_core.suggestions import did_you_mean
+from biodyn_core.wording import counted
 from biodyn_core.worn import Run, WornSensor
 
 WARM_UP_S: Final = 2.0
@@ -119,7 +121,9 @@ class Recorder:
         rates_radps (n, 3) in the same axes, NaN where there are none: with them verticals stay upright.
         """
         if sensor not in self._sensors:
-            raise InputError(f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}")
+            raise InputError(
+                f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}{did_you_mean(sensor, SENSORS)}"
+            )
         if rates_radps is not None and rates_radps.shape != samples_mps2.shape:
             raise InputError(f"{sensor}: rates of shape {rates_radps.shape}, samples have {samples_mps2.shape}")
         self._sensors[sensor].push(stamps_ns, samples_mps2, rates_radps)
@@ -231,7 +235,7 @@ class Recorder:
         of_all += [f"a part is left out: {reason}" for reason in left_out]
         several = len(recordings) > 1
         if several:
-            of_all.append(f"gaps of the seat split the record into {len(recordings)} recordings")
+            of_all.append(f"gaps of the seat split the record into {counted(len(recordings), 'recording')}")
         return [
             dataclasses.replace(
                 recording,

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from biodyn_core.errors import InputError
+from biodyn_core.suggestions import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,8 @@ def check_settings(settings: Any) -> None:
         allowed: Range = item.metadata["range"]
         value = getattr(settings, item.name)
         if allowed.choices and value not in allowed.choices:
-            raise InputError(f"{item.name} is {value!r}, allowed are {' and '.join(allowed.choices)}")
+            near = did_you_mean(value, allowed.choices)
+            raise InputError(f"{item.name} is {value!r}, allowed are {' and '.join(allowed.choices)}{near}")
         if isinstance(value, (str, bool)) or value is None:
             continue
         if not (math.isfinite(value) and allowed.lower <= value <= allowed.upper):

@@ -20,6 +20,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.model import predict
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.subject import Subject
+from biodyn_core.suggestions import did_you_mean
 from biodyn_core.synthesis_settings import CASES, NATIVE_RATE_HZ, SensorSettings
 
 MOTION_S: Final = (2.0, 3600.0)
@@ -67,7 +68,7 @@ def load_case(name: str, seconds: float, rng: np.random.Generator, rate_hz: floa
     Fore-aft and pitch companions come with it. Raises InputError for an unknown case or less than two seconds.
     """
     if name not in _CASES:
-        raise InputError(f"case {name!r} is unknown, known are {', '.join(_CASES)}")
+        raise InputError(f"case {name!r} is unknown, known are {', '.join(_CASES)}{did_you_mean(name, _CASES)}")
     if not MOTION_S[0] <= seconds <= MOTION_S[1]:
         raise InputError(f"a case of {seconds:g} s is not made, {MOTION_S[0]:g} to {MOTION_S[1]:g} s are allowed")
     time = np.arange(round(seconds * rate_hz)) / rate_hz

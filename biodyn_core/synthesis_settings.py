@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from biodyn_core.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ
 from biodyn_core.settings import check_settings, setting
 
 NATIVE_RATE_HZ: Final = 1129.3
@@ -21,7 +22,7 @@ CASE_S: Final = 10.0
 class SensorSettings:
     """How far the synthetic IMUs are from perfect ones."""
 
-    rate_hz: float = setting(NATIVE_RATE_HZ, "sampling rate", "Hz", 250.0, 4000.0)
+    rate_hz: float = setting(NATIVE_RATE_HZ, "sampling rate", "Hz", MIN_RATE_HZ, MAX_RATE_HZ)
     tilt_deg: float = setting(8.0, "mounting tilt, rms per axis", "deg", 0.0, 60.0)
     noise_mps2: float = setting(0.05, "white noise of the accelerometer, rms", "m/s^2", 0.0, 5.0)
     bias_mps2: float = setting(0.05, "constant bias of the accelerometer, rms per axis", "m/s^2", 0.0, 2.0)

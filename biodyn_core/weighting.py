@@ -17,19 +17,11 @@ from numpy.typing import ArrayLike
 
 from biodyn_core.arrays import Complexes, Floats
 from biodyn_core.errors import InputError
+from biodyn_core.sampling_rate import MIN_RATE_HZ, RATE_TOLERANCE
+from biodyn_core.suggestions import did_you_mean
 
 Quotient = tuple[tuple[float, float, float], tuple[float, float, float]]
 WeightingName = Literal["Wk", "Wd", "Wf", "Wc", "We", "Wj", "Wb"]
-
-MIN_RATE_HZ: Final = 250.0
-"""Below this no sampled filter follows the curves to 80 Hz.
-
-From here on they are off by 0.5 % at most, from 500 Hz by 0.07 %, at 1129.3 Hz by 0.005 %; Wj, whose low-pass has no
-transition beside it, by 0.93, 0.23 and 0.012 %.
-"""
-
-RATE_TOLERANCE: Final = 0.001
-"""A clock may run slow by this before a sensor of the lowest rate is refused."""
 
 _FIT_BAND_HZ: Final = (0.4, 90.0)
 _BILINEAR_FROM: Final = 200.0
@@ -157,7 +149,7 @@ def weighting_sections(name: WeightingName, rate_hz: float) -> Floats:
     Designed for the rate rounded to 0.1 Hz, an error below 0.02 %, so that sensors of one kind share one design.
     """
     if name not in CURVES:
-        raise InputError(f"weighting {name!r} is unknown, known are {', '.join(CURVES)}")
+        raise InputError(f"weighting {name!r} is unknown, known are {', '.join(CURVES)}{did_you_mean(name, CURVES)}")
     if not rate_hz >= MIN_RATE_HZ * (1.0 - RATE_TOLERANCE):
         raise InputError(f"a rate of {rate_hz:g} Hz does not carry {name}: at least {MIN_RATE_HZ:g} Hz is needed")
     return np.array(_design(name, round(float(rate_hz), 1)))

@@ -18,6 +18,7 @@ from biodyn_core.flags import among, around, stretches
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.levelling import UP, laid_level, rotation_to_vertical
 from biodyn_core.upright import BLIND_S, NobodysLean, carried_over, followed_up, true_vertical_mps2
+from biodyn_core.wording import counted
 
 LEFT_OF_AN_ERROR: Final = 1e-3
 """Of a wrong sample no more than this share is left where the low-pass is said to reach no further."""
@@ -119,7 +120,7 @@ class WornSensor:
             ups.append(followed_up(block.levelled_mps2, rates, block.rate_hz, gravity_mps2, begin))
             before = int(block.stamps_ns[-1]), rates[-1]
         if breaks_s:
-            which = f"behind {len(breaks_s)} break{'s' if len(breaks_s) > 1 else ''} of up to {max(breaks_s):.2g} s"
+            which = f"behind {counted(len(breaks_s), 'break')} of up to {max(breaks_s):.2g} s"
             self._said.append(f"{self._conditioner.sensor}: {which} {AS_AT_REST}")
         return ups
 
@@ -220,10 +221,11 @@ class WornSensor:
         yield from self._said
         yield from (f"{sensor}: {line}" for line in status.warnings)
         if status.clipped:
-            yield f"{sensor}: {status.clipped} samples clipped, masked"
+            yield f"{sensor}: {counted(status.clipped, 'sample')} clipped, masked"
         if status.filled:
-            yield f"{sensor}: {status.filled} samples interpolated, gaps above the bridge masked"
+            yield f"{sensor}: {counted(status.filled, 'sample')} interpolated, gaps above the bridge masked"
         if status.rejected:
-            yield f"{sensor}: {status.rejected} samples rejected"
+            yield f"{sensor}: {counted(status.rejected, 'sample')} rejected"
         if status.runs > 1:
-            yield f"{sensor}: {status.runs - 1} gaps or jumps of the stamps, {status.gap_s:.3f} s missing"
+            breaks = counted(status.runs - 1, "gap or jump", "gaps or jumps")
+            yield f"{sensor}: {breaks} of the stamps, {status.gap_s:.3f} s missing"

@@ -9,6 +9,7 @@ from typing import Any, Final
 import yaml
 
 from biodyn_core.errors import InputError
+from biodyn_core.suggestions import did_you_mean, did_you_mean_file
 
 LARGEST_BYTES: Final = 2**20
 """Nobody writes so much; a hundred subjects of a campaign take a twentieth."""
@@ -28,7 +29,7 @@ def read_yaml(path: str | Path) -> object:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        raise InputError(f"{path}: cannot be read ({error.strerror}){did_you_mean_file(path)}") from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # PyYAML lets ValueErrors of a bad date or int out
         raise InputError(f"{path}: not a YAML file ({' '.join(str(error).split())})") from error
 
@@ -48,7 +49,9 @@ def mapping_of(
         raise InputError(f"{where}: expected keys and values, got {type(value).__name__}")
     for key in value:
         if optional is not None and key not in (*required, *optional):
-            raise InputError(f"{where}: unknown {kind} {key!r}, known are {', '.join((*required, *optional))}")
+            known = (*required, *optional)
+            near = did_you_mean(key, known)
+            raise InputError(f"{where}: unknown {kind} {key!r}, known are {', '.join(known)}{near}")
     for key in required:
         if key not in value:
             raise InputError(f"{where}: {kind} {key!r} is missing")

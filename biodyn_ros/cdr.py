@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.arrays import Flags, Floats, Integers
 from biodyn_core.errors import InputError
+from biodyn_core.wording import counted
 
 Bytes = NDArray[np.uint8]
 
@@ -289,7 +290,8 @@ def _refusal_of_first(layout: _Layout, buffer: Bytes, offsets: Integers, lengths
     offset, length = int(offsets[i]), int(lengths[i])
     where = f"message {i + 1} of {len(offsets)}"
     if offset < 0 or length < 0 or offset + length > buffer.size:
-        return f"{where}: {length} bytes at byte {offset} reach outside the {buffer.size} bytes there are"
+        size = counted(buffer.size, "byte")
+        return f"{where}: {counted(length, 'byte')} at byte {offset} reach outside a buffer of {size}"
     return f"{where}: {_refusal(layout, buffer[offset : offset + length].tobytes())}"
 
 
@@ -297,12 +299,12 @@ def _refusal(layout: _Layout, message: bytes) -> str:
     """Why one message cannot be read, and what to do."""
     advice = f"it is cut, or no {layout.type}: check the topic's type and the bag"
     if len(message) < _HEADER_BYTES:
-        return f"{len(message)} bytes cannot hold a header; {advice}"
+        return f"{counted(len(message), 'byte')} cannot hold a header; {advice}"
     if message[0] != 0 or message[1] > 1:
         return f"encapsulation {message[:2].hex(' ')} is not plain CDR (00 00 or 00 01); {advice}"
     frame_bytes = _HEAD[message[1]].unpack_from(message, 4)[2]
     needed = 4 + ((frame_bytes + 19) & ~7) + layout.body_bytes
-    return f"{len(message)} bytes, but {needed} are needed behind a frame_id of {frame_bytes}; {advice}"
+    return f"{counted(len(message), 'byte')}, but {needed} are needed behind a frame_id of {frame_bytes}; {advice}"
 
 
 def _frame_span(message: bytes) -> tuple[int, int]:

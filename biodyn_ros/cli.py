@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from biodyn_core.errors import InputError
+from biodyn_core.suggestions import did_you_mean
 from biodyn_ros.commands.live import run_node
 from biodyn_ros.commands.parsing import EXIT_INPUT
 from biodyn_ros.commands.table import NAMES, command_of, parser
 from biodyn_ros.environment import ONE_THREAD
-from biodyn_ros.nearby import did_you_mean
 
 EXIT_INTERRUPTED: Final = 130
 TOP_LEVEL: Final = ("-h", "--help", "--version")
@@ -72,8 +72,7 @@ def _parsed(given: list[str]) -> argparse.Namespace:
         asked.error("what to do is missing")
     if name not in NAMES and name not in TOP_LEVEL:
         kind = "option" if name.startswith("-") else "command"
-        near = did_you_mean(name, NAMES)
-        asked.error(f"there is no {kind} {name}{';' if near else ''}{near}")
+        asked.error(f"there is no {kind} {name}{did_you_mean(name, NAMES)}")
     return asked.parse_args(given)
 
 

@@ -17,6 +17,7 @@ from std_msgs.msg import Float64
 from biodyn_core.errors import InputError
 from biodyn_core.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.subject import load_subject
+from biodyn_core.wording import number
 from biodyn_ros import topics
 from biodyn_ros.files import check_directory
 from biodyn_ros.provenance import MADE_BY_MODEL
@@ -63,13 +64,15 @@ class _Observer(Node):
     def line(self) -> str:
         """One line of what is known now."""
         get = self.latest.get
-        residual = " ".join(f"{get(topics.RESIDUAL[segment], float('nan')):7.3f}" for segment in MEASURED_SEGMENTS)
+        residual = " ".join(f"{number(get(topics.RESIDUAL[segment])):>7s}" for segment in MEASURED_SEGMENTS)
         vdv, rolling = get(f"{topics.EXPOSURE}/{SEAT}/vdv"), get(f"{topics.ROLLING}/{SEAT}/vdv")
         if vdv is None or rolling is None:
             return f"  waiting: {self.state}" if self.state else "  waiting for the live node"
         head, predicted = get(f"{topics.EXPOSURE}/head/vdv", 0.0), get(f"{topics.EXPOSURE}/predicted/head/vdv", 0.0)
         dri = get(f"{topics.EXPOSURE}/dri", 0.0)
-        return f"{vdv:9.3f}{rolling:9.3f}{dri:7.2f}{head:10.3f}{predicted:10.3f}   {residual}   {self.state}"
+        columns = ((vdv, 9), (rolling, 9), (dri, 7), (head, 10), (predicted, 10))
+        shown = "".join(f"{number(figure):>{width}}" for figure, width in columns)
+        return f"{shown}   {residual}   {self.state}"
 
 
 def demo(out: Path, subject_name: str) -> None:

@@ -14,6 +14,7 @@ from biodyn_core.keeping import Lost
 from biodyn_core.limits import Limits
 from biodyn_core.pipeline import Exposure, Pipeline
 from biodyn_core.segments import HEAD, SEAT, SENSORS
+from biodyn_core.wording import counted
 from biodyn_ros import __version__
 from biodyn_ros.wording import MODEL, left_range, stuck
 
@@ -85,7 +86,7 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
             lines.append(f"{name}: {stuck(status.flat)}")
         lost = pipeline.lost(name)
         if lost.clipped:
-            lines.append(f"{name}: {lost.clipped} samples clipped: doses and peaks are lower bounds")
+            lines.append(f"{name}: {counted(lost.clipped, 'sample')} clipped: doses and peaks are lower bounds")
         if lost.missing_s > 0.0:
             lines.append(f"{name}: {lost.missing_s:.3f} s missing: doses and peaks are lower bounds")
     if pipeline.divergences:
@@ -98,6 +99,8 @@ def dose_figures(dose: Dose) -> dict[str, float | None]:
     return {
         "aw_mps2": dose.aw_mps2,
         "mtvv_mps2": dose.mtvv_mps2,
+        "mtvv_linear_mps2": dose.mtvv_linear_mps2,
+        "mtvv_exponential_mps2": dose.mtvv_exponential_mps2,
         "crest_factor": dose.crest_factor,
         "vdv_mps175": dose.vdv_mps175,
         "peak_mps2": dose.peak_mps2,
@@ -152,4 +155,12 @@ def _dri(since: Exposure, lower_bound: bool) -> dict[str, Any] | None:
 
 
 def _hic(hic: Hic | None, lower_bound: bool) -> dict[str, Any] | None:
-    return dataclasses.asdict(hic) | {"lower_bound": lower_bound} if hic else None
+    if hic is None:
+        return None
+    return dataclasses.asdict(hic) | {"windows_s": hic_windows(hic, hic.windows_s), "lower_bound": lower_bound}
+
+
+def hic_windows(hic: Hic, definitions: Iterable[str]) -> dict[str, list[float] | None]:
+    """Begin and end of the window with the largest HIC, by definition; None where HIC is zero."""
+    windows = {name: hic.windows_s[name] for name in definitions}
+    return {name: None if window is None else list(window) for name, window in windows.items()}

@@ -85,7 +85,7 @@ def exposure() -> list[Plot]:
     """What is counted since reset: doses, rms, the day's value against its limits, and what counts single shocks."""
     seat, lives = f"{EXPOSURE}/seat", ("seat", "head", "predicted/head")
     return [
-        Plot("VDV since reset, m/s^1.75", _scalars([(f"{EXPOSURE}/{name}/vdv", words(name)) for name in lives])),
+        Plot("VDV since reset, m/s¹·⁷⁵", _scalars([(f"{EXPOSURE}/{name}/vdv", words(name)) for name in lives])),
         Plot("aw over the window, m/s²", _scalars([(f"{ROLLING}/{name}/aw", words(name)) for name in lives])),
         Plot(
             "A(8) so far, m/s², with action and limit value",

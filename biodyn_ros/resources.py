@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Final
 
 from biodyn_core.errors import InputError
+from biodyn_core.suggestions import did_you_mean, did_you_mean_file
 from biodyn_ros.files import is_there
-from biodyn_ros.nearby import did_you_mean
 
 SHARE: Final = Path("share") / "biodyn_ros"
 
@@ -44,8 +44,8 @@ def subject_file(name_or_path: str | Path) -> Path:
         if path.name == str(name_or_path) and is_there(bundled):
             return bundled
     there = subject_names()
-    near = did_you_mean(Path(name_or_path).stem, there)
-    raise InputError(f"no subject file {name_or_path};{near} bundled are {_listed(there)}; give others by path")
+    near = did_you_mean_file(name_or_path) or did_you_mean(Path(name_or_path).stem, there)
+    raise InputError(f"no subject file {name_or_path}{near or ';'} bundled are {_listed(there)}; give others by path")
 
 
 def package_directory(name: str) -> Path:
@@ -62,7 +62,7 @@ def _find(kind: str, name: str) -> Path:
     if path.exists():
         return path
     there = sorted(entry.name for entry in directory.glob("[!.]*"))
-    raise InputError(f"no {name} in {directory}; there is {_listed(there)}")
+    raise InputError(f"no {name} in {directory}; there is {_listed(there)}{did_you_mean(name, there)}")
 
 
 def _root() -> Path:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Container, Sequence
 from typing import Any, Final
 
+from biodyn_core.wording import counted, decimal_places, number
+
 ZONE: Final = {
     "below_action_value": "Below the action values so far",
     "above_action_value": "Action value reached",
@@ -28,26 +30,21 @@ _RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv
 
 MODEL: Final = "the model"
 
+UNITS_TYPESET: Final = {"m/s^2": "m/s²", "m/s^1.75": "m/s¹·⁷⁵", "m/s^1.5": "m/s¹·⁵"}
+"""Units in messages, which terminals and JSON show as they are, and on pages."""
+
 MOST_MORE_PLACES: Final = 3
 """An interval is told by at most so many decimal places more than a number is."""
 
 
 def stuck(samples: int) -> str:
     """What is said of samples of a reading that never changed."""
-    return f"{samples} samples of an unchanging reading count as missing: stuck?"
+    return f"{counted(samples, 'sample')} of an unchanging reading counted as missing: stuck?"
 
 
 def left_range(samples: int) -> str:
     """What is said of samples at which the model left its range."""
-    return f"left its range at {samples} sample{'' if samples == 1 else 's'}, none of them predicted: it began at rest"
-
-
-def number(value: float | None) -> str:
-    """Three significant digits without an exponent where that is possible; a dash for what is not known."""
-    if value is None or math.isnan(value):
-        return "–"
-    places = _places(value)
-    return f"{value:.3g}" if places is None else f"{value:.{places}f}"
+    return f"left its range at {counted(samples, 'sample')}, none of them predicted: it began at rest"
 
 
 def told_apart(value: float | None, lower: float | None, upper: float | None) -> tuple[str, str, str]:
@@ -55,23 +52,29 @@ def told_apart(value: float | None, lower: float | None, upper: float | None) ->
     if value is None or lower is None or upper is None or not 0.0 < upper - lower < math.inf:
         return number(value), number(lower), number(upper)
     half = 0.5 * (upper - lower)
-    apart = min(-math.floor(math.log10(half)), (_places(value) or 0) + MOST_MORE_PLACES)
+    apart = min(-math.floor(math.log10(half)), (decimal_places(value) or 0) + MOST_MORE_PLACES)
     shown = []
     for each in (value, lower, upper):
-        places = _places(each)
+        places = decimal_places(each)
         shown.append(number(each) if places is None else f"{each:.{max(places, apart)}f}")
     return shown[0], shown[1], shown[2]
-
-
-def _places(value: float) -> int | None:
-    """Decimal places of three significant digits, once rounded to them; None where an exponent may be needed."""
-    size = abs(float(f"{value:.3g}"))
-    return max(0, 2 - math.floor(math.log10(size))) if 1e-3 <= size < 1e6 else None
 
 
 def bound(value: float | None, lower: bool) -> str:
     """The number, with ">=" before it where it is a lower bound."""
     return f">= {number(value)}" if lower and value is not None else number(value)
+
+
+def span(window_s: Sequence[float] | None) -> str:
+    """Begin and end of a window of time to a millisecond: 2.317 to 2.332; a dash where there is none."""
+    return "–" if window_s is None else f"{window_s[0]:.3f} to {window_s[1]:.3f}"
+
+
+def typeset(text: str) -> str:
+    """The text of a page with its units in superscripts."""
+    for plain, shown in UNITS_TYPESET.items():
+        text = text.replace(plain, shown)
+    return text
 
 
 def table(rows: Sequence[Sequence[str]], left: Container[int]) -> list[str]:

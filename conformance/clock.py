@@ -213,7 +213,7 @@ def _figure_rows(fault: Fault, dose: dict[str, float]) -> list[Row]:
     vdv = float((weighted()[counted] ** 4).sum() / RATE_HZ) ** 0.25
     return [
         Row(f"{fault.what}: aw", dose["aw_mps2"], aw, FIGURE_TOLERANCE, "m/s²"),
-        Row(f"{fault.what}: VDV", dose["vdv_mps175"], vdv, FIGURE_TOLERANCE, "m/s^1.75"),
+        Row(f"{fault.what}: VDV", dose["vdv_mps175"], vdv, FIGURE_TOLERANCE, "m/s¹·⁷⁵"),
     ]
 
 

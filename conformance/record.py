@@ -84,7 +84,7 @@ def instants(rate_hz: float, seconds: float, late_samples: float = 0.0) -> Float
 def stream(
     sensor: str, time_s: Floats, up: Floats, forward: Floats | float = 0.0, left: Floats | float = 0.0
 ) -> Stream:
-    """What a sensor would send at instants time_s (n,) for a motion in m/s^2 (n,), gravity added, stamps right."""
+    """What a sensor would send at instants time_s (n,) for a motion in m/s² (n,), gravity added, stamps right."""
     force = np.column_stack([np.broadcast_to(part, time_s.shape) for part in (forward, left, up + GRAVITY_MPS2)])
     noise = NOISE_MPS2 * np.random.default_rng(SENSORS.index(sensor)).standard_normal(force.shape)
     stamps = _nanoseconds(time_s)

@@ -24,9 +24,9 @@ def rest_rows() -> list[Row]:
     """Six sensors that never move."""
     time = record.instants(RATE_HZ, SECONDS)
     found = record.replayed({sensor: record.stream(sensor, time, np.zeros(time.size)) for sensor in SENSORS}).document
-    rows = [_nothing(f"VDV, {sensor}", found["sensors"][sensor]["vdv_mps175"], "m/s^1.75") for sensor in SENSORS]
-    rows += [_nothing(f"VDV, seat, {a}", found["seat"]["vdv_weighted_mps175"][a], "m/s^1.75") for a in "xyz"]
-    rows += [_nothing(f"predicted VDV, {HEAD}", found["predicted"][HEAD]["vdv_mps175"], "m/s^1.75")]
+    rows = [_nothing(f"VDV, {sensor}", found["sensors"][sensor]["vdv_mps175"], "m/s¹·⁷⁵") for sensor in SENSORS]
+    rows += [_nothing(f"VDV, seat, {a}", found["seat"]["vdv_weighted_mps175"][a], "m/s¹·⁷⁵") for a in "xyz"]
+    rows += [_nothing(f"predicted VDV, {HEAD}", found["predicted"][HEAD]["vdv_mps175"], "m/s¹·⁷⁵")]
     rows += [_nothing("DRI, compression", found["dri"]["compression"])]
     rows += [_nothing("HIC15, vertical", found["hic15"]["vertical"])]
     return [*rows, Row("HIC15 as printed, 1 g for 15 ms", found["hic15"]["as_printed"], 0.015, NOTHING)]
@@ -47,7 +47,7 @@ def gravity_rows() -> list[Row]:
     begin_s = float(time[record.first_counted(time)])
     analog = twins.figures("Wk", modes, begin_s, float(time[-1])).vdv_mps175
     return [
-        Row(f"VDV, gravity reads {gravity:g} m/s²", found[sensor]["vdv_mps175"], analog, TOLERANCE, "m/s^1.75")
+        Row(f"VDV, gravity reads {gravity:g} m/s²", found[sensor]["vdv_mps175"], analog, TOLERANCE, "m/s¹·⁷⁵")
         for sensor, gravity in zip(SENSORS, GRAVITIES_MPS2, strict=True)
     ]
 
@@ -57,7 +57,7 @@ def sections() -> list[RowTable]:
     counted = twins.figures("Wk", twins.step(GRAVITY_MPS2, 0.0), 0.0, SECONDS).vdv_mps175
     rest = f"""\
 Six sensors at rest, gravity along six different axes from the first sample on. Were it taken for a jump to 1 g, VDV
-would be {counted:.2f} m/s^1.75. Tolerance: ten times the noise of {record.NOISE_MPS2:g} m/s² that every sensor here
+would be {counted:.2f} m/s¹·⁷⁵. Tolerance: ten times the noise of {record.NOISE_MPS2:g} m/s² that every sensor here
 has."""
     same = """\
 One motion (5 Hz from 6 m/s², dying away with 0.4 s), seen by sensors that read gravity differently, by place, gain or

@@ -29,8 +29,11 @@ MOTIONS: Final[dict[str, Callable[[float], list[Mode]]]] = {
 
 HORIZONTAL: Final = {"x": "step of 2 m/s²", "y": "half-sine shock, 30 m/s², 100 ms"}
 
-UNITS: Final = {"aw_mps2": "m/s²", "vdv_mps175": "m/s^1.75", "mtvv_mps2": "m/s²", "peak_mps2": "m/s²"}
-NAMES: Final = {"aw_mps2": "aw", "vdv_mps175": "VDV", "mtvv_mps2": "MTVV", "peak_mps2": "peak"}
+NAMES: Final = {
+    "aw_mps2": "aw", "vdv_mps175": "VDV", "mtvv_mps2": "MTVV", "mtvv_linear_mps2": "MTVV, linear",
+    "mtvv_exponential_mps2": "MTVV, exponential", "peak_mps2": "peak",
+}  # fmt: skip
+UNITS: Final = {name: "m/s¹·⁷⁵" if name == "vdv_mps175" else "m/s²" for name in NAMES}
 
 
 class _Span:

@@ -106,7 +106,7 @@ def weighted(name: str, accel: Floats, rate_hz: float) -> Floats:
 
 
 class Mode(NamedTuple):
-    """A part of a motion: Re(amplitude exp(exponent (t - begin))) from `begin` on, m/s^2."""
+    """A part of a motion: Re(amplitude exp(exponent (t - begin))) from `begin` on, m/s²."""
 
     begin_s: float
     exponent: complex
@@ -147,19 +147,25 @@ class Figures:
     aw_mps2: float
     vdv_mps175: float
     mtvv_mps2: float
+    mtvv_linear_mps2: float
+    mtvv_exponential_mps2: float
     peak_mps2: float
 
 
 def figures(name: str, modes: Sequence[Mode], begin_s: float, end_s: float) -> Figures:
-    """Exposure from `begin_s` to `end_s` of a motion weighted by the analog curve; MTVV averages exponentially, 1 s."""
+    """Exposure from `begin_s` to `end_s` of a motion weighted by the analog curve; MTVV averages over 1 s."""
     time = np.arange(begin_s, end_s, FINE_S)
     square = answer(weighting(name), modes, time) ** 2
     forget = math.exp(-FINE_S)
-    running = signal.lfilter([1.0 - forget], [1.0, -forget], square)
+    exponential = math.sqrt(float(signal.lfilter([1.0 - forget], [1.0, -forget], square).max()))
+    integral = np.concatenate([np.zeros(round(1.0 / FINE_S)), np.cumsum(square) * FINE_S])
+    linear = math.sqrt(float((integral[-square.size :] - integral[: square.size]).max()))
     return Figures(
         aw_mps2=math.sqrt(float(square.mean())),
         vdv_mps175=float((square**2).sum() * FINE_S) ** 0.25,
-        mtvv_mps2=math.sqrt(float(running.max())),
+        mtvv_mps2=max(linear, exponential),
+        mtvv_linear_mps2=linear,
+        mtvv_exponential_mps2=exponential,
         peak_mps2=math.sqrt(float(square.max())),
     )
 

@@ -193,6 +193,20 @@ def weighted(name, accel, rate_hz):
     return np.fft.irfft(np.fft.rfft(padded) * gain, len(padded))[: len(accel)]
 
 
+def linear_running_rms(accel, rate_hz):
+    """Rms over the last second at every sample (ISO 2631-1:1997, 6.3.1, Eq. 2), rest before the first.
+
+    A sample stands for one period; the oldest of a second that is no whole number of them counts in part.
+    """
+    whole = math.floor(rate_hz)
+    square = np.concatenate([np.zeros(whole + 1), np.asarray(accel) ** 2])
+    out = []
+    for n in range(1, len(accel) + 1):
+        in_full, oldest = square[n + 1 : n + 1 + whole], square[n]
+        out.append(math.sqrt((in_full.sum() + (rate_hz - whole) * oldest) / rate_hz))
+    return np.array(out)
+
+
 def running_rms(accel, rate_hz):
     """Exponentially averaged rms with 1 s, sample by sample (ISO 2631-1:1997, 6.3.1, Eq. 3)."""
     forget = math.exp(-1.0 / rate_hz)

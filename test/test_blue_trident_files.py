@@ -44,6 +44,9 @@ def place_of(directory: Path) -> Path:
     [
         ({}, None, "which sensor is which? there are TS-00001, TS-00002, TS-01874: --map seat=TS-00001"),
         ({"seat": "TS-9"}, None, "--map seat=TS-9: no such serial; there are TS-00001, TS-00002, TS-01874"),
+        ({"seat": "1847"}, None, "TS-01874; did you mean 1874?"),
+        ({"seat": "2"}, "1999", "--take 1999: no such take"),
+        ({"seat": "TS-00001", "head": "00001"}, None, "--map head=TS-00001: the serial is given as seat too"),
         ({"seat": "TS-00002"}, None, f"TS-00002 (seat) has several takes: {TAKE}, 2021-06-01: choose with --take"),
         ({"seat": "TS-00002"}, "1999", f"--take 1999: no such take; there are {TAKE}, 2021-06-01"),
         ({"seat": "TS-00001"}, "2021-06", f"--take 2021-06: no such take; there are {TAKE}"),
@@ -56,6 +59,19 @@ def test_what_does_not_fit_is_one_line(mapping: dict[str, str], take: str | None
         imported(place, tmp_path / "b.mcap", mapping, take=take)
     assert said in str(told.value) and "\n" not in str(told.value)
     assert [path.name for path in tmp_path.iterdir()] == ["csv"]
+
+
+def test_the_end_of_a_serial_is_enough_where_one_alone_ends_so(tmp_path: Path) -> None:
+    for serial in ("TS-01874", "TS-11875", "TS-21875"):
+        capture_u_files(tmp_path / "csv", serial, shock((9.0,)), 0.5, None)
+    document = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "1874", "head": "11875"})
+    assert {name: row["serial"] for name, row in document["sensors"].items()} == {
+        "seat": "TS-01874",
+        "head": "TS-11875",
+    }
+    with pytest.raises(InputError, match="--map seat=1875: TS-11875, TS-21875 end so: give one of them whole"):
+        imported(tmp_path / "csv", tmp_path / "c.mcap", {"seat": "1875"})
+    assert not (tmp_path / "c.mcap").exists()
 
 
 def test_a_take_is_chosen_by_its_beginning(tmp_path: Path) -> None:

@@ -103,6 +103,12 @@ def test_every_tuning_setting_states_its_range_or_choices(capsys: pytest.Capture
             assert stated, (name, action.dest)
 
 
+def test_no_line_of_the_help_says_a_name_twice(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = said(capsys, "--help")
+    lines = [line.split()[:2] for line in out.splitlines() if line.startswith("  ")]
+    assert lines and not [words for words in lines if words[0] == words[-1] and len(words) > 1]
+
+
 def test_json_is_everywhere_but_where_it_would_say_nothing() -> None:
     with_json = {
         name
@@ -222,6 +228,14 @@ def test_the_examples_of_the_live_node_name_what_it_has(place: Path) -> None:
         ),
         ("simulate --subject subject_1 -o x.mcap", "one of the arguments --seat --case is required"),
         ("replay nothere.mcap --subject subject_1 -o x", "nothere.mcap: cannot be read (No such file or directory)"),
+        ("replay drve.mcap --subject subject_1 -o x", "(No such file or directory); did you mean drive.mcap?"),
+        ("replay drive.mcap --subject ana.yaml -o x", "did you mean anna.yaml?"),
+        ("replay drive.mcap --subject subject_1 -o x --map sead=/car/floor/imu", "head; did you mean seat?"),
+        ("replay drive.mcap --subject subject_1 -o x --map seat=/car/flor/imu", "did you mean /car/floor/imu?"),
+        ("replay drive.mcap --subject subject_1 -o x --limits limit.yaml", "did you mean limits.yaml?"),
+        ("simulate --subject subject_1 --case raod -o x.mcap", "did you mean road?"),
+        ("simulate --subject subject_1 --case road --rate-hz 200 -o x", "allowed are 250 to 20000 Hz"),
+        ("fit drive.mcap --subject anna.yaml -o y.yaml --case drve.mcap=road", "did you mean drive.mcap?"),
         ("replay seat.csv --subject subject_1 -o x", "seat.csv: "),
         ("replay drive.mcap --subject seat.csv -o x", "seat.csv: "),
         ("replay drive.mcap --subject subject_1 -o seat.csv", "seat.csv: is a file, a directory is needed"),

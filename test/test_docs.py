@@ -95,6 +95,17 @@ def spelled_out(word: str, desk: Path) -> list[str]:
     return sorted(str(path.relative_to(desk)) for path in desk.glob(word)) or [word] if "*" in word else [word]
 
 
+def test_the_guide_fits_the_person_whom_it_recorded() -> None:
+    """Every person in its files has the body of the subject that its recordings are drawn of."""
+    text = "".join(block for kind, block in BLOCKS if kind == "sh")
+    drawn = [load_subject(subject_file(name)) for name in re.findall(r"biodyn simulate --subject (\S+)", text)]
+    bodies = {(person.body_mass_kg, person.stature_m) for person in drawn}
+    files = [yaml.safe_load(block) for kind, block in BLOCKS if kind == "yaml"]
+    persons = [document for document in files if "body_mass_kg" in document]
+    assert len(persons) == 2 and len(bodies) == 1
+    assert {(person["body_mass_kg"], person["stature_m"]) for person in persons} == bodies
+
+
 def what_it_promises_is_there(desk: Path) -> None:
     assert json.loads((desk / "road_1.info.json").read_text())["topics"]
     assert (desk / "out" / "road_1" / "report.html").exists()

@@ -61,7 +61,8 @@ def test_doses_are_those_of_the_weighted_spectrum(weighting, rate_hz, share):
     assert found.aw_mps2 == pytest.approx(math.sqrt((wanted**2).mean()), rel=share)
     assert found.vdv_mps175 == pytest.approx(((wanted**4).sum() / rate_hz) ** 0.25, rel=share)
     assert found.peak_mps2 == pytest.approx(np.abs(wanted).max(), rel=3.0 * share)
-    assert found.mtvv_mps2 == pytest.approx(naive.running_rms(wanted, rate_hz).max(), rel=share)
+    assert found.mtvv_linear_mps2 == pytest.approx(naive.linear_running_rms(wanted, rate_hz).max(), rel=share)
+    assert found.mtvv_exponential_mps2 == pytest.approx(naive.running_rms(wanted, rate_hz).max(), rel=share)
     assert found.crest_factor == pytest.approx(found.peak_mps2 / found.aw_mps2)
     assert found.seconds == pytest.approx(len(accel) / rate_hz)
 
@@ -109,8 +110,58 @@ def test_a_step_of_level_brings_mtvv_up_with_a_second():
     amplitude = 3.0 * abs(naive.weighting("Wk", 16.0))
     for seconds in (0.5, 1.0, 2.0, 4.0):
         quiet_then_loud = np.concatenate([np.zeros((2000, 1)), sine(16.0, 3.0, seconds)])
-        wanted = amplitude / math.sqrt(2.0) * math.sqrt(1.0 - math.exp(-seconds))
-        assert dose(quiet_then_loud).mtvv_mps2 == pytest.approx(wanted, rel=1.5e-2)
+        found, rms = dose(quiet_then_loud), amplitude / math.sqrt(2.0)
+        assert found.mtvv_linear_mps2 == pytest.approx(rms * math.sqrt(min(seconds, 1.0)), rel=1.5e-2)
+        assert found.mtvv_exponential_mps2 == pytest.approx(rms * math.sqrt(1.0 - math.exp(-seconds)), rel=1.5e-2)
+
+
+def as_weighted(accel: np.ndarray, rate_hz: float = RATE_HZ) -> Dose:
+    """The dose of a signal (n,) that is weighted already."""
+    meter = DoseMeter("Wk", rate_hz, 1, WINDOW_S)
+    meter._weighting.sos = np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    meter.push(accel[:, None])
+    return meter.since_reset()[0]
+
+
+@pytest.mark.parametrize("rate_hz", [250.0, 250.5, RATE_HZ])
+@pytest.mark.parametrize("burst_s", [0.1, 0.5, 1.0, 3.0])
+def test_both_mtvv_of_a_rectangular_burst_are_the_closed_form(rate_hz, burst_s):
+    samples, rest = round(burst_s * rate_hz), np.zeros(round(2.2 * rate_hz))
+    held_s = samples / rate_hz
+    found = as_weighted(np.concatenate([rest, np.full(samples, 3.0), rest]), rate_hz)
+    assert found.mtvv_linear_mps2 == pytest.approx(3.0 * math.sqrt(min(held_s, 1.0)), rel=ROUNDING)
+    assert found.mtvv_exponential_mps2 == pytest.approx(3.0 * math.sqrt(1.0 - math.exp(-held_s)), rel=ROUNDING)
+    assert found.mtvv_mps2 == found.mtvv_linear_mps2  # the exponential one is 0.2 to 20 % less
+
+
+@pytest.mark.parametrize(("frequency_hz", "tau_s"), [(4.0, 0.2), (12.0, 0.09), (2.0, 0.8)])
+def test_the_linear_mtvv_of_a_decaying_sine_is_the_closed_form(frequency_hz, tau_s):
+    rate_hz, omega = 4000.5, 2.0 * math.pi * frequency_hz
+    time = (np.arange(round(3.0 * rate_hz)) + 0.5) / rate_hz
+    found = as_weighted(5.0 * np.exp(-time / tau_s) * np.sin(omega * time), rate_hz)
+    # The integral of exp(-2 t / tau) sin(w t)^2 over its first second: whole cycles, so no later one holds more.
+    rates = complex(2.0 / tau_s, 0.0), complex(2.0 / tau_s, -2.0 * omega)
+    level, ripple = ((1.0 - np.exp(-rate)) / rate for rate in rates)
+    assert found.mtvv_linear_mps2 == pytest.approx(5.0 * math.sqrt(0.5 * (level - ripple).real), rel=1e-4)
+
+
+def test_of_shocks_further_apart_than_a_second_the_exponential_mtvv_is_the_larger():
+    apart_s, energy = 1.25, 2.0  # of each shock, m^2/s^3
+    accel = np.zeros(round(20.0 * 400.0))
+    accel[:: round(apart_s * 400.0)] = math.sqrt(energy * 400.0)
+    found = as_weighted(accel, 400.0)
+    assert found.mtvv_linear_mps2 == pytest.approx(math.sqrt(energy), rel=ROUNDING)
+    wanted = math.sqrt(energy / (1.0 - math.exp(-apart_s)))
+    assert found.mtvv_exponential_mps2 == pytest.approx(wanted, rel=2e-3)  # decay within a sample
+    assert found.mtvv_mps2 == found.mtvv_exponential_mps2 > 1.1 * found.mtvv_linear_mps2
+
+
+def test_a_shock_that_has_left_the_second_leaves_no_rounding_error():
+    meter = DoseMeter("Wk", RATE_HZ, 1, 0.2)
+    meter._weighting.sos = np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    meter.push(np.full((300, 1), 1e9))
+    meter.push(np.full((round(1.3 * RATE_HZ), 1), 1e-3))
+    assert meter.rolling()[0].mtvv_linear_mps2 == pytest.approx(1e-3, rel=ROUNDING)
 
 
 def test_mtvv_remembers_the_loudest_moment_and_aw_forgets_it():
@@ -125,7 +176,7 @@ def test_mtvv_remembers_the_loudest_moment_and_aw_forgets_it():
 def test_scaling_the_input_scales_every_figure(seed, factor):
     accel = noise(seed, 0.8)
     one, many = dose(accel), dose(factor * accel)
-    for name in ("aw_mps2", "mtvv_mps2", "vdv_mps175", "peak_mps2"):
+    for name in ("aw_mps2", "mtvv_linear_mps2", "mtvv_exponential_mps2", "vdv_mps175", "peak_mps2"):
         assert getattr(many, name) == pytest.approx(abs(factor) * getattr(one, name), rel=ROUNDING)
     assert many.crest_factor == pytest.approx(one.crest_factor, rel=ROUNDING)
     assert many.seconds == one.seconds
@@ -143,7 +194,8 @@ def test_joined_records_add_fourth_powers_and_squares(seed, first, second):
     assert together.aw_mps2**2 * together.seconds == pytest.approx(squares, rel=ROUNDING)
     assert together.seconds == pytest.approx(sum(d.seconds for d in apart), rel=ROUNDING)
     assert together.peak_mps2 == pytest.approx(max(d.peak_mps2 for d in apart), rel=ROUNDING)
-    assert together.mtvv_mps2 == pytest.approx(max(d.mtvv_mps2 for d in apart), rel=ROUNDING)
+    for name in ("mtvv_linear_mps2", "mtvv_exponential_mps2"):
+        assert getattr(together, name) == pytest.approx(max(getattr(d, name) for d in apart), rel=ROUNDING)
 
 
 def test_a_channel_of_nothing_has_no_crest_factor():
@@ -196,14 +248,23 @@ METERS = {
 
 def figures(meter) -> list[float]:
     """Every figure a meter can tell, since reset and rolling."""
-    found = []
+    found: list[float] = []
     for rolling in (False, True):
         if isinstance(meter, HorizontalMeter):
             answer = meter.along(np.linspace(0.0, np.pi, 7), rolling=rolling)
         else:
             answer = meter.rolling() if rolling else meter.since_reset()
-        found += np.ravel([list(vars(a).values()) if hasattr(a, "__dict__") else a for a in _flat(answer)]).tolist()
+        found += np.ravel([_numbers(a) if hasattr(a, "__dict__") else a for a in _flat(answer)]).tolist()
     return found
+
+
+def _numbers(answer) -> list[float]:
+    """Every number of a dose or an injury criterion, behind them the windows of HIC."""
+    numbers = list(vars(answer).values())
+    if isinstance(numbers[-1], dict):
+        spans = numbers.pop().values()
+        numbers += [edge for span in spans for edge in (span or (math.nan, math.nan))]
+    return numbers
 
 
 def _flat(answer) -> list:
@@ -293,7 +354,7 @@ def test_the_rolling_window_moves_on_over_a_break(name):
     meter.skip(0.5 * WINDOW_S + 2.0 * BIN_S)
     after = np.array(figures(meter))
     np.testing.assert_allclose(after[:half], before[:half], rtol=ROUNDING)  # and since reset it stays
-    gone = after[half:][: half - 1] if name in ("dri", "hic") else after[half:]  # time_s and bandwidth are no doses
+    gone = after[half:][: {"dri": 2, "hic": 3}.get(name)]  # time and bandwidth are no doses
     assert np.isin(gone, [0.0, np.nan]).all() or np.isnan(gone).all()
 
 
@@ -415,7 +476,9 @@ def test_the_running_mean_square_behind_a_break_is_a_lower_bound():
         meter.push(np.ascontiguousarray(part))
         meter.skip(0.0)
     broken_up = meter.since_reset()[0]
-    assert 0.7 * whole.mtvv_mps2 < broken_up.mtvv_mps2 < 0.85 * whole.mtvv_mps2  # sqrt(1 - 1/e) = 0.80
+    share = broken_up.mtvv_exponential_mps2 / whole.mtvv_exponential_mps2
+    assert 0.7 < share < 0.85  # sqrt(1 - 1/e) = 0.80
+    assert broken_up.mtvv_linear_mps2 <= whole.mtvv_linear_mps2 * (1.0 + ROUNDING)
 
 
 # --- motion sickness -------------------------------------------------------------------------------------------------
@@ -533,14 +596,17 @@ def test_rolling_figures_are_those_of_the_last_bins(seed, pieces, window_s):
             bins.close()
     weighted = filtered(accel[:at])
     span = weighted[bins.span]
-    running = naive.running_rms(weighted, RATE_HZ)[bins.span]
+    linear, exponential = (
+        running(weighted, RATE_HZ)[bins.span] for running in (naive.linear_running_rms, naive.running_rms)
+    )
     found = meter.rolling()[0]
     assert found.seconds == pytest.approx(len(span) / RATE_HZ)
     if len(span):
         assert found.aw_mps2 == pytest.approx(math.sqrt((span**2).mean()), rel=ROUNDING)
         assert found.vdv_mps175 == pytest.approx(((span**4).sum() / RATE_HZ) ** 0.25, rel=ROUNDING)
         assert found.peak_mps2 == pytest.approx(np.abs(span).max(), rel=ROUNDING)
-        assert found.mtvv_mps2 == pytest.approx(running.max(), rel=ROUNDING)
+        assert found.mtvv_linear_mps2 == pytest.approx(linear.max(), rel=ROUNDING)
+        assert found.mtvv_exponential_mps2 == pytest.approx(exponential.max(), rel=ROUNDING)
 
 
 def filtered(accel: np.ndarray) -> np.ndarray:

@@ -54,14 +54,14 @@ def test_two_axles_are_one_shock() -> None:
 def test_what_is_missing_is_said_and_enough_is_enough() -> None:
     assert missing([case([1.5])], "to fit") == [
         "to fit: 17 s without shocks, 30 are needed",
-        "to fit: 1 shocks of 0.8 g and more, 6 are needed",
-        "to fit: 0 shocks of 2 g and more, 1 are needed",
+        "to fit: 1 shock of 0.8 g and more, 6 are needed",
+        "to fit: 0 shocks of 2 g and more, 1 is needed",
     ]
     enough = [case([1.0, 1.5, 1.5]), case([4.0, 5.0, 1.0])]
     assert missing(enough, "held out", FloorSettings(road_s=20.0)) == []
     assert missing(enough, "held out") == []  # 2 x 18 s less 6 s of shocks are just 30
     assert missing(enough[:1], "held out", FloorSettings(road_s=1.0, shocks=3)) == [
-        "held out: 0 shocks of 2 g and more, 1 are needed"
+        "held out: 0 shocks of 2 g and more, 1 is needed"
     ]
     assert missing([], "held out")[0] == "held out: 0 s without shocks, 30 are needed"
 

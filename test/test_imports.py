@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # From the bottom up. A module imports from lower layers, and from its own as long as no circle arises.
 LAYERS = (
     ("arrays", "errors", "segments"),
+    ("sampling_rate", "suggestions", "wording"),
     (
         "conditioning_settings",
         "dual_range_settings",

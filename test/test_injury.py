@@ -213,6 +213,46 @@ def test_hic_is_brute_force_where_the_window_is_whole_samples(rate_hz):
     assert hic(vertical(pulse), rate_hz, length_s).vertical == pytest.approx(wanted, rel=ROUNDING)
 
 
+@pytest.mark.parametrize("cuts", [(), (600, 601, 640)])
+@pytest.mark.parametrize(("rate_hz", "near_s"), [(1000.0, 1e-9), (RATE_HZ, 1.0 / RATE_HZ)])
+def test_hic_tells_where_its_window_lies(rate_hz, near_s, cuts):
+    """A half-sine of 20 ms is best where tan x = 5/3 x, over 0.633 of it, around its middle: 12.7 ms."""
+    pulse = vertical(naive.half_sine(40.0, 0.02, 1.5, rate_hz, begin_s=0.62))
+    pulse[-round(0.2 * rate_hz) :] = np.nan  # what is missing behind it changes nothing
+    meter = HicMeter(rate_hz, 0.015, WINDOW_S)
+    for part in np.split(pulse * naive.GRAVITY, cuts):
+        meter.push(np.ascontiguousarray(part))
+    window = meter.since_reset().windows_s["vertical"]
+    assert sum(window) / 2.0 == pytest.approx(0.63, abs=near_s)
+    assert window.end - window.begin == pytest.approx(0.01267, abs=1.5 / rate_hz)
+    begin, end = (round(edge * rate_hz) for edge in window)
+    mean_g = np.trapezoid(pulse[begin : end + 1, 2]) / (end - begin)
+    assert meter.since_reset().vertical == pytest.approx((end - begin) / rate_hz * mean_g**2.5, rel=ROUNDING)
+
+
+def test_the_window_of_hic_counts_breaks_and_begins_anew_at_a_reset():
+    pulse = vertical(naive.half_sine(40.0, 0.02, 0.5, 1000.0, begin_s=0.3)) * naive.GRAVITY
+    meter = HicMeter(1000.0, 0.015, WINDOW_S)
+    meter.push(0.5 * pulse)
+    meter.skip(2.0)
+    meter.push(pulse)
+    first, second = 0.31, 2.5 + 0.31
+    assert sum(meter.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(second, abs=1e-9)
+    meter.push(0.9 * pulse)
+    assert sum(meter.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(second, abs=1e-9)
+    kept = meter.kept()
+    meter.reset()
+    assert meter.since_reset().windows_s["resultant"] is None
+    meter.push(0.2 * pulse)
+    assert sum(meter.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(first, abs=1e-9)
+    # Another run counts on: the larger pulse of both tells the window, by the time since the first began.
+    for share, wanted in ((0.5, second), (2.0, 3.5 + first)):
+        after = HicMeter(1000.0, 0.015, WINDOW_S)
+        after.resume(kept)
+        after.push(share * pulse)
+        assert sum(after.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(wanted, abs=1e-9)
+
+
 def test_interpolated_ends_improve_on_the_grid_at_the_native_rate():
     truth = naive.head_injury(naive.half_sine(50.0, 0.04, 0.08, 10_000.0), 10_000.0, 0.015)
     pulse = naive.half_sine(50.0, 0.04, 0.08, RATE_HZ)

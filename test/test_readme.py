@@ -12,6 +12,7 @@ import pytest
 from biodyn_ros import topics
 from biodyn_ros.commands.table import NAMES
 from biodyn_ros.live import SETTINGS
+from biodyn_ros.wording import typeset
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -23,7 +24,11 @@ def rows() -> list[str]:
     for item in (item for kind in SETTINGS for item in dataclasses.fields(kind)):
         allowed = item.metadata["range"]
         default = "none" if item.default is None else str(item.default).lower() or "-"
-        span = f"{allowed.lower:g} to {allowed.upper:g} {allowed.unit}".strip() if math.isfinite(allowed.lower) else ""
+        span = (
+            f"{allowed.lower:g} to {allowed.upper:g} {typeset(allowed.unit)}".strip()
+            if math.isfinite(allowed.lower)
+            else ""
+        )
         lines.append(f"| `{item.name}` | {default} | {span} | {allowed.meaning} |")
     return lines
 

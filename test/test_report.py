@@ -110,6 +110,7 @@ def document() -> dict[str, object]:
             "vertical": 0.456,
             "resultant": 0.567,
             "bandwidth_hz": 564.6,
+            "windows_s": {"as_printed": [1.0, 1.015], "vertical": [1.0, 1.015], "resultant": [1.2, 1.2131]},
             "lower_bound": False,
         },
         "hic36": {
@@ -117,6 +118,7 @@ def document() -> dict[str, object]:
             "vertical": 0.678,
             "resultant": 0.789,
             "bandwidth_hz": 564.6,
+            "windows_s": {"as_printed": [1.0, 1.015], "vertical": [1.0, 1.015], "resultant": [1.2, 1.2131]},
             "lower_bound": False,
         },
         "residual": {
@@ -267,8 +269,8 @@ def test_the_page_says_every_figure_with_its_unit(tmp_path):
     text = page_of(tmp_path, document()).text
     for expected in (
         "Replay of rail.mcap", "subject_1", "segment", "61.2 s", "0.75 s", "0.1.0", "causal",
-        "Below the action values so far", "A(8), m/s2 0.0187 0.5 1.15 worst direction",
-        "VDV, m/s1.75 2.32 9.1 21 z", "Everything is below.",
+        "Below the action values so far", "A(8), m/s² 0.0187 0.5 1.15 worst direction",
+        "VDV, m/s¹·⁷⁵ 2.32 9.1 21 z", "Everything is below.",
         "Beside, ISO 2631-1 caution zone: below the action values so far. Lower than 8.5.",
         "no additional evaluation asked for (ISO 2631-1:1997, axis z): crest factor 7.25, MTVV/aw 1.31",
         "Governed by VDV, axis z (2002/44/EC)", "4 h 0 min left", "more than 24 h left", "use the seat alone",
@@ -277,10 +279,10 @@ def test_the_page_says_every_figure_with_its_unit(tmp_path):
         "seat 0.100 0.500 0.200 7.25 0.900 0.000 0", "pelvis 0.200 0.317 1.00 1.58 0.400 7.25 1.80 not validated",
         "central torso 0.226 – 1.13 –", "DRI 6.78", "band 5.2-13.0", "7.89 as the paper prints it",
         "23.456 s after counting began",
-        "a single upward pulse", "not a dose of repeated shocks", "HIC15 1.23 0.456 0.567 565",
-        "HIC36 2.35 0.678 0.789 565",
+        "a single upward pulse", "not a dose of repeated shocks", "HIC15 1.23 0.456 0.567 1.200 to 1.213 565",
+        "HIC36 2.35 0.678 0.789 1.200 to 1.213 565",
         "before the 80.0 Hz low-pass", "Predictions are a model's",
-        "aw, m/s2 VDV, m/s1.75 MTVV, m/s2 crest factor peak, m/s2", "whole record: residual 0.123 m/s² rms, 15.0 %",
+        "aw, m/s² VDV, m/s¹·⁷⁵ MTVV, m/s² crest factor peak, m/s²", "whole record: residual 0.123 m/s² rms, 15.0 %",
     ):  # fmt: skip
         assert expected in text, expected
     assert ">= " not in text
@@ -327,12 +329,12 @@ def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
         changed[name]["lower_bound"] = True
     page = page_of(tmp_path, changed)
     for expected in (
-        "Undecided: no verdict on the seat", "Too much is missing.", "A(8), m/s2 >= 0.0187", "VDV, m/s1.75 >= 2.32",
-        "1.234 s are missing and 0 samples are clipped",
+        "Undecided: no verdict on the seat", "Too much is missing.", "A(8), m/s² >= 0.0187", "VDV, m/s¹·⁷⁵ >= 2.32",
+        "1.234 s missing and 0 samples clipped",
         "Action value: time left withheld, because 1.23 s are missing at the seat, more than 1 %.",
         "seat 0.100 >= 0.500 >= 0.200 7.25 >= 0.900 1.234 0",
         "head >= 0.155 >= 0.775 >= 0.310 7.25 >= 1.40 0.000 17",
-        "pelvis 0.200 0.317 >= 1.00 1.58 >= 0.400", "DRI >= 6.78", "HIC15 >= 1.23 >= 0.456 >= 0.567 565",
+        "pelvis 0.200 0.317 >= 1.00 1.58 >= 0.400", "DRI >= 6.78", "HIC15 >= 1.23 >= 0.456 >= 0.567 1.200 to 1.213 565",
         "undecided whether additional evaluation is asked for",
     ):  # fmt: skip
         assert expected in page.text, expected
@@ -348,7 +350,7 @@ def test_a_vertical_only_seat_is_a_lower_bound_and_its_vertical_is_none(tmp_path
         "zone_reason": "vertical only",
     }
     text = page_of(tmp_path, changed).text
-    for expected in ("A(8), m/s2 >= 0.0187", "Vertical only", "at most 4 h 0 min left", "seat 0.100 0.500", "DRI 6.78"):
+    for expected in ("A(8), m/s² >= 0.0187", "Vertical only", "at most 4 h 0 min left", "seat 0.100 0.500", "DRI 6.78"):
         assert expected in text, expected
 
 
@@ -407,12 +409,12 @@ def test_projections_carry_their_length(tmp_path):
         "a8_projected_8h_mps2": 0.412, "vdv_projected_8h_mps175": 4.634, "projected_from_s": 1815.0,
     }  # fmt: skip
     text = page_of(tmp_path, changed).text
-    assert "A(8) projected, m/s2 0.412 to 8 h, from 30 min counted" in text
-    assert "VDV projected, m/s1.75 4.63 to 8 h, from 30 min counted" in text
-    assert "projected to 8 h from 30 min counted: A(8) 0.4120 m/s^2, VDV 4.634 m/s^1.75" in summary(changed)
+    assert "A(8) projected, m/s² 0.412 to 8 h, from 30 min counted" in text
+    assert "VDV projected, m/s¹·⁷⁵ 4.63 to 8 h, from 30 min counted" in text
+    assert "projected to 8 h from 30 min counted: A(8) 0.412 m/s^2, VDV 4.63 m/s^1.75" in summary(changed)
     changed["seat"] |= {"horizontal": "missing", "projected_lower_bound": True}
-    assert "A(8) projected, m/s2 >= 0.412" in page_of(tmp_path, changed).text
-    assert "A(8) >= 0.4120 m/s^2, VDV >= 4.634 m/s^1.75" in summary(changed)
+    assert "A(8) projected, m/s² >= 0.412" in page_of(tmp_path, changed).text
+    assert "A(8) >= 0.412 m/s^2, VDV >= 4.63 m/s^1.75" in summary(changed)
 
 
 def test_shocks_that_ask_for_more_are_flagged(tmp_path):
@@ -439,8 +441,8 @@ def test_ratios_that_were_not_measured_clear_nothing():
 
 def test_a_set_that_states_no_a8_shows_none(tmp_path):
     changed = document() | {"limits": EU_LIMITS.beside[0].to_dict()}
-    assert "A(8), m/s2 0.0187 – –" in page_of(tmp_path, changed).text
-    assert "A(8) so far 0.0187 m/s^2 of no value stated, VDV so far 2.317 m/s^1.75 of 8.5 / 17" in summary(changed)
+    assert "A(8), m/s² 0.0187 – –" in page_of(tmp_path, changed).text
+    assert "A(8) so far 0.0187 m/s^2 of no value stated, VDV so far 2.32 m/s^1.75 of 8.5 / 17" in summary(changed)
 
 
 def test_a_recording_made_by_the_model_says_so(tmp_path):
@@ -580,7 +582,7 @@ def test_the_aw_of_a_stuck_sensor_is_a_lower_bound(tmp_path):
     changed["sensors"]["head"] |= {"lower_bound": True, "aw_lower_bound": True, "missing_s": 30.0}
     text = page_of(tmp_path, changed).text
     shown = f">= {number(changed['sensors']['head']['aw_mps2'])}"
-    assert shown in text and f">={changed['sensors']['head']['aw_mps2']:.3f}" in summary(changed)
+    assert shown in text and shown in summary(changed)
 
 
 @pytest.mark.parametrize(("text", "expected"), [("a b", "A b."), ("is it?", "Is it?"), ("2 s are", "2 s are.")])

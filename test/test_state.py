@@ -124,11 +124,22 @@ def signed(text: str) -> str:
     return json.dumps(document | {"digest": digest(document["kept"])})
 
 
+def earlier(text: str) -> str:
+    """The file as the version before wrote it: without the linear MTVV and the windows of HIC."""
+    document = json.loads(text)
+    for sensor in document["kept"]["sensors"].values():
+        meters = sensor["meters"]
+        meters["vertical"] = [[*row[:4], row[5]] for row in meters["vertical"]]
+        meters |= {name: [row[:1] for row in meters[name]] for name in ("hic15", "hic36") if name in meters}
+    return json.dumps(document | {"schema": 3})
+
+
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
         (lambda text: text[:100], "is damaged, it is no JSON"),
-        (lambda text: text.replace('"schema": 3', '"schema": 7'), "schema is 7, this version reads 3"),
+        (lambda text: text.replace('"schema": 4', '"schema": 7'), "schema is 7, this version reads 4"),
+        (lambda text: signed(earlier(text)), "schema is 3, this version reads 4"),
         (lambda text: "{}", "has the keys "),
         (lambda text: signed(text.replace(BELONGS["subject"], "somebody")), "it is of other subject"),
         (lambda text: signed(text.replace(BELONGS["sensors"], "others")), "it is of other sensors"),

@@ -14,6 +14,7 @@ from typing import Any, Final, Literal
 from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SEGMENTS, SENSORS
+from biodyn_core.suggestions import did_you_mean
 
 Place = Literal["joint", "segment", "sensor", "seat"]
 Kind = Literal["strength", "shape", "nuisance"]
@@ -192,11 +193,14 @@ class AppliedEffect:
     def __post_init__(self) -> None:
         where = f"effects: {self.effect.name}"
         if self.site not in self.effect.where:
-            raise InputError(f"{where}: site is {self.site!r}, allowed are {', '.join(self.effect.where)}")
+            sites = self.effect.where
+            near = did_you_mean(self.site, sites)
+            raise InputError(f"{where}: site is {self.site!r}, allowed are {', '.join(sites)}{near}")
         known = {parameter.name: parameter for parameter in self.effect.parameters}
         for name in self.values:
             if name not in known:
-                raise InputError(f"{where}: unknown parameter {name!r}, known are {', '.join(known) or 'none'}")
+                listed, near = ", ".join(known) or "none", did_you_mean(name, known)
+                raise InputError(f"{where}: unknown parameter {name!r}, known are {listed}{near}")
         missing = [f"{name} ({parameter.allowed})" for name, parameter in known.items() if name not in self.values]
         if missing:
             raise InputError(f"{where}: missing under parameters: {', '.join(missing)}")

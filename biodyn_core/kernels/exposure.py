@@ -7,6 +7,8 @@ nothing is counted, and what its channel carried (filter, oscillator, window) st
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from biodyn_core.arrays import Floats, Integers
@@ -49,21 +51,41 @@ def settle(sos: Floats, state: Floats, channel: int, level: float) -> None:
 
 
 @compiled
-def dose(
-    x: Floats, sos: Floats, state: Floats, follow: float, level: Floats, decay: float, running: Floats, bin_: Floats,
-    total: Floats, ring: Floats, position: Integers, length: int,
-) -> None:  # fmt: skip
-    """Weight x (n, c) and gather per channel: sum a^2, sum a^4, samples, peak |a|, peak running mean square.
+def _sum_backwards(rows: Floats, row: int) -> None:
+    """Replace every element of a row by the sum from there to the row's end."""
+    for i in range(rows.shape[1] - 2, -1, -1):
+        rows[row, i] += rows[row, i + 1]
 
-    running (c,) is the exponentially averaged mean square (1 s, ISO 2631-1:1997, 6.3.1, Eq. 3 in recursive form);
-    level (c,) the exponential mean of x within 1 g, where the sections start behind a missing sample.
+
+@compiled
+def dose(
+    x: Floats, sos: Floats, state: Floats, follow: float, level: Floats, decay: float, running: Floats, squares: Floats,
+    partial: Floats, filled: Integers, window: float, bin_: Floats, total: Floats, ring: Floats, position: Integers,
+    length: int,
+) -> None:  # fmt: skip
+    """Weight x (n, c) and gather per channel: sum a^2, sum a^4, samples, peak |a|, peaks of two running mean squares.
+
+    The linear one is over the last `window` samples (ISO 2631-1:1997, 6.3.1, Eq. 2); of a window that is no whole
+    number the oldest sample counts in part. running (c,) is the exponential one (Eq. 3 in recursive form). level (c,)
+    is the exponential mean of x within 1 g, where the sections start behind a missing sample.
+
+    squares (c, l + 1) is a block of l = floor(window) + 1 samples and a zero: the filled[0] newest squares, whose sum
+    is partial (c,), and behind them for each sample of the block before the sum from there to that block's end. Nothing
+    is ever subtracted, so a shock that has left the window leaves no rounding error.
     """
+    block = squares.shape[1] - 1
+    share = window - math.floor(window)
     for n in range(x.shape[0]):
+        at = filled[0]
+        after = (at + 1) % block
         for c in range(x.shape[1]):
             value = x[n, c]
             if np.isnan(value):
-                running[c] = 0.0
                 settle(sos, state, c, level[c])
+                if running[c] != 0.0:  # else the block is empty already
+                    squares[c] = 0.0
+                    partial[c] = 0.0
+                    running[c] = 0.0
                 continue
             level[c] += follow * (_leaned(value) - level[c])
             for s in range(sos.shape[0]):
@@ -73,11 +95,19 @@ def dose(
                 state[s, 1, c] = sos[s, 2] * fed - sos[s, 5] * value
             square = value * value
             running[c] += decay * (square - running[c])
+            squares[c, at] = square
+            partial[c] += square
+            if after == 0:
+                _sum_backwards(squares, c)
+                partial[c] = 0.0
+            longer, shorter = squares[c, after] + partial[c], squares[c, after + 1] + partial[c]
             bin_[c, 0] += square
             bin_[c, 1] += square * square
             bin_[c, 2] += 1.0
             bin_[c, 3] = max(bin_[c, 3], abs(value))
-            bin_[c, 4] = max(bin_[c, 4], running[c])
+            bin_[c, 4] = max(bin_[c, 4], (share * longer + (1.0 - share) * shorter) / window)
+            bin_[c, 5] = max(bin_[c, 5], running[c])
+        filled[0] = after
         position[0] += 1
         if position[0] == length:
             _close_bin(bin_, total, ring, position, 3)
@@ -165,15 +195,16 @@ def dynamic_response(
 
 @compiled
 def head_injury(
-    x: Floats, period_s: float, window_s: float, weights: Floats, history: Floats, filled: Integers, bin_: Floats,
-    total: Floats, ring: Floats, position: Integers, length: int,
+    x: Floats, period_s: float, window_s: float, weights: Floats, history: Floats, filled: Integers, seen: Integers,
+    windows: Floats, bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int,
 ) -> None:  # fmt: skip
     """Keep the largest impulse times (duration)^-0.6 of x (n, c), in g, over all windows up to `window_s`.
 
     To the power of 2.5 it is the HIC (Eq. 23). weights (w + 1,): (h periods)^-0.6 for windows of h samples, and that of
     `window_s`. history (c, 2, 2 l), l = w + 2: the last l samples and their running integrals, each kept twice so that
     any l in a row lie together; filled (c, 2): how many are valid, and where the newest is. Ends are interpolated: x is
-    taken as linear between samples, so its integral there is exact.
+    taken as linear between samples, so its integral there is exact. seen (1,): samples so far, missing ones too;
+    windows (c, 2): begin and end of the largest since reset, in samples.
     """
     whole = weights.shape[0] - 1
     size = history.shape[2] // 2
@@ -194,17 +225,27 @@ def head_injury(
             history[c, 1, at] = history[c, 1, at + size] = integral
             filled[c, 0], filled[c, 1] = min(depth + 1, size), at
             now = at + size
-            best = bin_[c, 0]
+            best, width, end = bin_[c, 0], 0.0, float(seen[0])
             for h in range(1, min(depth, whole) + 1):
-                best = max(best, (integral - history[c, 1, now - h]) * weights[h - 1])
+                found = (integral - history[c, 1, now - h]) * weights[h - 1]
+                if found > best:
+                    best, width = found, float(h)
             if depth > whole and part > 0.0 and whole > 0:
                 old, older = history[c, 0, now - whole], history[c, 0, now - whole - 1]
                 begin = history[c, 1, now - whole] - part * (old + 0.5 * share * (older - old))
-                best = max(best, (integral - begin) * weights[whole])
+                found = (integral - begin) * weights[whole]
+                if found > best:
+                    best, width = found, whole + share
                 before = history[c, 0, now - 1]
-                end = history[c, 1, now - 1] + part * (before + 0.5 * share * (value - before))
-                best = max(best, (end - history[c, 1, now - whole - 1]) * weights[whole])
+                until = history[c, 1, now - 1] + part * (before + 0.5 * share * (value - before))
+                found = (until - history[c, 1, now - whole - 1]) * weights[whole]
+                if found > best:
+                    best, width, end = found, whole + share, seen[0] - 1.0 + share
+            if best > bin_[c, 0] and best > total[c, 0]:
+                windows[c, 0] = end - width
+                windows[c, 1] = end
             bin_[c, 0] = best
+        seen[0] += 1
         position[0] += 1
         if position[0] == length:
             _close_bin(bin_, total, ring, position, 0)

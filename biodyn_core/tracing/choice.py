@@ -14,6 +14,7 @@ from biodyn_core.tracing.rungs import LIFT_OFF, Rung, WithoutEffect, left_over
 from biodyn_core.tracing.screen import Screening
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS, Settled
+from biodyn_core.wording import counted
 
 TELLING: Final = 0.9
 """With less left than so many times what a good model misses, it is told how far a body departs."""
@@ -43,7 +44,7 @@ def candidate(
     """A rung as it is told, with all that speaks against it."""
     against = [f"{name} ends on a bound" for name in rung.settled.at_bound]
     if not rung.helps:
-        against.append(f"helps in {np.count_nonzero(rung.gains > 0.0)} of {rung.gains.size} events")
+        against.append(f"helps in {np.count_nonzero(rung.gains > 0.0)} of {counted(rung.gains.size, 'event')}")
     usual = rung.usual(settings)
     against += [why for why in (rung.against, usual) if why]
     before = {

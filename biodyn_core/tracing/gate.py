@@ -18,6 +18,7 @@ from biodyn_core.model import Chain, predict
 from biodyn_core.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.settings import FloorSettings
+from biodyn_core.wording import counted
 
 _APART_S: Final = 1.0
 """Peaks closer together are of one shock: two axles, two rails."""
@@ -67,11 +68,15 @@ def missing(cases: Sequence[Case], role: str, settings: FloorSettings | None = N
     s = settings or FloorSettings()
     found = contents(cases, s)
     wanted = (
-        (found.road_s, s.road_s, "s without shocks"),
-        (found.shocks, s.shocks, f"shocks of {s.shock_g:g} g and more"),
-        (found.hard_shocks, s.hard_shocks, f"shocks of {s.hard_shock_g:g} g and more"),
+        (found.road_s, s.road_s, f"{found.road_s:.3g} s without shocks"),
+        (found.shocks, s.shocks, f"{counted(found.shocks, 'shock')} of {s.shock_g:g} g and more"),
+        (found.hard_shocks, s.hard_shocks, f"{counted(found.hard_shocks, 'shock')} of {s.hard_shock_g:g} g and more"),
     )
-    return [f"{role}: {there:.3g} {what}, {least:g} are needed" for there, least, what in wanted if there < least]
+    return [
+        f"{role}: {said}, {least:g} {'is' if least == 1 else 'are'} needed"
+        for there, least, said in wanted
+        if there < least
+    ]
 
 
 def _peaks_g(case: Case, least_g: float) -> Floats:

@@ -21,6 +21,7 @@ from biodyn_core.settings import check_settings, setting
 from biodyn_core.tracing.faults import WAYS, Tried, all_tried, by_chance, tried_by, wandering, weights
 from biodyn_core.tracing.findings import NAMING, Verdict
 from biodyn_core.tracing.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
+from biodyn_core.wording import counted
 
 MENDING: Final = 20
 """Turns until what is put in the place of clipped samples has settled."""
@@ -182,7 +183,7 @@ def trace(pair: Pair, baseline: Pair | None = None, seed: int = 0, settings: Pai
     return dataclasses.replace(
         found,
         verdict="effect",
-        reason=f"{clipped.sum()} raw samples lie at the limit and are masked{besides}",
+        reason=f"{counted(clipped.sum(), 'raw sample lies', 'raw samples lie')} at the limit, masked{besides}",
         name="saturation",
         size=float(np.abs(pair.under_test[clipped]).max()),
         unit="m/s^2",

@@ -23,6 +23,7 @@ import numpy as np
 
 from biodyn_core.arrays import Integers
 from biodyn_core.errors import InputError
+from biodyn_core.suggestions import did_you_mean, did_you_mean_file
 from biodyn_ros.bag.files import files_of_directory, kind_of
 from biodyn_ros.bag.mcap import McapStorage
 from biodyn_ros.bag.sqlite import SqliteStorage
@@ -103,7 +104,8 @@ class BagReader:
         wanted = known if topics is None else frozenset(topics)
         if missing := sorted(wanted - known):
             there = ", ".join(sorted(known)) or "none"
-            raise InputError(f"{self.path}: topic {missing[0]} is not in the bag; topics there: {there}")
+            near = did_you_mean(missing[0], known)
+            raise InputError(f"{self.path}: topic {missing[0]} is not in the bag; topics there: {there}{near}")
         return chain.from_iterable(part.chunks(frozenset(wanted)) for part in self._storages)
 
     def blocks(self, topics: Iterable[str] | None = None) -> Iterator[Block]:
@@ -132,7 +134,8 @@ def open_bag(path: str | Path) -> BagReader:
         storages.extend(_STORAGES[kind](file, warnings) for file in files)
     except OSError as error:
         _close_all(storages)
-        raise InputError(f"{error.filename or path}: cannot be read ({error.strerror}): check the path") from None
+        near = did_you_mean_file(path) or ": check the path"
+        raise InputError(f"{error.filename or path}: cannot be read ({error.strerror}){near}") from None
     except BaseException:
         _close_all(storages)
         raise

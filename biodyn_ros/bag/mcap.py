@@ -21,6 +21,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from biodyn_core.errors import InputError
+from biodyn_core.wording import counted
 from biodyn_ros.bag import mcap_records as records
 from biodyn_ros.bag.mcap_records import DamagedError
 from biodyn_ros.bag.storage import Chunk, TopicInfo, TopicKey, grouped, refuse_foreign, require
@@ -133,7 +134,8 @@ class McapStorage:
             raise InputError(f"{self._path}: cut before its first whole chunk, nothing to recover: record again")
         count, seconds = sum(t.messages for t in self.topics), (self.end_ns - self.start_ns) / 1e9
         self._warnings.append(
-            f"{self._path}: unfinished or cut: recovered {count} messages, up to {seconds:.3f} s after the first"
+            f"{self._path}: unfinished or cut: recovered {counted(count, 'message')},"
+            f" up to {seconds:.3f} s after the first"
         )
 
     def _load_summary(self) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from biodyn_core.arrays import Integers
 from biodyn_core.errors import InputError
+from biodyn_core.wording import counted
 from biodyn_ros.bag.storage import Bytes, Chunk, TopicKey, require
 from biodyn_ros.cdr import gather
 
@@ -44,7 +45,7 @@ def walk(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
         opcode, length = unpack(data, at)
         at += 9
         if length > size - at:
-            raise DamagedError(f"a record claims {length} bytes, {size - at} are left")
+            raise DamagedError(f"a record claims {counted(length, 'byte')}, left: {size - at}")
         yield opcode, at, at + length
         at += length
 
@@ -155,15 +156,15 @@ def chunk_data(record: bytes | memoryview, path: Path, is_verified: bool) -> byt
         raise DamagedError("its header is cut") from None
     compressed = record[at + 8 : at + 8 + data_bytes]
     if len(compressed) != data_bytes:
-        raise DamagedError(f"{data_bytes} bytes claimed, {len(compressed)} there")
+        raise DamagedError(f"{counted(data_bytes, 'byte')} claimed, {len(compressed)} there")
     compression = bytes(record[at - name_bytes : at]).decode("utf-8", errors="replace")
     if compression not in _DECOMPRESS:
         raise InputError(f"{path}: chunk compression {compression!r}: none, lz4 and zstd can be read")
     if size > max(_PLAUSIBLE_BYTES, _PLAUSIBLE_RATIO * data_bytes):
-        raise DamagedError(f"{size} bytes cannot come out of {data_bytes}")
+        raise DamagedError(f"{counted(size, 'byte')} cannot come out of {data_bytes}")
     data = _DECOMPRESS[compression](compressed, size)
     if len(data) != size:
-        raise DamagedError(f"{size} bytes claimed, {len(data)} decompressed")
+        raise DamagedError(f"{counted(size, 'byte')} claimed, {len(data)} decompressed")
     if is_verified and crc and zlib.crc32(data) != crc:
         raise DamagedError("its checksum is wrong")
     return data

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from biodyn_core.errors import InputError
+from biodyn_core.wording import counted
 from biodyn_ros.bag.storage import Chunk, TopicInfo, TopicKey, grouped, refuse_foreign
 
 MAGIC = b"SQLite format 3\0"
@@ -129,7 +130,8 @@ class SqliteStorage:
         self._count(counts)
         seconds = (self.end_ns - self.start_ns) / 1e9
         self._warnings.append(
-            f"{self._path}: cut or damaged: recovered {counts.total()} messages, up to {seconds:.3f} s after the first"
+            f"{self._path}: cut or damaged: recovered {counted(counts.total(), 'message')},"
+            f" up to {seconds:.3f} s after the first"
         )
 
     def _whole_rows(self) -> Iterator[tuple[int, int, int]]:

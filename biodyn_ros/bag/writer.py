@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.arrays import Integers
 from biodyn_core.errors import InputError
+from biodyn_core.wording import counted
 from biodyn_ros.bag.mcap import MAGIC
 from biodyn_ros.bag.storage import Bytes, require
 from biodyn_ros.cdr import scatter
@@ -213,7 +214,9 @@ class BagWriter:
         if payload.dtype != np.uint8 or payload.ndim != 2 or payload.shape[1] == 0:
             raise InputError(f"{self._path}: topic {topic}: payload must be uint8 (n, size), not {payload.shape}")
         if log_ns.shape != payload.shape[:1] or log_ns.dtype.kind not in "iu":
-            raise InputError(f"{self._path}: topic {topic}: {log_ns.shape} log times for {len(payload)} messages")
+            raise InputError(
+                f"{self._path}: topic {topic}: {log_ns.shape} log times for {counted(len(payload), 'message')}"
+            )
         channel = self._written.channels[topic].id
         first, n = self._written.counts[channel], len(payload)
         void = np.ascontiguousarray(payload).view(f"V{payload.shape[1]}")[:, 0]

@@ -9,6 +9,8 @@ from typing import Final
 
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SENSORS
+from biodyn_core.suggestions import did_you_mean, did_you_mean_file
+from biodyn_core.wording import counted
 from biodyn_core.yaml_files import read_yaml
 from biodyn_ros.blue_trident.capture_u import capture_u, is_capture_u, is_magnetometer
 from biodyn_ros.blue_trident.nexus import is_nexus, nexus
@@ -66,7 +68,7 @@ def parse_serials(pairs: Iterable[str], file: str | Path | None = None) -> dict[
 def find_exports(place: Path) -> Found:
     """Look through a directory, its own files only, or at one file; raises InputError where nothing is an export."""
     if not place.exists():
-        raise InputError(f"{place}: no such file or directory")
+        raise InputError(f"{place}: no such file or directory{did_you_mean_file(place)}")
     if not place.is_dir():
         return Found(place, (_export_of(place),), (), ())
     try:
@@ -74,7 +76,8 @@ def find_exports(place: Path) -> Found:
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from None
     if len(paths) > MOST_FILES:
-        raise InputError(f"{place}: {len(paths)} files, so this is no directory of one recording: give another")
+        count = counted(len(paths), "file")
+        raise InputError(f"{place}: {count}, so this is no directory of one recording: give another")
     exports: list[Export] = []
     aside, refused = [], []
     for path in paths:
@@ -97,19 +100,19 @@ def find_exports(place: Path) -> Found:
 def choose(found: Found, mapping: Mapping[str, str], take: str | None) -> Chosen:
     """The exports that the mapping {sensor: serial} and the take ask for; raises InputError where they are not one.
 
-    A take is the date in names of Capture.U and the file's name of Nexus; its beginning is enough.
+    A take is the date in names of Capture.U and the file's name of Nexus; its beginning is enough. Of a serial its end
+    is, where one alone ends so.
     """
     there = found.serials()
-    hint = f"; {found.refused[0]}" if found.refused else ""
     if not mapping:
         raise InputError(
             f"{found.place}: which sensor is which? there are {_listed(there)}: --map {SENSORS[0]}={there[0]}"
         )
+    mapping = {sensor: _serial(found, sensor, given) for sensor, given in mapping.items()}
     for sensor, serial in mapping.items():
-        if serial not in there:
-            raise InputError(
-                f"{found.place}: --map {sensor}={serial}: no such serial; there are {_listed(there)}{hint}"
-            )
+        first = next(name for name, other in mapping.items() if other == serial)
+        if first != sensor:
+            raise InputError(f"{found.place}: --map {sensor}={serial}: the serial is given as {first} too")
     exports = [export for export in found.exports if any(held.serial in mapping.values() for held in export.held)]
     if take is not None:
         takes = sorted({export.take for export in exports})
@@ -117,7 +120,8 @@ def choose(found: Found, mapping: Mapping[str, str], take: str | None) -> Chosen
             export for export in exports if export.take.startswith(take)
         ]
         if not exports:
-            raise InputError(f"{found.place}: --take {take}: no such take; there are {_listed(takes)}")
+            near = did_you_mean(take, takes)
+            raise InputError(f"{found.place}: --take {take}: no such take; there are {_listed(takes)}{near}")
     for sensor, serial in mapping.items():
         _check_one(found.place, sensor, serial, exports)
     kinds = {export.kind for export in exports}
@@ -126,6 +130,21 @@ def choose(found: Found, mapping: Mapping[str, str], take: str | None) -> Chosen
             f"{found.place}: exports of {' and '.join(sorted(kinds))} do not share a clock: give one of them"
         )
     return Chosen(tuple(exports), {serial: sensor for sensor, serial in mapping.items()})
+
+
+def _serial(found: Found, sensor: str, given: str) -> str:
+    """The serial that is given, whole or by its end; raises InputError where none, or more than one, ends so."""
+    there, where = found.serials(), f"{found.place}: --map {sensor}={given}"
+    if given in there:
+        return given
+    ending = [serial for serial in there if serial.casefold().endswith(given.casefold())]
+    if len(ending) > 1:
+        raise InputError(f"{where}: {_listed(ending)} end so: give one of them whole")
+    if not ending:
+        ends = [serial[-len(given) :] for serial in there]
+        hint = did_you_mean(given, [*there, *ends]) or (f"; {found.refused[0]}" if found.refused else "")
+        raise InputError(f"{where}: no such serial; there are {_listed(there)}{hint}")
+    return ending[0]
 
 
 def _check_one(place: Path, sensor: str, serial: str, exports: list[Export]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from biodyn_core.dual_range_settings import DualRangeSettings
 from biodyn_core.range_alignment import Alignment
 from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.wording import counted
 from biodyn_ros.blue_trident.cleaning import LeftOut
 from biodyn_ros.blue_trident.found import Chosen, Found
 from biodyn_ros.blue_trident.rows import Damage
@@ -99,7 +100,7 @@ def text_of(document: Mapping[str, Any]) -> str:
     """The document as a page of text."""
     sensors = document["sensors"]
     total = sum(row["samples"] for row in sensors.values())
-    lines = [f"{document['bag']}: {total} messages from {document['format']}, take {document['take']}", ""]
+    lines = [f"{document['bag']}: {counted(total, 'message')} from {document['format']}, take {document['take']}", ""]
     rows = [("sensor", "serial", "samples", "Hz", "seconds", "left out", "gaps", "from high-g", "clipped")]
     for name, row in sensors.items():
         out, rate = sum(row["left_out"].values()), row["rate_hz"]
@@ -113,7 +114,7 @@ def text_of(document: Mapping[str, Any]) -> str:
     lines += ["", *(f"{name}: high-g {_alignment_text(row)}" for name, row in sensors.items() if row["high_g"])]
     lines += [f"not read: {line}" for line in document["aside"][:12]]
     if len(document["aside"]) > 12:
-        lines.append(f"not read: {len(document['aside']) - 12} more files")
+        lines.append(f"not read: {counted(len(document['aside']) - 12, 'more file')}")
     return "\n".join([*lines, *(f"note: {line}" for line in document["warnings"])]).replace("\n\n\n", "\n\n")
 
 
@@ -228,15 +229,21 @@ def _sensor_lines(outcome: Outcome, serial: str, seen: Surveyed) -> list[str]:
     marked, taken = outcome.marked[serial], outcome.taken.get(serial)
     lines = []
     if seen.back:
-        lines.append(f"{seen.back} stamps do not come after the one before: written as they are, replay rejects them")
+        lines.append(
+            f"{counted(seen.back, 'stamp is', 'stamps are')} not after the one before: written all the same,"
+            " replay rejects them"
+        )
     if not seen.gyro:
         lines.append("no gyro in the export")
     if marked.from_high_g:
         lines.append(
-            f"{marked.from_high_g} samples carry high-g where low-g was at its rail; their covariance says which"
+            f"{counted(marked.from_high_g, 'sample carries', 'samples carry')} high-g where low-g was at its rail;"
+            " the covariance says which"
         )
     if marked.clipped:
-        lines.append(f"{marked.clipped} samples stay clipped: {_why(outcome, serial, taken)}")
+        lines.append(
+            f"{counted(marked.clipped, 'sample stays', 'samples stay')} clipped: {_why(outcome, serial, taken)}"
+        )
     if marked.clipped and marked.from_high_g:
         lines.append("replay counts those from high-g as clipped too, because it cannot tell them apart")
     rail = seen.lower_rail_mps2(outcome.settings)

@@ -16,7 +16,11 @@ def _add(command: CommandParser) -> None:
 
     command.add_argument("exports", metavar="DIR", help="directory of one recording's CSV files, or one file")
     command.add_argument(
-        "--map", action="append", default=[], metavar="SENSOR=SERIAL", help="which sensor it is, such as seat=TS-02374"
+        "--map",
+        action="append",
+        default=[],
+        metavar="SENSOR=SERIAL",
+        help="which sensor it is: seat=TS-02374, or the serial's end where one alone ends so: seat=2374",
     )
     command.add_argument(
         "--map-file", metavar="FILE.yaml", help="the same from a file of lines such as 'seat: TS-02374'"

@@ -13,7 +13,8 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, NoReturn
 
-from biodyn_ros.nearby import did_you_mean
+from biodyn_core.suggestions import did_you_mean
+from biodyn_core.wording import counted
 
 EXIT_INPUT: Final = 2
 _NARROWEST, _WIDEST = 40, 100
@@ -39,8 +40,7 @@ class Parser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             known = [str(choice) for choice in action.choices]
-            near = did_you_mean(str(value), known)
-            raise argparse.ArgumentError(action, f"{value!r} is none of {', '.join(known)}{';' if near else ''}{near}")
+            raise argparse.ArgumentError(action, f"{value!r} is none of {', '.join(known)}{did_you_mean(value, known)}")
 
 
 class CommandParser(Parser):
@@ -81,8 +81,7 @@ class CommandParser(Parser):
     def _check_options(self, given: Sequence[str]) -> None:
         for name in (word.partition("=")[0] for word in given if word.startswith("--")):
             if name not in self._option_string_actions:
-                near = did_you_mean(name, self._option_string_actions)
-                self.error(f"there is no option {name}{';' if near else ''}{near}")
+                self.error(f"there is no option {name}{did_you_mean(name, self._option_string_actions)}")
 
     def format_help(self) -> str:
         """Everyday options and examples."""
@@ -117,9 +116,7 @@ class CommandParser(Parser):
 
     def _ends(self) -> str:
         count = len(self.tuned)
-        more = (
-            f"{count} more setting{'s' if count > 1 else ''}, with ranges: {self.prog} --help-all\n\n" if count else ""
-        )
+        more = f"{counted(count, 'more setting')}, with ranges: {self.prog} --help-all\n\n" if count else ""
         return f"{more}{self._examples()}"
 
     def _examples(self) -> str:

@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 from pathlib import Path
 
+from biodyn_core.wording import counted
 from biodyn_ros.commands.arguments import add_bag, add_map, add_settings, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
@@ -33,7 +34,7 @@ def _run(options: argparse.Namespace) -> None:
     except KeyboardInterrupt:
         return
     count, topics = sum(played.messages.values()), len(played.messages)
-    text = f"{options.bag}: {count} messages on {topics} topics in {played.seconds:.1f} s"
+    text = f"{options.bag}: {counted(count, 'message')} on {counted(topics, 'topic')} in {played.seconds:.1f} s"
     show(options, dataclasses.asdict(played), text)
 
 

@@ -7,6 +7,7 @@ import dataclasses
 from pathlib import Path
 
 from biodyn_core.errors import InputError
+from biodyn_core.wording import counted
 from biodyn_ros.commands.arguments import add_map, add_seed, add_settings, add_subject, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
@@ -57,7 +58,7 @@ def _run(options: argparse.Namespace) -> None:
     show(
         options,
         dataclasses.asdict(result),
-        f"{result.bag}: {result.messages} messages, {result.seconds:.1f} s, six IMUs",
+        f"{result.bag}: {counted(result.messages, 'message')}, {result.seconds:.1f} s, six IMUs",
     )
 
 

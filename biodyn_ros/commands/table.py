@@ -13,11 +13,11 @@ from biodyn_ros.commands.parsing import CommandParser, Parser
 PURPOSE: Final = "Six IMUs on a seated person in a vehicle: predicted motion, exposure, a model."
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
-    "look": ("import-blue-trident", "info", "simulate", "demo"),
-    "live": ("live", "page", "play"),
-    "replay": ("replay",),
-    "fit": ("fit", "compare", "validate"),
-    "trace": ("trace",),
+    "data": ("import-blue-trident", "info", "simulate", "demo"),
+    "online": ("live", "page", "play"),
+    "offline": ("replay",),
+    "model": ("fit", "compare", "validate"),
+    "effects": ("trace",),
     "shell": ("completion",),
 }
 """Every command once; its file in this room has its name."""

@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from biodyn_core.errors import InputError
 from biodyn_ros import topics
+from biodyn_ros.wording import typeset
 
 ANSWERS_WITHIN_S: Final = 3.0
 
@@ -38,7 +39,7 @@ class Feed:
             self._ours.create_subscription(
                 String,
                 topics.absolute(topics.SNAPSHOT, node.lstrip("/")),
-                lambda message: loop.call_soon_threadsafe(take, message.data),
+                lambda message: loop.call_soon_threadsafe(take, typeset(message.data)),
                 qos,
             )
             self._clients = {

@@ -21,6 +21,7 @@ from typing import Final
 from biodyn_core.errors import InputError
 from biodyn_core.parameters import UNFITTED
 from biodyn_core.subject import Subject, load_subject
+from biodyn_core.suggestions import did_you_mean_file
 from biodyn_core.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_ros.files import is_there
 from biodyn_ros.resources import subject_file
@@ -104,7 +105,8 @@ def _bags(value: object, where: str, base: Path) -> dict[str, str]:
             raise InputError(f"{where}[{index}]: {text} is given twice")
         path = _from(base, text, f"{where}[{index}]")
         if not is_there(path):
-            raise InputError(f"{where}[{index}]: there is no {path}; paths are relative to the campaign file")
+            near = did_you_mean_file(path)
+            raise InputError(f"{where}[{index}]: there is no {path}: paths are relative to the campaign file{near}")
         found[text] = str(path)
     return found
 

@@ -7,6 +7,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from biodyn_core.errors import InputError
+from biodyn_core.wording import counted
 from biodyn_ros.fit.campaign_results import page_of
 from biodyn_ros.fit.drawings import MARKERS, estimates_of, subjects
 from biodyn_ros.fit.fitting import json_beside
@@ -58,7 +59,7 @@ def judge_campaign(document: Document, unseen: dict[str, float | None], tones: d
     """How many subjects are done, and how well they predict: no better than the worst of their own pages."""
     rows = document["subjects"]
     of = {state: [row["name"] for row in rows if row["state"] == state] for state in ("done", "failed", "waiting")}
-    headline = f"{len(of['done'])} of {len(rows)} subjects fitted"
+    headline = f"{len(of['done'])} of {counted(len(rows), 'subject')} fitted"
     reasons = []
     for state, text in (("failed", "Failed, --resume tries them again"), ("waiting", "Not begun, or not finished")):
         if of[state]:

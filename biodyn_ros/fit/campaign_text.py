@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from biodyn_core.errors import InputError
+from biodyn_core.wording import counted
 from biodyn_ros.wording import number, table
 
 Document = dict[str, Any]
@@ -29,6 +30,6 @@ def check_failed(document: Document, directory: Path) -> None:
     failed = [row["name"] for row in rows if row["state"] == "failed"]
     if failed:
         raise InputError(
-            f"{len(failed)} of {len(rows)} subjects failed: {', '.join(failed)}; "
+            f"{len(failed)} of {counted(len(rows), 'subject')} failed: {', '.join(failed)}; "
             f"why is in {directory / 'campaign.json'}, --resume tries them again"
         )

@@ -19,6 +19,7 @@ from biodyn_core.identification.residuals import Leftover
 from biodyn_core.identification.uncertainty import Estimate, Uncertainty
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import MassMatrix, Subject
+from biodyn_core.wording import counted
 from biodyn_ros.json_files import finite
 from biodyn_ros.provenance import MADE_BY_MODEL, rests_on, without_note
 from biodyn_ros.reading.events import BagEvent, Prepared
@@ -258,7 +259,7 @@ def _delays(fit: Fit, number: int) -> Document:
 def warnings_of(events: Sequence[Prepared]) -> list[str]:
     """What is to be said of the events, with their bags, each once; that the model made them, in one line for all."""
     made, rest = without_note(dict.fromkeys(f"{event.bag}: {line}" for event, case in events for line in case.warnings))
-    return [f"{len(made)} of {len(events)} recordings: {MADE_BY_MODEL}", *rest] if made else rest
+    return [f"{len(made)} of {counted(len(events), 'recording')}: {MADE_BY_MODEL}", *rest] if made else rest
 
 
 def not_new(given: Subject, held_out: Sequence[Prepared]) -> list[str]:

@@ -26,6 +26,7 @@ from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.recording import representative
 from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
+from biodyn_core.suggestions import did_you_mean
 from biodyn_ros import __version__
 from biodyn_ros.files import check_directory, make_directory, write_text
 from biodyn_ros.fit.document import Findings, fit_document, provenance
@@ -162,7 +163,8 @@ def check_profiles(options: FitOptions) -> None:
     known = options.settings.fitted
     for name in options.profiles:
         if name != "all" and name not in known:
-            raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}")
+            near = did_you_mean(name, ["all", *known])
+            raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}{near}")
 
 
 def _findings(found: Identification, held_out: Sequence[Case], options: FitOptions) -> Findings:

@@ -11,6 +11,7 @@ from biodyn_core.identification.fit import predictions
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.tracing.findings import ComparedEvent
+from biodyn_core.wording import counted
 from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
 from biodyn_ros.fit.fitting import Fitted, page_beside
 from biodyn_ros.fit.text import BY, said
@@ -89,8 +90,7 @@ def judge_fit(document: Document) -> Verdict:
         headline = f"Fitted to {number(fitted)} % of the rms; how it predicts an unused event is not known"
         return Verdict("none", headline, ("Nothing was held out: --hold-out, or validate on another event.", *against))
     headline = f"Predicts events it was not fitted to with a mean error of {number(unseen)} % of their rms"
-    events = "1 such event" if len(held_out) == 1 else f"{len(held_out)} such events"
-    first = f"Mean over {events}; {number(fitted)} % on those fitted to."
+    first = f"Mean over {counted(len(held_out), 'such event')}; {number(fitted)} % on those fitted to."
     if unseen > _MOST_PERCENT:
         line = f"More than {_MOST_PERCENT:g} %, from where on a validation disagrees."
         return Verdict("bad", headline, (first, line, *against))
@@ -113,13 +113,15 @@ def _against(document: Document) -> list[str]:
         lines.append(f"Mass matrix {matrix['better']} predicts better than the declared {matrix['declared']}.")
     starts = document["joint"]["starts"]
     if starts["of"] > 1 and starts["reached"] < 2:
-        lines.append(f"Only {starts['reached']} of {starts['of']} refined starts reached the lowest objective.")
+        lines.append(
+            f"Only {starts['reached']} of {counted(starts['of'], 'refined start')} reached the lowest objective."
+        )
     return lines
 
 
 def _listed(names: list[str], document: Document) -> str:
     if len(names) == len(document["identifiable"]):
-        return f"all {len(names)} parameters"
+        return f"all {counted(len(names), 'parameter')}"
     return "; ".join(parameter_name(name) for name in names)
 
 

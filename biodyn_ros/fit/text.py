@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.wording import counted
 from biodyn_ros.wording import number, parameter_name, told_apart, words
 
 Document = dict[str, Any]
@@ -34,11 +35,10 @@ def text_of(document: Document) -> str:
 
 
 def _headline(document: Document) -> str:
-    cases = len(document["cases"])
     return (
         f"{document['subject']}, {document['body_mass_kg']:g} kg, mass matrix {document['mass_matrix']['declared']}:"
-        f" {cases} {'case' if cases == 1 else 'cases'}, {document['seconds']:.1f} s,"
-        f" {document['evaluations']} evaluations"
+        f" {counted(len(document['cases']), 'case')}, {document['seconds']:.1f} s,"
+        f" {counted(document['evaluations'], 'evaluation')}"
     )
 
 
@@ -111,7 +111,7 @@ def _matrix_line(matrix: Document) -> str:
 def _refiner_line(refiners: Document) -> str:
     objective, evaluations = refiners["objective"], refiners["evaluations"]
     ours, simplex = objective["least-squares"], objective["nelder-mead"]
-    counts = f"{evaluations['least-squares']} and {evaluations['nelder-mead']} simulations"
+    counts = f"{evaluations['least-squares']} and {counted(evaluations['nelder-mead'], 'simulation')}"
     if max(ours, simplex) <= _DRAWN_APART * min(ours, simplex):
         what = "end at the same objective"
     else:

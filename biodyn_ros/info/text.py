@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
+from biodyn_core.wording import counted
 from biodyn_ros.cdr import IMU_TYPE
 from biodyn_ros.wording import number, table
 
@@ -32,9 +33,8 @@ _COLUMNS: Final[tuple[tuple[str, str, Callable[[dict[str, Any]], str]], ...]] = 
 def text_of(document: dict[str, Any]) -> str:
     """The document as a page of text."""
     state = ", recovered" if document["recovered"] else ""
-    lines = [
-        f"{document['bag']}: {document['storage']}{state}, {document['messages']} messages, {document['seconds']:.1f} s"
-    ]
+    messages = counted(document["messages"], "message")
+    lines = [f"{document['bag']}: {document['storage']}{state}, {messages}, {document['seconds']:.1f} s"]
     if rows := document["topics"]:
         cells = [[show(row) for _, _, show in _COLUMNS] for row in rows]
         heads = [[name for name, _, _ in _COLUMNS], [unit for _, unit, _ in _COLUMNS]]
@@ -78,13 +78,14 @@ def _other_lines(others: list[dict[str, Any]]) -> list[str]:
     for other in others:
         kinds.setdefault(other["type"], []).append(other)
     width = max(len(kind) for kind in kinds)
-    lines = [f"not {IMU_TYPE}: {len(others)} topic{'' if len(others) == 1 else 's'}"]
+    lines = [f"not {IMU_TYPE}: {counted(len(others), 'topic')}"]
     for kind, topics in [*kinds.items()][:_MOST_KINDS]:
         more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
         count = sum(topic["messages"] for topic in topics)
-        lines.append(f"  {kind.ljust(width)}  {count:8d} messages  {topics[0]['topic']}{more}")
+        messages = counted(count, "message ", "messages")
+        lines.append(f"  {kind.ljust(width)}  {messages:>17}  {topics[0]['topic']}{more}")
     if len(kinds) > _MOST_KINDS:
-        lines.append(f"  and {len(kinds) - _MOST_KINDS} more types")
+        lines.append(f"  and {counted(len(kinds) - _MOST_KINDS, 'more type')}")
     return lines
 
 

@@ -20,6 +20,7 @@ from biodyn_core.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioned import SensorStatus
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.segments import SEAT
+from biodyn_core.wording import counted
 from biodyn_ros.node.state import Keeper
 from biodyn_ros.wording import MODEL, left_range
 
@@ -41,18 +42,18 @@ MARKS_KEPT: Final = 5
 OK, WARN, ERROR = range(3)
 
 CAUSES: Final = {
-    "unset": "stamps never set",
-    "stray": "stamps astray",
-    "late": "samples too late",
-    "duplicate": "samples that came twice",
-    "non_finite": "readings that are no numbers, or impossible",
-    "flat": "samples of a reading that never changes",
-    "clipped": "samples clipped",
-    "filled": "samples lost and interpolated",
-    "lost": "messages lost in transport",
-    "errors": "messages refused",
+    "unset": ("stamp never set", "stamps never set"),
+    "stray": ("stamp astray", "stamps astray"),
+    "late": ("sample too late", "samples too late"),
+    "duplicate": ("sample that came twice", "samples that came twice"),
+    "non_finite": ("reading that is no number, or impossible", "readings that are no numbers, or impossible"),
+    "flat": ("sample of a reading that never changes", "samples of a reading that never changes"),
+    "clipped": ("sample clipped", "samples clipped"),
+    "filled": ("sample lost and interpolated", "samples lost and interpolated"),
+    "lost": ("message lost in transport", "messages lost in transport"),
+    "errors": ("message refused", "messages refused"),
 }
-"""What is wrong with samples and messages, by its count."""
+"""What is wrong with a sample or message, and with several of them, by its count."""
 
 COUNTS: Final = (
     "accepted", "unset", "non_finite", "duplicate", "late", "stray", "filled", "flat", "clipped", "runs", "gap_s",
@@ -146,7 +147,7 @@ class SensorHealth:
     @property
     def causes(self) -> str:
         """What goes wrong with its samples now, by count."""
-        told = [f"{n} {CAUSES[key]}" for key, n in self.growth.by.items() if key in CAUSES]
+        told = [counted(n, *CAUSES[key]) for key, n in self.growth.by.items() if key in CAUSES]
         if "errors" in self.growth.by:
             told.append(self.last_error)
         return "; ".join(told)

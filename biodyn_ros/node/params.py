@@ -18,7 +18,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from biodyn_core.errors import InputError
 from biodyn_core.settings import Range
-from biodyn_ros.nearby import did_you_mean
+from biodyn_core.suggestions import did_you_mean
 
 T = TypeVar("T")
 
@@ -48,8 +48,8 @@ def declare(node: Node, kinds: tuple[type[Any], ...], qos: Container[str] = ()) 
         if name.startswith("qos_overrides.") and name not in qos:
             raise InputError(f"parameter {name} overrides nothing: only {OVERRIDABLE}")
         if name not in known and name not in _OF_RCLPY and name not in qos:
-            near = did_you_mean(name, known) or f" known are {', '.join(sorted(known))}"
-            raise InputError(f"parameter {name} is unknown;{near}")
+            near = did_you_mean(name, known) or f"; known are {', '.join(sorted(known))}"
+            raise InputError(f"parameter {name} is unknown{near}")
 
 
 def qos_overrides(node: Node, topics: Iterable[str], entity: str) -> set[str]:

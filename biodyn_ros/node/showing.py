@@ -99,7 +99,7 @@ def _seat(seat: dict[str, Any], document: dict[str, Any], doubt: str) -> dict[st
     seat = seat | ({"withheld": doubt} if doubt else {})
     limits = document["limits"]
     figures = (
-        ("A(8)", "a8", "m/s²", seat["a8_so_far_mps2"], seat["a8_axis"], "a8_mps2"),
+        ("A(8)", "a8", "m/s^2", seat["a8_so_far_mps2"], seat["a8_axis"], "a8_mps2"),
         ("VDV", "vdv", "m/s^1.75", seat["vdv_so_far_mps175"], seat["vdv_axis"], "vdv_mps175"),
     )
     return {

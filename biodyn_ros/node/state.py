@@ -22,7 +22,7 @@ from biodyn_ros import __version__
 from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, remove, state_directory, write_text
 from biodyn_ros.json_files import keys_of, read_json
 
-SCHEMA: Final = 3
+SCHEMA: Final = 4
 ASIDE: Final = ".before"
 NOWHERE: Final = "none"
 

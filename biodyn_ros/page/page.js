@@ -295,7 +295,7 @@ function terms(of) {
   const model = ` They are not validated for this vehicle and seat${range}.`;
   const why = of.verdict.reasons.slice(1).join(" ");
   return `${why} Subject ${of.subject} (${of.mass_matrix}). Rolling window ${of.window_s} s. Limits of ${limits.source}, action / limit: `
-    + `A(8) ${pair("a8_mps2", "m/s²")}, VDV ${pair("vdv_mps175", "m/s^1.75")}; judged by the seat alone, since reset`
+    + `A(8) ${pair("a8_mps2", "m/s²")}, VDV ${pair("vdv_mps175", "m/s¹·⁷⁵")}; judged by the seat alone, since reset`
     + `${of.seat ? `, ${number(of.seat.counted_s)} s counted, ${number(of.seat.missing_s)} s missing` : ""}. `
     + `Predictions are a model's, not measurements.${model} Model: ${of.prediction.message}.${kept} biodyn ${of.version}.`;
 }

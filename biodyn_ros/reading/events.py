@@ -11,6 +11,7 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.recording import Recording
 from biodyn_core.spectrum_settings import SpectrumSettings
+from biodyn_core.suggestions import did_you_mean
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import bag_sha256
 from biodyn_ros.reading.gravity import gravity_by_bag
@@ -60,7 +61,7 @@ def check_bags(bags: Sequence[str | Path], held_out: Sequence[str], cases: Itera
     given = {str(bag) for bag in (*bags, *held_out)}
     for bag in cases:
         if bag not in given:
-            raise InputError(f"case of {bag}: no such bag is given")
+            raise InputError(f"case of {bag}: no such bag is given{did_you_mean(bag, given)}")
 
 
 def read_events(

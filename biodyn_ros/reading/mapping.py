@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from biodyn_core.errors import InputError
 from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.suggestions import did_you_mean
 from biodyn_ros.bag import BagReader
 from biodyn_ros.cdr import IMU_TYPE
 from biodyn_ros.topics import INPUT
@@ -26,7 +27,8 @@ def parse_map(pairs: Iterable[str], kind: str = "topic") -> dict[str, str]:
     for pair in pairs:
         sensor, equals, topic = pair.partition("=")
         if not equals or not topic or sensor not in SENSORS:
-            raise InputError(f"--map {pair}: expected sensor={kind} with a sensor of {', '.join(SENSORS)}")
+            near = "" if sensor in SENSORS else did_you_mean(sensor, SENSORS)
+            raise InputError(f"--map {pair}: expected sensor={kind} with a sensor of {', '.join(SENSORS)}{near}")
         if sensor in mapping or topic in mapping.values():
             raise InputError(f"--map {pair}: sensor or {kind} is given twice")
         mapping[sensor] = topic
@@ -80,7 +82,8 @@ def check_given(reader: BagReader, given: dict[str, str]) -> None:
     imus = imu_topics(reader)
     for sensor, topic in given.items():
         if topic not in imus:
-            raise InputError(f"{reader.path}: --map {sensor}={topic}: no such Imu topic; there is {_listed(imus)}")
+            there = f"{_listed(imus)}{did_you_mean(topic, imus)}"
+            raise InputError(f"{reader.path}: --map {sensor}={topic}: no such Imu topic; there is {there}")
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -16,12 +17,19 @@ from biodyn_core.arrays import Floats
 from biodyn_core.errors import InputError
 from biodyn_core.levelling import rotation_to_vertical
 from biodyn_core.segments import SEAT, STANDARD_GRAVITY_MPS2
+from biodyn_core.suggestions import did_you_mean, did_you_mean_file
 from biodyn_core.synthesis import MOTION_S, SeatMotion
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.stamps import choose_times
 
 TIME_NAMES: Final = ("t", "t_s", "time", "time_s", "timestamp_s", "seconds")
+ACCEL_NAMES: Final = tuple(
+    f"{of}{axis}"
+    for of in ("a_", "acc_", "accel_", "acceleration_", "linear_acceleration_")
+    for axis in ("x", "y", "z", "forward", "left", "up")
+)
+"""Some of the names that `_COLUMN` takes, for suggestions."""
 
 _COLUMN: Final = re.compile(
     r"(?:(?P<of>(?:linear_)?acceleration|linear_accel|accel|acc|a)[_. ]?)?(?P<axis>x|y|z|forward|left|right|up|down)?"
@@ -84,7 +92,8 @@ def _from_csv(path: Path, rate_hz: float | None) -> tuple[Floats, Floats, Floats
     names, table = _read_table(path)
     time_column = next((i for i, name in enumerate(names) if name in TIME_NAMES), None)
     if time_column is None and rate_hz is None:
-        raise InputError(f"{path}: no time column among {', '.join(names)}: give --seat-rate")
+        near = _near(names, TIME_NAMES)
+        raise InputError(f"{path}: no time column among {', '.join(names)}: give --seat-rate{near}")
     if time_column is not None and rate_hz is not None:
         raise InputError(f"{path}: has a time column, {names[time_column]}: leave out --seat-rate")
     time_s = np.arange(len(table)) / (rate_hz or 1.0)
@@ -105,7 +114,7 @@ def _read_table(path: Path) -> tuple[list[str], Floats]:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from None
+        raise InputError(f"{path}: cannot be read as text ({error}){did_you_mean_file(path)}") from None
     if len(lines) < 2:
         raise InputError(f"{path}: a header line and rows of numbers are needed")
     delimiter = next((mark for mark in ",;\t" if mark in lines[0]), None)
@@ -146,8 +155,14 @@ def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
     if len(found) == 1:
         chosen = list(found)
     elif len(found) != 3 or len(chosen) != 3 or any(not set(axes) & set(chosen) for axes in _AXES):
-        raise InputError(f"{path}: no acceleration columns among {', '.join(names)}: name them ax, ay, az or x, y, z")
+        listed, near = ", ".join(names), _near([name for name in names if not _COLUMN.fullmatch(name)], ACCEL_NAMES)
+        raise InputError(f"{path}: no acceleration columns among {listed}: name them ax, ay, az or x, y, z{near}")
     return [found[axis] for axis in chosen], np.array([-1.0 if axis in _TURNED else 1.0 for axis in chosen])
+
+
+def _near(names: list[str], known: Sequence[str]) -> str:
+    """The known name that one of a table's is nearest to, as a question."""
+    return next((near for name in names if (near := did_you_mean(name, known))), "")
 
 
 def _level(accel: Floats) -> tuple[Floats, Floats]:

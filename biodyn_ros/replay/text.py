@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from biodyn_ros.wording import HORIZONTAL, ZONE, duration, sentence, shocks, time_left
+from biodyn_ros.wording import HORIZONTAL, ZONE, bound, duration, number, sentence, shocks, span, time_left
 
 
 def summary(document: dict[str, Any]) -> str:
@@ -36,35 +36,30 @@ def _row(name: str, document: dict[str, Any]) -> str:
     measured, predicted = document["sensors"].get(name), document["predicted"].get(name)
     residual = document["residual"].get(name)
     cells = [
-        f"{_aw(measured):>9s}{_vdv(measured):>11s}" if measured else f"{'-':>9s}{'-':>11s}",
-        f"{_aw(predicted):>12s}{_vdv(predicted):>11s}" if predicted else f"{'-':>12s}{'-':>11s}",
-        f"{residual['rms_mps2']:15.3f}" if residual else f"{'-':>15s}",
-        f"{residual['nrmse_rms_percent']:9.2f}"
-        if residual and residual["nrmse_rms_percent"] is not None
-        else f"{'-':>9s}",
+        f"{_aw(measured):>9s}{_vdv(measured):>11s}" if measured else f"{'–':>9s}{'–':>11s}",
+        f"{_aw(predicted):>12s}{_vdv(predicted):>11s}" if predicted else f"{'–':>12s}{'–':>11s}",
+        f"{number(residual['rms_mps2']):>15s}{number(residual['nrmse_rms_percent']):>9s}"
+        if residual
+        else f"{'–':>15s}{'–':>9s}",
     ]
     return f"{name:14s}" + "".join(cells)
 
 
 def _aw(figures: dict[str, Any]) -> str:
-    return f"{'>=' if figures['aw_lower_bound'] else ''}{figures['aw_mps2']:.3f}"
+    return bound(figures["aw_mps2"], figures["aw_lower_bound"])
 
 
 def _vdv(figures: dict[str, Any]) -> str:
-    return f"{'>=' if figures['lower_bound'] else ''}{figures['vdv_mps175']:.3f}"
-
-
-def _bound(figures: dict[str, Any]) -> str:
-    return ">= " if figures["lower_bound"] else ""
+    return bound(figures["vdv_mps175"], figures["lower_bound"])
 
 
 def _seat_lines(document: dict[str, Any]) -> list[str]:
     seat, limits = document["seat"], document["limits"]
     if seat is None:
         return ["seat: nothing counted"]
-    mark = ">= " if seat["lower_bound"] else ""
-    a8 = f"{mark}{seat['a8_so_far_mps2']:.4f} m/s^2 of {_pair(limits, 'a8_mps2')}"
-    vdv = f"{mark}{seat['vdv_so_far_mps175']:.3f} m/s^1.75 of {_pair(limits, 'vdv_mps175')}"
+    lower = seat["lower_bound"]
+    a8 = f"{bound(seat['a8_so_far_mps2'], lower)} m/s^2 of {_pair(limits, 'a8_mps2')}"
+    vdv = f"{bound(seat['vdv_so_far_mps175'], lower)} m/s^1.75 of {_pair(limits, 'vdv_mps175')}"
     return [
         f"SEAT: {ZONE[seat['zone']].upper()}",
         sentence(seat["zone_reason"]),
@@ -85,10 +80,9 @@ def _pair(limits: dict[str, Any], measure: str) -> str:
 def _projected(seat: dict[str, Any]) -> list[str]:
     if seat["projected_from_s"] is None:
         return []
-    a8, vdv = seat["a8_projected_8h_mps2"], seat["vdv_projected_8h_mps175"]
-    counted = duration(seat["projected_from_s"])
-    mark = ">= " if seat["projected_lower_bound"] else ""
-    return [f"projected to 8 h from {counted} counted: A(8) {mark}{a8:.4f} m/s^2, VDV {mark}{vdv:.3f} m/s^1.75"]
+    lower = seat["projected_lower_bound"]
+    a8, vdv = (bound(seat[name], lower) for name in ("a8_projected_8h_mps2", "vdv_projected_8h_mps175"))
+    return [f"projected to 8 h from {duration(seat['projected_from_s'])} counted: A(8) {a8} m/s^2, VDV {vdv} m/s^1.75"]
 
 
 def _dri_lines(document: dict[str, Any]) -> list[str]:
@@ -96,13 +90,18 @@ def _dri_lines(document: dict[str, Any]) -> list[str]:
     lines = []
     if dri:
         lines.append(
-            f"DRI {_bound(dri)}{dri['compression']:.2f} (compression, band {dri['class']}; "
-            f"as printed {dri['as_printed']:.2f}); "
+            f"DRI {bound(dri['compression'], dri['lower_bound'])} (compression, band {dri['class']}; "
+            f"as printed {number(dri['as_printed'])}); "
             "a criterion for a single upward pulse, not a dose"
         )
     if hic:
         lines.append(
-            f"HIC15 of the head {_bound(hic)}{hic['resultant']:.3f} resultant, {hic['vertical']:.3f} vertical, "
-            f"{hic['as_printed']:.3f} with 1 g as printed"
+            f"HIC15 of the head {bound(hic['resultant'], hic['lower_bound'])} resultant{_window(hic)}, "
+            f"{number(hic['vertical'])} vertical, {number(hic['as_printed'])} with 1 g as printed"
         )
     return lines
+
+
+def _window(hic: dict[str, Any]) -> str:
+    window = hic["windows_s"]["resultant"]
+    return f" ({span(window)} s after counting began)" if window else ""

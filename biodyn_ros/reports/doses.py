@@ -9,7 +9,7 @@ from biodyn_core.injury import DRI_BANDS
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
 from biodyn_ros.wording import bound
 
-VDV_LABEL: Final = "VDV, Wk-weighted, vertical, m/s^1.75"
+VDV_LABEL: Final = "VDV, Wk-weighted, vertical, m/s¹·⁷⁵"
 
 _WIDTH_IN: Final = 10.4
 _STYLES: Final[dict[str, Any]] = {

@@ -14,7 +14,7 @@ from biodyn_core.errors import InputError, one_line
 from biodyn_ros.files import remove, write_text
 from biodyn_ros.reports.drawing import PALETTE
 from biodyn_ros.resources import package_directory
-from biodyn_ros.wording import bound, duration, number, sentence, shocks, words
+from biodyn_ros.wording import bound, duration, number, sentence, shocks, span, typeset, words
 
 
 def check_reports() -> None:
@@ -39,8 +39,9 @@ def render(template: str, **values: Any) -> str:
         lstrip_blocks=True,
     )
     page.filters.update(number=number, bound=bound, duration=duration, words=words, sentence=sentence, shocks=shocks)
+    page.filters["span"] = span
     page.filters["value"] = lambda stated: number(None) if stated is None else f"{stated:g}"
-    return page.get_template(template).render(palette=PALETTE, **values)
+    return typeset(page.get_template(template).render(palette=PALETTE, **values))
 
 
 def write_drawn(path: Path, draw: Callable[[], str]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from biodyn_core.segments import SEAT
+from biodyn_core.wording import counted
 from biodyn_ros.wording import HORIZONTAL, ZONE, sentence, time_left
 
 
@@ -46,4 +47,4 @@ def _bound_reasons(document: dict[str, Any]) -> list[str]:
     if not seat["lower_bound"]:
         return []
     missing, clipped = seat["missing_s"], seat["clipped_samples"]
-    return [f"At least so much: {missing:.3f} s are missing and {clipped} samples are clipped at the seat."]
+    return [f"At least so much: {missing:.3f} s missing and {counted(clipped, 'sample')} clipped at the seat."]

@@ -17,7 +17,7 @@ from biodyn_core.segments import HEAD, SEAT, SEGMENTS
 from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.validation import Exposures, HeadPeaks, PredictedRun, Validation
 from biodyn_ros import __version__
-from biodyn_ros.exposure_json import dose_figures
+from biodyn_ros.exposure_json import dose_figures, hic_windows
 from biodyn_ros.provenance import MADE_BY_MODEL, Role, without_note
 from biodyn_ros.spectra_json import array, power_document, spectra_document, transmissibility_document
 from biodyn_ros.validate.findings import findings, verdict
@@ -122,7 +122,10 @@ def _dose(dose: Dose) -> Document | None:
 
 def _hic(found: Hic) -> Document | None:
     """Both definitions that the vertical alone can answer; None where nothing was counted."""
-    return {"as_printed": found.as_printed, "vertical": found.vertical} if found.as_printed > 0.0 else None
+    if found.as_printed <= 0.0:
+        return None
+    figures = {"as_printed": found.as_printed, "vertical": found.vertical}
+    return figures | {"windows_s": hic_windows(found, figures)}
 
 
 # --- over frequency --------------------------------------------------------------------------------------------------

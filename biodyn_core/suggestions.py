@@ -1,0 +1,37 @@
+"""Suggestions: the known name that is nearest to an unknown one, as the end of the message that refuses it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+MOST_FILES: Final = 10_000
+"""A directory with more files is not searched to its end."""
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """Return "; did you mean NAME?" with the nearest known name, whatever its capitals; empty where none is near."""
+    near = _nearest(name, known)
+    return f"; did you mean {near}?" if near else ""
+
+
+def did_you_mean_file(path: str | Path) -> str:
+    """Return the same for a path that does not exist: its nearest neighbour, or that of its first missing directory."""
+    missing = Path(path)
+    try:
+        while not missing.parent.exists():
+            missing = missing.parent
+        there = [] if missing.exists() else [file.name for file in islice(missing.parent.iterdir(), MOST_FILES)]
+    except (OSError, ValueError):  # a directory that cannot be read, or a name that no file can have
+        return ""
+    near = _nearest(missing.name, there)
+    return f"; did you mean {missing.parent / near}?" if near else ""
+
+
+def _nearest(name: object, known: Iterable[str]) -> str | None:
+    by_folded = {each.casefold(): each for each in known}
+    near = difflib.get_close_matches(str(name).casefold(), by_folded, n=1)
+    return by_folded[near[0]] if near else None

@@ -1,0 +1,32 @@
+"""Counts and numbers as a reader sees them: "1 sample", "2 samples", and three significant digits everywhere."""
+
+from __future__ import annotations
+
+import math
+
+
+def counted(count: int, one: str, many: str | None = None) -> str:
+    """Return a count with its noun, singular for 1; many: the plural where it is not `one` with an s."""
+    return f"{count} {one if count == 1 else many or f'{one}s'}"
+
+
+def number(value: float | None) -> str:
+    """Three significant digits without an exponent where that is possible; a dash for what is not known."""
+    if value is None or math.isnan(value):
+        return "–"
+    decimals = decimal_places(value)
+    return f"{value:.3g}" if decimals is None else f"{value:.{decimals}f}"
+
+
+def number_below(value: float, limit: float) -> str:
+    """The same, with as many more digits as show that the value lies below a limit."""
+    shown, digits = number(value), 4
+    while value < limit <= float(shown) and digits <= 17:
+        shown, digits = f"{value:.{digits}g}", digits + 1
+    return shown
+
+
+def decimal_places(value: float) -> int | None:
+    """Decimal places of three significant digits, once rounded to them; None where an exponent may be needed."""
+    size = abs(float(f"{value:.3g}"))
+    return max(0, 2 - math.floor(math.log10(size))) if 1e-3 <= size < 1e6 else None
