@@ -414,7 +414,7 @@ class Conditioner:
 
     def _survey(self, stamps_ns: Integers, samples: Floats, final: bool, room: _Rows) -> tuple[int, int, int]:
         """The kernel up to its clock, so that nothing behind it is compiled; only the times in `room` are told."""
-        unused_ns, times, unused, _ = room
+        unused_ns, times, unused, *_ = room
         ns, raw, state, counts = views(stamps_ns, samples, self._state, self._counts)
         return kernel.regularise(ns, raw, self._run_epoch_ns, final, state, counts, *views(times, unused, unused_ns))
 

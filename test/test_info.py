@@ -241,6 +241,25 @@ def test_a_noisy_recording_is_surveyed_as_replay_conditions_it(tmp_path: Path) -
         assert (row["rejected"], row["clipped"]) == (status.rejected, status.clipped)
 
 
+def test_a_sensor_at_the_end_of_its_range_is_surveyed_as_replay_conditions_it(tmp_path: Path) -> None:
+    streams = noisy_streams(8.0, "rail")
+    ends = np.array([13.0, 200.0, 14.0, 200.0, 16.0, 20.0])  # of which some end below what the settings call clipped
+    accel = [np.clip(4.0 * s.accel_mps2, -end, end) for s, end in zip(streams, ends, strict=True)]
+    for s, values in zip(streams, accel, strict=True):
+        rest = s.stamps_ns < s.stamps_ns[0] + 10**9
+        values[rest] = s.accel_mps2[rest]
+    bag = write(
+        tmp_path / "a.mcap", {s.sensor: (s.stamps_ns, s.stamps_ns, a) for s, a in zip(streams, accel, strict=True)}
+    )
+    document, pipeline = info(bag), replay(bag, subject()).pipeline
+    statuses = {name: pipeline.status(name) for name in by_sensor(document)}
+    clipped = {name: row["clipped"] for name, row in by_sensor(document).items()}
+    assert clipped == {name: status.clipped for name, status in statuses.items()}
+    assert sum(clipped.values()) > 0
+    for status in statuses.values():
+        assert all(any(text in line for line in document["warnings"]) for text in status.warnings)
+
+
 def test_nothing_is_left_behind_by_a_refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     slow = write(tmp_path / "slow.mcap", {"seat": still(rate_hz=100.0)})
     for bag in (tmp_path / "missing.mcap", slow):
