@@ -128,7 +128,7 @@ GOOD = {"subject": "anna.yaml", "bags": ["anna.mcap"]}
         ),
         ([GOOD | {"bags": []}], r"subjects\[0\].bags: anna has no bag, give at least one"),
         ([GOOD | {"bags": "anna.mcap"}], r"subjects\[0\].bags: expected a list of bags"),
-        ([GOOD | {"bags": ["x.mcap"]}], r"subjects\[0\].bags\[0\]: there is no /.*/x.mcap; paths are relative to the"),
+        ([GOOD | {"bags": ["x.mcap"]}], r"subjects\[0\].bags\[0\]: there is no /.*/x.mcap: paths are relative to the"),
         ([GOOD | {"hold_out": [None]}], r"subjects\[0\].hold_out\[0\] is None, expected a text"),
         ([GOOD | {"bags": ["anna.mcap"] * 2}], r"subjects\[0\].bags\[1\]: anna.mcap is given twice"),
         ([GOOD | {"hold_out": ["./anna.mcap"]}], r"subjects\[0\]: /.*/anna.mcap is given twice; what is fitted to"),

@@ -151,7 +151,9 @@ def _interpolate(kind: str) -> list:
 def _dose(kind: str) -> list:
     sections = weighting_sections("Wk", RATE_HZ)
     state = np.zeros((len(sections), 2, 2))
-    return [given(kind, 2), sections, state, 2e-3, np.full(2, 0.3), 1e-3, np.zeros(2), *_tally(2, 5)]
+    window = 40.6  # samples, so that its block is full several times
+    means = [1e-3, np.zeros(2), np.zeros((2, 42)), np.zeros(2), np.zeros(1, dtype=np.int64), window]
+    return [given(kind, 2), sections, state, 2e-3, np.full(2, 0.3), *means, *_tally(2, 6)]
 
 
 def _planar_dose(kind: str) -> list:
@@ -167,7 +169,8 @@ def _dynamic_response(kind: str) -> list:
 def _head_injury(kind: str) -> list:
     x = np.abs(given(kind, 3))
     weights = np.append(np.arange(1, 17) / RATE_HZ, 0.015) ** -0.6
-    return [x, 1.0 / RATE_HZ, 0.015, weights, np.zeros((3, 2, 36)), np.zeros((3, 2), dtype=np.int64), *_tally(3, 1)]
+    told = [np.zeros((3, 2), dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros((3, 2))]
+    return [x, 1.0 / RATE_HZ, 0.015, weights, np.zeros((3, 2, 36)), *told, *_tally(3, 1)]
 
 
 def _level(kind: str) -> list:

@@ -23,6 +23,7 @@ from biodyn_core.model import Chain
 from biodyn_core.recording import WARM_UP_S, Recorder, Recording, RecordingSettings, level_mps2, representative
 from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import ImuStream, SensorSettings, load_case
+from biodyn_core.wording import counted
 from biodyn_core.worn import LEFT_OF_AN_ERROR
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
@@ -187,7 +188,7 @@ def test_short_gaps_are_bridged_and_longer_ones_masked(lost, is_masked):
     # A bridge of 3.5 ms over 9.3 Hz errs by (pi f gap)^2 / 2 = 0.5 % of it, its low-passed trace by less.
     largest = np.nanmax(np.abs(good.measured_mps2[:, HEAD]))
     assert np.nanmax(np.abs(head - good.measured_mps2[:, HEAD])) < 0.005 * largest
-    assert any(line.startswith(f"head: {lost} samples interpolated") for line in recording.warnings)
+    assert any(line.startswith(f"head: {counted(lost, 'sample')} interpolated") for line in recording.warnings)
 
 
 def test_a_reading_that_is_no_number_is_a_lost_one():
