@@ -20,6 +20,7 @@ from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.errors import InputError
 from biodyn_core.kernels import sensor as kernel
 from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
+from biodyn_core.rails import Clipping
 from biodyn_core.rest import Rest, RestWindow
 from biodyn_core.runs import Runs
 from biodyn_core.segments import STANDARD_GRAVITY_MPS2
@@ -208,9 +209,14 @@ class Conditioner:
             return None
         return self._run_epoch_ns + round(newest_s * 1e9)
 
+    def clipping(self) -> Clipping:
+        """What was clipped so far."""
+        rows, samples = self._state[kernel.RAILS :], self._counts[kernel.AT_EXTREMES :]
+        return Clipping.of(int(self._counts[kernel.CLIPPED]), rows, samples)
+
     def status(self) -> SensorStatus:
         """What was seen so far."""
-        counts = [int(v) for v in self._counts]
+        counts, clipping = [int(v) for v in self._counts], self.clipping()
         known = self._rest is not None
         period_s = self._rest.period_s if self._rest else 0.0
         return SensorStatus(
@@ -228,14 +234,14 @@ class Conditioner:
             stray=counts[kernel.STRAY],
             filled=counts[kernel.FILLED],
             flat=counts[kernel.FLAT],
-            clipped=counts[kernel.CLIPPED],
+            clipped=clipping.total,
             runs=self.runs.count,
             run_s=counts[kernel.IN_RUN] * period_s if self.runs.count else None,
             uncounted_s=self._uncounted * period_s,
             unrested_s=self._unrested * period_s,
             set_back_s=self._set_back * period_s,
             gap_s=self.runs.gap_s,
-            warnings=tuple(self._warnings()),
+            warnings=(*self._warnings(), *clipping.warnings(self.settings.saturation_mps2)),
             fault=self.fault,
         )
 
@@ -299,7 +305,7 @@ class Conditioner:
         s[kernel.MAX_GAP] = max(settings.max_gap_s, 1.5 * rest.period_s)
         s[kernel.FLAT_AFTER], s[kernel.SATURATION] = settings.flat_s, settings.saturation_mps2
         s[kernel.GAIN_TIME], s[kernel.GAIN_PERIOD] = 2.0 / turns, 1.0 / turns**2
-        s[kernel.COARSE], s[kernel.AT_REST :] = rest.coarse, rest.mean_mps2
+        s[kernel.COARSE], s[kernel.AT_REST : kernel.RAILS] = rest.coarse, rest.mean_mps2
         s[kernel.TRACKER_GAIN] = rest.period_s / tracker_s if tracker_s else 0.0
         self._counts[kernel.TRACKED] = self._counts[kernel.IN_RUN] = rest.samples
         self._max_fill = int(s[kernel.MAX_GAP] / (0.98 * rest.period_s)) + 2

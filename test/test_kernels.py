@@ -120,7 +120,7 @@ def _sensor(coarse: bool, jitter_s: float) -> np.ndarray:
     state[sensor.ROTATION : sensor.LOW_PASS] = np.eye(3)[[1, 2, 0]].ravel()
     state[sensor.LOW_PASS : sensor.LOW_PASS_STATE] = signal.butter(4, 100.0, fs=RATE_HZ, output="sos").ravel()
     state[[sensor.MAX_GAP, sensor.FLAT_AFTER, sensor.GAIN_TIME, sensor.GAIN_PERIOD]] = 0.05, 0.01, 2e-3, 1e-6
-    state[sensor.TRACKER_GAIN], state[sensor.AT_REST :] = 1.0 / (40.0 * RATE_HZ), (0.1, 0.2, 9.81)
+    state[sensor.TRACKER_GAIN], state[sensor.AT_REST : sensor.RAILS] = 1.0 / (40.0 * RATE_HZ), (0.1, 0.2, 9.81)
     return state
 
 

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.arrays import Floats, Integers
+from biodyn_core.kernels import rails
 from biodyn_core.kernels.compiling import compiled, inlined
 
 SECTIONS: Final = 2
@@ -23,7 +24,8 @@ ROTATION: Final = LAST + 3
 LOW_PASS: Final = ROTATION + 9
 LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
 # ... and what was set for good: limits, gains, whether samples share a stamp, the mean reading at rest (3), which is
-# gravity and bias; the slow level of the gravity tracker is carried, and between which stamps the last hole lies.
+# gravity and bias; the slow level of the gravity tracker is carried, and between which stamps the last hole lies. Last
+# come the rows of the search for rails.
 (
     MAX_GAP,
     FLAT_AFTER,
@@ -37,9 +39,10 @@ LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
     HOLE_TO,
     AT_REST,
 ) = range(LOW_PASS_STATE + 2 * SECTIONS, LOW_PASS_STATE + 2 * SECTIONS + 11)
-STATE_SIZE: Final = AT_REST + 3
+RAILS: Final = AT_REST + 3
+STATE_SIZE: Final = RAILS + rails.STATE_SIZE
 
-# The array of counts: what was accepted and rejected, then what the clock itself counts.
+# The array of counts: what was accepted and rejected, then what the clock itself counts, then samples at extremes.
 (
     ACCEPTED,
     UNSET,
@@ -56,8 +59,9 @@ STATE_SIZE: Final = AT_REST + 3
     UNUSABLE,
     LATE_IN_A_ROW,
     SET_BACK,
-    COUNT_SIZE,
+    AT_EXTREMES,
 ) = range(16)
+COUNT_SIZE: Final = AT_EXTREMES + rails.COUNT_SIZE
 
 DONE, NEW_RUN, UNDECIDED, ACCEPT, REJECTED = range(5)
 """Verdicts on a sample, and why a call returned: all read, the next one begins a run, or depends on those to come."""
@@ -228,13 +232,19 @@ def _judge_ahead(
 
 
 @inlined
-def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts: Integers) -> None:
-    """Count what an accepted reading looks like: clipped, or one of a flat line, which counts from its beginning."""
-    clipped = False
+def _count_reading(stamp: float, samples: Floats, at: int, joined: bool, state: Floats, counts: Integers) -> None:
+    """Count what an accepted reading looks like: clipped, or one of a flat line, which counts from its beginning.
+
+    joined: no sample is missing before it.
+    """
+    clipped, same = False, _same(samples, at, state)
     for c in range(3):
         clipped |= abs(samples[at, c]) >= state[SATURATION]
     counts[CLIPPED] += clipped
-    if not _same(samples, at, state):
+    place = rails.find_rails(samples, at, state[LAST:ROTATION], joined, not same, state[RAILS:], counts[AT_EXTREMES:])
+    if place > 0 and not clipped:
+        counts[AT_EXTREMES + place] += 1
+    if not same:
         state[FLAT_SINCE] = stamp
         counts[REPEATED] = 0
         return
@@ -342,7 +352,7 @@ def regularise(
         if verdict != ACCEPT:
             return i, written, verdict
         stamp = (stamps_ns[i] - epoch_ns) * 1e-9
-        now = stamp
+        now, joined = stamp, False
         if np.isnan(state[TIME]):
             counts[IN_RUN] = 0
         else:
@@ -362,8 +372,9 @@ def regularise(
             if missing > 0:
                 state[HOLE_FROM], state[HOLE_TO] = state[LAST_STAMP], stamp
             counts[FILLED] += missing
+            joined = missing == 0
         times[written], source[written] = now, i
-        _count_reading(stamp, samples, i, state, counts)
+        _count_reading(stamp, samples, i, joined, state, counts)
         for c in range(3):
             out[written, c] = samples[i, c]
             state[LAST + c] = samples[i, c]
@@ -422,7 +433,7 @@ def condition(
     raw = np.empty(levelled.shape)
     source = np.empty(times.shape, dtype=np.int64)
     done, written, why = regularise(stamps_ns, samples, epoch_ns, final, state, counts, times, raw, source)
-    level(raw[:written], state[ROTATION:LOW_PASS].reshape(3, 3), state[AT_REST:], levelled)
+    level(raw[:written], state[ROTATION:LOW_PASS].reshape(3, 3), state[AT_REST:RAILS], levelled)
     sos = state[LOW_PASS:LOW_PASS_STATE].reshape(SECTIONS, 6)
     filter_state = state[LOW_PASS_STATE:MAX_GAP].reshape(SECTIONS, 2, 1)
     filter_sections(sos, filter_state, levelled[:written, 2:], low_passed)
