@@ -85,14 +85,12 @@ class WornSensor:
                 self._ups = self._followed()
         # Sorted once: a record full of gaps has thousands of runs to look up.
         clipped = [self._clipped_of(*high) for high in self._high]
-        self._read, self._clipped_ns = (
-            np.unique(np.concatenate([*part, _NONE])) for part in (self._usable, clipped)
-        )
+        self._read, self._clipped_ns = (np.unique(np.concatenate([*part, _NONE])) for part in (self._usable, clipped))
 
     def _clipped_of(self, stamps_ns: Integers, samples_mps2: Floats) -> Integers:
         """The stamps (k,) of what is clipped among samples (n, 3): a rail is known only at the end of the record."""
         limit = self._conditioner.settings.saturation_mps2
-        beyond: Flags = (np.abs(samples_mps2) >= limit).any(axis=1)
+        beyond = np.abs(samples_mps2).max(axis=1, initial=0.0) >= limit
         return stamps_ns[beyond | self._conditioner.clipping().at_rails(samples_mps2)]
 
     def _followed(self) -> list[Floats]:

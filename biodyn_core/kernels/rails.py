@@ -1,16 +1,16 @@
-"""Rails: the value at which a sensor's own range ends, found by readings that stay at their extreme.
+"""Rails: where a sensor's own range ends, found by readings that stay at the extreme of an axis.
 
-Each axis has two sides, and each side carries one row of floats, laid out here. The test compares the extreme with the
-`NEXT` distinct levels below it, so it needs neither the step nor the noise of the sensor. It counts a reading that
-follows another one at the extreme, provided that
+Each axis has two sides, and each side carries one row of floats, laid out here. The extreme is compared with the `NEXT`
+distinct levels next to it, so neither the step nor the noise of the sensor must be known. A reading counts that follows
+another one at the extreme, provided that
 
-- the motion came to the extreme in one step, from below all of these levels: a slow motion, whose crest is a parabola,
-  passes through them, and stays in the uppermost of 4 equal ones at most;
-- another axis changed: a sample that is held or sent twice says nothing;
-- no counted stay came from the same place: a looped record, or a periodic motion, repeats itself.
+- the motion came to the extreme in one step, from below all of these levels. The crest of a smooth motion is a parabola:
+  where three readings lie in one level, the reading before them lies within four levels.
+- another axis changed. A sample that is held or sent twice tells nothing.
+- no stay that counts came from the same place. A looped record and a periodic motion repeat themselves.
 
-A motion that moves by more than 8 levels a sample stays in the uppermost of 9 with a chance of at most 1/9. So the chance
-that `NEEDED` readings do is at most 9^-9, 3e-9.
+A motion that moves by more than 8 levels from sample to sample stays in one of 9 levels with a chance of at most 1/9. So
+`NEEDED` readings stay there by chance with a probability of at most 9^-9, 3e-9.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ STATE_SIZE: Final = ROWS * ROW_SIZE
 """Six rows of floats: of each axis that of its largest readings, then that of its smallest ones, mirrored."""
 
 COUNT_SIZE: Final = (1 + SIDES) ** AXES
-"""Samples by where each axis lies: 0 elsewhere, 1 at its largest reading, 2 at its smallest; the last axis runs first."""
+"""Samples by where each axis lies: 0 elsewhere, 1 at its largest, 2 at its smallest; the first axis runs fastest."""
 
 _BELOW, _AT_EXTREME, _GREW = range(3)
 
@@ -131,25 +131,50 @@ def _leave(side: int, weight: int, counts: Integers) -> None:
 
 
 @inlined
-def find_rails(
-    samples: Floats, at: int, before: Floats, joined: bool, changed: bool, rows: Floats, counts: Integers
+def _place_of(
+    samples: Floats, n: int, before: tuple[float, float, float], joined: bool, rows: Floats, counts: Integers
 ) -> int:
-    """Look at a sample's readings (n, 3); returns its place in `counts`, 0 where no axis lies at an extreme.
-
-    before (3,): the readings of the sample before; joined: none is missing in between; changed: they differ.
-    rows (STATE_SIZE,) and counts (COUNT_SIZE,) are carried on.
-    """
+    """Look at one sample's readings; returns its place in `counts`, 0 where no axis lies at an extreme."""
     place, weight = 0, 1
     for c in range(AXES):
-        value = samples[at, c]
-        if abs(value) >= LEAST_MPS2:
-            side = 0 if value > 0.0 else 1
+        value = samples[n, c]
+        side = 0 if value > 0.0 else 1
+        row = (SIDES * c + side) * ROW_SIZE
+        if abs(value) > max(LEAST_MPS2, rows[row + LOWEST]):
             sign = 1.0 - 2.0 * side
-            begin = (SIDES * c + side) * ROW_SIZE
-            looked = _look(sign * value, sign * before[c], joined, changed, rows[begin : begin + ROW_SIZE])
+            changed = before[0] != samples[n, 0] or before[1] != samples[n, 1] or before[2] != samples[n, 2]
+            looked = _look(sign * value, sign * before[c], joined, changed, rows[row : row + ROW_SIZE])
             if looked == _GREW:
                 _leave(side, weight, counts)
             if looked != _BELOW:
                 place += (side + 1) * weight
         weight *= 1 + SIDES
     return place
+
+
+@compiled
+def find_rails(
+    samples: Floats,
+    source: Integers,
+    before: Floats,
+    joined: bool,
+    saturation: float,
+    rows: Floats,
+    counts: Integers,
+) -> None:
+    """Look for rails in a sensor's samples (n, 3) m/s^2; source (m,) is below zero where one was interpolated.
+
+    before (3,): the reading before the first sample; joined: it belongs to the same run. Samples from `saturation` on
+    are in no place. rows (STATE_SIZE,) and counts (COUNT_SIZE,) are carried on.
+    """
+    earlier = before[0], before[1], before[2]
+    for n in range(samples.shape[0]):
+        largest = max(abs(samples[n, 0]), abs(samples[n, 1]), abs(samples[n, 2]))
+        if largest < LEAST_MPS2 or source[n] < 0:
+            continue
+        if n > 0:
+            earlier = samples[n - 1, 0], samples[n - 1, 1], samples[n - 1, 2]
+            joined = source[n - 1] >= 0
+        place = _place_of(samples, n, earlier, joined, rows, counts)
+        if place > 0 and largest < saturation:
+            counts[place] += 1

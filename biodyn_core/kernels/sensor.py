@@ -232,19 +232,13 @@ def _judge_ahead(
 
 
 @inlined
-def _count_reading(stamp: float, samples: Floats, at: int, joined: bool, state: Floats, counts: Integers) -> None:
-    """Count what an accepted reading looks like: clipped, or one of a flat line, which counts from its beginning.
-
-    joined: no sample is missing before it.
-    """
-    clipped, same = False, _same(samples, at, state)
+def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts: Integers) -> None:
+    """Count what an accepted reading looks like: clipped, or one of a flat line, which counts from its beginning."""
+    clipped = False
     for c in range(3):
         clipped |= abs(samples[at, c]) >= state[SATURATION]
     counts[CLIPPED] += clipped
-    place = rails.find_rails(samples, at, state[LAST:ROTATION], joined, not same, state[RAILS:], counts[AT_EXTREMES:])
-    if place > 0 and not clipped:
-        counts[AT_EXTREMES + place] += 1
-    if not same:
+    if not _same(samples, at, state):
         state[FLAT_SINCE] = stamp
         counts[REPEATED] = 0
         return
@@ -352,7 +346,7 @@ def regularise(
         if verdict != ACCEPT:
             return i, written, verdict
         stamp = (stamps_ns[i] - epoch_ns) * 1e-9
-        now, joined = stamp, False
+        now = stamp
         if np.isnan(state[TIME]):
             counts[IN_RUN] = 0
         else:
@@ -372,9 +366,8 @@ def regularise(
             if missing > 0:
                 state[HOLE_FROM], state[HOLE_TO] = state[LAST_STAMP], stamp
             counts[FILLED] += missing
-            joined = missing == 0
         times[written], source[written] = now, i
-        _count_reading(stamp, samples, i, joined, state, counts)
+        _count_reading(stamp, samples, i, state, counts)
         for c in range(3):
             out[written, c] = samples[i, c]
             state[LAST + c] = samples[i, c]
@@ -426,13 +419,17 @@ def condition(
     levelled: Floats,
     low_passed: Floats,
 ) -> tuple[int, int, int]:
-    """One sensor's whole path in one call: `regularise`, `level`, `filter_sections` on the vertical, stamps less delay.
+    """One sensor's whole path in one call: `regularise`, `find_rails`, `level`, `filter_sections`, stamps less delay.
 
     Arrays and answer as in `regularise`; out_stamps_ns, times (m,), levelled (m, 3), low_passed (m, 1).
     """
     raw = np.empty(levelled.shape)
     source = np.empty(times.shape, dtype=np.int64)
+    before, joined = state[LAST:ROTATION].copy(), not np.isnan(state[TIME])
     done, written, why = regularise(stamps_ns, samples, epoch_ns, final, state, counts, times, raw, source)
+    rails.find_rails(
+        raw[:written], source, before, joined, state[SATURATION], state[RAILS:STATE_SIZE], counts[AT_EXTREMES:]
+    )
     level(raw[:written], state[ROTATION:LOW_PASS].reshape(3, 3), state[AT_REST:RAILS], levelled)
     sos = state[LOW_PASS:LOW_PASS_STATE].reshape(SECTIONS, 6)
     filter_state = state[LOW_PASS_STATE:MAX_GAP].reshape(SECTIONS, 2, 1)
