@@ -18,6 +18,7 @@ from scipy import signal
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.errors import InputError
+from biodyn_core.kernels import rails
 from biodyn_core.kernels import sensor as kernel
 from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.rails import Clipping
@@ -83,8 +84,11 @@ SettingsOf = ConditioningSettings | Mapping[str, ConditioningSettings] | None
 """Settings of all sensors, or of each by its name; of a sensor that is not named they are the defaults."""
 
 
-_Rows = tuple[Integers, Floats, Floats, Floats]
+_Answered = tuple[Integers, Floats, Floats, Floats]
 """Stamps (n,) ns, times (n,) s, levelled (n, 3) and low-passed m/s^2."""
+
+_Rows = tuple[Integers, Floats, Floats, Floats, Floats, Integers]
+"""The same, then raw readings (n, 3) m/s^2, and by index (n,) which sample each was, -1 where interpolated."""
 
 
 def settings_for(sensor: str, conditioning: SettingsOf) -> ConditioningSettings | None:
@@ -123,6 +127,8 @@ class Conditioner:
         self._uncounted = 0
         self._state = np.zeros(kernel.STATE_SIZE)
         self._counts = np.zeros(kernel.COUNT_SIZE, dtype=np.int64)
+        self._rails = np.zeros(rails.STATE_SIZE)
+        self._at_extremes = np.zeros(rails.COUNT_SIZE, dtype=np.int64)
         self._undecided: tuple[Integers, Floats] | None = None
         self._held: list[Block] = []
         self.runs = Runs()
@@ -211,8 +217,7 @@ class Conditioner:
 
     def clipping(self) -> Clipping:
         """What was clipped so far."""
-        rows, samples = self._state[kernel.RAILS :], self._counts[kernel.AT_EXTREMES :]
-        return Clipping.of(int(self._counts[kernel.CLIPPED]), rows, samples)
+        return Clipping.of(int(self._counts[kernel.CLIPPED]), self._rails, self._at_extremes)
 
     def status(self) -> SensorStatus:
         """What was seen so far."""
@@ -305,7 +310,7 @@ class Conditioner:
         s[kernel.MAX_GAP] = max(settings.max_gap_s, 1.5 * rest.period_s)
         s[kernel.FLAT_AFTER], s[kernel.SATURATION] = settings.flat_s, settings.saturation_mps2
         s[kernel.GAIN_TIME], s[kernel.GAIN_PERIOD] = 2.0 / turns, 1.0 / turns**2
-        s[kernel.COARSE], s[kernel.AT_REST : kernel.RAILS] = rest.coarse, rest.mean_mps2
+        s[kernel.COARSE], s[kernel.AT_REST : kernel.BEFORE] = rest.coarse, rest.mean_mps2
         s[kernel.TRACKER_GAIN] = rest.period_s / tracker_s if tracker_s else 0.0
         self._counts[kernel.TRACKED] = self._counts[kernel.IN_RUN] = rest.samples
         self._max_fill = int(s[kernel.MAX_GAP] / (0.98 * rest.period_s)) + 2
@@ -369,7 +374,9 @@ class Conditioner:
         )  # fmt: skip
         if not written:
             return used, None, why
-        stamps, times, levelled, low_passed = room
+        stamps, times, levelled, low_passed, raw, source = room
+        if self._state.item(kernel.LARGEST) >= rails.LEAST_MPS2:
+            self._find_rails(raw[:written], source)
         begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)
         begins_run, gap_s = self.runs.answered(begins_ns, ends_ns, 1.0 / self.rate_hz)
         shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
@@ -379,6 +386,12 @@ class Conditioner:
             self.settings.cutoff_hz,
         )  # fmt: skip
         return used, block, why
+
+    def _find_rails(self, raw_mps2: Floats, source: Integers) -> None:
+        s = self._state
+        before_mps2, joined = s[kernel.BEFORE : kernel.JOINED], s.item(kernel.JOINED) > 0.0
+        limit_mps2 = s.item(kernel.SATURATION)
+        rails.find_rails(raw_mps2, source, before_mps2, joined, limit_mps2, self._rails, self._at_extremes)
 
     def _end_run(self, next_ns: int) -> list[Block]:
         """Nothing integrates across a break: filters start anew, and time that jumped back goes on."""
@@ -411,10 +424,11 @@ class Conditioner:
 def _room(samples: int, max_fill: int) -> _Rows:
     """Where the kernel writes; what lies in it is handed out without a copy."""
     size = samples + max_fill + 2
-    return np.empty(size, dtype=np.int64), np.empty(size), np.empty((size, 3)), np.empty((size, 1))
+    stamps, source = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+    return stamps, np.empty(size), np.empty((size, 3)), np.empty((size, 1)), np.empty((size, 3)), source
 
 
-def _copied(rows: _Rows) -> _Rows:
+def _copied(rows: _Answered) -> _Answered:
     """Live a block is one row of sixty: copied out, it holds no more than that, and its room serves again."""
     stamps, times, levelled, low_passed = rows
     return stamps.copy(), times.copy(), levelled.copy(), low_passed.copy()

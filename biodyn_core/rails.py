@@ -13,6 +13,9 @@ from biodyn_core.kernels import rails as kernel
 
 LEAST_MPS2: Final = kernel.LEAST_MPS2
 
+ONE_STEP: Final = 2.0**-15
+"""By so much, a step of 16 bits, a sensor's range may differ from side to side."""
+
 _PLACES: Final = np.arange(kernel.COUNT_SIZE)
 _LIES_AT: Final = np.array(
     [
@@ -41,9 +44,11 @@ class Clipping:
     def of(cls, saturated: int, rows: Floats, samples: Integers) -> Clipping:
         """Read it from what the kernel carries on: rows (132,) and samples (27,)."""
         table = rows.reshape(kernel.ROWS, kernel.ROW_SIZE)
-        mirrored = np.tile([1.0, -1.0], kernel.AXES)
-        is_rail = table[:, kernel.FOUND] > 0.0
-        return cls(saturated, mirrored * table[:, kernel.EXTREME], is_rail, samples.copy())
+        extremes, is_rail = table[:, kernel.EXTREME], table[:, kernel.FOUND] > 0.0
+        if is_rail.any():  # that of one side is that of all sides that reach it
+            apart = np.abs(extremes[:, np.newaxis] - extremes[is_rail])
+            is_rail = np.any(apart <= ONE_STEP * extremes[is_rail], axis=1)
+        return cls(saturated, np.tile([1.0, -1.0], kernel.AXES) * extremes, is_rail, samples.copy())
 
     @property
     def total(self) -> int:

@@ -1,20 +1,25 @@
-"""Rails: where a sensor's own range ends, found by readings that stay at the extreme of an axis.
+"""Rails: where a sensor's own range ends, found by readings that come back to the extreme of an axis, or stay there.
 
 Each axis has two sides, and each side carries one row of floats, laid out here. The extreme is compared with the `NEXT`
-distinct levels next to it, so neither the step nor the noise of the sensor must be known. A reading counts that follows
-another one at the extreme, provided that
+distinct levels next to it, so neither the step nor the noise of the sensor must be known. A stay at the extreme, of one
+reading or more, counts if
 
-- the motion came to the extreme in one step, from below all of these levels. The crest of a smooth motion is a parabola:
-  where three readings lie in one level, the reading before them lies within four levels.
-- another axis changed. A sample that is held or sent twice tells nothing.
+- the motion came to the extreme in one step, from below all of these levels. A slow motion passes through them.
 - no stay that counts came from the same place. A looped record and a periodic motion repeat themselves.
 
-A motion that moves by more than 8 levels from sample to sample stays in one of 9 levels with a chance of at most 1/9. So
-`NEEDED` readings stay there by chance with a probability of at most 9^-9, 3e-9.
+Either of two laws makes it a rail, each with a probability of at most `CHANCE` for a motion that turns round by itself:
+
+- Readings that follow another one in a stay. A motion that moves by more than 8 levels a sample stays in one of 9
+  levels with a chance of at most 1/9: 9 such readings. Another axis must have changed: a held sample tells nothing.
+- Stays. The crest of a smooth motion is a parabola, whose time in the upper n of N levels is as the root of n: of all
+  readings in 9 levels at most 1/3 lie in the uppermost one. With k stays and s readings in the next levels the binomial
+  probability of so many is below exp(-(k + s) D), D the divergence of k / (k + s) from 1/3 (Chernoff): 34 stays if each
+  of the next levels was read once.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -31,15 +36,22 @@ SAME: Final = 2.0**-17
 NEXT: Final = 8
 """So many distinct levels next to the extreme are known before it is judged."""
 
-NEEDED: Final = 9
-"""So many readings that stay at the extreme make it a rail."""
+CHANCE: Final = 9.0**-9
+"""The largest probability that a motion within the range passes for one at a rail: 3e-9."""
 
-# One side's row: its extreme and the next levels, falling; whether it is a rail; how many readings stayed ...
+STAYED_NEEDED: Final = 9.0
+SHARE: Final = 1.0 / math.sqrt(NEXT + 1.0)
+MOST_STAYS: Final = 64
+"""So many stays are told apart: nearly twice as many as a rail needs."""
+
+# One side's row: its extreme and the next levels, falling; how often these were read; whether it is a rail ...
 EXTREME, LOWEST = 0, NEXT
-FOUND, STAYED, STAYS, ENTRY = range(NEXT + 1, NEXT + 5)
-# ... and from where the stays that count came.
-ENTRIES: Final = ENTRY + 1
-ROW_SIZE: Final = ENTRIES + NEEDED
+READ: Final = NEXT + 1
+FOUND: Final = READ + NEXT + 1
+# ... how many readings stayed, whether this stay counts, how many stays did, and from where they came.
+STAYED, COUNTS, STAYS = range(FOUND + 1, FOUND + 4)
+ENTRIES: Final = STAYS + 1
+ROW_SIZE: Final = ENTRIES + MOST_STAYS
 
 AXES, SIDES = 3, 2
 ROWS: Final = AXES * SIDES
@@ -58,67 +70,79 @@ def _is_at(value: float, level: float) -> bool:
 
 
 @inlined
-def _enter(entry: float, row: Floats) -> None:
-    """Begin a stay at the extreme; one that does not count comes from infinity."""
-    row[ENTRY] = np.inf
-    if row[LOWEST] == 0.0 or entry >= row[LOWEST]:
-        return
-    for k in range(int(row[STAYS])):
-        if abs(entry - row[ENTRIES + k]) < 0.5 * (row[EXTREME] - row[LOWEST]):
-            return
-    row[ENTRY] = entry
+def _judge(row: Floats) -> None:
+    """Tell whether the extreme is a rail; it remains one until a reading exceeds it."""
+    if row[STAYED] >= STAYED_NEEDED:
+        row[FOUND] = 1.0
+    seen = row[STAYS]
+    for k in range(1, NEXT + 1):
+        seen += row[READ + k]
+    share = row[STAYS] / seen
+    if SHARE < share < 1.0:
+        divergence = share * np.log(share / SHARE) + (1.0 - share) * np.log((1.0 - share) / (1.0 - SHARE))
+        if seen * divergence >= -np.log(CHANCE):
+            row[FOUND] = 1.0
 
 
 @inlined
-def _stay(row: Floats) -> None:
-    """Count a reading that stays at the extreme."""
-    if row[FOUND] > 0.0 or row[ENTRY] == np.inf:
-        return
+def _enter(entry: float, row: Floats) -> None:
+    """Begin a stay at the extreme, and count it if it tells something."""
     stays = int(row[STAYS])
-    if stays == 0 or row[ENTRIES + stays - 1] != row[ENTRY]:
-        row[ENTRIES + stays] = row[ENTRY]
-        row[STAYS] += 1.0
-    row[STAYED] += 1.0
-    if row[STAYED] >= NEEDED:
-        row[FOUND] = 1.0
+    row[COUNTS] = 0.0
+    if row[LOWEST] == 0.0 or entry >= row[LOWEST] or stays == MOST_STAYS:
+        return
+    for k in range(stays):
+        if abs(entry - row[ENTRIES + k]) < 0.5 * (row[EXTREME] - row[LOWEST]):
+            return
+    row[ENTRIES + stays] = entry
+    row[STAYS] += 1.0
+    row[COUNTS] = 1.0
+    _judge(row)
+
+
+@inlined
+def _rise(value: float, row: Floats) -> None:
+    """A new extreme: what was found of the one before is void."""
+    for k in range(NEXT, 0, -1):
+        row[k], row[READ + k] = row[k - 1], row[READ + k - 1]
+    row[EXTREME], row[READ] = value, 1.0
+    row[FOUND] = row[STAYED] = row[STAYS] = 0.0
 
 
 @inlined
 def _place(value: float, row: Floats) -> None:
-    """Keep a level among those next to the extreme, unless it is one of them or below all."""
-    if value <= row[LOWEST]:
-        return
+    """Note a level among those next to the extreme, unless it is below all."""
     place = NEXT
     while value > row[place - 1]:
         place -= 1
-    if _is_at(value, row[place - 1]) or _is_at(value, row[place]):
-        return
-    for k in range(NEXT, place, -1):
-        row[k] = row[k - 1]
-    row[place] = value
+    if _is_at(value, row[place - 1]):
+        row[READ + place - 1] += 1.0
+    elif _is_at(value, row[place]):
+        row[READ + place] += 1.0
+    else:
+        for k in range(NEXT, place, -1):
+            row[k], row[READ + k] = row[k - 1], row[READ + k - 1]
+        row[place], row[READ + place] = value, 1.0
 
 
 @compiled
 def _look(value: float, before: float, joined: bool, changed: bool, row: Floats) -> int:
     """Look at one reading of a side, mirrored so that it is positive, and at the one before it."""
     extreme = row[EXTREME]
-    if value > extreme and not _is_at(value, extreme):
-        for k in range(NEXT, 0, -1):
-            row[k] = row[k - 1]
-        row[EXTREME] = value
-        row[FOUND] = row[STAYED] = row[STAYS] = 0.0
-        _enter(before if joined else np.inf, row)
-        return _GREW
-    if not _is_at(value, extreme):
+    is_at = _is_at(value, extreme)
+    if value < extreme and not is_at:
         _place(value, row)
         return _BELOW
+    if not is_at:
+        _rise(value, row)
     if not joined:
-        row[ENTRY] = np.inf
-    elif not _is_at(before, extreme):
+        row[COUNTS] = 0.0
+    elif not _is_at(before, row[EXTREME]):
         _enter(before, row)
-    elif changed:
-        _stay(row)
-    return _AT_EXTREME
+    elif changed and row[COUNTS] > 0.0:
+        row[STAYED] += 1.0
+        _judge(row)
+    return _AT_EXTREME if is_at else _GREW
 
 
 @compiled
@@ -140,7 +164,7 @@ def _place_of(
         value = samples[n, c]
         side = 0 if value > 0.0 else 1
         row = (SIDES * c + side) * ROW_SIZE
-        if abs(value) > max(LEAST_MPS2, rows[row + LOWEST]):
+        if abs(value) >= max(LEAST_MPS2, rows[row + LOWEST] * (1.0 - SAME)):
             sign = 1.0 - 2.0 * side
             changed = before[0] != samples[n, 0] or before[1] != samples[n, 1] or before[2] != samples[n, 2]
             looked = _look(sign * value, sign * before[c], joined, changed, rows[row : row + ROW_SIZE])

@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.arrays import Floats, Integers
-from biodyn_core.kernels import rails
 from biodyn_core.kernels.compiling import compiled, inlined
 
 SECTIONS: Final = 2
@@ -24,8 +23,8 @@ ROTATION: Final = LAST + 3
 LOW_PASS: Final = ROTATION + 9
 LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
 # ... and what was set for good: limits, gains, whether samples share a stamp, the mean reading at rest (3), which is
-# gravity and bias; the slow level of the gravity tracker is carried, and between which stamps the last hole lies. Last
-# come the rows of the search for rails.
+# gravity and bias; the slow level of the gravity tracker is carried, and between which stamps the last hole lies. For
+# the search for rails each call leaves the reading before its first (3), whether the two join, and the largest reading.
 (
     MAX_GAP,
     FLAT_AFTER,
@@ -39,10 +38,10 @@ LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
     HOLE_TO,
     AT_REST,
 ) = range(LOW_PASS_STATE + 2 * SECTIONS, LOW_PASS_STATE + 2 * SECTIONS + 11)
-RAILS: Final = AT_REST + 3
-STATE_SIZE: Final = RAILS + rails.STATE_SIZE
+BEFORE: Final = AT_REST + 3
+JOINED, LARGEST, STATE_SIZE = range(BEFORE + 3, BEFORE + 6)
 
-# The array of counts: what was accepted and rejected, then what the clock itself counts, then samples at extremes.
+# The array of counts: what was accepted and rejected, then what the clock itself counts.
 (
     ACCEPTED,
     UNSET,
@@ -59,9 +58,8 @@ STATE_SIZE: Final = RAILS + rails.STATE_SIZE
     UNUSABLE,
     LATE_IN_A_ROW,
     SET_BACK,
-    AT_EXTREMES,
+    COUNT_SIZE,
 ) = range(16)
-COUNT_SIZE: Final = AT_EXTREMES + rails.COUNT_SIZE
 
 DONE, NEW_RUN, UNDECIDED, ACCEPT, REJECTED = range(5)
 """Verdicts on a sample, and why a call returned: all read, the next one begins a run, or depends on those to come."""
@@ -234,10 +232,9 @@ def _judge_ahead(
 @inlined
 def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts: Integers) -> None:
     """Count what an accepted reading looks like: clipped, or one of a flat line, which counts from its beginning."""
-    clipped = False
-    for c in range(3):
-        clipped |= abs(samples[at, c]) >= state[SATURATION]
-    counts[CLIPPED] += clipped
+    largest = max(abs(samples[at, 0]), abs(samples[at, 1]), abs(samples[at, 2]))
+    state[LARGEST] = max(state[LARGEST], largest)
+    counts[CLIPPED] += largest >= state[SATURATION]
     if not _same(samples, at, state):
         state[FLAT_SINCE] = stamp
         counts[REPEATED] = 0
@@ -335,6 +332,9 @@ def regularise(
     DONE, NEW_RUN or UNDECIDED); the next stamp is the epoch of a new run, `final` leaves nothing undecided. Stops early
     where `out` may not hold the next one's interpolated predecessors.
     """
+    state[JOINED], state[LARGEST] = state[TIME] == state[TIME], 0.0  # NaN where a run begins
+    for c in range(3):
+        state[BEFORE + c] = state[LAST + c]
     written = 0
     room = times.shape[0] - int(state[MAX_GAP] / (0.98 * state[NOMINAL])) - 2
     for i in range(stamps_ns.shape[0]):
@@ -418,19 +418,16 @@ def condition(
     times: Floats,
     levelled: Floats,
     low_passed: Floats,
+    raw: Floats,
+    source: Integers,
 ) -> tuple[int, int, int]:
-    """One sensor's whole path in one call: `regularise`, `find_rails`, `level`, `filter_sections`, stamps less delay.
+    """One sensor's whole path in one call: `regularise`, `level`, `filter_sections` on the vertical, stamps less delay.
 
-    Arrays and answer as in `regularise`; out_stamps_ns, times (m,), levelled (m, 3), low_passed (m, 1).
+    Arrays and answer as in `regularise`, raw being its `out`; out_stamps_ns, times (m,), levelled (m, 3), low_passed
+    (m, 1).
     """
-    raw = np.empty(levelled.shape)
-    source = np.empty(times.shape, dtype=np.int64)
-    before, joined = state[LAST:ROTATION].copy(), not np.isnan(state[TIME])
     done, written, why = regularise(stamps_ns, samples, epoch_ns, final, state, counts, times, raw, source)
-    rails.find_rails(
-        raw[:written], source, before, joined, state[SATURATION], state[RAILS:STATE_SIZE], counts[AT_EXTREMES:]
-    )
-    level(raw[:written], state[ROTATION:LOW_PASS].reshape(3, 3), state[AT_REST:RAILS], levelled)
+    level(raw[:written], state[ROTATION:LOW_PASS].reshape(3, 3), state[AT_REST:BEFORE], levelled)
     sos = state[LOW_PASS:LOW_PASS_STATE].reshape(SECTIONS, 6)
     filter_state = state[LOW_PASS_STATE:MAX_GAP].reshape(SECTIONS, 2, 1)
     filter_sections(sos, filter_state, levelled[:written, 2:], low_passed)
