@@ -41,6 +41,7 @@ LAYERS = (
         "metering",
         "pipeline_settings",
         "prediction",
+        "rails",
         "range_alignment",
         "recording",
         "response",
