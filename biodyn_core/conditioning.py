@@ -246,7 +246,7 @@ class Conditioner:
             unrested_s=self._unrested * period_s,
             set_back_s=self._set_back * period_s,
             gap_s=self.runs.gap_s,
-            warnings=(*self._warnings(), *clipping.warnings(self.settings.saturation_mps2)),
+            warnings=tuple(self._warnings(clipping)),
             fault=self.fault,
         )
 
@@ -328,8 +328,9 @@ class Conditioner:
         if self.mode != "survey" and not least * (1.0 - RATE_TOLERANCE) <= rate_hz <= MAX_RATE_HZ:
             raise InputError(f"a rate of {rate_hz:.4g} Hz does not fit, {least:g} to {MAX_RATE_HZ:g} Hz are needed")
 
-    def _warnings(self) -> list[str]:
-        lines = []
+    def _warnings(self, clipping: Clipping) -> list[str]:
+        railing = clipping.warning(self.settings.saturation_mps2)
+        lines = [railing] if railing else []
         if self._rest is not None:
             if self._rest.in_motion:
                 lines.append("no rest found: gravity was averaged over motion")

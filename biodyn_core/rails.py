@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -70,11 +69,14 @@ class Clipping:
             found |= np.abs(samples_mps2[:, side // kernel.SIDES] - rail) <= kernel.SAME * abs(rail)
         return found
 
-    def warnings(self, saturation_mps2: float) -> Iterator[str]:
-        """One line for each rail below the set limit."""
-        for side in np.flatnonzero(self.is_rail & (np.abs(self.extremes_mps2) < saturation_mps2)):
-            count, rail = int(self.samples[_LIES_AT[side]].sum()), self.extremes_mps2[side]
-            yield (
-                f"{count} readings lie at the sensor's own limit of {rail:+.2f} m/s^2 (below saturation_mps2"
-                f" {saturation_mps2:g}): counted as clipped, figures are lower bounds"
-            )
+    def warning(self, saturation_mps2: float) -> str | None:
+        """One line on the rails below the set limit; None where there is none."""
+        sides = self.is_rail & (np.abs(self.extremes_mps2) < saturation_mps2)
+        if not sides.any():
+            return None
+        count = int(self.samples[_LIES_AT[sides].any(axis=0)].sum())
+        limits = sorted({f"{rail:+.2f}" for rail in self.extremes_mps2[sides].tolist()})
+        return (
+            f"{count} readings lie at the sensor's own limit of {' and '.join(limits)} m/s^2 (below saturation_mps2"
+            f" {saturation_mps2:g}): counted as clipped, figures are lower bounds"
+        )

@@ -44,6 +44,10 @@ SHARE: Final = 1.0 / math.sqrt(NEXT + 1.0)
 MOST_STAYS: Final = 64
 """So many stays are told apart: nearly twice as many as a rail needs."""
 
+ALIKE: Final = 1.0 / 32.0
+"""Stays that came by steps this much alike came from one place. A sine whose period is nearly a whole number of samples
+comes by steps that are alike for long: from fewer places than the laws ask for, unless its crest is read beside it."""
+
 # One side's row: its extreme and the next levels, falling; how often these were read; whether it is a rail ...
 EXTREME, LOWEST = 0, NEXT
 READ: Final = NEXT + 1
@@ -91,8 +95,9 @@ def _enter(entry: float, row: Floats) -> None:
     row[COUNTS] = 0.0
     if row[LOWEST] == 0.0 or entry >= row[LOWEST] or stays == MOST_STAYS:
         return
+    alike = max(0.5 * (row[EXTREME] - row[LOWEST]), ALIKE * (row[EXTREME] - entry))
     for k in range(stays):
-        if abs(entry - row[ENTRIES + k]) < 0.5 * (row[EXTREME] - row[LOWEST]):
+        if abs(entry - row[ENTRIES + k]) < alike:
             return
     row[ENTRIES + stays] = entry
     row[STAYS] += 1.0
