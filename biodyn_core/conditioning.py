@@ -18,9 +18,11 @@ from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.errors import InputError
 from biodyn_core.gravity import Gravity, GravitySearch
+from biodyn_core.kernels import rails
 from biodyn_core.kernels import sensor as kernel
 from biodyn_core.kernels.compiling import views
 from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
+from biodyn_core.rails import Clipping
 from biodyn_core.rest import Rest, RestWindow
 from biodyn_core.runs import Runs
 from biodyn_core.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERANCE
@@ -56,8 +58,11 @@ SettingsOf = ConditioningSettings | Mapping[str, ConditioningSettings] | None
 
 _NONE_LEFT: Final = np.empty(0, dtype=np.int64), np.empty((0, 3))
 
-_Rows = tuple[Integers, Floats, Floats, Floats]
+_Answered = tuple[Integers, Floats, Floats, Floats]
 """Stamps (n,) ns, times (n,) s, levelled (n, 3) and low-passed m/s^2."""
+
+_Rows = tuple[Integers, Floats, Floats, Floats, Floats, Integers]
+"""The same, then raw readings (n, 3) m/s^2, and by index (n,) which sample each was, -1 where interpolated."""
 
 
 def gravity_search(settings: ConditioningSettings | None, vertical: Vector | None) -> GravitySearch:
@@ -107,6 +112,8 @@ class Conditioner:
         self._uncounted = 0
         self._state = np.zeros(kernel.STATE_SIZE)
         self._counts = np.zeros(kernel.COUNT_SIZE, dtype=np.int64)
+        self._rails = np.zeros(rails.STATE_SIZE)
+        self._at_extremes = np.zeros(rails.COUNT_SIZE, dtype=np.int64)
         self._undecided: tuple[Integers, Floats] | None = None
         self._held: list[Block] = []
         self.runs = Runs()
@@ -197,9 +204,13 @@ class Conditioner:
             return None
         return self._run_epoch_ns + round(newest_s * 1e9)
 
+    def clipping(self) -> Clipping:
+        """What was clipped so far."""
+        return Clipping.of(int(self._counts[kernel.CLIPPED]), self._rails, self._at_extremes)
+
     def status(self) -> SensorStatus:
         """What was seen so far."""
-        counts = [int(v) for v in self._counts]
+        counts, clipping = [int(v) for v in self._counts], self.clipping()
         known = self._rest is not None
         period_s = self._rest.period_s if self._rest else 0.0
         return SensorStatus(
@@ -217,14 +228,14 @@ class Conditioner:
             stray=counts[kernel.STRAY],
             filled=counts[kernel.FILLED],
             flat=counts[kernel.FLAT],
-            clipped=counts[kernel.CLIPPED],
+            clipped=clipping.total,
             runs=self.runs.count,
             run_s=counts[kernel.IN_RUN] * period_s if self.runs.count else None,
             uncounted_s=self._uncounted * period_s,
             unrested_s=self._unrested * period_s,
             set_back_s=self._set_back * period_s,
             gap_s=self.runs.gap_s,
-            warnings=tuple(self._warnings()),
+            warnings=tuple(self._warnings(clipping)),
             fault=self.fault,
             waiting=self._why_waiting(),
         )
@@ -327,7 +338,7 @@ class Conditioner:
         s[kernel.MAX_GAP] = max(settings.max_gap_s, 1.5 * rest.period_s)
         s[kernel.FLAT_AFTER], s[kernel.SATURATION] = settings.flat_s, settings.saturation_mps2
         s[kernel.GAIN_TIME], s[kernel.GAIN_PERIOD] = 2.0 / turns, 1.0 / turns**2
-        s[kernel.COARSE], s[kernel.AT_REST :] = rest.coarse, rest.mean_mps2
+        s[kernel.COARSE], s[kernel.AT_REST : kernel.BEFORE] = rest.coarse, rest.mean_mps2
         s[kernel.TRACKER_GAIN] = rest.period_s / tracker_s if tracker_s else 0.0
         self._counts[kernel.TRACKED] = self._counts[kernel.IN_RUN] = rest.samples
         self._max_fill = int(s[kernel.MAX_GAP] / (0.98 * rest.period_s)) + 2
@@ -348,8 +359,9 @@ class Conditioner:
         if self.mode != "survey" and not lowest_hz <= rate_hz <= highest_hz:
             raise InputError(f"a rate of {rate_hz:.4g} Hz does not fit, {least:g} to {MAX_RATE_HZ:g} Hz are needed")
 
-    def _warnings(self) -> list[str]:
-        lines = []
+    def _warnings(self, clipping: Clipping) -> list[str]:
+        railing = clipping.warning(self.settings.saturation_mps2)
+        lines = [railing] if railing else []
         if self._rest is not None:
             if self._rest.in_motion:
                 lines.append("no rest found: gravity was averaged over motion")
@@ -401,7 +413,9 @@ class Conditioner:
             )  # fmt: skip
         if not written:
             return used, None, why
-        stamps, times, levelled, low_passed = room
+        stamps, times, levelled, low_passed, raw, source = room
+        if self._state.item(kernel.LARGEST) >= rails.LEAST_MPS2:
+            self._find_rails(raw[:written], source)
         begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)
         begins_run, gap_s = self.runs.answered(begins_ns, ends_ns, 1.0 / self.rate_hz)
         shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
@@ -413,10 +427,18 @@ class Conditioner:
         return used, block, why
 
     def _survey(self, stamps_ns: Integers, samples: Floats, final: bool, room: _Rows) -> tuple[int, int, int]:
-        """The kernel up to its clock, so that nothing behind it is compiled; only the times in `room` are told."""
-        unused_ns, times, unused, *_ = room
-        ns, raw, state, counts = views(stamps_ns, samples, self._state, self._counts)
-        return kernel.regularise(ns, raw, self._run_epoch_ns, final, state, counts, *views(times, unused, unused_ns))
+        """The kernel up to its clock, so that nothing behind it is compiled; of `room` only times, raw and source."""
+        _, times, _, _, raw, source = room
+        given = views(stamps_ns, samples, self._state, self._counts, times, raw, source)
+        stamps, read, state, counts, *written = given
+        return kernel.regularise(stamps, read, self._run_epoch_ns, final, state, counts, *written)
+
+    def _find_rails(self, raw_mps2: Floats, source: Integers) -> None:
+        s = self._state
+        samples, places, before = views(raw_mps2, source, s[kernel.BEFORE : kernel.JOINED])
+        joined, limit_mps2 = s.item(kernel.JOINED) > 0.0, s.item(kernel.SATURATION)
+        rows, counts = views(self._rails, self._at_extremes)
+        rails.find_rails(samples, places, before, joined, limit_mps2, rows, counts)
 
     def _end_run(self, next_ns: int) -> list[Block]:
         """Nothing integrates across a break: filters start anew, and time that jumped back goes on."""
@@ -449,10 +471,11 @@ class Conditioner:
 def _room(samples: int, max_fill: int) -> _Rows:
     """Where the kernel writes; what lies in it is handed out without a copy."""
     size = samples + max_fill + 2
-    return np.empty(size, dtype=np.int64), np.empty(size), np.empty((size, 3)), np.empty((size, 1))
+    stamps, source = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+    return stamps, np.empty(size), np.empty((size, 3)), np.empty((size, 1)), np.empty((size, 3)), source
 
 
-def _copied(rows: _Rows) -> _Rows:
+def _copied(rows: _Answered) -> _Answered:
     """Live a block is one row of sixty: copied out, it holds no more than that, and its room serves again."""
     stamps, times, levelled, low_passed = rows
     return stamps.copy(), times.copy(), levelled.copy(), low_passed.copy()

@@ -25,6 +25,7 @@ class Counting:
     ) -> None:
         self._conditioners, self._timelines, self._settings = conditioners, timelines, settings
         self._at_reset = dict.fromkeys(conditioners, NOTHING_LOST)
+        self._clipping_at_reset = {name: conditioner.clipping() for name, conditioner in conditioners.items()}
         self.meters: dict[str, SensorMeters] = {}
         self.earlier = EarlierRun.none(conditioners)
 
@@ -52,7 +53,10 @@ class Counting:
         Absent is what lies in gaps, or passed before it joined the others, in motion before it had been at rest,
         while its clock was set back, or since it fell silent.
         """
-        return self._lost(sensor).since(self._at_reset[sensor]).and_before(self.earlier.lost(sensor))
+        # A rail that is found later, or turns out to be none, says so of the samples before the reset too.
+        clipped = self._conditioners[sensor].clipping().before(self._clipping_at_reset[sensor])
+        at_reset = self._at_reset[sensor]._replace(clipped=clipped)
+        return self._lost(sensor).since(at_reset).and_before(self.earlier.lost(sensor))
 
     def _lost(self, sensor: str) -> Lost:
         status, timelines = self._conditioners[sensor].status(), self._timelines
@@ -69,6 +73,7 @@ class Counting:
         self.earlier = EarlierRun.none(self._conditioners)
         self._timelines.reset()
         self._at_reset = {name: self._lost(name) for name in self._conditioners}
+        self._clipping_at_reset = {name: conditioner.clipping() for name, conditioner in self._conditioners.items()}
 
     def resume(self, kept: KeptExposure) -> None:
         """Go on from an earlier run; raises InputError where its meters do not fit."""

@@ -17,6 +17,7 @@ from biodyn_core.errors import InputError
 from biodyn_core.flags import among, around, stretches
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.levelling import UP, laid_level, rotation_to_vertical
+from biodyn_core.rails import LEAST_MPS2
 from biodyn_core.upright import BLIND_S, NobodysLean, carried_over, followed_up, true_vertical_mps2
 from biodyn_core.wording import counted
 
@@ -52,7 +53,7 @@ class WornSensor:
         self._gyro = Gyro()
         self._said: list[str] = []
         self._usable: list[Integers] = []
-        self._clipped: list[Integers] = []
+        self._high: list[tuple[Integers, Floats]] = []
         self._read = self._clipped_ns = _NONE
         self._blocks: list[Block] = []
         self.runs: list[Run] = []
@@ -65,9 +66,9 @@ class WornSensor:
         """Take raw samples (n, 3) with their stamps (n,) ns, and rates (n, 3) where there are any."""
         # The largest of the axes is NaN where one is: then neither usable nor clipped.
         largest, limit = np.abs(samples_mps2).max(axis=1), self._conditioner.settings.saturation_mps2
-        usable = largest < IMPLAUSIBLE * limit
+        usable, high = largest < IMPLAUSIBLE * limit, largest >= min(limit, LEAST_MPS2)
         self._usable.append(stamps_ns[usable].astype(np.int64))
-        self._clipped.append(stamps_ns[largest >= limit].astype(np.int64))
+        self._high.append((stamps_ns[high].astype(np.int64), samples_mps2[high].astype(np.float64)))
         self._gyro.push(stamps_ns, usable, rates_radps)
         self._blocks += self._conditioner.push(stamps_ns, samples_mps2)
 
@@ -84,9 +85,14 @@ class WornSensor:
                 self.runs = [Run(*pair) for pair in zip(blocks, rates, strict=True)]
                 self._ups = self._followed()
         # Sorted once: a record full of gaps has thousands of runs to look up.
-        self._read, self._clipped_ns = (
-            np.unique(np.concatenate([*part, _NONE])) for part in (self._usable, self._clipped)
-        )
+        clipped = [self._clipped_of(*high) for high in self._high]
+        self._read, self._clipped_ns = (np.unique(np.concatenate([*part, _NONE])) for part in (self._usable, clipped))
+
+    def _clipped_of(self, stamps_ns: Integers, samples_mps2: Floats) -> Integers:
+        """The stamps (k,) of what is clipped among samples (n, 3): a rail is known only at the end of the record."""
+        limit = self._conditioner.settings.saturation_mps2
+        beyond = np.abs(samples_mps2).max(axis=1, initial=0.0) >= limit
+        return stamps_ns[beyond | self._conditioner.clipping().at_rails(samples_mps2)]
 
     def _followed(self) -> list[Floats]:
         """Where up is in every run, (n, 3), by its gyro; nothing, and a line saying why, where that cannot be told."""

@@ -52,6 +52,7 @@ LAYERS = (
         "metering",
         "pipeline_settings",
         "prediction",
+        "rails",
         "range_alignment",
         "recording",
         "response",

@@ -19,7 +19,7 @@ from uncompiled import Uncompiled
 from biodyn_core import kernels
 from biodyn_core.alignment import lagrange_weights
 from biodyn_core.injury import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, first_order_hold
-from biodyn_core.kernels import compiling, sensor
+from biodyn_core.kernels import compiling, rails, sensor
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.subject import Subject
@@ -111,7 +111,7 @@ def _sensor(coarse: bool, jitter_s: float) -> np.ndarray:
     state[sensor.ROTATION : sensor.LOW_PASS] = np.eye(3)[[1, 2, 0]].ravel()
     state[sensor.LOW_PASS : sensor.LOW_PASS_STATE] = signal.butter(4, 100.0, fs=RATE_HZ, output="sos").ravel()
     state[[sensor.MAX_GAP, sensor.FLAT_AFTER, sensor.GAIN_TIME, sensor.GAIN_PERIOD]] = 0.05, 0.01, 2e-3, 1e-6
-    state[sensor.TRACKER_GAIN], state[sensor.AT_REST :] = 1.0 / (40.0 * RATE_HZ), (0.1, 0.2, 9.81)
+    state[sensor.TRACKER_GAIN], state[sensor.AT_REST : sensor.BEFORE] = 1.0 / (40.0 * RATE_HZ), (0.1, 0.2, 9.81)
     return state
 
 
@@ -130,8 +130,15 @@ def _condition(kind: str, coarse: bool = False, jitter_s: float = 1e-5, final: b
     return [
         stamps, samples, EPOCH_NS, 4_050_000, final, _sensor(coarse, jitter_s),
         np.zeros(sensor.COUNT_SIZE, dtype=np.int64), np.zeros(room, dtype=np.int64), np.zeros(room),
-        np.zeros((room, 3)), np.zeros((room, 1)),
+        np.zeros((room, 3)), np.zeros((room, 1)), np.zeros((room, 3)), np.zeros(room, dtype=np.int64),
     ]  # fmt: skip
+
+
+def _find_rails(kind: str) -> list:
+    samples = np.clip(np.round(4.0 * np.nan_to_num(given(kind, 3)), 2), -19.6, 19.6)
+    source = np.where(np.arange(len(samples)) % 50 == 7, -1, np.arange(len(samples)))
+    rows, counts = np.zeros(rails.STATE_SIZE), np.zeros(rails.COUNT_SIZE, dtype=np.int64)
+    return [samples, source, np.zeros(3), True, 25.0, rows, counts]
 
 
 def _filter_sections(kind: str) -> list:
@@ -194,6 +201,7 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "integrate_chain": lambda kind: _chain(kind, keep_motion=True, high=0.5),
     "regularise": _regularise,
     "condition": _condition,
+    "find_rails": _find_rails,
     "level": _level,
     "filter_sections": _filter_sections,
     "first_lost": lambda kind: [given(kind, 6), 0.1 * given(kind, 12), 2.5],
@@ -257,6 +265,9 @@ def test_the_streams_path_is_used_in_every_part():
     stamps, samples, epoch_ns, final, state, counts, *out = _regularise("holes")
     used, _, why = sensor.regularise(stamps, samples, epoch_ns, final, state, counts, *out)
     assert used >= 190 and why == sensor.NEW_RUN
+    *of_rails, rows, counts_at_extremes = _find_rails("random")
+    rails.find_rails(*of_rails, rows, counts_at_extremes)
+    assert rows.reshape(rails.ROWS, -1)[:, rails.FOUND].any() and (counts_at_extremes[1:] > 0).sum() > 10
     names = ("ACCEPTED", "UNSET", "NON_FINITE", "LATE", "STRAY", "FILLED", "CLIPPED", "TRACKED")
     assert [name for name in names if counts[getattr(sensor, name)] == 0] == []
 

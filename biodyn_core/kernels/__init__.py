@@ -10,6 +10,7 @@ from biodyn_core.kernels.compiling import COMPILED
 from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual, settle
 from biodyn_core.kernels.guard import first_lost
 from biodyn_core.kernels.lean import follow_up
+from biodyn_core.kernels.rails import find_rails
 from biodyn_core.kernels.sensor import condition, filter_sections, level, regularise
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "dose",
     "dynamic_response",
     "filter_sections",
+    "find_rails",
     "first_lost",
     "follow_up",
     "head_injury",

@@ -24,7 +24,8 @@ ROTATION: Final = LAST + 3
 LOW_PASS: Final = ROTATION + 9
 LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
 # ... and what was set for good: limits, gains, whether samples share a stamp, the mean reading at rest (3), which is
-# gravity and bias; the slow level of the gravity tracker is carried, and between which stamps the last hole lies.
+# gravity and bias; the slow level of the gravity tracker is carried, and between which stamps the last hole lies. For
+# the search for rails each call leaves the reading before its first (3), whether the two join, and the largest reading.
 (
     MAX_GAP,
     FLAT_AFTER,
@@ -38,7 +39,8 @@ LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
     HOLE_TO,
     AT_REST,
 ) = range(LOW_PASS_STATE + 2 * SECTIONS, LOW_PASS_STATE + 2 * SECTIONS + 11)
-STATE_SIZE: Final = AT_REST + 3
+BEFORE: Final = AT_REST + 3
+JOINED, LARGEST, STATE_SIZE = range(BEFORE + 3, BEFORE + 6)
 
 # The array of counts: what was accepted and rejected, then what the clock itself counts.
 (
@@ -231,10 +233,9 @@ def _judge_ahead(
 @inlined
 def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts: Integers) -> None:
     """Count what an accepted reading looks like: clipped, or one of a flat line, which counts from its beginning."""
-    clipped = False
-    for c in range(3):
-        clipped |= abs(samples[at, c]) >= state[SATURATION]
-    counts[CLIPPED] += clipped
+    largest = max(abs(samples[at, 0]), abs(samples[at, 1]), abs(samples[at, 2]))
+    state[LARGEST] = max(state[LARGEST], largest)
+    counts[CLIPPED] += largest >= state[SATURATION]
     if not _same(samples, at, state):
         state[FLAT_SINCE] = stamp
         counts[REPEATED] = 0
@@ -333,6 +334,9 @@ def regularise(
     where `out` may not hold the next one's interpolated predecessors. It and those it calls index and slice arrays, no
     more, for uncompiled they are called with `views` of them.
     """
+    state[JOINED], state[LARGEST] = state[TIME] == state[TIME], 0.0  # NaN where a run begins
+    for c in range(3):
+        state[BEFORE + c] = state[LAST + c]
     written = 0
     room = times.shape[0] - int(state[MAX_GAP] / (0.98 * state[NOMINAL])) - 2
     for i in range(stamps_ns.shape[0]):
@@ -415,15 +419,16 @@ def condition(
     times: Floats,
     levelled: Floats,
     low_passed: Floats,
+    raw: Floats,
+    source: Integers,
 ) -> tuple[int, int, int]:
     """One sensor's whole path in one call: `regularise`, `level`, `filter_sections` on the vertical, stamps less delay.
 
-    Arrays and answer as in `regularise`; out_stamps_ns, times (m,), levelled (m, 3), low_passed (m, 1).
+    Arrays and answer as in `regularise`, raw being its `out`; out_stamps_ns, times (m,), levelled (m, 3), low_passed
+    (m, 1).
     """
-    raw = np.empty(levelled.shape)
-    source = np.empty(times.shape, dtype=np.int64)
     done, written, why = regularise(stamps_ns, samples, epoch_ns, final, state, counts, times, raw, source)
-    level(raw[:written], state[ROTATION:LOW_PASS].reshape(3, 3), state[AT_REST:], levelled)
+    level(raw[:written], state[ROTATION:LOW_PASS].reshape(3, 3), state[AT_REST:BEFORE], levelled)
     sos = state[LOW_PASS:LOW_PASS_STATE].reshape(SECTIONS, 6)
     filter_state = state[LOW_PASS_STATE:MAX_GAP].reshape(SECTIONS, 2, 1)
     filter_sections(sos, filter_state, levelled[:written, 2:], low_passed)

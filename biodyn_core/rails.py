@@ -1,0 +1,82 @@
+"""Clipped samples: readings from the set limit on, and readings at a rail that was found below it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.arrays import Flags, Floats, Integers
+from biodyn_core.kernels import rails as kernel
+
+LEAST_MPS2: Final = kernel.LEAST_MPS2
+
+ONE_STEP: Final = 2.0**-15
+"""By so much, a step of 16 bits, a sensor's range may differ from side to side."""
+
+_PLACES: Final = np.arange(kernel.COUNT_SIZE)
+_LIES_AT: Final = np.array(
+    [
+        _PLACES // (1 + kernel.SIDES) ** axis % (1 + kernel.SIDES) == side + 1
+        for axis in range(kernel.AXES)
+        for side in range(kernel.SIDES)
+    ]
+)
+"""(sides, places): whether samples counted in a place lie at the extreme of a side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clipping:
+    """What one sensor has clipped so far; by side is: of each axis its largest readings, then its smallest ones.
+
+    saturated: samples beyond the set limit, in no place. extremes_mps2 (6,) by side, 0 where there is none;
+    is_rail (6,); samples (27,) by place, as `kernels.rails` counts them.
+    """
+
+    saturated: int
+    extremes_mps2: Floats
+    is_rail: Flags
+    samples: Integers
+
+    @classmethod
+    def of(cls, saturated: int, rows: Floats, samples: Integers) -> Clipping:
+        """Read it from what the kernel carries on: rows (132,) and samples (27,)."""
+        table = rows.reshape(kernel.ROWS, kernel.ROW_SIZE)
+        extremes, is_rail = table[:, kernel.EXTREME], table[:, kernel.FOUND] > 0.0
+        if is_rail.any():  # that of one side is that of all sides that reach it
+            apart = np.abs(extremes[:, np.newaxis] - extremes[is_rail])
+            is_rail = np.any(apart <= ONE_STEP * extremes[is_rail], axis=1)
+        return cls(saturated, np.tile([1.0, -1.0], kernel.AXES) * extremes, is_rail, samples.copy())
+
+    @property
+    def total(self) -> int:
+        """All clipped samples."""
+        return self.before(self)
+
+    def before(self, earlier: Clipping) -> int:
+        """Clipped samples up to an earlier look, by the rails that are known now."""
+        if not self.is_rail.any():
+            return earlier.saturated
+        still = self.is_rail & (self.extremes_mps2 == earlier.extremes_mps2)
+        return earlier.saturated + int(earlier.samples[_LIES_AT[still].any(axis=0)].sum())
+
+    def at_rails(self, samples_mps2: Floats) -> Flags:
+        """Which samples (n, 3) have a reading at a rail: (n,)."""
+        found = np.zeros(len(samples_mps2), dtype=np.bool_)
+        for side in np.flatnonzero(self.is_rail):
+            rail = self.extremes_mps2[side]
+            found |= np.abs(samples_mps2[:, side // kernel.SIDES] - rail) <= kernel.SAME * abs(rail)
+        return found
+
+    def warning(self, saturation_mps2: float) -> str | None:
+        """One line on the rails below the set limit; None where there is none."""
+        sides = self.is_rail & (np.abs(self.extremes_mps2) < saturation_mps2)
+        if not sides.any():
+            return None
+        count = int(self.samples[_LIES_AT[sides].any(axis=0)].sum())
+        limits = sorted({f"{rail:+.2f}" for rail in self.extremes_mps2[sides].tolist()})
+        return (
+            f"{count} readings lie at the sensor's own limit of {' and '.join(limits)} m/s^2 (below saturation_mps2"
+            f" {saturation_mps2:g}): counted as clipped, figures are lower bounds"
+        )
