@@ -48,7 +48,7 @@ from biodyn_ros.resources import subject_file
 from biodyn_ros.validate import page as validate_report
 from biodyn_ros.validate import validating
 from biodyn_ros.validate.document import Validated
-from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page, worst_segment
+from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page
 from biodyn_ros.validate.validating import validate_recordings, validate_to_directory
 from biodyn_ros.wording import number, told_apart
 
@@ -134,7 +134,7 @@ def test_a_validation_is_one_file_that_is_the_same_again(validated: Validated, v
     found = residual_waterfall(validated)
     for svg in (
         driving_point(validated.document),
-        waterfall(found, residual_channels(worst_segment(validated.document)), 0),
+        waterfall(found, residual_channels(validated.document["error"]["worst_segment"]), 0),
     ):
         assert svg in validation
 
