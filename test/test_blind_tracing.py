@@ -336,7 +336,8 @@ def a_trace(known: Record) -> Trace:
     )
     return Trace(
         "effect", ("it helps", "nothing else does"), known.subject, known.subject, after, (applied,), ((),), (),
-        "sensor", "", events, (Round((linear, best), 0.2, None, ()),), (), None, None, None, 0.01, 0.2, (), (), (), 0, "found",
+        "sensor", "", events, (Round((linear, best), 0.2, None, ()),), (), None, None, None, 0.01, 0.2, (), (), (), 0,
+        "found",
     )  # fmt: skip
 
 

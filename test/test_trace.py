@@ -20,7 +20,7 @@ from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.choice import TELLING, asked, candidate, taken
 from biodyn_core.tracing.findings import Candidate, Round, Trace
 from biodyn_core.tracing.gate import FloorSettings, dealt
-from biodyn_core.tracing.gathered import _leaning, _sensors
+from biodyn_core.tracing.gathered import _leaning, _sensors, decided
 from biodyn_core.tracing.rungs import Rung, WithoutEffect, left_over
 from biodyn_core.tracing.screen import Screened, Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
@@ -346,6 +346,19 @@ def test_a_sensor_that_leans_stands_beside_the_verdict_and_is_no_cause() -> None
     assert found.reasons == same.reasons and found.threshold == same.threshold and same.sensors == ()
 
 
+def test_a_sensor_that_leans_farther_than_a_data_sheet_allows_is_named() -> None:
+    """6 deg, where 4.01 are allowed."""
+    lean = {"neck": (float(np.sin(np.deg2rad(6.0))), 0.0)}
+    cases = [dataclasses.replace(case, leans=lean) for case in hiding.events(6)]
+    outcome = dataclasses.replace(taken_as(applied("gain", "neck", gain=0.01), 0.4), taken=None)
+    outcome = dataclasses.replace(outcome, round=dataclasses.replace(outcome.round, taken=None))
+    subject = hiding.background().subject
+    found = decided(subject, subject, subject, [outcome], (cases[:3], cases[3:], ()), TraceSettings(), (), 1)
+    assert found.verdict == "effect" and found.sensors == () and not found.adds
+    assert [(one.effect.name, one.site) for one in found.effects] == [("tilt", "neck")]
+    assert any("leans by 6.0 deg" in line for line in found.reasons)
+
+
 def taken_as(effect: AppliedEffect, left: float) -> rounds.Outcome:
     """A round that took an effect where so many times what a good model misses was left, and left a tenth of it."""
     background, usual = hiding.background(), left_over(hiding.background(), without())
@@ -372,7 +385,7 @@ def test_a_fault_within_the_data_sheet_is_a_cause_only_where_it_explains_the_res
     effect: AppliedEffect, left: float, verdict: str
 ) -> None:
     outcome = taken_as(effect, left)
-    said, _ = judged([outcome], None, TraceSettings())
+    said, _ = judged([outcome], None, (), TraceSettings())
     assert said == verdict
     beside = _sensors([outcome], (), verdict == "effect")
     assert [one.fault for one in beside] == ([effect] if verdict == "none" else [])
@@ -380,7 +393,7 @@ def test_a_fault_within_the_data_sheet_is_a_cause_only_where_it_explains_the_res
 
 def test_a_fault_within_the_data_sheet_does_not_hide_a_cause_of_another_round() -> None:
     outcomes = [taken_as(applied("gain", "neck", gain=0.01), 0.4), taken_as(applied("stop", "head"), 0.2)]
-    assert judged(outcomes, None, TraceSettings())[0] == "effect"
+    assert judged(outcomes, None, (), TraceSettings())[0] == "effect"
 
 
 def test_a_lean_that_a_round_took_explains_the_residual() -> None:
@@ -402,7 +415,7 @@ def test_a_lean_that_a_round_took_explains_the_residual() -> None:
 def test_a_gain_is_said_to_be_of_the_events_that_it_is_of(name: str, steady: bool, where: str) -> None:
     one = Candidate(applied(name, "head"), 0.8, True, 0.005, 0.1, 6, steady=steady)
     outcome = rounds.Outcome(Round((one,), 0.2, one, ()), hiding.background(), without(), without())
-    said, reasons = judged([outcome], None, dataclasses.replace(TraceSettings(), least_closed=0.0))
+    said, reasons = judged([outcome], None, (), dataclasses.replace(TraceSettings(), least_closed=0.0))
     assert said == "effect" and reasons[0] == f"clock at head gains 0.80 {where}; 0.20 was asked".replace("clock", name)
 
 
@@ -410,8 +423,11 @@ def test_a_gain_is_said_to_be_of_the_events_that_it_is_of(name: str, steady: boo
 def test_what_is_refused_for_its_usual_size_leaves_nothing_unexplained(usual: bool, verdict: str) -> None:
     one = Candidate(applied("friction", "pelvis"), 0.4, True, 0.005, 0.1, 6, ("a reason",), usual=usual)
     outcome = rounds.Outcome(Round((one,), 0.2, None, ()), hiding.background(), without(), None)
-    said, reasons = judged([outcome], None, TraceSettings())
+    said, reasons = judged([outcome], None, (), TraceSettings())
     assert said == verdict and reasons[-1] == "friction at pelvis gains 0.40, but a reason"
+    # A sensor that leans is a cause by itself, but does not explain what something else was refused for.
+    with_lean, _ = judged([outcome], None, [applied("tilt", "neck", lean_x=0.1)], TraceSettings())
+    assert with_lean == ("effect" if usual else "unexplained")
 
 
 def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped: int = 6) -> int | None:

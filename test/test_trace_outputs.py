@@ -356,6 +356,9 @@ def test_without_a_verdict_one_list_says_what_to_record() -> None:
     for said in (" ".join(text_of(document).split()), page_of(undecided)[1].text):
         assert said.count("18 s more road, 2 more shocks of 0.8 g, one of them of 2 g, to fit") == 1
         assert said.count("12 s without shocks, 30 are needed") == 1
+    few = text_of(trace_document(found("not_decidable", events=EVENTS[:2], floor_percent=None)))
+    assert "train, before" in few and "held out, before" not in few and "floor" not in few
+    for said in (" ".join(text_of(document).split()), page_of(undecided)[1].text):
         assert "record next" not in said.lower() and "what the recordings lack" not in said.lower()
 
 
@@ -465,7 +468,7 @@ def test_the_page_shows_numbers_before_and_after() -> None:
     for expected in (
         "pelvis 15.0 2.50 15.0 5.00 16.0 3.00", "all 19.0 3.50 15.0 5.00 20.0 3.50", "natural frequency, pelvis",
         "F -= k_s max(0, -stretch - d0)", "0.0120 (0.0115 to 0.0126) m", "rail_2 rail held out 3.0 50.0 25.0 5.00",
-        "Dealt by turns.", "-10.0", "-25.0", "0.810, taken", "screened only", "gap 0.0120",
+        "Dealt by turns.", "-50.0 +0.0", "+0.0 -10.0", "+0.0 -25.0", "0.810, taken", "screened only", "gap 0.0120",
         "asymmetry in the joint between seat and pelvis: a parameter ends on its bound",
         "Noise of the sensors alone leaves 0.900 %",
     ):  # fmt: skip
@@ -482,7 +485,8 @@ def test_parameters_are_shown_as_given_refitted_and_with_the_effect() -> None:
         assert of["given_interval"] == pytest.approx([1.9 * 0.217, 2.2 * 0.217])
         _, page = drawn(verdict)
         assert "refitted with the effect unit" in page.text
-        assert ("subject.yaml: equals the given subject" in page.text.lower()) is not adds
+        assert ("subject.yaml: equals the given subject" in page.text) is not adds
+        assert ("effect, %" in page.text) is adds
     unfitted = dataclasses.replace(SUBJECT, parameters=UNFITTED)
     of = trace_document(found("none", given=unfitted))["parameters_moved"]["stiffening_scale"]
     assert of["given"] is None and of["refit_percent"] is None and of["refitted"] == pytest.approx(0.217)
@@ -503,14 +507,23 @@ def test_a_refit_out_of_the_given_intervals_says_why() -> None:
     assert document["error_percent"] == {"given": pytest.approx(38.0), "refitted": pytest.approx(19.0)}
     assert document["text"] == (
         "refitted to the 5 recordings given here, stiffening scale goes from 0.434 (0.412 to 0.477) to 0.217, outside"
-        " its 95 % interval: these intervals hold only for the 3 recordings of that fit, of which 2 are used here; there"
-        " the given parameters miss 38.0 % of the measured rms, the refitted ones 19.0 %"
+        " its 95 % interval: these intervals hold only for the 3 recordings of that fit, of which 2 are used here;"
+        " there the given parameters miss 38.0 % of the measured rms, the refitted ones 19.0 %"
     )
     trace = found("not_decidable", given=given(SUBJECT))
     whole = trace_document(trace) | {"refit": document}
     assert document["text"] in " ".join(text_of(whole).split())
     page = Page(trace_page(whole, trace)).text
-    assert document["text"][1:] in page and "0.217 outside" in page
+    assert document["text"][1:] in page and "outside, 0.217" in page
+
+
+def test_of_several_that_leave_their_intervals_the_one_that_moves_most_is_named() -> None:
+    """Head's damping by 5 %, many half-widths of a narrow interval; stiffening by 50 %."""
+    head = SUBJECT.parameters.damping_ratio[5]
+    narrow = {"damping_ratio[head]": [1.01 * head, 1.011 * head], "stiffening_scale": [0.412, 0.477]}
+    document = refit_of(given(SUBJECT, intervals=narrow), "a")
+    assert document["outside_intervals"] == ["damping_ratio[head]", "stiffening_scale"]
+    assert "stiffening scale goes from" in document["text"] and ", and 1 more leaves its own:" in document["text"]
 
 
 def test_what_a_refit_cannot_be_compared_with_is_said() -> None:

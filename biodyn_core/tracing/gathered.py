@@ -16,11 +16,21 @@ from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import N_THETA
 from biodyn_core.tracing.diagnose import diagnose
 from biodyn_core.tracing.experiments import separating, to_record
-from biodyn_core.tracing.findings import ComparedEvent, Departure, Interval, Need, SensorFinding, Surface, Trace, Use
-from biodyn_core.tracing.leans import leaning
+from biodyn_core.tracing.findings import (
+    NAMING,
+    ComparedEvent,
+    Departure,
+    Interval,
+    Need,
+    SensorFinding,
+    Surface,
+    Trace,
+    Use,
+)
+from biodyn_core.tracing.leans import lean_deg, leaning
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.screen import candidates
-from biodyn_core.tracing.sensor_limits import LIMITS
+from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS
 from biodyn_core.tracing.surface import surface
@@ -38,22 +48,25 @@ def decided(
     train, choose, report = sides
     first, believed = outcomes[0], explained(outcomes, s)
     law = None if believed else _surface(first)
-    verdict, reasons = judged(outcomes, law, s)
+    leaning_sensors = _leaning(first, [*train, *choose], s)  # what is reported has no say in any verdict
+    far = [one for one in leaning_sensors if not within_limits(one)]
+    verdict, reasons = judged(outcomes, law, far, s)
     passing = _passing(outcomes) if believed else ()
     added = after.effects[len(before.effects) :]
-    leans = _leaning(first, [*train, *choose], s)  # events that are reported have no say
+    leans = tuple(far) if verdict in NAMING else ()
+    beside = [one for one in leaning_sensors if one not in leans]
     rivals = tuple(one.applied for one in first.round.ambiguous_with) if believed else ()
     best = first.round.taken or next((one for one in first.round.ladder if one.steady), None)
     return Trace(
         verdict=verdict,
-        reasons=(*reasons, *map(_passes, passing), *_on_bounds(added)),
+        reasons=(*reasons, *map(_passes, passing), *map(_leans, leans), *_on_bounds(added)),
         given=given,
         before=before,
         after=after,
-        effects=(*added, *passing),
-        intervals=(*_intervals(outcomes, added), *(() for _ in passing)),
+        effects=(*leans, *added, *passing),
+        intervals=(*(() for _ in leans), *_intervals(outcomes, added), *(() for _ in passing)),
         ambiguous_with=rivals,
-        family=_family([*(added or passing)[:1], *rivals]),
+        family=_family([*(added or passing or leans)[:1], *rivals]),
         experiment=separating([one.effect for one in (*(added or passing)[:1], *rivals)]),
         events=_events(given, before, after, train, choose, report),
         rounds=tuple(outcome.round for outcome in outcomes),
@@ -68,12 +81,19 @@ def decided(
         lacking=(),
         seed=seed,
         calibrated="anew",
-        sensors=_sensors(outcomes, leans, believed),
+        sensors=_sensors(outcomes, beside, believed),
     )
 
 
 def _passes(one: AppliedEffect) -> str:
     return f"{named(one)} is never twice the same, so no subject carries it"
+
+
+def _leans(one: AppliedEffect) -> str:
+    return (
+        f"the sensor of {one.site} leans by {lean_deg(one):.1f} deg on the mean while it moves, as its gyro has it;"
+        " recordings set it upright, so no subject carries it"
+    )
 
 
 def _passing(outcomes: Sequence[Outcome]) -> tuple[AppliedEffect, ...]:

@@ -34,12 +34,16 @@ def findings_alone(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
     return bool(taken) and outcomes[0].before <= s.usual_left and all(within_limits(one.applied) for one in taken)
 
 
-def judged(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
+def judged(
+    outcomes: Sequence[Outcome], law: Surface | None, leaning: Sequence[AppliedEffect], s: TraceSettings
+) -> tuple[Verdict, tuple[str, ...]]:
     """The verdict, and the reasons for it, a line each.
 
-    law: a joint's surface, where one was looked at.
+    law: a joint's surface, where one was looked at; leaning: sensors that lean farther than a data sheet allows, by
+    their own gyros, which are a cause by themselves where the rounds found none.
     """
-    return _of_effect(outcomes[0]) if explained(outcomes, s) else _of_none(outcomes, law, s)
+    verdict, reasons = _of_effect(outcomes[0]) if explained(outcomes, s) else _of_none(outcomes, law, s)
+    return "effect" if leaning and verdict == "none" else verdict, reasons
 
 
 def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:

@@ -11,7 +11,7 @@ from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import event_document
 from biodyn_ros.trace.drawings import RUNGS, ladder, surface_map
-from biodyn_ros.trace.text import USES
+from biodyn_ros.trace.text import USES, known_use
 from biodyn_ros.trace.wording import (
     because,
     belief,
@@ -57,6 +57,7 @@ def trace_page(document: Document, trace: Trace) -> str:
         rivals=grouped(document["ambiguous_with"]),
         rows=(*MEASURED_SEGMENTS, "all"),
         uses={use: title for use, title in USES.items() if use in document["error"]["before"]},
+        told={use: title for use, title in USES.items() if known_use(document["error"], use)},
         scale=_largest(document),
         moved=_moved(document),
         worst=worst,
@@ -114,7 +115,7 @@ def _moved(document: Document) -> list[tuple[str, Document]]:
             parameter_name(name),
             {
                 "given": _with_interval(of),
-                "refitted": number(of["refitted"]),
+                "refitted": _beside(of),
                 "with_effect": number(of["with_effect"]),
                 "outside": name in (document.get("refit") or {}).get("outside_intervals", ()),
                 "unit": of["unit"],
@@ -124,6 +125,11 @@ def _moved(document: Document) -> list[tuple[str, Document]]:
         )
         for name, of in moved.items()
     ]
+
+
+def _beside(of: Document) -> str:
+    """The refitted value, with as many digits as the given interval has."""
+    return told_apart(of["refitted"], *of["given_interval"])[0] if of["given_interval"] else number(of["refitted"])
 
 
 def _with_interval(of: Document) -> str:

@@ -106,12 +106,14 @@ def _text(document: Document, moved: Document) -> str:
     outside = document["outside_intervals"]
     if not outside:
         return f"refitted to the {here} given here, every parameter stays in the given subject's interval; {left}"
-    far = max(outside, key=lambda name: _distance(moved[name]))
-    more = f", and {len(outside) - 1} more leave theirs" if len(outside) > 1 else ""
-    value, lower, upper = told_apart(moved[far]["given"], *moved[far]["given_interval"])
+    far = max(outside, key=lambda name: abs(moved[name]["refit_percent"] or 0.0))
+    more = {1: "", 2: ", and 1 more leaves its own"}.get(len(outside), f", and {len(outside) - 1} more leave theirs")
+    interval = moved[far]["given_interval"]
+    value, lower, upper = told_apart(moved[far]["given"], *interval)
+    refitted_value = told_apart(moved[far]["refitted"], *interval)[0]
     return (
         f"refitted to the {here} given here, {parameter_name(far)} goes from {value} ({lower} to {upper}) to"
-        f" {number(moved[far]['refitted'])}, outside its 95 % interval{more}: {_holds(document)}; {left}"
+        f" {refitted_value}, outside its 95 % interval{more}: {_holds(document)}; {left}"
     )
 
 
@@ -122,13 +124,6 @@ def _holds(document: Document) -> str:
         return "these intervals hold only for the recordings of that fit, which its file does not name"
     used = "none is" if shared == 0 else "all are" if shared == given else f"{shared} {'is' if shared == 1 else 'are'}"
     return f"these intervals hold only for the {_recordings(given)} of that fit, of which {used} used here"
-
-
-def _distance(of: Document) -> float:
-    """How many half-widths of its interval a parameter is from the interval's middle."""
-    lower, upper = of["given_interval"]
-    half = 0.5 * (upper - lower)
-    return abs(of["refitted"] - 0.5 * (lower + upper)) / half if half > 0.0 else np.inf
 
 
 def _recordings(count: int) -> str:

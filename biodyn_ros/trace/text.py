@@ -39,7 +39,7 @@ def text_of(document: Document) -> str:
         "",
         "error, % of measured rms " + "".join(f"{words(name):>12}" for name in MEASURED_SEGMENTS) + f"{'all':>9}",
         *_error_rows(document["error"]),
-        f"floor, what noise of the sensors alone leaves: {number(document['floor'])} %",
+        *_floor_line(document["floor"]),
         "",
         *_effect_lines(document),
         *_rung_lines(document["candidates"]),
@@ -68,10 +68,20 @@ def _wrapped(line: str) -> list[str]:
 def _error_rows(error: Document) -> Iterator[str]:
     for use, title in USES.items():
         for when in ("before", "after"):
-            if use in error[when]:
+            if known_use(error, use):
                 shown = [error[when][use][name] for name in MEASURED_SEGMENTS]
                 cells = "".join(f"{number(value):>12}" for value in shown)
                 yield f"  {title + ', ' + when:<23}{cells}{number(error[when][use]['all']):>9}"
+
+
+def known_use(error: Document, use: str) -> bool:
+    """Whether there is an error of this use."""
+    return any(value is not None for when in error.values() for value in when.get(use, {}).values())
+
+
+def _floor_line(floor: float | None) -> Iterator[str]:
+    if floor is not None:
+        yield f"floor, what noise of the sensors alone leaves: {number(floor)} %"
 
 
 def _effect_lines(document: Document) -> Iterator[str]:

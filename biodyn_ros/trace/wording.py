@@ -54,8 +54,8 @@ def belief(document: Document) -> str:
     verdict, chance = document["verdict"], _chance(document)
     if verdict == "effect" and not any(effect["added"] for effect in document["effects"]):
         return (
-            "Believe it as far as the measurement: a line or a posture is what the events that choose show. No number"
-            " of the body was changed for it."
+            "Believe it as far as the measurement: a lean is what the sensor's own gyro says, a line or a posture what"
+            " the events that choose show. No number of the body was changed for it."
         )
     if verdict == "effect":
         return (
