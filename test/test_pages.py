@@ -103,6 +103,11 @@ def test_a_validation_says_the_numbers_of_its_document(validated: Validated, val
     for key in ("peak", "peak_by_body_mass", "peak_by_upper_body_mass", "impedance_peak"):
         assert f"{number(point[key]['magnitude'])} {number(point[key]['frequency_hz'])}" in text
     assert f"ratio of peaks {number(document['stht']['peak_ratio'])}" in text
+    percents = {name: of["nrmse_rms_percent"] for name, of in document["error"]["segments"].items() if of}
+    worst = max(percents, key=percents.__getitem__)
+    mean = number(sum(percents.values()) / len(percents))
+    worst_said = f"worst {worst.replace('_', ' ')} {number(percents[worst])}"
+    assert f"error over time, % of rms mean {mean}, {worst_said} 20 each" in text
     for segment, of in document["exposure"]["segments"].items():
         for side in ("measured", "predicted"):
             if of[side]:

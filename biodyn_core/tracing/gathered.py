@@ -115,7 +115,8 @@ def _sensors(outcomes: Sequence[Outcome], leans: Sequence[AppliedEffect], believ
     causes = {(one.effect.name, one.site) for one in _causes(outcomes)} if believed else set()
     found = {}
     for (name, site), one in tried.items():
-        strong = one.refitted and one.gain > first.threshold and (one.usual or one is first.taken)
+        refused = one.usual and one.steady  # of what is set anew, a small gain says nothing
+        strong = one.refitted and one.gain > first.threshold and (refused or one is first.taken)
         if name in LIMITS and strong and (name, site) not in causes:
             found[name, site] = SensorFinding(one.applied, "fit", one.gain, False)
     for tilt in leans:

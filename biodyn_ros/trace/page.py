@@ -11,6 +11,7 @@ from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import event_document
 from biodyn_ros.trace.drawings import RUNGS, ladder, surface_map
+from biodyn_ros.trace.refit import outside, refitted_beside
 from biodyn_ros.trace.text import USES, known_use
 from biodyn_ros.trace.wording import (
     because,
@@ -115,9 +116,9 @@ def _moved(document: Document) -> list[tuple[str, Document]]:
             parameter_name(name),
             {
                 "given": _with_interval(of),
-                "refitted": _beside(of),
+                "refitted": refitted_beside(of),
                 "with_effect": number(of["with_effect"]),
-                "outside": name in (document.get("refit") or {}).get("outside_intervals", ()),
+                "outside": outside(of),
                 "unit": of["unit"],
                 **{key: of[key] for key in changes},
                 **{f"{key}_length": 100.0 * abs(of[key] or 0.0) / most for key in changes},
@@ -125,11 +126,6 @@ def _moved(document: Document) -> list[tuple[str, Document]]:
         )
         for name, of in moved.items()
     ]
-
-
-def _beside(of: Document) -> str:
-    """The refitted value, with as many digits as the given interval has."""
-    return told_apart(of["refitted"], *of["given_interval"])[0] if of["given_interval"] else number(of["refitted"])
 
 
 def _with_interval(of: Document) -> str:

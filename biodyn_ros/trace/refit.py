@@ -49,7 +49,7 @@ def refit_document(trace: Trace, moved: Document, hashes: Sequence[str]) -> Docu
         return None
     recordings, given = set(hashes), _given_recordings(trace.given)
     document: Document = {
-        "outside_intervals": [name for name, of in moved.items() if _outside(of)],
+        "outside_intervals": [name for name, of in moved.items() if outside(of)],
         "intervals_known": any(of["given_interval"] for of in moved.values()),
         "given_fitted": is_fitted(trace.given.parameters),
         "recordings": len(recordings),
@@ -78,9 +78,19 @@ def _given_recordings(subject: Subject) -> set[str]:
     return {str(each["sha256"]) for each in known if isinstance(each, Mapping) and "sha256" in each}
 
 
-def _outside(of: Document) -> bool:
+def outside(of: Document) -> bool:
+    """Whether a refitted parameter is outside the given interval; never where there is none."""
     ends = of["given_interval"]
     return ends is not None and not ends[0] <= of["refitted"] <= ends[1]
+
+
+def refitted_beside(of: Document) -> str:
+    """The refitted value as text, with as many digits as tell it from the nearest end of the given interval."""
+    ends, value = of["given_interval"], of["refitted"]
+    if ends is None:
+        return number(value)
+    near = min(ends, key=lambda end: abs(value - end))
+    return told_apart(value, *(sorted((value, near)) if outside(of) else ends))[0]
 
 
 def _percent(before: float, after: float) -> float | None:
@@ -103,17 +113,17 @@ def _text(document: Document, moved: Document) -> str:
     left = f"there the given parameters miss {given} % of the measured rms, the refitted ones {refitted} %"
     if not document["intervals_known"]:
         return f"refitted to the {here} given here; {left}; the given subject's file has no intervals to compare with"
-    outside = document["outside_intervals"]
-    if not outside:
+    left_theirs = document["outside_intervals"]
+    if not left_theirs:
         return f"refitted to the {here} given here, every parameter stays in the given subject's interval; {left}"
-    far = max(outside, key=lambda name: abs(moved[name]["refit_percent"] or 0.0))
-    more = {1: "", 2: ", and 1 more leaves its own"}.get(len(outside), f", and {len(outside) - 1} more leave theirs")
-    interval = moved[far]["given_interval"]
-    value, lower, upper = told_apart(moved[far]["given"], *interval)
-    refitted_value = told_apart(moved[far]["refitted"], *interval)[0]
+    far = max(left_theirs, key=lambda name: abs(moved[name]["refit_percent"] or 0.0))
+    more = {1: "", 2: ", and 1 more leaves its own"}.get(
+        len(left_theirs), f", and {len(left_theirs) - 1} more leave theirs"
+    )
+    value, lower, upper = told_apart(moved[far]["given"], *moved[far]["given_interval"])
     return (
         f"refitted to the {here} given here, {parameter_name(far)} goes from {value} ({lower} to {upper}) to"
-        f" {refitted_value}, outside its 95 % interval{more}: {_holds(document)}; {left}"
+        f" {refitted_beside(moved[far])}, outside its 95 % interval{more}: {_holds(document)}; {left}"
     )
 
 
