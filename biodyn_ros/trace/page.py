@@ -14,7 +14,6 @@ from biodyn_ros.trace.drawings import RUNGS, ladder, surface_map
 from biodyn_ros.trace.refit import outside, refitted_beside
 from biodyn_ros.trace.text import USES, known_use
 from biodyn_ros.trace.wording import (
-    because,
     belief,
     diagnosed,
     effect_name,
@@ -47,7 +46,7 @@ def trace_page(document: Document, trace: Trace) -> str:
         tone=tone(document),
         headline=headline(document),
         belief=belief(document),
-        reasons=because(document),
+        reasons=document["reasons"],
         subject_said=subject_said(document),
         sensors=sensors_said(document),
         refit=document.get("refit"),

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_ros.trace.wording import (
-    because,
     belief,
     effect_name,
     grouped,
@@ -35,7 +34,7 @@ def text_of(document: Document) -> str:
     lines = [
         headline(document),
         belief(document),
-        *(f"because: {reason}" for reason in because(document)[:_LISTED]),
+        *(f"because: {reason}" for reason in document["reasons"][:_LISTED]),
         "",
         "error, % of measured rms " + "".join(f"{words(name):>12}" for name in MEASURED_SEGMENTS) + f"{'all':>9}",
         *_error_rows(document["error"]),

@@ -77,11 +77,6 @@ def belief(document: Document) -> str:
     return "No verdict, neither for nor against any effect."
 
 
-def because(document: Document) -> list[str]:
-    """The reasons of the verdict."""
-    return list(document["reasons"])
-
-
 def subject_said(document: Document) -> str:
     """What subject.yaml holds."""
     if document["subject_written"] == "as_given":
