@@ -127,6 +127,11 @@ UNFITTED: Final = Parameters.from_vector([*np.sqrt(LOWER * UPPER)[:MASS_SCALE], 
 """The middle of Table 1 in log space, with m_scale 1: what stands for a person before any fit."""
 
 
+def is_fitted(parameters: Parameters) -> bool:
+    """Whether parameters are a person's, and not those that stand for a person before any fit."""
+    return not np.array_equal(parameters.vector(), UNFITTED.vector())
+
+
 def to_log(theta: ArrayLike) -> Floats:
     """Map theta to the search space of phase 1, ln(theta) (Eq. 28)."""
     return np.log(np.asarray(theta, dtype=np.float64))

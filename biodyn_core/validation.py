@@ -148,9 +148,20 @@ class Validation:
     @property
     def mean_nrmse_rms_percent(self) -> float | None:
         """The mean error of the segments that have a share."""
-        known = [error.nrmse_rms_percent for error in self.errors.values() if error]
-        shares = [percent for percent in known if percent is not None]
+        shares = list(self._shares.values())
         return sum(shares) / len(shares) if shares else None
+
+    @property
+    def worst(self) -> tuple[str | None, float | None]:
+        """The segment with the largest error over its rms, and that error in percent."""
+        shares = self._shares
+        segment = max(shares, key=shares.__getitem__, default=None)
+        return segment, shares[segment] if segment else None
+
+    @property
+    def _shares(self) -> dict[str, float]:
+        known = {name: error.nrmse_rms_percent for name, error in self.errors.items() if error}
+        return {name: percent for name, percent in known.items() if percent is not None}
 
 
 def validate(

@@ -335,8 +335,9 @@ def a_trace(known: Record) -> Trace:
         for use, before in (("train", 90.0), ("choose", 80.0), ("held_out", 4.0), ("held_out", 6.0))
     )
     return Trace(
-        "effect", ("it helps", "nothing else does"), known.subject, after, (applied,), ((),), (), "sensor", "", events,
-        (Round((linear, best), 0.2, None, ()),), (), None, None, None, 0.01, 0.2, (), (), (), 0, "found",
+        "effect", ("it helps", "nothing else does"), known.subject, known.subject, after, (applied,), ((),), (),
+        "sensor", "", events, (Round((linear, best), 0.2, None, ()),), (), None, None, None, 0.01, 0.2, (), (), (), 0,
+        "found",
     )  # fmt: skip
 
 

@@ -5,7 +5,9 @@ import dataclasses
 import pytest
 
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.tracing.experiments import BARE, LEVELS, REPEAT, SHOCKS, SWAP, TAP, TURNS, separating
+from biodyn_core.tracing.experiments import BARE, LEVELS, REPEAT, SHOCKS, SWAP, TAP, TURNS, separating, to_record
+from biodyn_core.tracing.findings import Need
+from biodyn_core.tracing.gate import FloorSettings
 
 
 @pytest.mark.parametrize(
@@ -36,3 +38,22 @@ def test_every_family_has_its_own_and_a_new_one_is_not_left_without() -> None:
     }  # fmt: skip
     strangers = [dataclasses.replace(effect, family="unheard_of") for effect in pairs["stop"]]
     assert separating(strangers) == LEVELS
+
+
+@pytest.mark.parametrize(
+    ("need", "said"),
+    [
+        (("held out", 9.0, 2, 1), "9 s more road, 2 more shocks of 0.8 g, one of them of 2 g, held out"),
+        (("held out", 8.2, 0, 0), "9 s more road, held out"),
+        (("to fit", 0.0, 1, 0), "1 more shock of 0.8 g, to fit"),
+        (("to fit", 0.0, 1, 1), "1 more shock of 2 g, to fit"),
+        (("to fit", 0.0, 4, 2), "4 more shocks of 0.8 g, 2 of them of 2 g, to fit"),
+        (("to fit", 3.0, 0, 0, ("another loading condition than road",)),
+         "3 s more road, to fit, in another loading condition than road"),
+        (("held out", 0.0, 0, 0, ("a further recording of rail",)), "a further recording of rail, held out"),
+    ],
+)  # fmt: skip
+def test_all_that_lacks_is_one_list(need: tuple, said: str) -> None:
+    assert to_record([Need(*need)], FloorSettings()) == said
+    twice = to_record([Need("to fit", 5.0, 0, 0), Need(*need)], FloorSettings())
+    assert twice == f"5 s more road, to fit; {said}"

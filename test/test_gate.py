@@ -10,7 +10,7 @@ from hiding import applied
 from streams import subject
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.gate import FloorSettings, cleaned, contents, missing, pulled_down, same
+from biodyn_core.tracing.gate import FloorSettings, cleaned, contents, missing, needs, pulled_down, same
 
 RATE_HZ = fitting.RATE_HZ
 SUBJECT = subject()
@@ -64,6 +64,35 @@ def test_what_is_missing_is_said_and_enough_is_enough() -> None:
         "held out: 0 shocks of 2 g and more, 1 is needed"
     ]
     assert missing([], "held out")[0] == "held out: 0 s without shocks, 30 are needed"
+
+
+def motion(kind: str, peaks_g: list[float], seconds: float = 20.0) -> Case:
+    """A case of one loading condition, unlike any other."""
+    return dataclasses.replace(case(peaks_g, seconds), name=f"{kind} {peaks_g}", case=kind)
+
+
+def test_a_need_is_the_difference_to_the_floor_for_each_use() -> None:
+    s = FloorSettings(road_s=30.0, shocks=4, hard_shocks=1)
+    train = [motion("road", [1.0]), motion("rail", [1.0, 1.2, 1.4, 2.5])]  # 2 x 18 s less 5 s of shocks
+    held = [motion("road", [1.1]), motion("road", [0.9, 1.3])]  # 36 s less 3 s; 3 shocks, none of them hard
+    (need,) = needs(train, held, s)
+    assert (need.use, need.road_s, need.shocks, need.hard_shocks, need.how) == ("held out", 0.0, 1, 1, ())
+    longer = FloorSettings(road_s=40.0, shocks=5, hard_shocks=1)
+    to_fit, held_out = needs(train, held, longer)
+    assert (to_fit.use, to_fit.road_s, to_fit.shocks) == ("to fit", pytest.approx(9.0, abs=0.1), 0)
+    assert (held_out.road_s, held_out.shocks, held_out.hard_shocks) == (pytest.approx(7.0, abs=0.1), 2, 1)
+
+
+def test_one_recording_is_named_once_though_it_serves_several_needs() -> None:
+    s = FloorSettings(road_s=30.0, shocks=2, hard_shocks=0)
+    road, again = motion("road", [1.0, 1.1]), motion("road", [1.2, 1.3])
+    to_fit, held_out = needs([road, again], [road], s)
+    assert to_fit.how == ("another loading condition than road",)
+    assert (to_fit.road_s, to_fit.shocks) == (0.0, 0)
+    assert len(held_out.how) == 2 and held_out.how[0] == f"another recording than {road.name}, which is also fitted to"
+    assert held_out.shocks == 2 and held_out.road_s == 30.0  # the event on both sides counts for nothing
+    assert needs([], [], s)[0].how == ("two loading conditions",)
+    assert needs([], [road], s)[1].how == ("a further recording of road",)
 
 
 def test_the_papers_windows_carry_no_verdict() -> None:

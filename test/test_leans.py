@@ -6,10 +6,12 @@ from functools import cache
 import fitting
 import numpy as np
 import pytest
+from hiding import applied
 
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.departures import UsualSettings
 from biodyn_core.tracing.leans import lean_deg, leaning
+from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 
 USUAL = UsualSettings().usual_lean
 
@@ -63,3 +65,24 @@ def test_the_seat_is_nobodys_sensor() -> None:
 def test_a_lean_beyond_the_range_of_a_tilt_ends_on_it() -> None:
     (found,) = leaning([leans(head=(40.0, 0.0))], USUAL, plain=False)
     assert found.values["lean_x"] == 0.4
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "within"),
+    [
+        # ICM-20948, table 2: 0.5 % + 0.5 % + 20 K of 0.026 %/K = 1.52 %; 50 mg and 2 % lean by 4.01 deg.
+        ("gain", {"gain": 0.0151}, True),
+        ("gain", {"gain": -0.0153}, False),
+        ("tilt", {"lean_x": float(np.sin(np.deg2rad(1.8)))}, True),
+        ("tilt", {"lean_x": 0.05, "lean_y": -0.048}, True),
+        ("tilt", {"lean_x": 0.05, "lean_y": -0.05}, False),
+        ("clock", {"delay_s": -0.00049}, True),
+        ("clock", {"delay_s": 0.0, "drift": 0.0002}, False),  # 1 ms amid an event of 10 s
+        ("skin", {}, False),
+        ("stop", {}, False),
+    ],
+)
+def test_limits_are_those_of_the_data_sheet(name: str, values: dict[str, float], within: bool) -> None:
+    rest = {"tilt": {"lean_y": 0.0}, "clock": {"drift": 0.0}}.get(name, {})
+    assert within_limits(applied(name, **(rest | values))) is within
+    assert all("ICM-20948" in LIMITS[fault].source for fault in ("gain", "tilt"))

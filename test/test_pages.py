@@ -48,7 +48,7 @@ from biodyn_ros.resources import subject_file
 from biodyn_ros.validate import page as validate_report
 from biodyn_ros.validate import validating
 from biodyn_ros.validate.document import Validated
-from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page, worst_segment
+from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page
 from biodyn_ros.validate.validating import validate_recordings, validate_to_directory
 from biodyn_ros.wording import number, told_apart
 
@@ -103,6 +103,11 @@ def test_a_validation_says_the_numbers_of_its_document(validated: Validated, val
     for key in ("peak", "peak_by_body_mass", "peak_by_upper_body_mass", "impedance_peak"):
         assert f"{number(point[key]['magnitude'])} {number(point[key]['frequency_hz'])}" in text
     assert f"ratio of peaks {number(document['stht']['peak_ratio'])}" in text
+    percents = {name: of["nrmse_rms_percent"] for name, of in document["error"]["segments"].items() if of}
+    worst = max(percents, key=percents.__getitem__)
+    mean = number(sum(percents.values()) / len(percents))
+    worst_said = f"worst {worst.replace('_', ' ')} {number(percents[worst])}"
+    assert f"error over time, % of rms mean {mean}, {worst_said} 20 each" in text
     for segment, of in document["exposure"]["segments"].items():
         for side in ("measured", "predicted"):
             if of[side]:
@@ -134,7 +139,7 @@ def test_a_validation_is_one_file_that_is_the_same_again(validated: Validated, v
     found = residual_waterfall(validated)
     for svg in (
         driving_point(validated.document),
-        waterfall(found, residual_channels(worst_segment(validated.document)), 0),
+        waterfall(found, residual_channels(validated.document["error"]["worst_segment"]), 0),
     ):
         assert svg in validation
 

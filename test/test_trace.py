@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from hiding import applied
 
+from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case, errors
-from biodyn_core.parameters import Parameters
+from biodyn_core.parameters import UNFITTED, Parameters
 from biodyn_core.subject import Subject
 from biodyn_core.tracing import rounds
 from biodyn_core.tracing import trace as trace_module
@@ -18,13 +19,13 @@ from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.choice import TELLING, asked, candidate, taken
 from biodyn_core.tracing.findings import Candidate, Round, Trace
-from biodyn_core.tracing.gate import FloorSettings
-from biodyn_core.tracing.gathered import _leaning
+from biodyn_core.tracing.gate import FloorSettings, dealt
+from biodyn_core.tracing.gathered import _leaning, _sensors, decided
 from biodyn_core.tracing.rungs import Rung, WithoutEffect, left_over
 from biodyn_core.tracing.screen import Screened, Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS, Settled, settle
-from biodyn_core.tracing.trace import dealt, trace
+from biodyn_core.tracing.trace import trace
 from biodyn_core.tracing.verdict import judged
 
 SHORT = TraceSettings(
@@ -181,6 +182,23 @@ def undecided(train: list[Case], held_out: list[Case], settings: TraceSettings =
     return found
 
 
+def test_the_subject_that_was_given_is_kept_beside_the_refitted_one() -> None:
+    """Its errors are those of its own parameters, nothing refitted."""
+    cases = hiding.events(9)
+    off = dataclasses.replace(hiding.TRUTH, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
+    found = trace(cases[3:6], cases[:3], off, TraceSettings(), 1)
+    assert found.verdict == "not_decidable" and found.given is off and found.refitted and not found.adds
+    for event in found.events:
+        (case,) = [one for one in cases if one.name == event.name]
+        assert event.given is not None
+        assert event.given.mean_percent == pytest.approx(errors(case, answer(off, case)).mean_percent, rel=1e-9)
+        assert event.given.mean_percent > event.before.mean_percent
+    nothing = trace([], [], off, TraceSettings(), 1)
+    assert nothing.given is nothing.before is nothing.after and not nothing.refitted
+    unfitted = dataclasses.replace(off, parameters=UNFITTED)
+    assert {event.given for event in trace(cases[3:5], [], unfitted, TraceSettings(), 1).events} == {None}
+
+
 def test_short_events_are_not_decided_with_a_line_for_each_that_lacks() -> None:
     cases = list(hiding.events(9, hiding.louder))
     found = undecided(cases[:3], cases[3:], TraceSettings())
@@ -312,6 +330,78 @@ def test_a_small_lean_is_named_only_of_a_body_that_is_else_as_the_model_has_it()
     beside = dataclasses.replace(nothing_else, round=Round((stop,), 0.2, stop, ()), taken=without())
     assert [one.site for one in _leaning(nothing_else, cases, settings)] == ["neck"]
     assert _leaning(beside, cases, settings) == ()
+
+
+def test_a_sensor_that_leans_stands_beside_the_verdict_and_is_no_cause() -> None:
+    """1.8 deg on the mean, by the gyro; recordings set it upright, so it explains nothing of what is left."""
+    lean = {"neck": (float(np.sin(np.deg2rad(1.8))), 0.0)}
+    cases = [dataclasses.replace(case, leans=lean) for case in hiding.events(9)]
+    with mock.patch.object(rounds, "candidates", few):
+        found = trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
+    assert found.verdict == "none" and found.effects == () and not found.adds
+    (beside,) = found.sensors
+    assert (beside.fault.effect.name, beside.fault.site, beside.told_by) == ("tilt", "neck", "gyro")
+    assert not beside.explains and beside.gain is None  # no tilt was tried: the channels are missing
+    same = traced()
+    assert found.reasons == same.reasons and found.threshold == same.threshold and same.sensors == ()
+
+
+def test_a_sensor_that_leans_farther_than_a_data_sheet_allows_is_named() -> None:
+    """6 deg, where 4.01 are allowed."""
+    lean = {"neck": (float(np.sin(np.deg2rad(6.0))), 0.0)}
+    cases = [dataclasses.replace(case, leans=lean) for case in hiding.events(6)]
+    outcome = dataclasses.replace(taken_as(applied("gain", "neck", gain=0.01), 0.4), taken=None)
+    outcome = dataclasses.replace(outcome, round=dataclasses.replace(outcome.round, taken=None))
+    subject = hiding.background().subject
+    found = decided(subject, subject, subject, [outcome], (cases[:3], cases[3:], ()), TraceSettings(), (), 1)
+    assert found.verdict == "effect" and found.sensors == () and not found.adds
+    assert [(one.effect.name, one.site) for one in found.effects] == [("tilt", "neck")]
+    assert any("leans by 6.0 deg" in line for line in found.reasons)
+
+
+def taken_as(effect: AppliedEffect, left: float) -> rounds.Outcome:
+    """A round that took an effect where so many times what a good model misses was left, and left a tenth of it."""
+    background, usual = hiding.background(), left_over(hiding.background(), without())
+    one = Candidate(effect, 0.8, True, 0.005, 0.1, 6)
+    before, after = (
+        dataclasses.replace(without(), left=(times / usual) ** 2 * without().left) for times in (left, 0.1 * left)
+    )
+    return rounds.Outcome(Round((one,), 0.2, one, ()), background, before, after)
+
+
+@pytest.mark.parametrize(
+    ("effect", "left", "verdict"),
+    [
+        (applied("gain", "neck", gain=0.01), 0.4, "none"),  # within the data sheet, and nothing unusual to explain
+        (applied("gain", "neck", gain=0.01), 1.1, "effect"),  # within, and it explains what is left
+        (applied("gain", "neck", gain=0.1), 0.4, "effect"),  # beyond the data sheet
+        (applied("clock", "neck", delay_s=0.0003), 0.4, "none"),
+        (applied("clock", "neck", delay_s=0.0003), 1.1, "effect"),
+        (applied("clock", "neck", delay_s=0.004), 0.4, "effect"),
+        (applied("stop", "neck"), 0.4, "effect"),  # no sensor's fault
+    ],
+)
+def test_a_fault_within_the_data_sheet_is_a_cause_only_where_it_explains_the_residual(
+    effect: AppliedEffect, left: float, verdict: str
+) -> None:
+    outcome = taken_as(effect, left)
+    said, _ = judged([outcome], None, (), TraceSettings())
+    assert said == verdict
+    beside = _sensors([outcome], (), verdict == "effect")
+    assert [one.fault for one in beside] == ([effect] if verdict == "none" else [])
+
+
+def test_a_fault_within_the_data_sheet_does_not_hide_a_cause_of_another_round() -> None:
+    outcomes = [taken_as(applied("gain", "neck", gain=0.01), 0.4), taken_as(applied("stop", "head"), 0.2)]
+    assert judged(outcomes, None, (), TraceSettings())[0] == "effect"
+
+
+def test_a_lean_that_a_round_took_explains_the_residual() -> None:
+    tilt = applied("tilt", "neck", lean_x=0.1)
+    (found,) = _sensors([taken_as(tilt, 1.1)], (tilt,), True)
+    assert found.explains and found.gain == 0.8
+    (found,) = _sensors([taken_as(applied("stop", "head"), 1.1)], (tilt,), True)
+    assert not found.explains and found.gain is None
 
 
 @pytest.mark.parametrize(

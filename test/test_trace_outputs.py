@@ -23,7 +23,7 @@ from streams import simulated, subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.errors import InputError
 from biodyn_core.identification.problem import Errors
-from biodyn_core.parameters import PARAMETERS, Parameters
+from biodyn_core.parameters import PARAMETERS, UNFITTED, Parameters
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.tracing.findings import (
@@ -32,7 +32,9 @@ from biodyn_core.tracing.findings import (
     Departure,
     Diagnostics,
     Interval,
+    Need,
     Round,
+    SensorFinding,
     Surface,
     Trace,
     Verdict,
@@ -42,11 +44,13 @@ from biodyn_ros.files import check_directory
 from biodyn_ros.provenance import MADE_BY_MODEL, bag_sha256, role_of
 from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reports.residuals import residual_spectra, windowed
+from biodyn_ros.trace import tracing
 from biodyn_ros.trace.document import PROOF, trace_document
 from biodyn_ros.trace.page import trace_page, worst_event
+from biodyn_ros.trace.refit import refit_document
 from biodyn_ros.trace.text import text_of
 from biodyn_ros.trace.tracing import Stages, Traced, TraceOptions, deal, trace_bags, write_traced
-from biodyn_ros.trace.wording import belief, diagnosed, effect_name, headline, parameters_of, tone
+from biodyn_ros.trace.wording import belief, diagnosed, effect_name, headline, parameters_of, sensors_said, tone
 
 SUBJECT = subject()
 RATE_HZ = 200.0
@@ -74,7 +78,10 @@ def errors(name: str, case: str, percents: list[float]) -> Errors:
 
 
 def event(name: str, case: str, use: Any, before: list[float], after: list[float], seed: int = 0) -> ComparedEvent:
-    """Three seconds of a decaying swing per segment, the neck never compared, the first 0.2 s masked."""
+    """Three seconds of a decaying swing per segment, the neck never compared, the first 0.2 s masked.
+
+    The subject as it was given is twice as far off as the refitted one.
+    """
     rng = np.random.default_rng(seed)
     seconds = np.arange(600) / RATE_HZ
     swing = np.exp(-2.0 * np.abs(seconds - 1.5)) * np.sin(2 * np.pi * 6.0 * seconds)
@@ -86,7 +93,8 @@ def event(name: str, case: str, use: Any, before: list[float], after: list[float
     gaps[:40] = True
     gaps[:, 3] = True
     parts = [np.where(gaps, np.nan, values) for values in (measured, *models)]
-    return ComparedEvent(name, case, use, RATE_HZ, *parts, errors(name, case, before), errors(name, case, after))
+    percents = (before, after, (2.0 * np.array(before)).tolist())
+    return ComparedEvent(name, case, use, RATE_HZ, *parts, *(errors(name, case, each) for each in percents))
 
 
 NAN = math.nan
@@ -99,12 +107,33 @@ EVENTS = (
 )
 
 
+def given(subject: Subject, **provenance: Any) -> Subject:
+    """As it was given: stiffening scale twice as large as refitted, its fit to three recordings with intervals."""
+    theta = subject.parameters.vector().copy()
+    theta[13] *= 2.0
+    known = {
+        "fitted": [{"bag": f"{name}.mcap", "sha256": name} for name in ("a", "b", "c")],
+        "intervals": {
+            "stiffening_scale": [1.9 * subject.parameters.stiffening_scale, 2.2 * subject.parameters.stiffening_scale],
+            "damping_ratio[head]": [0.14, 0.16],
+        },
+    }
+    return dataclasses.replace(subject, parameters=Parameters.from_vector(theta), provenance=known | provenance)
+
+
 def moved(subject: Subject) -> Subject:
     """Pelvis' natural frequency 10 % down, head's damping 25 % down, and the stop added."""
     theta = subject.parameters.vector().copy()
     theta[0] *= 0.9
     theta[11] *= 0.75
     return dataclasses.replace(subject, parameters=Parameters.from_vector(theta), effects=(STOP,))
+
+
+NEED = Need("to fit", 18.0, 2, 1)
+EXPERIMENTS = {
+    "ambiguous": "drive one shock at two levels",
+    "not_decidable": "18 s more road, 2 more shocks of 0.8 g, one of them of 2 g, to fit",
+}
 
 
 def diagnostics() -> Diagnostics:
@@ -137,13 +166,14 @@ def found(verdict: Verdict = "effect", **changed: Any) -> Trace:
     whole = Trace(
         verdict=verdict,
         reasons=("the gain exceeds the threshold", "it helps in 3 events of 2 conditions"),
+        given=given(SUBJECT),
         before=SUBJECT,
         after=moved(SUBJECT) if added else SUBJECT,
         effects=(STOP,) if added else (),
         intervals=((Interval("gap_m", "m", 0.012, 0.0115, 0.0126),),) if added else (),
         ambiguous_with=(ASYMMETRY, CUBIC) if verdict == "ambiguous" else (),
         family="stiffening" if added else "",
-        experiment="drive one shock at two levels" if verdict == "ambiguous" else "",
+        experiment=EXPERIMENTS.get(verdict, ""),
         events=EVENTS,
         rounds=(Round(ladder, 0.05, ladder[0] if added else None, ladder[1:2] if verdict == "ambiguous" else ()),),
         departures=(Departure("gain of the head's sensor", -0.4), Departure("clock of the neck's sensor", 3.1)),
@@ -157,6 +187,7 @@ def found(verdict: Verdict = "effect", **changed: Any) -> Trace:
         lacking=("to fit: 12 s without shocks, 30 are needed",) if verdict == "not_decidable" else (),
         seed=7,
         calibrated="anew",
+        needs=(NEED,) if verdict == "not_decidable" else (),
     )
     return dataclasses.replace(whole, **changed)
 
@@ -274,7 +305,10 @@ def test_each_verdict_says_something_else() -> None:
         " Added, it takes the held-out error from 20.0 % to 3.50 %."
     )
     assert "stop or asymmetry or cubic in the joint between seat and pelvis" in by_verdict["ambiguous"]
-    assert "12 s without shocks" in by_verdict["not_decidable"]
+    assert by_verdict["not_decidable"] == (
+        "These recordings cannot decide what is missing."
+        " Record 18 s more road, 2 more shocks of 0.8 g, one of them of 2 g, to fit."
+    )
     assert "not known" in headline(trace_document(found("none", events=EVENTS[:2])))
 
 
@@ -302,13 +336,31 @@ def test_the_terminal_says_the_verdict_first_and_all_that_counts() -> None:
         "train, before 15.0 17.0 19.0 – 25.0 19.0", "held out, after",
         "added: stop in the joint between seat and pelvis [stiffening]:",
         "gap 0.0120 (0.0115 to 0.0126) m", "could be as well: asymmetry or cubic in", "record next: drive one shock",
-        "left out: neck", "untestable, a channel is missing: bending at neck", "damping ratio, head -25.0 %",
+        "left out: neck", "untestable, a channel is missing: bending at neck",
+        "moved most by the refit: stiffening scale 0.434 to 0.217 (-50.0 %)",
+        "moved most by the effect: damping ratio, head 0.151 to 0.113 (-25.0 %)",
+        "subject.yaml: the refitted subject with stop in the joint between seat and pelvis",
         "floor, what noise of the sensors alone leaves: 0.900 %", "bags: by turns", "warning: road: loose", PROOF,
     ):  # fmt: skip
         assert expected in text, expected
     assert text_of(trace_document(nothing())).splitlines()[0].startswith("These recordings cannot decide")
-    twice = found("not_decidable", reasons=("too little", *found("not_decidable").lacking))
-    assert text_of(trace_document(twice)).count("12 s without shocks") == 2
+
+
+def test_without_a_verdict_one_list_says_what_to_record() -> None:
+    """The list stands once, the lines it is made of are the reasons, and sections without content are left out."""
+    undecided = found("not_decidable", reasons=("too little", *found("not_decidable").lacking))
+    document = trace_document(undecided)
+    assert (
+        document["to_record"] == [{"use": "to fit", "road_s": 18.0, "shocks": 2, "hard_shocks": 1, "how": ()}]
+        and json.loads(json.dumps(document))["to_record"][0]["how"] == []
+    )
+    for said in (" ".join(text_of(document).split()), page_of(undecided)[1].text):
+        assert said.count("18 s more road, 2 more shocks of 0.8 g, one of them of 2 g, to fit") == 1
+        assert said.count("12 s without shocks, 30 are needed") == 1
+    few = text_of(trace_document(found("not_decidable", events=EVENTS[:2], floor_percent=None)))
+    assert "train, before" in few and "held out, before" not in few and "floor" not in few
+    for said in (" ".join(text_of(document).split()), page_of(undecided)[1].text):
+        assert "record next" not in said.lower() and "what the recordings lack" not in said.lower()
 
 
 # --- page ------------------------------------------------------------------------------------------------------------
@@ -331,26 +383,57 @@ def test_every_verdict_has_a_page(verdict: Verdict) -> None:
 
 
 def test_what_no_subject_carries_is_named_and_not_added() -> None:
-    """A leaning sensor is set upright in recordings, a wandering line is never twice the same."""
-    tilt = applied("tilt", "head")
-    alone = found(effects=(tilt,), intervals=((),), after=SUBJECT)
+    """A wandering line is never twice the same."""
+    line = applied("periodic", "head")
+    alone = found(effects=(line,), intervals=((),), after=SUBJECT)
     document = trace_document(alone)
     assert [effect["added"] for effect in document["effects"]] == [False]
     assert headline(document) == (
-        "Found: tilt of the sensor on the head. It is nothing that a subject can carry, so none was added."
-        " Held-out error 20.0 %."
+        "Found: periodic on the head. It is nothing that a subject can carry, so none was added. Held-out error 20.0 %."
     )
-    assert "named, not added: tilt of the sensor on the head" in " ".join(text_of(document).split())
-    assert "own gyro" in belief(document) and "chance" not in belief(document)
+    assert "named, not added: periodic on the head" in " ".join(text_of(document).split())
+    assert "events that choose" in belief(document) and "chance" not in belief(document)
     _, page = page_of(alone)
     assert "What was found, and no subject carries" in page.text and "What was added" not in page.text
-    beside = trace_document(found(effects=(tilt, STOP), intervals=((), found().intervals[0])))
+    beside = trace_document(found(effects=(line, STOP), intervals=((), found().intervals[0])))
     assert [effect["added"] for effect in beside["effects"]] == [False, True]
     assert headline(beside) == (
         "Missing in the model: stop in the joint between seat and pelvis."
         " Added, it takes the held-out error from 20.0 % to 3.50 %."
-        " Found beside, and not added: tilt of the sensor on the head."
+        " Found beside, and not added: periodic on the head."
     )
+
+
+LEAN = SensorFinding(
+    AppliedEffect(CATALOGUE["tilt"], "head", {"lean_x": 0.0314108, "lean_y": 0.0}), "gyro", None, False
+)
+LATE = SensorFinding(AppliedEffect(CATALOGUE["clock"], "neck", {"delay_s": -6e-4, "drift": 0.0}), "fit", 0.2, False)
+LOUD = SensorFinding(AppliedEffect(CATALOGUE["gain"], "neck", {"gain": 0.01}), "fit", 0.09, True)
+
+
+def test_findings_about_sensors_stand_beside_the_verdict() -> None:
+    quiet = found("none", sensors=(LEAN, LATE))
+    document = trace_document(quiet)
+    assert headline(document) == headline(trace_document(found("none"))) and document["effects"] == []
+    lean, late = document["sensors"]
+    assert (lean["name"], lean["site"], lean["told_by"], lean["gain"]) == ("tilt", "head", "gyro", None)
+    assert (lean["size"], lean["unit"]) == (pytest.approx(np.deg2rad(1.8), rel=1e-4), "rad")
+    assert lean["within_limit"] and not lean["explains"] and "ICM-20948" in lean["limit_source"]
+    assert not late["within_limit"] and late["gain"] == 0.2
+    leans = (
+        "the sensor on the head leans by 1.80 deg on the mean while it moves, as its gyro has it; recordings set it"
+        " upright; within the 4.01 deg allowed to a sensor; it does not explain the residual"
+    )
+    is_late = (
+        "the sensor on the neck is off by 0.600 ms in its clock, as the fit has it; beyond the 0.500 ms allowed to a"
+        " sensor; it does not explain the residual (gain 0.200)"
+    )
+    terminal, page = " ".join(text_of(document).split()), page_of(quiet)[1].text
+    for line in (leans, is_late):
+        assert f"sensor: {line}" in terminal and line[1:] in page
+    assert "stand beside the verdict" in page and "stand beside the verdict" not in drawn("none")[1].text
+    (loud,) = sensors_said(trace_document(found(sensors=(LOUD,))))
+    assert "off by 1.00 % in its gain" in loud and "within the 1.52 %" in loud and "it explains the residual" in loud
 
 
 def test_what_is_set_anew_claims_no_gain_in_other_events_nor_a_chance() -> None:
@@ -362,10 +445,10 @@ def test_what_is_set_anew_claims_no_gain_in_other_events_nor_a_chance() -> None:
 
 
 def test_ambiguous_is_between_what_was_taken_and_its_rivals_alone() -> None:
-    tilt = applied("tilt", "head")
-    said = headline(trace_document(found("ambiguous", effects=(tilt, STOP), intervals=((), found().intervals[0]))))
+    line = applied("periodic", "head")
+    said = headline(trace_document(found("ambiguous", effects=(line, STOP), intervals=((), found().intervals[0]))))
     assert "which: stop or asymmetry or cubic in the joint between seat and pelvis." in said
-    assert said.endswith("Found beside: tilt of the sensor on the head.")
+    assert said.endswith("Found beside: periodic on the head.")
 
 
 def test_none_claims_no_more_than_that_less_was_gained_than_asked() -> None:
@@ -385,12 +468,75 @@ def test_the_page_shows_numbers_before_and_after() -> None:
     _, page = drawn("effect")
     for expected in (
         "pelvis 15.0 2.50 15.0 5.00 16.0 3.00", "all 19.0 3.50 15.0 5.00 20.0 3.50", "natural frequency, pelvis",
-        "F -= k_s max(0, -stretch - d0)", "0.0120 (0.0115 to 0.0126) m", "rail_2 rail held out 3.0 25.0 5.00",
-        "Dealt by turns.", "-10.0", "-25.0", "0.810, taken", "screened only", "gap 0.0120",
+        "F -= k_s max(0, -stretch - d0)", "0.0120 (0.0115 to 0.0126) m", "rail_2 rail held out 3.0 50.0 25.0 5.00",
+        "Dealt by turns.", "-50.0 +0.0", "+0.0 -10.0", "+0.0 -25.0", "0.810, taken", "screened only", "gap 0.0120",
         "asymmetry in the joint between seat and pelvis: a parameter ends on its bound",
         "Noise of the sensors alone leaves 0.900 %",
     ):  # fmt: skip
         assert expected in page.text, expected
+
+
+def test_parameters_are_shown_as_given_refitted_and_with_the_effect() -> None:
+    for verdict, adds in (("effect", True), ("not_decidable", False)):
+        of = trace_document(found(verdict))["parameters_moved"]["stiffening_scale"]
+        assert (of["given"], of["refitted"]) == (pytest.approx(0.434), pytest.approx(0.217))
+        assert of["with_effect"] == (pytest.approx(0.217) if adds else None)
+        assert of["refit_percent"] == pytest.approx(-50.0) and of["percent"] == 0.0
+        assert (of["before"], of["after"]) == (of["refitted"], of["refitted"])
+        assert of["given_interval"] == pytest.approx([1.9 * 0.217, 2.2 * 0.217])
+        _, page = drawn(verdict)
+        assert "refitted with the effect unit" in page.text
+        assert ("subject.yaml: equals the given subject" in page.text) is not adds
+        assert ("effect, %" in page.text) is adds
+    unfitted = dataclasses.replace(SUBJECT, parameters=UNFITTED)
+    of = trace_document(found("none", given=unfitted))["parameters_moved"]["stiffening_scale"]
+    assert of["given"] is None and of["refit_percent"] is None and of["refitted"] == pytest.approx(0.217)
+
+
+def refit_of(subject: Subject, *hashes: str) -> dict[str, Any]:
+    trace = found("not_decidable", given=subject)
+    document = refit_document(trace, trace_document(trace)["parameters_moved"], hashes)
+    assert document is not None
+    return document
+
+
+def test_a_refit_out_of_the_given_intervals_says_why() -> None:
+    """Head's damping, 0.151, stays in 0.14 to 0.16."""
+    document = refit_of(given(SUBJECT), "a", "b", "x", "y", "z", "z")
+    assert document["outside_intervals"] == ["stiffening_scale"] and document["recordings"] == 5
+    assert (document["given_recordings"], document["shared_recordings"]) == (3, 2)
+    assert document["error_percent"] == {"given": pytest.approx(38.0), "refitted": pytest.approx(19.0)}
+    assert document["text"] == (
+        "refitted to the 5 recordings given here, stiffening scale goes from 0.434 (0.412 to 0.477) to 0.217, outside"
+        " its 95 % interval: these intervals hold only for the 3 recordings of that fit, of which 2 are used here;"
+        " there the given parameters miss 38.0 % of the measured rms, the refitted ones 19.0 %"
+    )
+    trace = found("not_decidable", given=given(SUBJECT))
+    whole = trace_document(trace) | {"refit": document}
+    assert document["text"] in " ".join(text_of(whole).split())
+    page = Page(trace_page(whole, trace)).text
+    assert document["text"][1:] in page and "outside, 0.217" in page
+
+
+def test_of_several_that_leave_their_intervals_the_one_that_moves_most_is_named() -> None:
+    """Head's damping by 5 %, many half-widths of a narrow interval; stiffening by 50 %."""
+    head = SUBJECT.parameters.damping_ratio[5]
+    narrow = {"damping_ratio[head]": [1.01 * head, 1.011 * head], "stiffening_scale": [0.412, 0.477]}
+    document = refit_of(given(SUBJECT, intervals=narrow), "a")
+    assert document["outside_intervals"] == ["damping_ratio[head]", "stiffening_scale"]
+    assert "stiffening scale goes from" in document["text"] and ", and 1 more leaves its own:" in document["text"]
+
+
+def test_what_a_refit_cannot_be_compared_with_is_said() -> None:
+    assert (
+        "every parameter stays in" in refit_of(given(SUBJECT, intervals={"damping_ratio[head]": [0.14, 0.16]}))["text"]
+    )
+    assert "no intervals to compare with" in refit_of(given(SUBJECT, intervals={}))["text"]
+    assert "its file does not name" in refit_of(given(SUBJECT, fitted=[]))["text"]
+    assert "of which none is used here" in refit_of(given(SUBJECT), "x")["text"]
+    assert "was not fitted" in refit_of(dataclasses.replace(SUBJECT, parameters=UNFITTED), "x")["text"]
+    same = found("not_decidable", given=SUBJECT)
+    assert refit_document(same, trace_document(same)["parameters_moved"], ()) is None
 
 
 def test_the_page_needs_no_network_and_is_the_same_again() -> None:
@@ -411,9 +557,9 @@ def test_names_from_outside_are_text_and_nothing_else() -> None:
 
 
 def test_a_trace_that_the_gate_stopped_has_a_page() -> None:
-    source, page = page_of(nothing())
-    assert "No event could be compared." in page.text and "No candidate was tried." in page.text
+    source, _ = page_of(nothing())
     assert "<svg" not in source
+    assert re.findall(r"<h2>(.*?)</h2>", source) == ["What moved in the body's parameters"]
 
 
 def test_the_worst_event_held_out_is_drawn() -> None:
@@ -463,7 +609,7 @@ def heard(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             for use, cases in (("train", train), ("choose", held_out[:-1]), ("held_out", held_out[-1:]))
             for case in cases
         ]
-        return found(events=tuple(named), seed=seed)
+        return found(given.get("verdict", "effect"), events=tuple(named), seed=seed, given=subject)
 
     module = types.ModuleType("biodyn_core.tracing.trace")
     module.trace = trace  # type: ignore[attr-defined]
@@ -532,6 +678,69 @@ def test_what_is_written_is_whole_and_remembers_its_bags(
     again = trace_bags([bags["rail_2"]], written, TraceOptions(held_out=(str(bags["road"]),)))
     assert any("had been fitted to it" in line for line in again.document["warnings"])
     assert role_of(again.subject, bag_sha256(bags["rail_1"])) == "fitted"
+
+
+@pytest.mark.parametrize("verdict", ["none", "unexplained", "not_decidable"])
+def test_without_an_added_effect_the_subject_is_the_given_one(
+    verdict: str, bags: dict[str, Path], heard: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """To the byte, in the place of what an earlier trace had written there; a file without parameters gets none."""
+    fitted = "# Anna\n" + dataclasses.replace(SUBJECT, provenance={"made_by": "biodyn fit"}).to_yaml()
+    unfitted = "schema: 1\nname: anna\nbody_mass_kg: 60\nstature_m: 1.7\nmass_matrix: segment\n"
+    out, anna = tmp_path / "out", tmp_path / "anna.yaml"
+    command = ["trace", *map(str, bags.values()), "--subject", str(anna), "-o", str(out), "--no-report"]
+    for text in (fitted, unfitted):
+        anna.write_text(text, encoding="utf-8")
+        heard.pop("verdict", None)
+        assert main(command) == 0
+        assert load_subject(out / "subject.yaml").effects[0].effect.name == "stop"
+        heard["verdict"] = verdict
+        capsys.readouterr()
+        assert main(command) == 0
+        assert (out / "subject.yaml").read_text(encoding="utf-8") == text
+        assert json.loads((out / "trace.json").read_text())["subject_written"] == "as_given"
+        assert "subject.yaml: equals the given subject" in capsys.readouterr().out
+    traced = trace_bags(list(bags.values()), SUBJECT)
+    assert traced.subject is SUBJECT
+
+
+def test_no_subject_of_an_earlier_trace_stands_beside_a_new_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An interruption between both files leaves the old verdict or the new subject, never the other way round."""
+    monkeypatch.setattr(tracing, "write_json", lambda path, document: {}["interrupted"])
+    (tmp_path / "subject.yaml").write_text("of the trace before")
+    with pytest.raises(KeyError, match="interrupted"):
+        write_traced(Traced({}, SUBJECT, found("none")), tmp_path)
+    assert load_subject(tmp_path / "subject.yaml").name == SUBJECT.name
+
+
+def test_the_use_of_each_bag_is_said_before_the_computation(
+    bags: dict[str, Path], heard: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    begun: list[str] = []
+    method = sys.modules["biodyn_core.tracing.trace"].trace
+
+    def trace(*given: Any, **options: Any) -> Trace:
+        begun.append(capsys.readouterr().err)
+        return method(*given, **options)
+
+    monkeypatch.setattr(sys.modules["biodyn_core.tracing.trace"], "trace", trace)
+    command = ["trace", "--subject", "subject_1", "-o", str(tmp_path / "out"), "--no-report", "--json"]
+    assert main([*command, *map(str, bags.values())]) == 0
+    assert main([*command, str(bags["road"]), "--hold-out", str(bags["rail_2"]), str(bags["rail_1"])]) == 0
+    by_default, by_name = begun
+    assert by_default.splitlines() == [
+        f"parameters are fitted to: {bags['rail_1']}, {bags['road']}",
+        f"held out (by default, every second bag of a condition), the effect is chosen by: {bags['rail_2']}",
+        "held out, errors are reported of: none",
+    ]
+    assert by_name.splitlines() == [
+        f"parameters are fitted to: {bags['road']}",
+        f"held out (by name), the effect is chosen by: {bags['rail_2']}",
+        f"held out, errors are reported of: {bags['rail_1']}",
+    ]
 
 
 def test_a_bag_that_chose_the_effect_is_no_longer_new(bags: dict[str, Path], heard: dict[str, Any]) -> None:

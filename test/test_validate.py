@@ -198,6 +198,21 @@ def test_errors_in_both_normalisations():
     assert document["error"]["mean_nrmse_rms_percent"] == pytest.approx(20.0)
 
 
+def test_the_worst_segment_is_named_beside_the_mean():
+    """The neck measured half as large: all of the measured rms is missed there, and nothing elsewhere."""
+
+    def halve(measured: np.ndarray) -> None:
+        measured[:, NECK] *= 0.5
+
+    document = document_of(with_measured(event(), halve))
+    error = document["error"]
+    assert error["worst_segment"] == "neck"
+    assert error["worst_nrmse_rms_percent"] == error["segments"]["neck"]["nrmse_rms_percent"]
+    assert error["worst_nrmse_rms_percent"] == pytest.approx(100.0, rel=1e-6)
+    assert error["mean_nrmse_rms_percent"] == pytest.approx(20.0, rel=1e-6)
+    assert "error/rms: mean 20.0 %, worst neck 100 %" in text_of(document).splitlines()[:4]
+
+
 def test_doses_and_injury_criteria_follow_their_powers():
     def double(measured: np.ndarray) -> None:
         measured[:, HEAD] *= 2.0

@@ -1,11 +1,14 @@
-"""What to record next: experiments that would separate what one record cannot (tracing, D)."""
+"""What to record next: what a verdict lacks, and experiments that separate what one record cannot (tracing, D)."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Iterator, Sequence
 from typing import Final
 
 from biodyn_core.effects import Effect
+from biodyn_core.tracing.findings import Need
+from biodyn_core.tracing.settings import FloorSettings
 
 STANDSTILL: Final = "stand still with the engine running for 60 s: a line is then there without the road, a gain is not"
 TAP: Final = "tap each sensor with a finger ten times at rest: skin rings, a clock is late, a gain does neither"
@@ -40,3 +43,31 @@ def separating(effects: Collection[Effect]) -> str:
         return SWAP
     families = {effect.family for effect in effects}
     return "; and ".join([text for some, text in _OF_FAMILIES if some & families][:2]) or LEVELS
+
+
+def to_record(needs: Sequence[Need], settings: FloorSettings) -> str:
+    """All that a verdict lacks as one list: "9 s more road, 2 more shocks of 0.8 g, one of them of 2 g, held out"."""
+    return "; ".join(listed(need, settings) for need in needs)
+
+
+def listed(need: Need, settings: FloorSettings) -> str:
+    """What to record for one use."""
+    amounts = list(_amounts(need, settings))
+    if amounts:
+        return ", ".join([*amounts, need.use, *(f"in {how}" for how in need.how)])
+    return ", ".join([*need.how, need.use])
+
+
+def _amounts(need: Need, s: FloorSettings) -> Iterator[str]:
+    if need.road_s > 0.0:
+        yield f"{math.ceil(need.road_s - 1e-6):d} s more road"
+    if need.shocks > 0:
+        all_hard = need.hard_shocks == need.shocks
+        least_g = s.hard_shock_g if all_hard else s.shock_g
+        yield f"{need.shocks} more shock{'' if need.shocks == 1 else 's'} of {least_g:g} g"
+        if need.hard_shocks and not all_hard:
+            yield f"{_of_them(need.hard_shocks)} of {s.hard_shock_g:g} g"
+
+
+def _of_them(count: int) -> str:
+    return f"{'one' if count == 1 else count} of them"

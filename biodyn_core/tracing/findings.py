@@ -70,7 +70,8 @@ class ComparedEvent:
     """One event under the subject before and after, for errors and pictures.
 
     measured_mps2, before_mps2 and after_mps2 are (n, 5) by measured segment, NaN where not compared; segments without
-    sensor or left out are NaN throughout. before and after are `Errors` of the same.
+    sensor or left out are NaN throughout. before and after are `Errors` of the same, given those of the subject as it
+    was given, None where that was never fitted or is not asked for.
     """
 
     name: str
@@ -82,6 +83,7 @@ class ComparedEvent:
     after_mps2: Floats
     before: Errors
     after: Errors
+    given: Errors | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,31 @@ class Departure:
 
     name: str
     times_usual: float
+
+
+@dataclass(frozen=True, eq=False)
+class SensorFinding:
+    """A fault of a sensor that stands beside the verdict.
+
+    told_by: the sensor's own gyro, or the fit. gain is that of the fault as a candidate, None where it was not tried;
+    explains: whether it was taken as the cause.
+    """
+
+    fault: AppliedEffect
+    told_by: Literal["gyro", "fit"]
+    gain: float | None
+    explains: bool
+
+
+@dataclass(frozen=True)
+class Need:
+    """Recordings that a verdict lacks, for one use: so much more of each, and which recordings have to hold it."""
+
+    use: Literal["to fit", "held out"]
+    road_s: float
+    shocks: int
+    hard_shocks: int
+    how: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,15 +163,17 @@ class Diagnostics:
 class Trace:
     """A whole trace.
 
-    reasons: one line each, why this verdict and no other. before is the subject refitted without, after with the
-    effects that were added (the same object where none was). intervals, one list for each of the effects. floor_percent
-    is what noise of the sensors alone leaves, None where it cannot be told. untestable: effects for which a channel is
-    missing. left_out: events or sensors the gate took out, with why. experiment: what to record next. calibrated:
-    whether the threshold was computed anew or found.
+    reasons: one line each, why this verdict and no other. given is the subject as it was given, before the same
+    refitted without (the same object where nothing could be fitted to), after with the effects that were added (the
+    object before where none was). sensors: faults of sensors, beside the verdict. needs: what to record for a verdict.
+    intervals, one list for each of the effects. floor_percent is what noise of the sensors alone leaves, None where it
+    cannot be told. untestable: effects for which a channel is missing. left_out: events or sensors the gate took out,
+    with why. experiment: what to record next. calibrated: whether the threshold was computed anew or found.
     """
 
     verdict: Verdict
     reasons: tuple[str, ...]
+    given: Subject
     before: Subject
     after: Subject
     effects: tuple[AppliedEffect, ...]
@@ -165,3 +194,15 @@ class Trace:
     lacking: tuple[str, ...]
     seed: int
     calibrated: Literal["anew", "found", "not"]
+    sensors: tuple[SensorFinding, ...] = ()
+    needs: tuple[Need, ...] = ()
+
+    @property
+    def refitted(self) -> bool:
+        """Whether theta was fitted to these events."""
+        return self.before is not self.given
+
+    @property
+    def adds(self) -> bool:
+        """Whether the subject after has an effect more."""
+        return len(self.after.effects) > len(self.before.effects)

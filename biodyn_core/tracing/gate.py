@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain, predict
 from biodyn_core.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
 from biodyn_core.subject import Subject
+from biodyn_core.tracing.findings import Need
 from biodyn_core.tracing.settings import FloorSettings
 from biodyn_core.wording import counted
 
@@ -77,6 +78,71 @@ def missing(cases: Sequence[Case], role: str, settings: FloorSettings | None = N
         for there, least, said in wanted
         if there < least
     ]
+
+
+def lacking(train: Sequence[Case], held_out: Sequence[Case], settings: FloorSettings | None = None) -> list[str]:
+    """Why these events cannot carry a verdict, a line each."""
+    found = missing(train, "to fit", settings) + missing(held_out, "held out", settings)
+    if train and len({case.case for case in train}) < 2:
+        found.append(f"to fit: only {train[0].case}; two loading conditions are the least")
+    choose, report = dealt(held_out)
+    if not choose or not report:
+        found.append("held out: two events of one loading condition are the least, one to choose by and one to report")
+    found += [f"held out: {one.name} is also fitted to" for one in _on_both_sides(train, held_out)]
+    return found
+
+
+def needs(train: Sequence[Case], held_out: Sequence[Case], settings: FloorSettings | None = None) -> list[Need]:
+    """What to record so that these events can carry a verdict, at most one need for each use."""
+    twice = _on_both_sides(train, held_out)
+    spare = [one for one in held_out if not any(one is other for other in twice)]
+    to_fit, held = _short("to fit", train, settings), _short("held out", spare, settings)
+    conditions = list(dict.fromkeys(case.case for case in train))
+    if len(conditions) < 2:
+        how = f"another loading condition than {conditions[0]}" if conditions else "two loading conditions"
+        to_fit = dataclasses.replace(to_fit, how=(how,))
+    hows = [f"another recording than {one.name}, which is also fitted to" for one in twice]
+    if not all(dealt(spare)):
+        there = " or ".join(dict.fromkeys(case.case for case in spare))
+        hows.append(f"a further recording of {there}" if there else "two recordings of one loading condition")
+    held = dataclasses.replace(held, how=tuple(hows))
+    return [one for one in (to_fit, held) if one.road_s or one.shocks or one.how]
+
+
+def dealt(held_out: Sequence[Case]) -> tuple[list[Case], list[Case]]:
+    """Events that choose and events that report: of each loading condition in turn."""
+    choose: list[Case] = []
+    report: list[Case] = []
+    count: dict[str, int] = {}
+    for case in held_out:
+        count[case.case] = count.get(case.case, 0) + 1
+        (choose if count[case.case] % 2 else report).append(case)
+    return choose, report
+
+
+def usable(train: Sequence[Case], held_out: Sequence[Case]) -> tuple[list[Case], list[Case], list[str]]:
+    """The events without sensors that clipped or failed there, and what was left out."""
+    said: list[str] = []
+    kept: tuple[list[Case], list[Case]] = ([], [])
+    for side, cases in zip(kept, (train, held_out), strict=True):
+        for case in cases:
+            found, lost = cleaned(case)
+            said += lost
+            if found.energy.any():
+                side.append(found)
+    return kept[0], kept[1], said
+
+
+def _short(use: Literal["to fit", "held out"], cases: Sequence[Case], settings: FloorSettings | None) -> Need:
+    """How much these events are short of the floor; every hard shock is a shock too."""
+    s = settings or FloorSettings()
+    found = contents(cases, s)
+    hard = max(0, s.hard_shocks - found.hard_shocks)
+    return Need(use, max(0.0, s.road_s - found.road_s), max(s.shocks - found.shocks, hard), hard)
+
+
+def _on_both_sides(train: Sequence[Case], held_out: Sequence[Case]) -> list[Case]:
+    return [one for one in held_out if any(same(one, other) for other in train)]
 
 
 def _peaks_g(case: Case, least_g: float) -> Floats:

@@ -10,15 +10,27 @@ from scipy import signal
 
 from biodyn_core.effects import AppliedEffect, EffectParameter, logistic
 from biodyn_core.identification.problem import Case, errors
+from biodyn_core.parameters import is_fitted
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import N_THETA
 from biodyn_core.tracing.diagnose import diagnose
-from biodyn_core.tracing.experiments import separating
-from biodyn_core.tracing.findings import NAMING, ComparedEvent, Departure, Interval, Surface, Trace, Use
+from biodyn_core.tracing.experiments import separating, to_record
+from biodyn_core.tracing.findings import (
+    NAMING,
+    ComparedEvent,
+    Departure,
+    Interval,
+    Need,
+    SensorFinding,
+    Surface,
+    Trace,
+    Use,
+)
 from biodyn_core.tracing.leans import lean_deg, leaning
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.screen import candidates
+from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS
 from biodyn_core.tracing.surface import surface
@@ -29,23 +41,26 @@ NOISE_BAND_HZ: Final = (60.0, 85.0)
 
 
 def decided(
-    before: Subject, after: Subject, outcomes: Sequence[Outcome], sides: Sequence[Sequence[Case]], s: TraceSettings,
-    left_out: Sequence[str], seed: int,
+    given: Subject, before: Subject, after: Subject, outcomes: Sequence[Outcome], sides: Sequence[Sequence[Case]],
+    s: TraceSettings, left_out: Sequence[str], seed: int,
 ) -> Trace:  # fmt: skip
     """Everything a trace that could decide says."""
     train, choose, report = sides
     first, believed = outcomes[0], explained(outcomes, s)
     law = None if believed else _surface(first)
     leaning_sensors = _leaning(first, [*train, *choose], s)  # what is reported has no say in any verdict
-    verdict, reasons = judged(outcomes, law, leaning_sensors, s)
+    far = [one for one in leaning_sensors if not within_limits(one)]
+    verdict, reasons = judged(outcomes, law, far, s)
     passing = _passing(outcomes) if believed else ()
     added = after.effects[len(before.effects) :]
-    leans = leaning_sensors if verdict in NAMING else ()
+    leans = tuple(far) if verdict in NAMING else ()
+    beside = [one for one in leaning_sensors if one not in leans]
     rivals = tuple(one.applied for one in first.round.ambiguous_with) if believed else ()
     best = first.round.taken or next((one for one in first.round.ladder if one.steady), None)
     return Trace(
         verdict=verdict,
-        reasons=(*reasons, *map(_passes, passing), *map(_leans, leaning_sensors), *_on_bounds(added)),
+        reasons=(*reasons, *map(_passes, passing), *map(_leans, leans), *_on_bounds(added)),
+        given=given,
         before=before,
         after=after,
         effects=(*leans, *added, *passing),
@@ -53,7 +68,7 @@ def decided(
         ambiguous_with=rivals,
         family=_family([*(added or passing or leans)[:1], *rivals]),
         experiment=separating([one.effect for one in (*(added or passing)[:1], *rivals)]),
-        events=_events(before, after, train, choose, report),
+        events=_events(given, before, after, train, choose, report),
         rounds=tuple(outcome.round for outcome in outcomes),
         departures=_departures(outcomes[-1]),
         diagnostics=diagnose(before, first.background),
@@ -66,6 +81,7 @@ def decided(
         lacking=(),
         seed=seed,
         calibrated="anew",
+        sensors=_sensors(outcomes, beside, believed),
     )
 
 
@@ -92,6 +108,28 @@ def _leaning(outcome: Outcome, cases: Sequence[Case], s: TraceSettings) -> tuple
     return leaning(cases, s.background.usual.usual_lean, plain)
 
 
+def _sensors(outcomes: Sequence[Outcome], leans: Sequence[AppliedEffect], believed: bool) -> tuple[SensorFinding, ...]:
+    """Leans that gyros tell, and faults that gained more than was asked of a candidate but were not believed."""
+    first = outcomes[0].round
+    tried = {(one.applied.effect.name, one.applied.site): one for one in reversed(first.ladder)}
+    causes = {(one.effect.name, one.site) for one in _causes(outcomes)} if believed else set()
+    found = {}
+    for (name, site), one in tried.items():
+        refused = one.usual and one.steady  # of what is set anew, a small gain says nothing
+        strong = one.refitted and one.gain > first.threshold and (refused or one is first.taken)
+        if name in LIMITS and strong and (name, site) not in causes:
+            found[name, site] = SensorFinding(one.applied, "fit", one.gain, False)
+    for tilt in leans:
+        key = (tilt.effect.name, tilt.site)
+        found[key] = SensorFinding(tilt, "gyro", tried[key].gain if key in tried else None, key in causes)
+    return tuple(found.values())
+
+
+def _causes(outcomes: Sequence[Outcome]) -> list[AppliedEffect]:
+    """What the rounds took."""
+    return [outcome.round.taken.applied for outcome in outcomes if outcome.round.taken is not None]
+
+
 def _surface(outcome: Outcome) -> Surface | None:
     """The surface of the joint that gains most of one, among those the residual points to."""
     sites = [one.applied.site for one in outcome.round.ladder[:3] if one.applied.effect.place == "joint"]
@@ -100,27 +138,28 @@ def _surface(outcome: Outcome) -> Surface | None:
 
 
 def undecided(
-    train: Sequence[Case], choose: Sequence[Case], report: Sequence[Case], before: Subject, after: Subject,
-    lacking: Sequence[str], left_out: Sequence[str], seed: int,
+    given: Subject, before: Subject, sides: Sequence[Sequence[Case]], lacking: Sequence[str], needs: Sequence[Need],
+    s: TraceSettings, left_out: Sequence[str], seed: int,
 ) -> Trace:  # fmt: skip
     """What can be said of events that carry no verdict, and what they lack."""
-    everything = [*train, *choose, *report]
+    everything = [case for side in sides for case in side]
     return Trace(
         verdict="not_decidable",
         reasons=("the events cannot carry a verdict", *lacking),
+        given=given,
         before=before,
-        after=after,
+        after=before,
         effects=(),
         intervals=(),
         ambiguous_with=(),
         family="",
-        experiment="record what is lacking: " + "; ".join(lacking),
-        events=_events(before, after, train, choose, report),
+        experiment=to_record(needs, s.floor),
+        events=_events(given, before, before, *sides),
         rounds=(),
         departures=(),
         diagnostics=None,
         surface=None,
-        floor_percent=_floor_percent(report, after),
+        floor_percent=_floor_percent(sides[-1], before),
         p_value=None,
         threshold=None,
         untestable=tuple(candidates(everything)[1]) if everything else (),
@@ -128,19 +167,25 @@ def undecided(
         lacking=tuple(lacking),
         seed=seed,
         calibrated="not",
+        needs=tuple(needs),
     )
 
 
-def _events(before: Subject, after: Subject, *sides: Sequence[Case]) -> tuple[ComparedEvent, ...]:
+def _events(given: Subject, before: Subject, after: Subject, *sides: Sequence[Case]) -> tuple[ComparedEvent, ...]:
     uses: tuple[Use, ...] = ("train", "choose", "held_out")
-    return tuple(_event(case, use, before, after) for use, cases in zip(uses, sides, strict=True) for case in cases)
+    return tuple(
+        _event(case, use, given, before, after) for use, cases in zip(uses, sides, strict=True) for case in cases
+    )
 
 
-def _event(case: Case, use: Use, before: Subject, after: Subject) -> ComparedEvent:
+def _event(case: Case, use: Use, given: Subject, before: Subject, after: Subject) -> ComparedEvent:
     answers = [answer(subject, case) for subject in (before, after)]
     shown = [np.where(case.compared, one, np.nan) for one in (case.measured_mps2, *answers)]
     told = [errors(case, one) for one in answers]
-    return ComparedEvent(case.name, case.case, use, case.rate_hz, shown[0], shown[1], shown[2], told[0], told[1])
+    as_given = errors(case, answer(given, case)) if is_fitted(given.parameters) else None
+    return ComparedEvent(
+        case.name, case.case, use, case.rate_hz, shown[0], shown[1], shown[2], told[0], told[1], as_given
+    )
 
 
 def _intervals(outcomes: Sequence[Outcome], added: Sequence[AppliedEffect]) -> list[tuple[Interval, ...]]:

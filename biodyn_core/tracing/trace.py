@@ -45,19 +45,20 @@ def trace(
     long parts of earlier traces, taken up where they are of the same problem, and added to.
     """
     s = settings or TraceSettings()
-    train, held_out, left_out = _usable(train, held_out)
-    choose, report = dealt(held_out)
-    lacking = _lacking(train, held_out, s)
+    train, held_out, left_out = gate.usable(train, held_out)
+    choose, report = gate.dealt(held_out)
+    sides, lacking = (train, choose, report), gate.lacking(train, held_out, s.floor)
+    needs = gate.needs(train, held_out, s.floor) if lacking else []
     if not train:
-        return undecided(train, choose, report, subject, subject, lacking, left_out, seed)
+        return undecided(subject, subject, sides, lacking, needs, s, left_out, seed)
     tell("fitting theta", 0.0)
     before = _refitted(train, subject, s, seed, kept)
     if lacking:
-        return undecided(train, choose, report, before, before, lacking, left_out, seed)
+        return undecided(subject, before, sides, lacking, needs, s, left_out, seed)
     known = set(kept or ())
     outcomes = _rounds(before, train, choose, s, seed, tell, kept)
     after = outcomes[-1][0] if explained([outcome for _, outcome in outcomes], s) else before
-    found = decided(before, after, [outcome for _, outcome in outcomes], (train, choose, report), s, left_out, seed)
+    found = decided(subject, before, after, [outcome for _, outcome in outcomes], sides, s, left_out, seed)
     anew = kept is None or set(kept) != known
     return dataclasses.replace(found, calibrated="anew" if anew else "found")
 
@@ -71,17 +72,6 @@ def _refitted(train: Sequence[Case], subject: Subject, s: TraceSettings, seed: i
     if kept is not None:
         kept[key] = found.parameters.vector().tolist()
     return found
-
-
-def dealt(held_out: Sequence[Case]) -> tuple[list[Case], list[Case]]:
-    """Events that choose and events that report: of each loading condition in turn."""
-    choose: list[Case] = []
-    report: list[Case] = []
-    count: dict[str, int] = {}
-    for case in held_out:
-        count[case.case] = count.get(case.case, 0) + 1
-        (choose if count[case.case] % 2 else report).append(case)
-    return choose, report
 
 
 def _rounds(
@@ -116,30 +106,3 @@ def _carried(
 def _mean_percent(subject: Subject, cases: Sequence[Case]) -> float:
     """What a subject misses of these events by itself, no departures weighed in, percent."""
     return float(np.mean([errors(case, answer(subject, case)).mean_percent for case in cases]))
-
-
-def _usable(train: Sequence[Case], held_out: Sequence[Case]) -> tuple[list[Case], list[Case], list[str]]:
-    """The events without sensors that clipped or failed there, and what was left out."""
-    said: list[str] = []
-    kept: tuple[list[Case], list[Case]] = ([], [])
-    for side, cases in zip(kept, (train, held_out), strict=True):
-        for case in cases:
-            found, lost = gate.cleaned(case)
-            said += lost
-            if found.energy.any():
-                side.append(found)
-    return kept[0], kept[1], said
-
-
-def _lacking(train: Sequence[Case], held_out: Sequence[Case], s: TraceSettings) -> list[str]:
-    """Why these events cannot carry a verdict, a line each."""
-    found = gate.missing(train, "to fit", s.floor) + gate.missing(held_out, "held out", s.floor)
-    if train and len({case.case for case in train}) < 2:
-        found.append(f"to fit: only {train[0].case}; two loading conditions are the least")
-    choose, report = dealt(held_out)
-    if not choose or not report:
-        found.append("held out: two events of one loading condition are the least, one to choose by and one to report")
-    for one in held_out:
-        if any(gate.same(one, other) for other in train):
-            found.append(f"held out: {one.name} is also fitted to")
-    return found

@@ -8,6 +8,7 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.findings import Candidate, Surface, Verdict
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.rungs import ANEW
+from biodyn_core.tracing.sensor_limits import within_limits
 from biodyn_core.tracing.settings import TraceSettings
 
 
@@ -19,8 +20,18 @@ def closed(outcomes: Sequence[Outcome], s: TraceSettings) -> float:
 
 
 def explained(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
-    """Whether what was taken is believed: where most of the gap stays open, the cause is likelier none of the list."""
-    return outcomes[0].taken is not None and closed(outcomes, s) >= s.least_closed
+    """Whether what was taken is believed: where most of the gap stays open, the cause is likelier none of the list.
+
+    Faults that data sheets allow are believed only where something beyond the usual was left for them to explain.
+    """
+    taken = outcomes[0].taken is not None and closed(outcomes, s) >= s.least_closed
+    return taken and not findings_alone(outcomes, s)
+
+
+def findings_alone(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
+    """Whether all that was taken are faults within data sheets, and nothing beyond the usual was left to explain."""
+    taken = [one.round.taken for one in outcomes if one.round.taken is not None]
+    return bool(taken) and outcomes[0].before <= s.usual_left and all(within_limits(one.applied) for one in taken)
 
 
 def judged(
@@ -28,8 +39,8 @@ def judged(
 ) -> tuple[Verdict, tuple[str, ...]]:
     """The verdict, and the reasons for it, a line each.
 
-    law: a joint's surface, where one was looked at; leaning: sensors whose gyro shows that they lean, which are a cause
-    by themselves where the rounds found none.
+    law: a joint's surface, where one was looked at; leaning: sensors that lean farther than a data sheet allows, by
+    their own gyros, which are a cause by themselves where the rounds found none.
     """
     verdict, reasons = _of_effect(outcomes[0]) if explained(outcomes, s) else _of_none(outcomes, law, s)
     return "effect" if leaning and verdict == "none" else verdict, reasons
@@ -43,7 +54,7 @@ def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings)
     strong = [one for one in first.ladder if one.refitted and one.against and one.gain > first.threshold]
     refused = [_refusal(one) for one in strong if not one.usual]
     usual = [_refusal(one) for one in strong if one.usual]
-    if outcomes[0].taken is not None:
+    if outcomes[0].taken is not None and not findings_alone(outcomes, s):
         refused.append(
             f"{named(best.applied)} closes only {100.0 * closed(outcomes, s):.0f} % of the gap between what is left"
             f" and what is usual, {100.0 * s.least_closed:g} % was asked"

@@ -76,15 +76,16 @@ def _run(options: argparse.Namespace) -> None:
     directory, how = Path(options.output), how_of(options)
     check_directory(directory)
     check_reports(options)
-    subject = load_subject(subject_file(options.subject), UNFITTED)
+    given = subject_file(options.subject)
+    subject, given_yaml = load_subject(given, UNFITTED), given.read_text(encoding="utf-8")
     kept = Kept(_kept_beside(directory), options.fresh)
     try:
-        traced = trace_bags(options.bag, subject, how, kept=kept)
+        traced = trace_bags(options.bag, subject, how, kept, lambda line: print(line, file=sys.stderr))
     except KeyboardInterrupt:
         if kept:
             print(f"biodyn trace: {kept.path} keeps what is done; the same command goes on from there", file=sys.stderr)
         raise
-    write_traced(traced, directory, report=not options.no_report)
+    write_traced(traced, directory, not options.no_report, given_yaml)
     show(options, traced.document, text_of(traced.document))
 
 

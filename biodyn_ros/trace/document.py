@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any, Final
@@ -11,15 +12,25 @@ import numpy as np
 from biodyn_core.arrays import Floats
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case, Errors
-from biodyn_core.parameters import PARAMETERS
 from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
-from biodyn_core.tracing.findings import Candidate, ComparedEvent, Diagnostics, Interval, Round, Surface, Trace
+from biodyn_core.tracing.findings import (
+    Candidate,
+    ComparedEvent,
+    Diagnostics,
+    Interval,
+    Round,
+    SensorFinding,
+    Surface,
+    Trace,
+)
+from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros import __version__
 from biodyn_ros.fit.document import by_segment
 from biodyn_ros.json_files import finite
 from biodyn_ros.provenance import rests_on
 from biodyn_ros.reading.events import BagEvent, Prepared
+from biodyn_ros.trace.refit import parameters_moved
 
 Document = dict[str, Any]
 
@@ -40,9 +51,11 @@ def trace_document(trace: Trace) -> Document:
             _effect(*each) | {"added": each[0] in trace.after.effects}
             for each in zip(trace.effects, trace.intervals, strict=True)
         ],
+        "sensors": [_sensor(each) for each in trace.sensors],
         "family": trace.family,
         "ambiguous_with": [_site(applied) for applied in trace.ambiguous_with],
         "separating_experiment": trace.experiment,
+        "to_record": [dataclasses.asdict(need) for need in trace.needs],
         "error": {"before": _errors_by_use(trace, "before"), "after": _errors_by_use(trace, "after")},
         "floor": _known(trace.floor_percent),
         "p_value": _known(trace.p_value),
@@ -52,7 +65,8 @@ def trace_document(trace: Trace) -> Document:
         "rounds": [_round(each) for each in trace.rounds],
         "diagnostics": _diagnostics(trace.diagnostics) if trace.diagnostics else {},
         "departures": [{"name": each.name, "times_usual": finite(each.times_usual)} for each in trace.departures],
-        "parameters_moved": parameters_moved(trace.before, trace.after),
+        "parameters_moved": parameters_moved(trace),
+        "subject_written": "with_effect" if trace.adds else "as_given",
         "surface": _surface(trace.surface) if trace.surface else None,
         "events": [event_document(event) for event in trace.events],
         "untestable": list(trace.untestable),
@@ -103,20 +117,6 @@ def origin(event: BagEvent, case: Case, trace: Trace) -> Document:
     }
 
 
-def parameters_moved(before: Subject, after: Subject) -> Document:
-    """Every parameter before and after the effects were added, and its change in percent, None from zero."""
-    pairs = zip(PARAMETERS, before.parameters.vector().tolist(), after.parameters.vector().tolist(), strict=True)
-    return {
-        parameter.name: {
-            "before": one,
-            "after": other,
-            "percent": 100.0 * (other - one) / one if one else None,
-            "unit": parameter.unit,
-        }
-        for parameter, one, other in pairs
-    }
-
-
 # --- effects ---------------------------------------------------------------------------------------------------------
 
 
@@ -129,6 +129,21 @@ def _effect(applied: AppliedEffect, intervals: Sequence[Interval]) -> Document:
         "family": applied.effect.family,
         "parameters": dict(applied.values),
         "intervals": {each.name: _interval(each) for each in intervals},
+    }
+
+
+def _sensor(found: SensorFinding) -> Document:
+    limit = LIMITS[found.fault.effect.name]
+    return _site(found.fault) | {
+        "parameters": dict(found.fault.values),
+        "size": limit.size(found.fault.values),
+        "unit": limit.unit,
+        "limit": limit.limit,
+        "limit_source": limit.source,
+        "within_limit": within_limits(found.fault),
+        "told_by": found.told_by,
+        "gain": _known(found.gain),
+        "explains": found.explains,
     }
 
 
@@ -196,6 +211,7 @@ def event_document(event: ComparedEvent) -> Document:
         "case": event.case,
         "use": event.use,
         "seconds": len(event.measured_mps2) / event.rate_hz,
+        "given": _mean_error([event.given]) if event.given else None,
         "before": _mean_error([event.before]),
         "after": _mean_error([event.after]),
     }

@@ -11,9 +11,20 @@ from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import event_document
 from biodyn_ros.trace.drawings import RUNGS, ladder, surface_map
-from biodyn_ros.trace.text import USES
-from biodyn_ros.trace.wording import because, belief, diagnosed, effect_name, grouped, headline, parameters_of, tone
-from biodyn_ros.wording import number, parameter_name
+from biodyn_ros.trace.refit import outside, refitted_beside
+from biodyn_ros.trace.text import USES, known_use
+from biodyn_ros.trace.wording import (
+    belief,
+    diagnosed,
+    effect_name,
+    grouped,
+    headline,
+    parameters_of,
+    sensors_said,
+    subject_said,
+    tone,
+)
+from biodyn_ros.wording import number, parameter_name, told_apart
 
 Document = dict[str, Any]
 
@@ -35,7 +46,10 @@ def trace_page(document: Document, trace: Trace) -> str:
         tone=tone(document),
         headline=headline(document),
         belief=belief(document),
-        reasons=because(document),
+        reasons=document["reasons"],
+        subject_said=subject_said(document),
+        sensors=sensors_said(document),
+        refit=document.get("refit"),
         departures=document["departures"][:_DEPARTURES],
         diagnosed=diagnosed(document["diagnostics"]),
         added=[_added(effect) for effect in document["effects"] if effect["added"]],
@@ -43,6 +57,7 @@ def trace_page(document: Document, trace: Trace) -> str:
         rivals=grouped(document["ambiguous_with"]),
         rows=(*MEASURED_SEGMENTS, "all"),
         uses={use: title for use, title in USES.items() if use in document["error"]["before"]},
+        told={use: title for use, title in USES.items() if known_use(document["error"], use)},
         scale=_largest(document),
         moved=_moved(document),
         worst=worst,
@@ -90,13 +105,31 @@ def _largest(document: Document) -> float:
     return max(known, default=1.0) or 1.0
 
 
-def _moved(document: Document) -> list[tuple[str, Document, float]]:
-    """Every parameter with its values as texts, and the length of its bar, 100 for the one that moved most."""
+def _moved(document: Document) -> list[tuple[str, Document]]:
+    """Every parameter with its values as texts, and the lengths of its bars, 100 for the one that moved most."""
     moved = document["parameters_moved"]
-    most = max((abs(of["percent"]) for of in moved.values() if of["percent"] is not None), default=0.0)
-    rows = []
-    for name, of in moved.items():
-        percent = of["percent"]
-        shown = {"before": number(of["before"]), "after": number(of["after"]), "unit": of["unit"], "percent": percent}
-        rows.append((parameter_name(name), shown, 100.0 * abs(percent or 0.0) / most if most else 0.0))
-    return rows
+    changes = ("refit_percent", "percent")
+    most = max((abs(of[key]) for of in moved.values() for key in changes if of[key] is not None), default=0.0) or 1.0
+    return [
+        (
+            parameter_name(name),
+            {
+                "given": _with_interval(of),
+                "refitted": refitted_beside(of),
+                "with_effect": number(of["with_effect"]),
+                "outside": outside(of),
+                "unit": of["unit"],
+                **{key: of[key] for key in changes},
+                **{f"{key}_length": 100.0 * abs(of[key] or 0.0) / most for key in changes},
+            },
+        )
+        for name, of in moved.items()
+    ]
+
+
+def _with_interval(of: Document) -> str:
+    """The value that was given, with its interval where the file has one."""
+    if of["given"] is None or of["given_interval"] is None:
+        return number(of["given"])
+    value, lower, upper = told_apart(of["given"], *of["given_interval"])
+    return f"{value} ({lower} to {upper})"

@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
+from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Trace
+from biodyn_core.tracing.gate import dealt, usable
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.files import make_directory, remove, write_text
 from biodyn_ros.fit.document import warnings_of
@@ -27,6 +29,7 @@ from biodyn_ros.provenance import role_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.trace.document import origin, provenance, trace_document
+from biodyn_ros.trace.refit import refit_document
 from biodyn_ros.work.tasks import Watch
 
 Document = dict[str, Any]
@@ -53,7 +56,10 @@ class TraceOptions:
 
 @dataclass(frozen=True, eq=False)
 class Traced:
-    """The document of trace.json, the subject with what was added and its provenance, and the trace behind both."""
+    """The document of trace.json, the trace behind it, and the subject: with what was added and its provenance.
+
+    Where nothing was added it is the subject that was given, its provenance unchanged.
+    """
 
     document: Document
     subject: Subject
@@ -65,10 +71,11 @@ def trace_bags(
     subject: Subject,
     options: TraceOptions | None = None,
     kept: MutableMapping[str, Any] | None = None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> Traced:
     """Trace what a subject lacks in bags; raises InputError, one line, for bags that cannot be read or compared.
 
-    kept: the long parts of earlier traces, such as a `Kept`.
+    kept: the long parts of earlier traces, such as a `Kept`. say hears what each bag is for before the long work.
     """
     from biodyn_core.tracing.trace import trace  # late: bags that are refused need none of it
 
@@ -80,6 +87,8 @@ def trace_bags(
         events = read_events(bags, o.held_out, reading, progress)
     prepared = list(events.prepared) if o.held_out else deal(events.prepared)
     fitted, spare = ([case for event, case in prepared if event.held_out is out] for out in (False, True))
+    for line in _uses(fitted, spare, by_name=bool(o.held_out)):
+        say(line)
     with Stages(Progress) as stages:
         found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, tell=stages, kept=kept)
     document = trace_document(found) | {
@@ -88,8 +97,10 @@ def trace_bags(
         "warnings": [*events.left_out, *warnings_of(prepared), *_seen_before(subject, prepared)],
         "seconds": time.monotonic() - begin,
     }
-    new = dataclasses.replace(found.after, provenance=provenance(document, found, prepared, subject))
-    return Traced(document, new, found)
+    hashes = [each["sha256"] for each in document["bags"] if each["use"] == "train"]
+    document["refit"] = refit_document(found, document["parameters_moved"], hashes)
+    with_effect = dataclasses.replace(found.after, provenance=provenance(document, found, prepared, subject))
+    return Traced(document, with_effect if found.adds else subject, found)
 
 
 def deal(events: Sequence[Prepared]) -> list[Prepared]:
@@ -103,14 +114,16 @@ def deal(events: Sequence[Prepared]) -> list[Prepared]:
     return sorted(dealt, key=lambda each: each[0].held_out)
 
 
-def write_traced(traced: Traced, directory: Path, report: bool = True) -> None:
-    """Write trace.json, subject.yaml and trace.html; raises InputError, of the page as `write_drawn`.
+def write_traced(traced: Traced, directory: Path, report: bool = True, given_yaml: str | None = None) -> None:
+    """Write subject.yaml, trace.json and trace.html; raises InputError, of the page as `write_drawn`.
 
-    Without a report that of an earlier trace is removed.
+    given_yaml: the file of the subject that was given, which is copied where nothing was added. The subject comes
+    first, so that none of an earlier trace stands beside a new verdict. Without a report an earlier one is removed.
     """
     make_directory(directory)
+    as_given = None if traced.trace.adds else given_yaml
+    write_text(directory / "subject.yaml", as_given or traced.subject.to_yaml())
     write_json(directory / "trace.json", traced.document)
-    write_text(directory / "subject.yaml", traced.subject.to_yaml())
     if report:
         from biodyn_ros.reports.pages import write_drawn  # an extra of its own
         from biodyn_ros.trace.page import trace_page
@@ -152,6 +165,20 @@ def _dealt(prepared: Sequence[Prepared]) -> str:
         return "nothing is held out: no loading condition has two bags to deal; give more, or --hold-out"
     names = ", ".join(Path(bag).name for bag in held_out)
     return f"none was held out by name, so each condition's were dealt by turns: {len(train)} to fit, held out {names}"
+
+
+def _uses(train: Sequence[Case], held_out: Sequence[Case], by_name: bool) -> Iterator[str]:
+    """What each recording is for, a line for each use."""
+    fitted, spare, _ = usable(train, held_out)
+    choose, report = dealt(spare)
+    how = "by name" if by_name else "by default, every second bag of a condition"
+    yield f"parameters are fitted to: {_names(fitted)}"
+    yield f"held out ({how}), the effect is chosen by: {_names(choose)}"
+    yield f"held out, errors are reported of: {_names(report)}"
+
+
+def _names(cases: Sequence[Case]) -> str:
+    return ", ".join(dict.fromkeys(case.name for case in cases)) or "none"
 
 
 def _seen_before(subject: Subject, prepared: Sequence[Prepared]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from typing import Any, Final
@@ -24,7 +25,7 @@ CALIBRATED: Final = {
 
 
 def headline(document: Document) -> str:
-    """The verdict in one sentence."""
+    """The verdict in one sentence, and what to record where there is none."""
     before, after = (_held_out(document, when) for when in ("before", "after"))
     verdict = document["verdict"]
     if verdict == "effect":
@@ -39,11 +40,13 @@ def headline(document: Document) -> str:
         beside = [each for each in document["effects"] if not _is(each, _taken(document))]
         return f"{said} Found beside: {_all(beside)}." if beside else said
     if verdict == "none":
-        said = "nothing that was tried gains more than was asked, or than is usual in bodies"
+        said = "nothing that was tried gains more than was asked, or than is usual in bodies and sensors"
         return f"No missing effect found: {said}. Held-out error {before}."
     if verdict == "unexplained":
         return f"Something is missing, and no effect that was tried explains it. Held-out error {after}."
-    return f"These recordings cannot decide what is missing: {_first(document)}."
+    if not document["to_record"]:
+        return f"These recordings cannot decide what is missing: {_first(document)}."
+    return f"These recordings cannot decide what is missing. Record {document['separating_experiment']}."
 
 
 def belief(document: Document) -> str:
@@ -71,12 +74,20 @@ def belief(document: Document) -> str:
             "Believe that the model falls short, and look at the residual: what is missing is of a kind or at a place"
             " that was not tried, or it is the measurement."
         )
-    return "No verdict, neither for nor against any effect. What is lacking says what to record."
+    return "No verdict, neither for nor against any effect."
 
 
-def because(document: Document) -> list[str]:
-    """The reasons of the verdict; what is lacking is listed by itself."""
-    return [reason for reason in document["reasons"] if reason not in document["lacking"]]
+def subject_said(document: Document) -> str:
+    """What subject.yaml holds."""
+    if document["subject_written"] == "as_given":
+        return "subject.yaml: equals the given subject, because no effect was added"
+    added = [each for each in document["effects"] if each["added"]]
+    return f"subject.yaml: the refitted subject with {_all(added)}"
+
+
+def sensors_said(document: Document) -> list[str]:
+    """The findings about sensors, a line each, and whether each explains what is left."""
+    return [_sensor_said(found) for found in document["sensors"]]
 
 
 def tone(document: Document) -> str:
@@ -135,6 +146,26 @@ def diagnosed(found: Document) -> list[str]:
         return []
     lines = [*_transfer(found), *_coherent(found), *_peeled(found), *_level(found), *_jump(found), *_seat(found)]
     return [sentence(line) for line in (*lines, *_theta(found))]
+
+
+def _sensor_said(found: Document) -> str:
+    scale, unit = _SHOWN[found["name"]]
+    size, limit = (number(scale * abs(found[key])) for key in ("size", "limit"))
+    how = _SAID[found["name"]].format(size=f"{size} {unit}")
+    by = "as its gyro has it; recordings set it upright" if found["told_by"] == "gyro" else "as the fit has it"
+    allowed = f"{'within' if found['within_limit'] else 'beyond'} the {limit} {unit} allowed to a sensor"
+    gained = "" if found["gain"] is None else f" (gain {number(found['gain'])})"
+    explains = f"it {'explains' if found['explains'] else 'does not explain'} the residual{gained}"
+    return f"the sensor on the {words(found['site'])} {how}, {by}; {allowed}; {explains}"
+
+
+_SAID: Final = {
+    "tilt": "leans by {size} on the mean while it moves",
+    "gain": "is off by {size} in its gain",
+    "clock": "is off by {size} in its clock",
+}
+_SHOWN: Final = {"tilt": (180.0 / math.pi, "deg"), "gain": (100.0, "%"), "clock": (1e3, "ms")}
+"""By effect: the factor from the document's unit, and the unit that is shown."""
 
 
 def _without_unit(parameter: EffectParameter) -> str:

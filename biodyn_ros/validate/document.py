@@ -51,6 +51,7 @@ def validation_document(
     """
     recordings = [run.recording for run in found.runs]
     made, rest = without_note(dict.fromkeys(line for recording in recordings for line in recording.warnings))
+    worst_segment, worst_percent = found.worst
     document: Document = {
         "bag": bag or recordings[0].name,
         "case": recordings[0].case,
@@ -66,6 +67,8 @@ def validation_document(
         "error": {
             "segments": {name: asdict(error) if error else None for name, error in found.errors.items()},
             "mean_nrmse_rms_percent": found.mean_nrmse_rms_percent,
+            "worst_segment": worst_segment,
+            "worst_nrmse_rms_percent": worst_percent,
         },
         "spectra": spectra_document(found.measured, found.predicted, spectra),
         "transmissibility": transmissibility_document(found.measured, found.predicted, found.subject),

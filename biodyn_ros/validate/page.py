@@ -32,7 +32,7 @@ def validation_page(validated: Validated) -> str:
     document = validated.document
     event = strongest_event(validated)
     origin_ns = int(validated.runs[0].recording.stamps_ns[0])
-    found, shown = residual_waterfall(validated), worst_segment(document)
+    found, shown = residual_waterfall(validated), document["error"]["worst_segment"]
     return render(
         "validate.html.j2",
         document=document,
@@ -103,13 +103,6 @@ def residual_waterfall(validated: Validated) -> Waterfall | None:
         meter.part()
     found = meter.waterfall()
     return found if found.begins_ns.size else None
-
-
-def worst_segment(document: Document) -> str | None:
-    """The segment with the largest error over its rms."""
-    errors = {name: error["nrmse_rms_percent"] for name, error in document["error"]["segments"].items() if error}
-    known = {name: percent for name, percent in errors.items() if percent is not None}
-    return max(known, key=known.__getitem__, default=None)
 
 
 def _residuals(document: Document) -> Document:

@@ -15,6 +15,7 @@ def text_of(document: Document) -> str:
     lines = [
         f"{document['bag']}  case {document['case']}  subject {document['subject']} ({document['mass_matrix']})",
         f"{document['seconds']:.1f} s, the first {document['warm_up_s']:g} s of each run are warm-up",
+        _error_line(document["error"]),
         "",
         "segment         error/rms  error/range   aw m/s^2 measured predicted   VDV m/s^1.75 measured predicted",
         *(_row(name, document) for name in MEASURED_SEGMENTS),
@@ -28,6 +29,14 @@ def text_of(document: Document) -> str:
         *([document["bag_made_by_model"]] if "bag_made_by_model" in document else []),
     ]
     return "\n".join(lines)
+
+
+def _error_line(error: Document) -> str:
+    """The mean error beside that of the worst segment."""
+    if error["worst_segment"] is None:
+        return "error/rms: no segment was measured"
+    mean, worst = number(error["mean_nrmse_rms_percent"]), number(error["worst_nrmse_rms_percent"])
+    return f"error/rms: mean {mean} %, worst {words(error['worst_segment'])} {worst} %"
 
 
 def _row(name: str, document: Document) -> str:

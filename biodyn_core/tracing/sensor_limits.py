@@ -1,0 +1,56 @@
+"""Limits of sensors: how far a good IMU may be off by its data sheet, in one place with the source of each.
+
+A fault within them is a finding about the sensor. It names the verdict only where it explains what is left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from biodyn_core.effects import AppliedEffect
+from biodyn_core.tracing.departures import DRIFTING_S
+from biodyn_core.tracing.settings import UsualSettings
+
+ICM_20948: Final = "TDK InvenSense ICM-20948, DS-000189 rev. 1.3, table 2"
+
+
+@dataclass(frozen=True)
+class SensorLimit:
+    """The largest size of one fault, in `unit`, that a data sheet allows, and how a fault's values give its size."""
+
+    limit: float
+    unit: str
+    source: str
+    size: Callable[[Mapping[str, float]], float]
+
+
+LIMITS: Final[Mapping[str, SensorLimit]] = {
+    "gain": SensorLimit(
+        0.005 + 0.005 + 20.0 * 0.00026,
+        "",
+        f"{ICM_20948}: 0.5 % initial, 0.5 % nonlinearity, 0.026 % per K over 20 K",
+        lambda values: values["gain"],
+    ),
+    "tilt": SensorLimit(
+        math.asin(0.05 + 0.02),
+        "rad",
+        f"{ICM_20948}: 50 mg zero-g output on a board, which leans the level, and 2 % cross-axis sensitivity",
+        lambda values: math.asin(min(1.0, math.hypot(values["lean_x"], values["lean_y"]))),
+    ),
+    "clock": SensorLimit(
+        UsualSettings().usual_clock_s,
+        "s",
+        "no data sheet that we could read states it: the usual offset of a clock that is set once before an event",
+        lambda values: values["delay_s"] + DRIFTING_S * values["drift"],
+    ),
+}
+"""By effect. The size of a clock is how late it is amid an event."""
+
+
+def within_limits(fault: AppliedEffect) -> bool:
+    """Whether an effect is a fault of a sensor that its data sheet allows; no other effect is."""
+    known = LIMITS.get(fault.effect.name)
+    return known is not None and abs(known.size(fault.values)) <= known.limit
