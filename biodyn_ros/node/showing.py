@@ -15,6 +15,7 @@ from biodyn_ros import __version__
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.json_files import finite
 from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
+from biodyn_ros.reports.meter import meter_readings
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.strip import Bins, Strip
 from biodyn_ros.wording import left, words
@@ -65,6 +66,7 @@ class Showing:
             "seconds": document["seconds"],
             "verdict": vars(judge(document, doubt)),
             "seat": _seat(seat, document, doubt) if seat else None,
+            "meter": asdict(readings) if (readings := meter_readings(document)) else None,
             "rows": _rows(pipeline.exposure(rolling=True), by_name, document["sensors"]),
             "prediction": _status(by_name["prediction"]) | {"extrapolated": _extrapolated(document)},
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
