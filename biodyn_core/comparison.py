@@ -14,9 +14,9 @@ from biodyn_core import kernels
 from biodyn_core.alignment import Aligner
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block
-from biodyn_core.exposure import DoseMeter, Meter, Tally
+from biodyn_core.exposure import Dose, DoseMeter, Meter, Tally
 from biodyn_core.frames import NO_MEASURED, MeasuredFrames
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SENSORS
+from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, N_SENSORS, SEGMENTS
 
 
 class ResidualMeter(Meter):
@@ -46,6 +46,37 @@ class ResidualMeter(Meter):
     def _rms(rows: Floats) -> tuple[Floats, Floats]:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.sqrt(rows[:, 0] / rows[:, 2]), 100.0 * np.sqrt(rows[:, 0] / rows[:, 1])
+
+
+class Compared(NamedTuple):
+    """Doses of one segment and of the seat over the same samples, all low-passed; measured is None without a sensor."""
+
+    measured: Dose | None
+    predicted: Dose
+    seat: Dose
+
+
+_COMPARED: Final = 3 * len(MEASURED_SEGMENTS)
+"""Columns of measurement, prediction and seat, masked alike; behind them stand all predictions and the seat."""
+
+
+def _side_by_side(seat_mps2: Floats, predicted_mps2: Floats, measured_mps2: Floats) -> Floats:
+    """Lay out seat (n,), predictions (n, 6) and measurements (n, 5) for one meter: a missing value masks all three."""
+    beside, seat = predicted_mps2[:, MEASURED_SEGMENT_INDEX], seat_mps2[:, None]
+    missing = np.isnan(beside) | np.isnan(measured_mps2)
+    triples = [np.where(missing, np.nan, values) for values in (measured_mps2, beside, seat)]
+    return np.hstack([*triples, predicted_mps2, seat])
+
+
+def _by_segment(doses: tuple[Dose, ...]) -> dict[str, Compared]:
+    """The doses of `_side_by_side` by segment; without a measured sample all predictions count."""
+    triples, segments, seat = doses[:_COMPARED], doses[_COMPARED:-1], doses[-1]
+    found = {name: Compared(None, dose, seat) for name, dose in zip(SEGMENTS, segments, strict=True)}
+    for column, name in enumerate(MEASURED_SEGMENTS):
+        measured, predicted, under = triples[column :: len(MEASURED_SEGMENTS)]
+        if measured.seconds > 0.0:
+            found[name] = Compared(measured, predicted, under)
+    return {name: compared for name, compared in found.items() if compared.predicted.seconds > 0.0}
 
 
 _NO_BREAK: Final = np.full(1, np.nan)
@@ -96,6 +127,7 @@ class Comparison:
         self._epoch_ns = 0
         self.residual = ResidualMeter(seat_rate_hz, len(MEASURED_SEGMENTS), window_s)
         self.doses = DoseMeter("Wk", seat_rate_hz, N_SENSORS, window_s)
+        self.compared = DoseMeter("Wk", seat_rate_hz, _COMPARED + N_SEGMENTS + 1, window_s)
 
     def seat(self, block: Block, predicted_mps2: Floats) -> None:
         """Add the seat's instants with what the model predicts there, (n, 6)."""
@@ -141,18 +173,25 @@ class Comparison:
         accel = np.column_stack([grid.seat_mps2[:ready], *(values[:ready] for values, _ in answers)])
         measured = np.ascontiguousarray(accel[:, 1:])
         predicted = np.ascontiguousarray(grid.predicted_mps2[:ready, MEASURED_SEGMENT_INDEX])
-        self._count(grid.break_s[:ready], accel, predicted, measured)
+        beside = _side_by_side(grid.seat_mps2[:ready], grid.predicted_mps2[:ready], measured)
+        self._count(grid.break_s[:ready], accel, beside, predicted, measured)
         return MeasuredFrames(grid.stamps_ns[:ready], accel, predicted - measured)
 
-    def _count(self, break_s: Floats, accel: Floats, predicted: Floats, measured: Floats) -> None:
+    def compared_doses(self, rolling: bool) -> dict[str, Compared]:
+        """Doses by segment since reset, or over the last `window_s`, of what was answered and predicted."""
+        return _by_segment(self.compared.rolling() if rolling else self.compared.since_reset())
+
+    def _count(self, break_s: Floats, accel: Floats, beside: Floats, predicted: Floats, measured: Floats) -> None:
         """Count what was answered, run by run of the seat: nothing integrates across a break."""
         begins = np.flatnonzero(~np.isnan(break_s)).tolist()
         for begin, end in pairwise([*([] if begins[:1] == [0] else [0]), *begins, break_s.size]):
             if not np.isnan(break_s[begin]):
                 self.doses.skip(float(break_s[begin]))
                 self.residual.skip(float(break_s[begin]))
+                self.compared.skip(float(break_s[begin]))
             self.doses.push(accel[begin:end])
             self.residual.push(predicted[begin:end], measured[begin:end])
+            self.compared.push(beside[begin:end])
 
     def look_ahead(self) -> int:
         """Samples that the sensor with the longest interpolator must bring beyond an instant."""
@@ -162,3 +201,4 @@ class Comparison:
         """Start "since reset" anew."""
         self.residual.reset()
         self.doses.reset()
+        self.compared.reset()

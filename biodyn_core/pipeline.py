@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from biodyn_core.arrays import Floats, Integers
+from biodyn_core.comparison import Compared
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning import Conditioner, Mode, SettingsOf, settings_for
 from biodyn_core.counting import Counting
@@ -46,9 +47,10 @@ SLICE_S: Final = 0.25
 class Exposure:
     """Every figure of one span (since reset, or rolling). Whatever has not been counted yet is absent.
 
-    sensors: Wk-weighted, before the low-pass; predicted and measured_low_passed are comparable with each other.
-    also: by weighting and sensor. residual: (rms m/s^2, rms over measured rms in percent) by segment. msdv_mps15 (since
-    reset alone): motion sickness dose of the seat's vertical, Wf.
+    sensors: Wk-weighted, before the low-pass; predicted and measured_low_passed are comparable with each other. A
+    prediction counts at once and a measurement when it is compared; compared (by segment) counts the same samples of
+    both. also: by weighting and sensor. residual: (rms m/s^2, rms over measured rms in percent) by segment.
+    msdv_mps15 (since reset alone): motion sickness dose of the seat's vertical, Wf.
     """
 
     sensors: dict[str, Dose]
@@ -60,6 +62,7 @@ class Exposure:
     msdv_mps15: float | None
     also: dict[str, dict[str, Dose]]
     residual: dict[str, tuple[float, float]]
+    compared: dict[str, Compared]
 
 
 class Latency(NamedTuple):
@@ -164,6 +167,7 @@ class Pipeline:
             msdv_mps15=seat.msdv_mps15() if seat and not rolling else None,
             also=self._also(counted, rolling),
             residual=side.residual(rolling) if side else {},
+            compared=side.compared(rolling) if side else {},
         )
 
     def _also(self, counted: Mapping[str, SensorMeters], rolling: bool) -> dict[str, dict[str, Dose]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from biodyn_core import kernels
 from biodyn_core.arrays import Floats
-from biodyn_core.comparison import Comparison
+from biodyn_core.comparison import Compared, Comparison
 from biodyn_core.conditioned import Block
 from biodyn_core.exposure import Dose, DoseMeter, Meter
 from biodyn_core.metering import Batch, resume_meter
@@ -94,6 +94,10 @@ class SeatSide:
         doses = self.comparison.doses.rolling() if rolling else self.comparison.doses.since_reset()
         return {name: dose for name, dose in zip(SENSORS, doses, strict=True) if name in sensors}
 
+    def compared(self, rolling: bool) -> dict[str, Compared]:
+        """Doses of measurement and prediction over the same samples, by segment."""
+        return self.comparison.compared_doses(rolling)
+
     def residual(self, rolling: bool) -> dict[str, tuple[float, float]]:
         """(rms m/s^2, rms over measured rms in percent) by segment, for those that were compared."""
         meter = self.comparison.residual
@@ -121,7 +125,10 @@ class SeatSide:
 
     @property
     def _meters(self) -> dict[str, Meter]:
-        return {"predicted": self.doses, "measured": self.comparison.doses, "residual": self.comparison.residual}
+        beside = self.comparison
+        return {
+            "predicted": self.doses, "measured": beside.doses, "residual": beside.residual, "compared": beside.compared,
+        }  # fmt: skip
 
 
 def _peak(values: Floats) -> float:

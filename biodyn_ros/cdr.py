@@ -146,11 +146,15 @@ def restamp(message: bytes, stamp_ns: int) -> bytes:
 
 def shift_stamp(message: bytes, by_ns: int) -> bytes:
     """The same message with its header stamp moved by some ns; otherwise as `restamp`. A stamp never set stays so."""
+    stamp_ns = stamp_of(message)
+    return restamp(message, stamp_ns + by_ns) if stamp_ns else message
+
+
+def stamp_of(message: bytes) -> int:
+    """The header stamp in ns of any message whose first field is std_msgs/Header; InputError when it is cut."""
     _frame_span(message)
     sec, nanosec = _STAMP[message[1]].unpack_from(message, 4)
-    if sec == nanosec == 0:
-        return message
-    return restamp(message, sec * NS_PER_S + nanosec + by_ns)
+    return int(sec * NS_PER_S + nanosec)
 
 
 def encode_imu(

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import heapq
+import sys
+from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
+from statistics import median_low
+from typing import Final
 
 from biodyn_ros.bag import BagReader
+from biodyn_ros.cdr import NS_PER_S
 from biodyn_ros.reading.mapping import check_given
 from biodyn_ros.topics import INPUT
+
+MOST_APART_NS: Final = NS_PER_S
+"""Stamps that last longer or shorter than the recording by more are of a clock that was set: the recorder's count."""
+
+INTERVALS: Final = 1000
+"""The last so many intervals tell a topic's period."""
 
 
 @dataclass(frozen=True)
@@ -17,6 +29,61 @@ class Played:
 
     messages: dict[str, int]
     seconds: float
+
+
+class Lap:
+    """The first lap of a bag that loops: `note` every message, then `length_ns` tells when the next lap begins.
+
+    steady: the topics that shall go on with their period; all, where none is given.
+    """
+
+    def __init__(self, steady: frozenset[str]) -> None:
+        self._steady = steady
+        self._tracks: dict[str, _Track] = {}
+
+    def note(self, topic: str, log_ns: int, stamp_ns: int) -> None:
+        """Note a message with the recorder's time and its own stamp."""
+        if topic not in self._tracks:
+            self._tracks[topic] = _Track(log_ns, stamp_ns)
+        self._tracks[topic].note(log_ns, stamp_ns)
+
+    def length_ns(self) -> int:
+        """How long a lap lasts: the least with which laps do not overlap and every steady topic keeps its period."""
+        tracks = [track.believed() for track in self._tracks.values()]
+        together_ns = max(t.stamps_ns[-1] + t.delay_ns for t in tracks) - min(t.first_ns + t.delay_ns for t in tracks)
+        steady = [track for name, track in zip(self._tracks, tracks, strict=True) if name in self._steady] or tracks
+        return max(together_ns, *(track.span_ns + track.period_ns() for track in steady)) or NS_PER_S
+
+
+@dataclass
+class _Track:
+    """One topic of a lap: its first stamps by the recorder and its own, the last ones, and its least delay."""
+
+    first_log_ns: int
+    first_ns: int
+    log_ns: deque[int] = field(default_factory=lambda: deque(maxlen=INTERVALS + 1))
+    stamps_ns: deque[int] = field(default_factory=lambda: deque(maxlen=INTERVALS + 1))
+    delay_ns: int = sys.maxsize
+
+    def note(self, log_ns: int, stamp_ns: int) -> None:
+        self.log_ns.append(log_ns)
+        self.stamps_ns.append(stamp_ns)
+        self.delay_ns = min(self.delay_ns, log_ns - stamp_ns)
+
+    @property
+    def span_ns(self) -> int:
+        return self.stamps_ns[-1] - self.first_ns
+
+    def believed(self) -> _Track:
+        """The same by the recorder's time where its own stamps stand still or were set."""
+        recorded_ns = self.log_ns[-1] - self.first_log_ns
+        if abs(self.span_ns - recorded_ns) <= min(MOST_APART_NS, recorded_ns // 2):
+            return self
+        return _Track(self.first_log_ns, self.first_log_ns, self.log_ns, self.log_ns, 0)
+
+    def period_ns(self) -> int:
+        """The median interval; 0 for one message alone."""
+        return median_low([b - a for a, b in pairwise(self.stamps_ns)] or [0])
 
 
 def played_on(reader: BagReader, given: dict[str, str]) -> dict[str, str]:

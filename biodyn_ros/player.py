@@ -25,9 +25,9 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from biodyn_core.errors import InputError
-from biodyn_ros.bag import open_bag
-from biodyn_ros.cdr import restamp, shift_stamp
-from biodyn_ros.playback import Played, in_order, played_on
+from biodyn_ros.bag import BagReader, open_bag
+from biodyn_ros.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
+from biodyn_ros.playback import Lap, Played, in_order, played_on
 from biodyn_ros.player_settings import PlayerSettings
 from biodyn_ros.progress import OnProgress, unwatched
 
@@ -79,6 +79,8 @@ class Player(Node):
         }
         self._sent = dict.fromkeys(self._outputs, 0)
         self._began_s: float | None = None
+        self._next_clock_ns = 0
+        self._lap = Lap(frozenset(name for name, kind in types.items() if kind == IMU_TYPE))
         self._stamped = {name for name, output in self._outputs.items() if _has_header(output.msg_type)}
         for name in types.keys() - self._outputs.keys():
             self.get_logger().warning(f"{name}: no Python class for {types[name]} is installed: not played")
@@ -96,12 +98,21 @@ class Player(Node):
         return [self._names[name] for name in alone]
 
     def play(self, going: Callable[[], bool] = lambda: True) -> Played:
-        """Publish everything, in order of log time, as long as `going()`."""
-        self._began_s = time.monotonic()
+        """Publish everything, in order of log time, as long as `going()`; laps follow each other without a gap."""
+        rebase_ns, past_ns = 0, 0
         while going():
-            self._play_once(going)
-            if not self.settings.loop:
+            with open_bag(self.bag) as reader:
+                if self._began_s is None:
+                    now_ns = ROSClock().now().nanoseconds
+                    rebase_ns = 0 if self.settings.keep_stamps else now_ns - (reader.start_ns or 0)
+                    self._began_s = time.monotonic()
+                if self.settings.keep_stamps:
+                    self._next_clock_ns = 0  # the clock goes back with the stamps
+                moved_ns = 0 if self.settings.keep_stamps else past_ns
+                self._play_once(reader, going, past_ns, rebase_ns + moved_ns)
+            if not self.settings.loop or not going() or not any(self._sent.values()):
                 break
+            past_ns += self._lap.length_ns()
         return self.played()
 
     def played(self) -> Played:
@@ -117,28 +128,33 @@ class Player(Node):
                 self.get_logger().warning(f"{self._names[name]}: a subscriber has not acknowledged all in time")
         time.sleep(MOMENT_S)
 
-    def _play_once(self, going: Callable[[], bool]) -> None:
-        with open_bag(self.bag) as reader:
-            start_ns = reader.start_ns or 0
-            total_ms = ((reader.end_ns or 0) - start_ns) // 10**6
-            rebase_ns = 0 if self.settings.keep_stamps else ROSClock().now().nanoseconds - start_ns
-            begin_s, next_clock_ns, next_told_ns = time.monotonic(), 0, 0
-            for log_ns, name, message in in_order(reader, list(self._outputs)):
-                elapsed_ns = log_ns - start_ns
-                if elapsed_ns >= next_told_ns:
-                    self._progress(elapsed_ns // 10**6, total_ms)
-                    next_told_ns = elapsed_ns + TOLD_STEP_NS
-                due_s = begin_s + elapsed_ns * 1e-9 / self.settings.rate
-                if due_s > time.monotonic() + 0.0005:
-                    time.sleep(max(0.0, due_s - time.monotonic()))
-                    if not going():
-                        return
-                if self._clock_output and elapsed_ns >= next_clock_ns:
-                    self._publish_clock(log_ns + rebase_ns)
-                    next_clock_ns = elapsed_ns + CLOCK_STEP_NS
-                self._outputs[name].publish(self._stamp(name, message, log_ns, rebase_ns))
-                self._sent[name] += 1
-            self._progress(total_ms, total_ms)
+    def _play_once(self, reader: BagReader, going: Callable[[], bool], past_ns: int, rebase_ns: int) -> None:
+        """Publish the bag once; past_ns: how long the laps before it lasted."""
+        assert self._began_s is not None
+        start_ns = reader.start_ns or 0
+        total_ms = ((reader.end_ns or 0) - start_ns) // 10**6
+        next_told_ns = 0
+        for log_ns, name, message in in_order(reader, list(self._outputs)):
+            elapsed_ns = log_ns - start_ns
+            if elapsed_ns >= next_told_ns:
+                self._progress(elapsed_ns // 10**6, total_ms)
+                next_told_ns = elapsed_ns + TOLD_STEP_NS
+            due_s = self._began_s + (past_ns + elapsed_ns) * 1e-9 / self.settings.rate
+            if due_s > time.monotonic() + 0.0005:
+                time.sleep(max(0.0, due_s - time.monotonic()))
+                if not going():
+                    return
+            if self._clock_output and log_ns + rebase_ns >= self._next_clock_ns:
+                self._publish_clock(log_ns + rebase_ns)
+            self._outputs[name].publish(self._stamp(name, message, log_ns, rebase_ns))
+            self._sent[name] += 1
+            if self.settings.loop and past_ns == 0:
+                self._lap.note(name, log_ns, self._stamp_ns(name, message, log_ns))
+        self._progress(total_ms, total_ms)
+
+    def _stamp_ns(self, name: str, message: bytes, log_ns: int) -> int:
+        """The stamp that goes out, before it is moved."""
+        return log_ns if self._by_log or name not in self._stamped else stamp_of(message)
 
     def _stamp(self, name: str, message: bytes, log_ns: int, rebase_ns: int) -> bytes:
         if name not in self._stamped:
@@ -149,6 +165,7 @@ class Player(Node):
 
     def _publish_clock(self, now_ns: int) -> None:
         assert self._clock_output is not None
+        self._next_clock_ns = now_ns + CLOCK_STEP_NS
         self._clock_output.publish(Clock(clock=Time(sec=now_ns // 10**9, nanosec=now_ns % 10**9)))
 
 

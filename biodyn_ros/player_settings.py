@@ -14,7 +14,7 @@ class PlayerSettings:
     rate: float = setting(1.0, "speed, as a multiple of recorded time", "", 0.01, 100.0)
     wait_s: float = setting(10.0, "how long to wait for subscribers; 0: do not wait", "s", 0.0, 3600.0)
     depth: int = setting(2000, "queue of every publisher, in messages", "", 1, 10_000_000)
-    loop: bool = setting(False, "start again at the end")
+    loop: bool = setting(False, "start again at the end, one period after the last sample")
     clock: bool = setting(False, "publish /clock")
     keep_stamps: bool = setting(False, "leave the header stamps as recorded")
 

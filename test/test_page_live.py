@@ -30,8 +30,20 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None and "CI" not in os.environ, rea
 
 SECONDS = 24.0
 HEAD_DIES_S = 14.0
-SIZES = {"desk": (1280, 800), "tablet": (1024, 768), "phone": (390, 844)}
+SIZES = {"desk": (1280, 800), "tablet": (1024, 768), "phone": (390, 844), "small": (400, 640)}
 EVIL = "<img src=x onerror=\"document.title='owned'\"> & co"
+
+
+CUT_OFF = """[...document.body.querySelectorAll("*")].filter((each) => {
+  const box = each.getBoundingClientRect();
+  return box.width > 0 && (box.left < -0.5 || box.right > innerWidth + 0.5);
+}).map((each) => each.outerHTML.slice(0, 80))"""
+
+REACHABLE = """["mark", "reset", "theme"].map((name) => {
+  const button = document.getElementById(name), box = button.getBoundingClientRect();
+  const inside = box.left >= 0 && box.top >= 0 && box.right <= innerWidth && box.bottom <= innerHeight;
+  return inside && document.elementFromPoint((box.left + box.right) / 2, (box.top + box.bottom) / 2) === button;
+})"""
 
 
 def ride() -> list[ImuStream]:
@@ -133,6 +145,7 @@ def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
         assert browser.text("#headline") == "Waiting for the node" or "Undecided" in browser.text("#headline")
         with child(graph, "play", str(bag)):
             it_updates(browser)
+            it_shows_what_a_vibration_meter_shows(browser)
             it_is_green_and_says_whose_it_is(browser)
             for name, (width, height) in SIZES.items():
                 it_fits(browser, width, height, tmp_path / f"{name}.png")
@@ -171,6 +184,23 @@ def it_updates(browser: Browser) -> None:
     assert browser.page.evaluate(f"[...{pixels}].filter(value => value).length") > 2000, "the strip is drawn"
 
 
+def it_shows_what_a_vibration_meter_shows(browser: Browser) -> None:
+    """Between the band and all else, in the words and numbers of one snapshot."""
+    browser.until("snapshot.meter && snapshot.meter.axes[0].aw_mps2 !== null")
+    told, shown = browser.page.evaluate("show(snapshot), [snapshot.meter, document.getElementById('meter').innerText]")
+    values = [told["counted_s"], told["mtvv_mps2"], told["peak_mps2"]]
+    values += [each[figure] for each in told["axes"] for figure in ("aw_mps2", "vdv_mps175")]
+    assert [each["axis"] for each in told["axes"]] == ["x", "y", "z"]
+    for value in values:
+        assert f"{value:#.3g}".rstrip(".") in shown, (value, shown)
+    for name in ("counted", "aw", "VDV", "MTVV", "peak"):
+        assert name in shown
+    assert "Horizontal axes from the yaw given." in shown
+    top = "['band', 'meter', 'body', 'ride'].map((id) => document.getElementById(id).getBoundingClientRect().top)"
+    band, meter, body, ride = browser.page.evaluate(top)
+    assert band < meter < min(body, ride)
+
+
 def it_is_green_and_says_whose_it_is(browser: Browser) -> None:
     browser.until("document.body.dataset.tone == 'good'")
     assert browser.text("#headline") == "Below the action values so far"
@@ -195,6 +225,11 @@ def it_fits(browser: Browser, width: int, height: int, picture: Path) -> None:
         cells = "[...document.querySelectorAll('.row > *, .row, .figure, #left')]"
         wide = f"{cells}.filter(cell => cell.scrollWidth > cell.clientWidth + 1).map(cell => cell.className)"
         assert browser.page.evaluate(wide) == []
+        assert browser.page.evaluate(CUT_OFF) == []
+        for scroll in (0, 1_000_000):
+            browser.page.evaluate(f"scrollTo(0, {scroll})")
+            assert browser.page.evaluate(REACHABLE) == [True, True, True], (width, scroll)
+        browser.page.evaluate("scrollTo(0, 0)")
         # At arm's length, some 70 cm, 6 mm are read well: the headline has 23 px and more, the figures 25.
         for selector, least in (("#headline", 22.0), (".figure .value", 25.0), (".row .values", 18.0)):
             assert (
@@ -256,6 +291,58 @@ def it_goes_stale_when_the_node_is_killed(browser: Browser, node: subprocess.Pop
 
 def it_comes_back(browser: Browser) -> None:
     browser.until("!document.body.classList.contains('stale')")
+
+
+DRAWN = """() => {
+  const bins = [...Array(600).keys()].map((k) => {
+    const high = 3 + 2 * Math.sin(0.05 * k);
+    return { begin: 0.1 * k, low: Array(6).fill(-high), high: Array(6).fill(high) };
+  });
+  snapshot = { rows: [{ name: "head", measured_column: 5, predicted_column: 5 }] };
+  document.getElementById("channel").append(new Option("head"));
+  minute = { measured: bins, predicted: bins };
+  const words = [], points = [], pen = CanvasRenderingContext2D.prototype, own = {};
+  for (const name of ["fillText", "lineTo", "fillRect"]) own[name] = pen[name];
+  pen.fillText = function (text, x, y) {
+    const size = this.measureText(text);
+    const box = [x - size.actualBoundingBoxLeft, x + size.actualBoundingBoxRight];
+    words.push([text, ...box, y - size.actualBoundingBoxAscent, y + size.actualBoundingBoxDescent]);
+    own.fillText.call(this, text, x, y);
+  };
+  pen.lineTo = function (x, y) { points.push([x, y]); own.lineTo.call(this, x, y); };
+  pen.fillRect = function (x, y, w, h) { points.push([x, y], [x + w, y + h]); own.fillRect.call(this, x, y, w, h); };
+  draw();
+  Object.assign(pen, own);
+  const canvas = document.getElementById("strip");
+  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  const style = getComputedStyle(document.documentElement), count = {};
+  for (const name of ["--measured", "--predicted"]) {
+    const [r, g, b] = style.getPropertyValue(name).trim().slice(1).match(/../g).map((hex) => parseInt(hex, 16));
+    count[name] = 0;
+    for (let at = 0; at < data.length; at += 4) {
+      if (data[at] === r && data[at + 1] === g && data[at + 2] === b && data[at + 3] === 255) count[name] += 1;
+    }
+  }
+  return { words, points, count };
+}"""
+
+
+def test_measured_is_seen_under_a_prediction_that_equals_it_and_no_label_lies_on_the_curves(graph, browser):
+    port = free_port()
+    with child(graph, "page", "--node", "/nobody", "--page-port", str(port)):
+        reached(browser, f"http://127.0.0.1:{port}/")
+        for scheme in ("light", "dark"):
+            browser.page.emulate_media(color_scheme=scheme)
+            for width in (1280, 400):
+                browser.page.set_viewport_size({"width": width, "height": 800})
+                drawn = browser.page.evaluate(DRAWN)
+                measured, predicted = drawn["count"]["--measured"], drawn["count"]["--predicted"]
+                assert min(measured, predicted) > 0.3 * max(measured, predicted) > 100, (scheme, width, drawn["count"])
+                xs, ys = zip(*drawn["points"], strict=True)
+                assert len(drawn["words"]) >= 6
+                for text, left, right, top, bottom in drawn["words"]:
+                    beside = right <= min(xs) or left >= max(xs) or bottom <= min(ys) or top >= max(ys)
+                    assert beside, (text, width)
 
 
 def test_without_the_token_one_may_look_but_not_touch(graph, browser):

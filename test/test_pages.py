@@ -123,7 +123,7 @@ def test_every_drawing_of_a_validation_says_what_and_in_which_unit(validation: s
         ("|segment / seat|, no unit", "coherence", "frequency, Hz", "not measured", "central torso"),
         ("amplitude, m/s²", "PSD, (m/s²)²/Hz", "Hz", "seat", "not measured"),
         ("|head / seat|, no unit", "|force / acceleration|, kg", "|force / velocity|, N s/m", "phase, degrees",
-         "over body mass, no unit", "the paper's printed band of the peak"),
+         "over body mass, no unit"),
         ("VDV, Wk-weighted, vertical, m/s¹·⁷⁵", "neck"),
         ("DRI of the measured seat, no unit", "HIC of the head, g^2.5 s", "HIC15 |vertical|", "17.7"),
         ("frequency, Hz", "power, dB re 1 (m/s²)²/Hz", "predicted minus measured"),

@@ -17,7 +17,7 @@ from sensor_msgs.msg import Imu
 from biodyn_core.errors import InputError
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.cdr import IMU_TYPE, decode_imu, encode_imu
-from biodyn_ros.playback import played_on
+from biodyn_ros.playback import Lap, played_on
 from biodyn_ros.player import MOMENT_S, Player
 from biodyn_ros.player_settings import PlayerSettings
 
@@ -49,11 +49,11 @@ def play(
     player = graph.add(Player(bag, PlayerSettings(**given), mapping=mapping, time=stamps, context=graph.context))
     assert player.wait_for_subscribers() == []
     result: list[Any] = []
-    loops = 2 if given.get("loop") else 1
-    going = (lambda: len(got["imu/head/data"]) < 2 * COUNT) if given.get("loop") else (lambda: True)
+    wanted = (2.5 if given.get("loop") else 1.0) * COUNT
+    going = (lambda: any(len(messages) < wanted for messages in got.values())) if given.get("loop") else (lambda: True)
     thread = threading.Thread(target=lambda: result.append(player.play(going)))
     thread.start()
-    graph.wait(lambda: all(len(messages) >= loops * COUNT for messages in got.values()), "all messages")
+    graph.wait(lambda: all(len(messages) >= wanted for messages in got.values()), "all messages")
     thread.join(30.0)
     assert not thread.is_alive()
     return {topic: decode_imu(messages) for topic, messages in got.items()}, clock, result[0]
@@ -101,17 +101,79 @@ def test_what_is_given_as_a_sensor_takes_the_place_of_the_topic_of_that_name(bag
 def test_slower_is_slower_and_the_clock_follows_the_bag(graph: Graph, bag: Path) -> None:
     _, clock, played = play(graph, bag, rate=0.5, clock=True, keep_stamps=True)
     assert played.seconds >= 0.59
-    times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clock]
+    times = [nanoseconds(message) for message in clock]
     assert len(times) >= 25
     assert all(b > a for a, b in itertools.pairwise(times))
     assert START_NS <= times[0] <= times[-1] <= START_NS + 310_000_000
 
 
-def test_a_loop_starts_again(graph: Graph, bag: Path) -> None:
-    got, _, played = play(graph, bag, loop=True, keep_stamps=True)
+def test_a_loop_that_keeps_its_stamps_goes_back_and_its_clock_with_them(graph: Graph, bag: Path) -> None:
+    got, clock, played = play(graph, bag, loop=True, keep_stamps=True, clock=True)
     seat = got["imu/seat/data"].stamps_ns
     assert (np.diff(seat) < 0).sum() >= 1
+    assert set(seat.tolist()) == set((START_NS + np.arange(COUNT) * STEP_NS).tolist())
     assert played.messages["imu/seat/data"] >= COUNT
+    assert min(b - a for a, b in itertools.pairwise(map(nanoseconds, clock))) < 0
+
+
+def nanoseconds(message: Clock) -> int:
+    return int(message.clock.sec * 10**9 + message.clock.nanosec)
+
+
+HEAD_LATER_NS = 300_000
+"""The head of the bag below samples so much later than the seat, and was recorded one sample more."""
+
+
+@pytest.fixture
+def uneven_bag(tmp_path: Path) -> Path:
+    """As `bag`; the head begins later and ends later, messages reach the recorder with up to 7 ms of jitter."""
+    path, rng = tmp_path / "uneven.mcap", np.random.default_rng(2)
+    with BagWriter(path) as writer:
+        for topic, later_ns, count in (("imu/seat/data", 0, COUNT), ("imu/head/data", HEAD_LATER_NS, COUNT + 1)):
+            writer.add_topic(topic, IMU_TYPE)
+            stamps = START_NS + later_ns + np.arange(count) * STEP_NS
+            accel = np.column_stack([np.arange(count), np.zeros((count, 2))]).astype(float)
+            logged = np.maximum.accumulate(stamps + rng.integers(0, 7_000_000, count))
+            writer.write(topic, logged, encode_imu(stamps, accel, np.zeros_like(accel), "imu"))
+    return path
+
+
+@pytest.mark.parametrize("rate", [1.0, 3.0])
+def test_laps_follow_each_other_after_one_period(graph: Graph, uneven_bag: Path, rate: float) -> None:
+    got, clock, played = play(graph, uneven_bag, loop=True, clock=True, rate=rate)
+    lap_ns = (COUNT + 1) * STEP_NS  # of the head, which lasts longest
+    for topic, count in (("imu/seat/data", COUNT), ("imu/head/data", COUNT + 1)):
+        stamps, numbers = got[topic].stamps_ns, got[topic].accel_mps2[:, 0]
+        lap, place = np.divmod(np.arange(stamps.size), count)
+        assert lap[-1] >= 1
+        np.testing.assert_array_equal(numbers, place)
+        np.testing.assert_array_equal(stamps - stamps[0], lap * lap_ns + place * STEP_NS)
+    assert got["imu/head/data"].stamps_ns[0] - got["imu/seat/data"].stamps_ns[0] == HEAD_LATER_NS
+    assert min(b - a for a, b in itertools.pairwise(map(nanoseconds, clock))) > 0
+    # The last message sent is due so long after the first one.
+    lasted_ns = min(block.stamps_ns[-1] - block.stamps_ns[0] for block in got.values())
+    assert played.seconds >= 1e-9 * lasted_ns / rate - 0.01
+
+
+def test_laps_last_as_long_as_the_recorder_says_where_stamps_do_not_tell() -> None:
+    for stamps in ([0, 0, 0, 0], [0, 1, 2, 10**13]):  # never set; set anew on the way
+        lap = Lap(frozenset({"imu"}))
+        for place, stamp_ns in enumerate(stamps):
+            lap.note("imu", START_NS + 700_000_000 * place, stamp_ns)
+        assert lap.length_ns() == 2_800_000_000
+    lap = Lap(frozenset({"imu"}))
+    lap.note("imu", START_NS, START_NS)
+    assert lap.length_ns() == 10**9, "one message alone is repeated every second"
+
+
+def test_a_topic_that_goes_on_longer_makes_the_lap_longer_and_a_slow_one_does_not() -> None:
+    for slow_end_ns, wanted_ns in ((0, COUNT * STEP_NS), (1_000_000_000, 1_000_000_000)):
+        lap = Lap(frozenset({"imu"}))
+        for place in range(COUNT):
+            lap.note("imu", START_NS + place * STEP_NS, place * STEP_NS)  # a clock that began at zero
+        lap.note("slow", START_NS, START_NS)
+        lap.note("slow", START_NS + slow_end_ns, START_NS + slow_end_ns)
+        assert lap.length_ns() == wanted_ns
 
 
 @pytest.mark.parametrize(("loop", "told"), [(False, [(0, 299), (100, 299), (200, 299), (299, 299)]), (True, [])])

@@ -15,6 +15,7 @@ from biodyn_ros import __version__
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.json_files import finite
 from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
+from biodyn_ros.reports.meter import meter_readings
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.strip import Bins, Strip
 from biodyn_ros.wording import left, words
@@ -65,6 +66,7 @@ class Showing:
             "seconds": document["seconds"],
             "verdict": vars(judge(document, doubt)),
             "seat": _seat(seat, document, doubt) if seat else None,
+            "meter": asdict(readings) if (readings := meter_readings(document)) else None,
             "rows": _rows(pipeline.exposure(rolling=True), by_name, document["sensors"]),
             "prediction": _status(by_name["prediction"]) | {"extrapolated": _extrapolated(document)},
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
@@ -118,13 +120,13 @@ def _seat(seat: dict[str, Any], document: dict[str, Any], doubt: str) -> dict[st
 
 
 def _rows(rolling: Exposure, statuses: dict[str, Status], sensors: dict[str, Any]) -> list[dict[str, Any]]:
-    """From the head down: weighted acceleration of the window, measured and predicted, and how each sensor does."""
-    measured, predicted = rolling.measured_low_passed, rolling.predicted
-    seat_mps2 = measured[SEAT].aw_mps2 if SEAT in measured else 0.0
+    """From the head down: weighted acceleration of the window, measured and predicted, and how each sensor does.
+
+    Both figures of a segment, their ratios to the seat and the residual count the same samples.
+    """
     rows = []
     for name in ROWS:
-        found = measured[name].aw_mps2 if name in measured and measured[name].seconds > 0.0 else None
-        model = predicted[name].aw_mps2 if name in predicted and predicted[name].seconds > 0.0 else None
+        found, model, seat_mps2 = _side_by_side(rolling, name)
         rms_mps2, percent = rolling.residual.get(name, (None, None))
         rows.append(
             {
@@ -143,6 +145,17 @@ def _rows(rolling: Exposure, statuses: dict[str, Status], sensors: dict[str, Any
             }
         )
     return rows
+
+
+def _side_by_side(rolling: Exposure, name: str) -> tuple[float | None, float | None, float]:
+    """Weighted acceleration measured and predicted (None: not known), and of the seat over the same samples, m/s^2."""
+    if name == SEAT:
+        dose = rolling.measured_low_passed.get(SEAT)
+        return (dose.aw_mps2, None, dose.aw_mps2) if dose and dose.seconds > 0.0 else (None, None, 0.0)
+    if name not in rolling.compared:
+        return None, None, 0.0
+    measured, predicted, seat = rolling.compared[name]
+    return measured.aw_mps2 if measured else None, predicted.aw_mps2, seat.aw_mps2
 
 
 def _sensor(status: Status) -> dict[str, Any]:

@@ -4,6 +4,7 @@
 const STALE_MS = 1500; // six snapshots late
 const MINUTE_S = 60;
 const BIN_S = 0.1;
+const MARGIN = { left: 52, right: 4, top: 6, bottom: 22 };
 const SIGN = { good: "✓", warn: "!", bad: "✕", none: "?" };
 const DOT = [["●", "streaming"], ["▲", "warning"], ["✖", "error"]];
 const $ = (id) => document.getElementById(id);
@@ -72,6 +73,51 @@ function gauge(of) {
     made.append(tick);
   }
   return made;
+}
+
+// --- meter -------------------------------------------------------------------------------------------------------
+
+function meter(of) {
+  const read = of.meter;
+  $("meter-note").textContent = read ? `The seat since reset, weighted (ISO 2631-1), without k. ${read.note}` : "The seat since reset: nothing is counted yet.";
+  const axes = read ? read.axes : [];
+  $("readings").replaceChildren(
+    reading("counted", "s", read ? [["", number(read.counted_s)]] : []),
+    reading("aw", "m/s²", axes.map((each) => [each.axis, least(each.aw_lower_bound, number(each.aw_mps2))])),
+    reading("VDV", "m/s^1.75", axes.map((each) => [each.axis, least(each.vdv_lower_bound, number(each.vdv_mps175))])),
+    reading("MTVV z", "m/s²", read ? [["", least(read.lower_bound, number(read.mtvv_mps2))]] : []),
+    reading("peak z", "m/s²", read ? [["", least(read.lower_bound, number(read.peak_mps2))]] : []),
+  );
+}
+
+function reading(name, unit, values) {
+  const made = element("div", "reading");
+  made.dataset.name = name;
+  const title = element("dt", "", `${name}, `);
+  title.append(element("small", "", unit));
+  made.append(title);
+  for (const [axis, text] of values.length ? values : [["", "–"]]) {
+    const value = element("dd", "");
+    if (axis) value.append(element("small", "", axis));
+    value.append(element("b", "", text));
+    made.append(value);
+  }
+  return made;
+}
+
+// Explains "≥" in every section where it stands.
+function bounds(of) {
+  const why = of.meter && of.meter.bounds ? of.meter.bounds : "";
+  explain($("band"), why || "≥ means at least.");
+  explain($("meter"), why || "≥ means at least.");
+  explain($("body"), "≥ means at least: the sensor clipped or stood still since reset.");
+  explain($("ride"), "≥ means at least: samples are missing, clipped or stood still since reset.");
+}
+
+function explain(section, text) {
+  const note = section.querySelector(".bound");
+  note.textContent = "";
+  if (section.textContent.includes("≥")) note.textContent = text;
 }
 
 // --- body --------------------------------------------------------------------------------------------------------
@@ -204,18 +250,36 @@ function draw() {
   // The measurement decides the height: a model that runs away may leave the picture.
   const felt = measured.length ? measured : predicted;
   const most = 1.1 * Math.max(0.2, ...felt.flatMap((bin) => [Math.abs(bin.low), Math.abs(bin.high)]));
-  const place = { x: (s) => width * (1 - (end - s) / MINUTE_S), y: (a) => height * (0.5 - a / (2 * most)), width, height };
+  const plot = { left: MARGIN.left, top: MARGIN.top, width: width - MARGIN.left - MARGIN.right, height: height - MARGIN.top - MARGIN.bottom };
+  const place = {
+    ...plot,
+    x: (s) => plot.left + plot.width * (1 - (end - s) / MINUTE_S),
+    y: (a) => plot.top + plot.height * (0.5 - a / (2 * most)),
+  };
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name);
   const lines = axes(place, most);
+  label(pen, lines, colour);
+  pen.save();
+  pen.beginPath();
+  pen.rect(plot.left, plot.top, plot.width, plot.height);
+  pen.clip();
   pen.strokeStyle = colour("--line");
   pen.lineWidth = 1;
   for (const { from, to } of lines) stroke(pen, ...from, ...to);
   pen.fillStyle = colour("--area");
   for (const bin of measured) bar(pen, place, bin);
-  pen.strokeStyle = colour("--predicted");
-  pen.lineWidth = 1.6;
-  for (const side of ["low", "high"]) trace(pen, place, predicted, side);
-  label(pen, lines, colour);
+  // Dashes leave the measurement to be seen where both lie on each other.
+  curves(pen, place, measured, { colour: colour("--measured"), width: 2.4, dashes: [] });
+  curves(pen, place, predicted, { colour: colour("--predicted"), width: 1.8, dashes: [6, 6] });
+  pen.restore();
+}
+
+function curves(pen, place, bins, style) {
+  pen.strokeStyle = style.colour;
+  pen.lineWidth = style.width;
+  pen.setLineDash(style.dashes);
+  for (const side of ["low", "high"]) trace(pen, place, bins, side);
+  pen.setLineDash([]);
 }
 
 function line(bins, column) {
@@ -223,29 +287,28 @@ function line(bins, column) {
   return bins.filter((bin) => bin.low[column] !== null).map((bin) => ({ begin: bin.begin, low: bin.low[column], high: bin.high[column] }));
 }
 
-// Lines of the grid, each with its words and where they stand.
+// Lines of the grid, each with its words in the margin: levels on the left, times beneath.
 function axes(place, most) {
   const step = 10 ** Math.floor(Math.log10(most));
   const level = most / step >= 5 ? 5 * step : most / step >= 2 ? 2 * step : step;
+  const bottom = place.top + place.height;
   const levels = [-level, 0, level].map((value) => {
     const y = place.y(value);
-    return { from: [0, y], to: [place.width, y], words: `${number(value)} m/s²`, at: [4, y - 4] };
+    return { from: [place.left, y], to: [place.left + place.width, y], words: number(value), at: [place.left - 5, y + 4], align: "right" };
   });
-  const times = [50, 40, 30, 20, 10].map((past) => {
-    const x = place.width * (1 - past / MINUTE_S);
-    return { from: [x, 0], to: [x, place.height], words: `−${past} s`, at: [x + 3, place.height - 4] };
+  const times = [60, 50, 40, 30, 20, 10, 0].filter((past) => place.width >= 400 || past % 20 === 0).map((past) => {
+    const x = place.left + place.width * (1 - past / MINUTE_S);
+    const align = past === 0 ? "right" : "center";
+    return { from: [x, place.top], to: [x, bottom], words: past ? `−${past} s` : "now", at: [x, bottom + 16], align };
   });
   return [...levels, ...times];
 }
 
-// Words stand before what is drawn, on a rim of paper.
 function label(pen, lines, colour) {
   pen.font = "13px sans-serif";
-  pen.lineWidth = 4;
-  pen.strokeStyle = colour("--paper");
   pen.fillStyle = colour("--ink");
-  for (const { words, at } of lines) {
-    pen.strokeText(words, ...at);
+  for (const { words, at, align } of lines) {
+    pen.textAlign = align;
     pen.fillText(words, ...at);
   }
 }
@@ -278,9 +341,11 @@ function trace(pen, place, bins, side) {
 
 function show(of) {
   band(of);
+  meter(of);
   channels(of);
   rows(of);
   facts(of);
+  bounds(of);
   draw();
   for (const window of document.querySelectorAll(".window")) window.textContent = `${of.window_s} s`;
   $("terms").textContent = terms(of);

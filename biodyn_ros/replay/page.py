@@ -9,6 +9,7 @@ from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses
 from biodyn_ros.reports.frequency import powers, residual_channels, transmissibility, waterfall
+from biodyn_ros.reports.meter import meter_readings
 from biodyn_ros.reports.motion import envelopes, overlay
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.verdict import judge
@@ -27,6 +28,7 @@ def replay_page(document: dict[str, Any], traces: Traces) -> str:
         "replay.html.j2",
         document=document,
         verdict=judge(document),
+        meter=meter_readings(document),
         zones=ZONE,
         flagged=_flagged(document["seat"]),
         segments=[name for name in SEGMENTS if name in document["predicted"]],

@@ -21,6 +21,11 @@ PALETTE: Final = {
 """The colours of drawings as the legends beside them name them."""
 SOFT_COLOUR: Final = "#52606d"
 
+DASHED: Final = (0, (4.0, 3.0))
+"""Of predictions: gaps as wide as this leave the measurement to be seen where both lie on each other."""
+
+DOTTED: Final = (0, (1.0, 1.6))
+
 _STYLE: Final[Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": "#8894a0",

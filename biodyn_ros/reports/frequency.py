@@ -17,6 +17,8 @@ from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.waterfall import Waterfall
 from biodyn_ros.reports.drawing import (
     BAND_COLOUR,
+    DASHED,
+    DOTTED,
     MEASURED_COLOUR,
     OTHER_COLOUR,
     PREDICTED_COLOUR,
@@ -28,9 +30,7 @@ from biodyn_ros.wording import words
 
 Document = dict[str, Any]
 
-DASHED: Final = (0, (4.0, 1.4))
 DASH_DOTTED: Final = (0, (6.0, 1.5, 1.0, 1.5))
-DOTTED: Final = (0, (1.0, 1.6))
 
 _STYLES: Final[dict[str, Any]] = {
     "measured": {"color": MEASURED_COLOUR, "lw": 1.7},
@@ -90,11 +90,10 @@ def powers(document: Document) -> Any:
                 _frequency_axis(axes, frequency_hz, _FEW_TICKS_HZ)
                 if not power[name]:
                     say(axes, "not measured")
-                elif "measured" not in power[name]:
-                    axes.text(0.5, 0.93, "not measured", transform=axes.transAxes, ha="center", fontsize=7,
-                              color=SOFT_COLOUR)  # fmt: skip
                 if row == 0:
                     axes.set_title(words(name), loc="left", fontweight="bold")
+                    if "predicted" in power[name] and "measured" not in power[name]:
+                        axes.set_xlabel("not measured", color=SOFT_COLOUR, fontsize=7.0)
                     axes.set_ylim(bottom=0.0)
                     axes.tick_params(labelbottom=False)
                 else:
@@ -269,10 +268,6 @@ def _masses(axes: Any, point: Document) -> None:
     body, upper = point["body_mass_kg"], point["upper_body_mass_kg"]
     axes.axhspan(*(share * body for share in point["printed_band"]), color="#eef1f4", zorder=0)
     axes.axhline(upper, color=SOFT_COLOUR, lw=0.8, ls=DOTTED)
-    axes.text(0.99, upper, "upper-body mass", transform=axes.get_yaxis_transform(), ha="right", va="bottom", fontsize=7,
-              color=SOFT_COLOUR)  # fmt: skip
-    axes.text(0.99, point["printed_band"][0] * body, "the paper's printed band of the peak",
-              transform=axes.get_yaxis_transform(), ha="right", va="bottom", fontsize=7, color=SOFT_COLOUR)  # fmt: skip
     beside = axes.secondary_yaxis("right", functions=(lambda kg: kg / body, lambda share: share * body))
     beside.set_ylabel("over body mass, no unit", color=SOFT_COLOUR)
 

@@ -10,7 +10,15 @@ import numpy as np
 
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
-from biodyn_ros.reports.drawing import BAND_COLOUR, MEASURED_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
+from biodyn_ros.reports.drawing import (
+    BAND_COLOUR,
+    DASHED,
+    DOTTED,
+    MEASURED_COLOUR,
+    PREDICTED_COLOUR,
+    SOFT_COLOUR,
+    drawn,
+)
 from biodyn_ros.wording import number, words
 
 EVENT_HALF_NS: Final = 1_000_000_000
@@ -60,7 +68,7 @@ def overlay(event: StrongestEvent, origin_ns: int, document: dict[str, Any]) -> 
             axes.plot(*_line(event.measured_ns, measured, origin_ns), color=MEASURED_COLOUR, lw=1.7)
         if predicted is not None:
             clipped = np.clip(predicted, -10.0 * extent, 10.0 * extent)
-            axes.plot(*_line(event.predicted_ns, clipped, origin_ns), color=PREDICTED_COLOUR, lw=0.9)
+            axes.plot(*_line(event.predicted_ns, clipped, origin_ns), color=PREDICTED_COLOUR, lw=1.3, ls=DASHED)
         axes.set_ylim(-extent, extent)
         axes.set_title(_note(name, measured, document), loc="right", color=SOFT_COLOUR, fontsize=8.0)
 
@@ -76,12 +84,15 @@ def envelopes(predicted: Envelope, measured: Envelope, event: StrongestEvent | N
         extent = _extent(np.stack(there[1:]) if there else None, np.stack(model[1:]) if model else None)
         if there:
             axes.fill_between(*there, color=BAND_COLOUR, lw=0.3)
+            for edge in there[1:]:
+                axes.plot(there[0], edge, color=MEASURED_COLOUR, lw=1.1)
         if model:
             for edge in model[1:]:
-                axes.plot(model[0], np.clip(edge, -10.0 * extent, 10.0 * extent), color=PREDICTED_COLOUR, lw=0.7)
+                clipped = np.clip(edge, -10.0 * extent, 10.0 * extent)
+                axes.plot(model[0], clipped, color=PREDICTED_COLOUR, lw=0.9, ls=DASHED)
         axes.set_ylim(-extent, extent)
         if event is not None:
-            axes.axvline(1e-9 * (event.peak_ns - origin_ns), color=SOFT_COLOUR, lw=0.6, ls=(0, (2, 2)))
+            axes.axvline(1e-9 * (event.peak_ns - origin_ns), color=SOFT_COLOUR, lw=0.8, ls=DOTTED)
 
     ends_ns = np.append(measured.begins_ns, measured.begins_ns[-1] + measured.width_ns)
     return _draw(draw, 6.2, _seconds(ends_ns, origin_ns))
