@@ -150,7 +150,9 @@ class BiodynNode(LifecycleNode):
         pipeline = Pipeline(subject, conditioning, settings, limits)
         self._keeper = self._new_keeper(subject)
         self._showing = Showing(self.settings.shock_mps2)
-        self._sensors = Subscriptions(self, self.settings.queue_depth, settings.window_s, self._take)
+        self._sensors = Subscriptions(
+            self, self.settings.queue_depth, settings.window_s, self._take, lambda: pipeline.overdue
+        )
         self._watch, self._statuses = Watch(pipeline, self._sensors.health), []
         self._answers = Publications(self, self.settings.publish_measured)
         self._services_made = [

@@ -34,6 +34,7 @@ LAYERS = (
         "frames",
         "heading",
         "injury",
+        "interleaving",
         "judgement",
         "keeping",
         "levelling",

@@ -1,7 +1,8 @@
 """The node's ears: six subscriptions whose messages become arrays, and what their transport tells of each sensor.
 
 The seat's message is handed on at once, because it carries the model. The other sensors are drained in turn: only the
-comparison needs them, and many messages decode together for the price of a few.
+comparison needs them, and many messages decode together for the price of a few. Behind a stall the seat's backlog would
+overtake them: before comparisons are given up, the messages of all sensors are taken and handed on by their stamps.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -20,24 +21,31 @@ from sensor_msgs.msg import Imu
 
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.errors import InputError
+from biodyn_core.interleaving import in_stamp_order
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros import topics
-from biodyn_ros.cdr import IMU_TYPE, decode_imu, decode_imu_one
+from biodyn_ros.cdr import IMU_TYPE, ImuBlock, decode_imu, decode_imu_one
 from biodyn_ros.node.callbacks import guarded
 from biodyn_ros.node.health import SensorHealth
 
 Take = Callable[[str, Integers, Floats], None]
 """Takes a sensor's stamps (n,) ns and specific force (n, 3) m/s^2."""
 
+IN_ORDER: Final = (*(sensor for sensor in SENSORS if sensor != SEAT), SEAT)
+"""Samples of the same time are handed on in this order: the seat's are compared with the others'."""
+
 
 class Subscriptions:
     """`open` them on activation, `close` them again; meanwhile `drain` and `look_around` in turn.
 
-    health: what transport tells, by sensor. It outlives a closing, as figures do.
+    overdue: whether the seat's next sample gives comparisons up. health: what transport tells, by sensor. It outlives a
+    closing, as figures do.
     """
 
-    def __init__(self, node: LifecycleNode, depth: int, window_s: float, take: Take) -> None:
-        self._node, self._depth, self._window_s, self._take = node, depth, window_s, take
+    def __init__(
+        self, node: LifecycleNode, depth: int, window_s: float, take: Take, overdue: Callable[[], bool]
+    ) -> None:
+        self._node, self._depth, self._window_s, self._take, self._overdue = node, depth, window_s, take, overdue
         self.health = {sensor: SensorHealth() for sensor in SENSORS}
         self._subscriptions: dict[str, Any] = {}
         self._seat_stamp_ns: int | None = None
@@ -68,9 +76,7 @@ class Subscriptions:
             stamp_ns, self._seat_stamp_ns = self._seat_stamp_ns, None
             if stamp_ns is not None:
                 self._note_arrival(SEAT, stamp_ns)
-        elif messages := self._inbox[sensor]:
-            taken = messages.copy()
-            messages.clear()
+        elif taken := self._emptied(sensor):
             guarded(self._on_messages, partial(self._refuse, sensor))(sensor, taken)
 
     def look_around(self) -> None:
@@ -101,20 +107,47 @@ class Subscriptions:
         )
 
     def _on_seat(self, message: bytes) -> None:
+        if self._overdue():
+            self._catch_up(message)
+            return
         stamp_ns, accel_mps2 = decode_imu_one(message)
         self._take(SEAT, np.array([stamp_ns]), np.array([accel_mps2]))
         self.health[SEAT].arrived()
         self._seat_stamp_ns = stamp_ns
 
     def _on_messages(self, sensor: str, messages: list[bytes]) -> None:
-        self.health[sensor].arrived(len(messages))
-        try:
-            block = decode_imu(messages)
-        except InputError:
-            block = decode_imu([message for message in messages if self._is_readable(sensor, message)])
+        block = self._decoded(sensor, messages)
         if len(block):
             self._take(sensor, block.stamps_ns, block.accel_mps2)
             self._note_arrival(sensor, int(block.stamps_ns[-1]))
+
+    def _catch_up(self, seat_message: bytes) -> None:
+        """Take the messages that have arrived of all sensors, the seat's given one first; hand them on by stamps."""
+        blocks = {}
+        for sensor in IN_ORDER:
+            first = [seat_message] if sensor == SEAT else self._emptied(sensor)
+            blocks[sensor] = self._decoded(sensor, first + queued(self._subscriptions[sensor]))
+        for sensor, part in in_stamp_order({sensor: block.stamps_ns for sensor, block in blocks.items()}):
+            take, block = guarded(self._take, partial(self._refuse, sensor)), blocks[sensor]
+            take(sensor, block.stamps_ns[part], block.accel_mps2[part])
+        for sensor, block in blocks.items():
+            if len(block):
+                self._note_arrival(sensor, int(block.stamps_ns[-1]))
+
+    def _emptied(self, sensor: str) -> list[bytes]:
+        """Take the messages out of a sensor's inbox."""
+        inbox = self._inbox[sensor]
+        messages = inbox.copy()
+        inbox.clear()
+        return messages
+
+    def _decoded(self, sensor: str, messages: list[bytes]) -> ImuBlock:
+        if messages:
+            self.health[sensor].arrived(len(messages))
+        try:
+            return decode_imu(messages)
+        except InputError:
+            return decode_imu([message for message in messages if self._is_readable(sensor, message)])
 
     def _is_readable(self, sensor: str, message: bytes) -> bool:
         """Whether a message can be decoded; one that cannot is counted and costs nothing but itself."""
@@ -159,3 +192,15 @@ class Subscriptions:
 
     def _topic(self, sensor: str) -> str:
         return self._node.resolve_topic_name(topics.INPUT[sensor])
+
+
+def queued(subscription: Any) -> list[bytes]:
+    """Take the messages that wait in a raw subscription's queue; the executor finds nothing where it comes for them."""
+    messages: list[bytes] = []
+    with subscription.handle:
+        for _ in range(subscription.qos_profile.depth):  # a publisher may send as fast as this takes
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                break
+            messages.append(taken[0])
+    return messages
