@@ -1,10 +1,12 @@
 """Comparison: measurement beside prediction on the seat's grid, their residual, and doses of the low-passed sensors.
 
-Instants wait until every sensor has come, or until they are `wait_s` of stamp time old; what is missing then is NaN.
+Instants wait until every sensor has come. The seat's samples give up those that are `wait_s` of stamp time older; what
+is missing then is NaN.
 """
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -117,7 +119,7 @@ class _Instants(NamedTuple):
 
 
 class Comparison:
-    """`seat` and `sensor` feed it, `release` hands out every instant that is complete or overdue."""
+    """`seat` and `sensor` feed it, `release` hands out every instant that is complete or given up."""
 
     def __init__(self, seat_rate_hz: float, wait_s: float, window_s: float) -> None:
         self._wait_s = wait_s
@@ -130,10 +132,12 @@ class Comparison:
         self.compared = DoseMeter("Wk", seat_rate_hz, _COMPARED + N_SEGMENTS + 1, window_s)
 
     def seat(self, block: Block, predicted_mps2: Floats) -> None:
-        """Add the seat's instants with what the model predicts there, (n, 6)."""
+        """Add the seat's instants with what the model predicts there, (n, 6); what was overdue before is given up."""
         self._epoch_ns = block.epoch_ns
         if self._pending and block.time_s[0] <= self._pending[-1].time_s[-1]:  # stamps had leapt ahead and are back
-            self._given_up.append(self._released(give_up=True))
+            self._given_up.append(self._released(give_up_s=math.inf))
+        elif self.overdue:
+            self._given_up.append(self._released(give_up_s=float(self._pending[-1].time_s[-1]) - self._wait_s))
         self._pending.append(_Instants.of(block, predicted_mps2))
 
     def sensor(self, name: str, blocks: list[Block]) -> None:
@@ -142,7 +146,7 @@ class Comparison:
 
     @property
     def overdue(self) -> bool:
-        """Whether instants wait longer than they may."""
+        """Whether instants wait longer than they may: the seat's next sample gives them up."""
         waiting = self._pending
         return bool(waiting) and float(waiting[-1].time_s[-1] - waiting[0].time_s[0]) > 1.1 * self._wait_s
 
@@ -151,20 +155,21 @@ class Comparison:
         return all(aligner.reaches(first_s, self._epoch_ns) for aligner in self._aligners.values())
 
     def release(self, give_up: bool = False) -> MeasuredFrames:
-        """Answer what all sensors have reached, or what is overdue; everything where `give_up`."""
-        found = self._released(give_up)
+        """Answer what all sensors have reached, and what was given up; everything where `give_up`."""
+        found = self._released(math.inf if give_up else -math.inf)
         if not self._given_up:
             return found
         parts, self._given_up = [*self._given_up, found], []
         return MeasuredFrames(*map(np.concatenate, zip(*parts, strict=True)))
 
-    def _released(self, give_up: bool) -> MeasuredFrames:
-        if not self._pending or not (give_up or self.overdue or self._first_is_reached()):
+    def _released(self, give_up_s: float) -> MeasuredFrames:
+        """Answer what all sensors have reached, and every instant before `give_up_s`."""
+        if not self._pending or not (give_up_s > self._pending[0].time_s[0] or self._first_is_reached()):
             return NO_MEASURED
         grid = _Instants.join(self._pending)
         answers = [aligner.read(grid.time_s, self._epoch_ns) for aligner in self._aligners.values()]
-        overdue = int(np.searchsorted(grid.time_s, grid.time_s[-1] - self._wait_s))
-        ready = grid.time_s.size if give_up else max(overdue, min(answered for _, answered in answers))
+        given_up = int(np.searchsorted(grid.time_s, give_up_s))
+        ready = max(given_up, min(answered for _, answered in answers))
         self._pending = [grid.after(ready)] if ready < grid.time_s.size else []
         if ready == 0:
             return NO_MEASURED

@@ -11,7 +11,6 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from biodyn_core.exposure import Dose
 from biodyn_core.frames import NO_FRAMES, NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames, joined
 from biodyn_core.gravity import Gravity
 from biodyn_core.injury import Dri, Hic
+from biodyn_core.interleaving import in_turns
 from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
 from biodyn_core.keeping import KeptExposure, Lost
 from biodyn_core.levelling import Vector, first_axis_rad
@@ -231,6 +231,11 @@ class Pipeline:
         }  # fmt: skip
 
     @property
+    def overdue(self) -> bool:
+        """Whether the seat's next sample gives instants up: push first the samples that have arrived of all sensors."""
+        return self._seat is not None and self._seat.comparison.overdue
+
+    @property
     def cutoff_hz(self) -> float:
         """The low-pass's cut-off of the model's input and of comparisons."""
         return self._conditioners[SEAT].settings.cutoff_hz
@@ -276,9 +281,9 @@ class Pipeline:
                 if early:
                     self._seat.comparison.sensor(sensor, list(early))
             self._early.clear()
-        side = self._seat
+        side, gives_up = self._seat, self.overdue
         accel = [side.push(block) for block in blocks]
-        measured = side.comparison.release() if side.comparison.overdue or blocks[0].stamps_ns.size > 1 else NO_MEASURED
+        measured = side.comparison.release() if gives_up or blocks[0].stamps_ns.size > 1 else NO_MEASURED
         if len(blocks) == 1:
             return Frames(PredictedFrames(blocks[0].stamps_ns, accel[0]), measured)
         stamps = np.concatenate([block.stamps_ns for block in blocks])
@@ -301,13 +306,8 @@ class Pipeline:
 
 def _in_turns(held: list[tuple[str, Block]]) -> list[tuple[str, Block]]:
     """Blocks of several sensors cut into slices, so that none runs far ahead of the others."""
-    parts = []
-    for name, block in held:
-        time_s = block.epoch_ns * 1e-9 + block.time_s
-        slots = np.floor(time_s / SLICE_S)
-        cuts = [0, *(np.flatnonzero(np.diff(slots)) + 1).tolist(), block.time_s.size]
-        parts += [(float(slots[a]), name, block.part(a, b)) for a, b in pairwise(cuts)]
-    return [(name, part) for _, name, part in sorted(parts, key=lambda item: item[0])]
+    turns = in_turns([block.epoch_ns * 1e-9 + block.time_s for _, block in held], SLICE_S)
+    return [(held[number][0], held[number][1].part(begin, end)) for number, begin, end in turns]
 
 
 def _check_effects(subject: Subject) -> None:

@@ -17,9 +17,10 @@ import rclpy
 from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from biodyn_core import kernels
@@ -44,6 +45,7 @@ from biodyn_ros.node.state import BELIEVED, Keeper, StateFile, belongs_to, state
 from biodyn_ros.node.subscriptions import Subscriptions
 from biodyn_ros.node.warmup import warm_up
 from biodyn_ros.resources import subject_file
+from biodyn_ros.shutdown import Shutdown
 
 DRAIN_RATE_HZ: Final = 100.0
 """One of the six sensors is served at each tick, so that no drain holds up the seat for long."""
@@ -150,7 +152,9 @@ class BiodynNode(LifecycleNode):
         pipeline = Pipeline(subject, conditioning, settings, limits)
         self._keeper = self._new_keeper(subject)
         self._showing = Showing(self.settings.shock_mps2)
-        self._sensors = Subscriptions(self, self.settings.queue_depth, settings.window_s, self._take)
+        self._sensors = Subscriptions(
+            self, self.settings.queue_depth, settings.window_s, self._take, lambda: pipeline.overdue
+        )
         self._watch, self._statuses = Watch(pipeline, self._sensors.health), []
         self._answers = Publications(self, self.settings.publish_measured)
         self._services_made = [
@@ -195,11 +199,23 @@ class BiodynNode(LifecycleNode):
             self.destroy_service(service)
         self._sensors = self.pipeline = None
 
+    def last_stages(self) -> tuple[tuple[str, Callable[[], None]], ...]:
+        """What is to be done at the end, by name: exposure first, whatever hangs behind it; the page ends meanwhile."""
+        return (
+            ("the exposure file", self._keep_for_the_last_time),
+            ("asking the page", self._ask_page),
+            ("the node", super().destroy_node),
+            ("the page", self._end_page),
+        )
+
     def destroy_node(self) -> None:
         """Leave nothing behind but the exposure that is kept."""
-        self._end_page()
-        self._keep_for_the_last_time()
-        super().destroy_node()
+        for _, run in self.last_stages():
+            run()
+
+    def _ask_page(self) -> None:
+        if self._page is not None:
+            self._page.ask()
 
     def _end_page(self) -> None:
         page, self._page = self._page, None
@@ -293,15 +309,30 @@ class BiodynNode(LifecycleNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the live node until SIGINT or SIGTERM; exit code 2, with one line, when it cannot start."""
+    with Shutdown("biodyn live", interrupts=True) as shutdown:
+        try:
+            given = sys.argv if args is None else ["biodyn_live", *args]
+            rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+        except RCLError as error:  # arguments that ROS cannot read; behind ", at /" it says where in its own source
+            print(f"biodyn live: {str(error).partition(', at /')[0]}", file=sys.stderr)
+            return 2
+        try:
+            return _run(shutdown)
+        except InputError as error:
+            print(f"biodyn live: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:  # before it was up
+            return 0
+        finally:
+            shutdown.through([("the ROS context", rclpy.try_shutdown)])
+
+
+def _run(shutdown: Shutdown) -> int:
+    """Start the node, spin until a signal comes, and end it; the exit code."""
+    shutdown.stage = "the start"
+    node = BiodynNode()
+    executor = make_executor()
     try:
-        rclpy.init(args=sys.argv if args is None else ["biodyn_live", *args])
-    except RCLError as error:  # arguments that ROS cannot read; behind ", at /" it says where in its own source
-        print(f"biodyn live: {str(error).partition(', at /')[0]}", file=sys.stderr)
-        return 2
-    node = None
-    try:
-        node = BiodynNode()
-        executor = make_executor()
         executor.add_node(node)
         if params.read(node, LiveSettings).autostart:
             node.trigger_configure()
@@ -312,17 +343,12 @@ def main(args: list[str] | None = None) -> int:
         # What exists now lives as long as this process: the collector need not walk it again, which takes milliseconds.
         gc.collect()
         gc.freeze()
-        spin(executor, until=lambda: not rclpy.ok())
-    except InputError as error:
-        print(f"biodyn live: {error}", file=sys.stderr)
-        return 2
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except RCLError:
-        if rclpy.ok():  # otherwise a signal ended the context in the middle of a transition
-            raise
+        ended = Future()
+        shutdown.interrupts, shutdown.stage = False, "a callback"
+        shutdown.on_asked(lambda: ended.set_result(None))
+        spin(executor, ended)
+        return 0
     finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return 0
+        shutdown.interrupts = False
+        keep, *others = node.last_stages()
+        shutdown.through((keep, ("the executor", executor.shutdown), *others))

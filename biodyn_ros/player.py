@@ -16,12 +16,11 @@ from typing import Any, Final, Literal
 
 import rclpy
 from builtin_interfaces.msg import Time
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import ROSClock
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from biodyn_core.errors import InputError
@@ -30,6 +29,7 @@ from biodyn_ros.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
 from biodyn_ros.playback import Lap, Played, in_order, played_on
 from biodyn_ros.player_settings import PlayerSettings
 from biodyn_ros.progress import OnProgress, unwatched
+from biodyn_ros.shutdown import Shutdown
 
 CLOCK_STEP_NS: Final = 10_000_000
 TOLD_STEP_NS: Final = 100_000_000
@@ -124,7 +124,11 @@ class Player(Node):
         """Wait until reliable subscribers have acknowledged all, and a moment for others; warn when time runs out."""
         deadline = time.monotonic() + ACKNOWLEDGED_WITHIN_S
         for name, output in self._outputs.items():
-            if not output.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic()))):
+            # A moment at a time: a signal interrupts between two of them alone.
+            while not (acknowledged := output.wait_for_all_acked(Duration(seconds=PATIENCE_S))):
+                if time.monotonic() > deadline:
+                    break
+            if not acknowledged:
                 self.get_logger().warning(f"{self._names[name]}: a subscriber has not acknowledged all in time")
         time.sleep(MOMENT_S)
 
@@ -185,22 +189,22 @@ def _has_header(cls: Any) -> bool:
 
 def play(bag: Path, settings: PlayerSettings, progress: OnProgress = unwatched, **how: Any) -> Played:
     """Play a bag as a process of its own until its end, SIGINT or SIGTERM; how: mapping and time of the `Player`."""
-    rclpy.init()
-    player = None
-    try:
-        player = Player(bag, settings, progress, **how)
-        for topic in player.wait_for_subscribers(rclpy.ok):
-            player.get_logger().warning(f"nobody listens to {topic}")
-        played = player.play(rclpy.ok)
-        if rclpy.ok():
+    with Shutdown("biodyn play", interrupts=True) as shutdown:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        player = None
+        try:
+            shutdown.stage = "playing"
+            player = Player(bag, settings, progress, **how)
+            for topic in player.wait_for_subscribers():
+                player.get_logger().warning(f"nobody listens to {topic}")
+            played = player.play()
             player.flush()
-    except (ExternalShutdownException, RCLError):
-        if rclpy.ok():  # otherwise a signal ended the context in the middle of a message
-            raise
-        return player.played() if player else Played({}, 0.0)
-    else:
-        return played
-    finally:
-        if player is not None:
-            player.destroy_node()
-        rclpy.try_shutdown()
+        except KeyboardInterrupt:
+            return player.played() if player else Played({}, 0.0)
+        else:
+            return played
+        finally:
+            shutdown.interrupts = False
+            if player is not None:
+                shutdown.through([("the node", player.destroy_node)])
+            shutdown.through([("the ROS context", rclpy.try_shutdown)])

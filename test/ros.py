@@ -128,15 +128,15 @@ class Sensors:
         """Whether everybody is listened to."""
         return all(output.get_subscription_count() > 0 for output in self.outputs.values())
 
-    def send(self, count: int | None = None, only: tuple[str, ...] | None = None) -> int:
-        """Publish the next messages (all of them without a count), spinning in between; returns how many."""
+    def send(self, count: int | None = None, only: tuple[str, ...] | None = None, spinning: bool = True) -> int:
+        """Publish the next messages (all of them without a count), spinning in between or not; returns how many."""
         batch, self._queue = (self._queue[:count], self._queue[count:]) if count else (self._queue, [])
         sent = 0
         for number, (_, sensor, message) in enumerate(batch):
             if only is None or sensor in only:
                 self.outputs[sensor].publish(message)
                 sent += 1
-            if number % 100 == 99:
+            if spinning and number % 100 == 99:
                 for _ in range(100):
                     self.graph.executor.spin_once(timeout_sec=0.0)
         return sent

@@ -204,3 +204,13 @@ def test_the_offset_of_a_clock_that_drifts_is_that_of_now() -> None:
 def test_every_cause_is_counted_somewhere() -> None:
     counted = {"lost", "errors"} | set(vars(Pipeline(subject()).status(SEAT)))
     assert set(CAUSES) <= counted
+
+
+def test_numbers_that_are_missing_are_lost_and_another_publisher_begins_its_own() -> None:
+    health = SensorHealth()
+    for number, received in ((7, 1), (9, 3), (14, 6), (2, 7), (3, 8)):  # 2 comes from another one
+        health.numbered(number, received)
+    assert health.lost == 2
+    health.forget_numbers()
+    health.numbered(900, 9)
+    assert health.lost == 2

@@ -44,6 +44,7 @@ LAYERS = (
         "frames",
         "heading",
         "injury",
+        "interleaving",
         "judgement",
         "keeping",
         "levelling",

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
+from rclpy.event_handler import QoSSubscriptionEventType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -91,6 +92,57 @@ def test_it_predicts_every_sample_of_every_segment_as_the_pipeline_does(graph: G
         np.testing.assert_array_equal(linear[:, 2], predicted[:, column])
         np.testing.assert_array_equal(linear[:, :2], 0.0)
     assert {message.header.frame_id for message in typed} == {"head"}
+
+
+def test_behind_a_stall_longer_than_comparisons_wait_everything_that_arrived_is_compared(graph: Graph) -> None:
+    whole = [
+        f"qos_overrides./{topic}.subscription.{policy}"
+        for topic in topics.INPUT.values()
+        for policy in ("reliability:=reliable", "depth:=200000")
+    ]
+    node = graph.active(tuple(w for one in whole for w in ("-p", one)), publish_measured=True, state_file="none")
+    assert node.pipeline is not None
+    tester = graph.node()
+    topic = topics.absolute(topics.MEASURED["head"])
+    head = graph.collect(tester, AccelStamped, topic, raw=True)
+    seat = graph.collect(tester, AccelStamped, topics.absolute(topics.MEASURED[SEAT]), raw=True)
+    sensors = Sensors(graph, SENSORS)
+    graph.wait(sensors.matched, "six inputs matched")
+    graph.wait(lambda: tester.count_publishers(topic) == 1, "the output is found")
+    graph.spin(0.5)
+    sensors.send(6 * 2500)
+    graph.wait(lambda: head, "comparisons begin")
+    before = len(seat)
+    sensors.send(spinning=False)  # longer than wait_s in stamp time, and the node stands still meanwhile
+    last_ns = int(noisy_streams()[0].stamps_ns[-1])
+
+    def newest_ns() -> int:
+        return int(decode_accel_stamped(seat[-1:])[0][0])
+
+    graph.wait(lambda: newest_ns() > last_ns - 100_000_000, "the last comparison")
+    assert len(seat) - before > 1.5 * 1125
+
+    def missing() -> set[int]:
+        compared = set(decode_accel_stamped(head)[0].tolist())
+        return {stamp for stamp in decode_accel_stamped(seat)[0].tolist() if stamp > min(compared)} - compared
+
+    graph.wait(lambda: not missing(), "every comparison")
+
+
+def test_messages_that_the_queue_cannot_hold_are_counted_as_lost_without_the_event_that_deadlocks(graph: Graph) -> None:
+    node = graph.active(queue_depth=200, state_file="none")
+    assert node._sensors is not None
+    for subscription in node._sensors._subscriptions.values():
+        kinds = {handler.event_type for handler in subscription.event_handlers}
+        assert QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST not in kinds
+    sensors, health = Sensors(graph, SENSORS), node._sensors.health
+    graph.wait(sensors.matched, "six inputs matched")
+    graph.wait(lambda: all(one.publishers == 1 for one in health.values()), "the publishers are seen")
+    sensors.send(6 * 150, spinning=False)
+    graph.wait(lambda: all(one.messages == 150 for one in health.values()), "the first messages")
+    sensors.send(6 * 500, spinning=False)
+    graph.wait(lambda: all(one.messages + one.lost == 650 for one in health.values()), "the last messages")
+    assert {one.lost for one in health.values()} == {300}
 
 
 def test_exposure_and_residual_are_published_and_agree_with_the_pipeline(graph: Graph) -> None:

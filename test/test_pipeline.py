@@ -152,6 +152,32 @@ def test_a_late_sensor_is_waited_for_and_one_too_late_is_not() -> None:
     np.testing.assert_array_equal(beyond.predicted, whole.predicted)
 
 
+@pytest.mark.parametrize("backlog", [SENSORS[1:], SENSORS[:0:-1]])
+def test_the_seat_s_samples_alone_give_up_so_that_a_backlog_is_compared_whole(backlog: tuple[str, ...]) -> None:
+    streams = noisy_streams()
+    by_name = {stream.sensor: stream for stream in streams}
+    pipeline, first, measured = Pipeline(subject()), 2000, []
+
+    def push(name: str, begin: int, end: int) -> None:
+        pushed = pipeline.push(name, by_name[name].stamps_ns[begin:end], by_name[name].accel_mps2[begin:end])
+        measured.append(pushed.measured)
+
+    for name in SENSORS:
+        push(name, 0, first)
+    at = first
+    while not pipeline.overdue:
+        push(SEAT, at, at + 1)
+        at += 1
+    assert at - first == pytest.approx(1.1 * RATE_HZ, rel=0.02)
+    for name in backlog:
+        push(name, first, at)
+    push(SEAT, at, at + 1)
+    assert not pipeline.overdue
+    rows = np.concatenate([one.accel_mps2 for one in measured])
+    assert not np.isnan(rows[20:]).any()
+    assert len(rows) > at - 1000  # all but rest and look-ahead
+
+
 def test_a_gap_of_the_seat_restarts_the_model_and_says_what_is_missing() -> None:
     streams = noisy_streams()
     cuts = [cut for cut in in_turn(streams, 100) if cut[0] != SEAT or not 2000 <= cut[1] < 2300]

@@ -10,7 +10,8 @@ import tempfile
 
 from biodyn_ros.dashboard.settings import TOKEN_VARIABLE, ServingSettings, address_of, page_token, port_of
 
-ENDS_WITHIN_S = 3.0
+ENDS_WITHIN_S = 2.0
+"""Behind the node's own end, which is bounded too."""
 
 
 class PageChild:
@@ -45,11 +46,15 @@ class PageChild:
         lines = self._said.read().decode("utf-8", "replace").strip().splitlines()
         return lines[-1] if lines else f"its process ended with {self._process.returncode}"
 
-    def end(self) -> None:
-        """End it, and wait for that."""
+    def ask(self) -> None:
+        """Ask it to end."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):
             self._process.stdin.close()
+
+    def end(self) -> None:
+        """End it, and wait for that."""
+        self.ask()
         try:
             self._process.wait(ENDS_WITHIN_S)
         except subprocess.TimeoutExpired:

@@ -18,6 +18,7 @@ from biodyn_ros.dashboard.feed import SERVICES, Feed
 from biodyn_ros.dashboard.hub import Hub
 from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token
 from biodyn_ros.resources import package_directory
+from biodyn_ros.shutdown import Shutdown
 
 FILES: Final = {"/": "index.html", "/page.js": "page.js", "/page.css": "page.css"}
 TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
@@ -117,17 +118,19 @@ def serve(node: str, serving: ServingSettings, told: Callable[[str], None], unti
 
     Raises InputError where the address is taken, or the name is none.
     """
-    asyncio.run(_serve(node, serving, told, until_input_ends))
+    with Shutdown("biodyn page") as shutdown:
+        asyncio.run(_serve(node, serving, told, until_input_ends, shutdown))
 
 
-async def _serve(node: str, serving: ServingSettings, told: Callable[[str], None], until_input_ends: bool) -> None:
+async def _serve(
+    node: str, serving: ServingSettings, told: Callable[[str], None], until_input_ends: bool, shutdown: Shutdown
+) -> None:
     loop, ended, hub, token = asyncio.get_running_loop(), asyncio.Event(), Hub(), page_token()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, ended.set)
+    shutdown.on_asked(lambda: loop.call_soon_threadsafe(ended.set))
     if until_input_ends:
-        threading.Thread(target=_wait_for_input, args=(loop, ended), daemon=True).start()
+        threading.Thread(target=_wait_for_input, daemon=True).start()
     site = Site(serving, token, hub)
-    runner = web.ServerRunner(Door(site.handle), shutdown_timeout=0.5)
+    runner = web.ServerRunner(Door(site.handle), shutdown_timeout=0.1)
     await runner.setup()
     try:
         port = await _listen(runner, serving)
@@ -136,8 +139,10 @@ async def _serve(node: str, serving: ServingSettings, told: Callable[[str], None
             told(address_of(serving.page_host, port, token))
             await ended.wait()
         finally:
+            shutdown.stage = "its ROS node"
             site.feed.close()
     finally:
+        shutdown.stage = "the visitors' connections"
         await runner.cleanup()
 
 
@@ -153,10 +158,9 @@ async def _listen(runner: Any, serving: ServingSettings) -> int:
     return int(runner.addresses[0][1])
 
 
-def _wait_for_input(loop: asyncio.AbstractEventLoop, ended: asyncio.Event) -> None:
+def _wait_for_input() -> None:
     # The descriptor itself: Python cannot end while another thread holds the buffer of sys.stdin.
     with contextlib.suppress(OSError):
         while os.read(0, 4096):
             pass
-    with contextlib.suppress(RuntimeError):  # the loop has ended first
-        loop.call_soon_threadsafe(ended.set)
+    os.kill(os.getpid(), signal.SIGTERM)  # the end is bounded as behind any signal

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from biodyn_core.errors import one_line
+
+SPIN_S: Final = 0.5
 
 
 def make_executor(context: Any = None) -> Any:
@@ -22,23 +22,14 @@ def make_executor(context: Any = None) -> Any:
     return EventsExecutor(context=context)
 
 
-def spin(executor: Any, until: Callable[[], bool]) -> None:
-    """Spin a tenth of a second at a time, waiting for what never comes, until then or until SIGINT; in the main thread.
+def spin(executor: Any, ended: Future) -> None:
+    """Spin until the future is done, which any thread may do.
 
-    EventsExecutor's own `spin` busy-loops in rclpy 7.1, and its `spin_once` comes back after every single message.
-    SIGINT raises nothing meanwhile: what it would interrupt is a callback, and rclpy would tell of a failed one.
+    EventsExecutor's own `spin` busy-loops in rclpy 7.1, and its `spin_once` comes back after every single message. Its
+    timeout does not count while messages wait: a node that cannot keep up with its sensors ends by the future alone.
     """
-    asked: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: asked.append(number))
-    try:
-        while not (asked or until()):
-            try:
-                executor.spin_until_future_complete(Future(), timeout_sec=0.1)
-            except RCLError:
-                if not until():  # a signal may end the context between the question and the spin
-                    raise
-    finally:
-        signal.signal(signal.SIGINT, before)
+    while not ended.done():
+        executor.spin_until_future_complete(ended, timeout_sec=SPIN_S)
 
 
 def guarded(callback: Callable[..., None], tell: Callable[[str], None]) -> Callable[..., None]:

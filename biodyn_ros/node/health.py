@@ -114,12 +114,24 @@ class SensorHealth:
     drift: ClockDrift | None = None
     growth: Growth = field(default_factory=Growth)
     now: Callable[[], float] = time.monotonic
+    _numbers_from: int | None = None
     _offsets_s: deque[tuple[float, float]] = field(default_factory=deque)
 
     def arrived(self, count: int = 1) -> None:
         """Note that messages came just now."""
         self.arrived_s = self.now()
         self.messages += count
+
+    def numbered(self, number: int, received: int) -> None:
+        """Note the number that the only publisher gave the message received as so-manieth: losses set the two apart."""
+        ahead = number - received
+        if self._numbers_from is not None and ahead > self._numbers_from:
+            self.lost += ahead - self._numbers_from
+        self._numbers_from = ahead
+
+    def forget_numbers(self) -> None:
+        """Another publisher has numbers of its own."""
+        self._numbers_from = None
 
     def refused(self, why: str) -> None:
         """Note that a message could not be used."""

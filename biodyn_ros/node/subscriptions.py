@@ -1,17 +1,19 @@
 """The node's ears: six subscriptions whose messages become arrays, and what their transport tells of each sensor.
 
 The seat's message is handed on at once, because it carries the model. The other sensors are drained in turn: only the
-comparison needs them, and many messages decode together for the price of a few.
+comparison needs them, and many messages decode together for the price of a few. Behind a stall the seat's backlog would
+overtake them: before comparisons are given up, the messages of all sensors are taken and handed on by their stamps.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+from rclpy import get_rmw_implementation_identifier
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import HistoryPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
@@ -20,40 +22,57 @@ from sensor_msgs.msg import Imu
 
 from biodyn_core.arrays import Floats, Integers
 from biodyn_core.errors import InputError
+from biodyn_core.interleaving import in_stamp_order
 from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros import topics
-from biodyn_ros.cdr import IMU_TYPE, decode_imu, decode_imu_one
+from biodyn_ros.cdr import IMU_TYPE, ImuBlock, decode_imu, decode_imu_one
 from biodyn_ros.node.callbacks import guarded
 from biodyn_ros.node.health import SensorHealth
 
 Take = Callable[[str, Integers, Floats], None]
 """Takes a sensor's stamps (n,) ns and specific force (n, 3) m/s^2."""
 
+NUMBERING: Final = "rmw_fastrtps"
+"""Its numbers of messages tell of losses. Its event for lost messages can deadlock the node as one is lost: in Jazzy
+`take_event` and `update_sample_lost` take two locks in opposite order (ros2/rmw_fastrtps, pull request 890).
+"""
+
+MOST_SINGLY: Final = 100
+"""Behind so many single messages of the seat all queues are looked at too: they alone tell numbers, so losses."""
+
+IN_ORDER: Final = (*(sensor for sensor in SENSORS if sensor != SEAT), SEAT)
+"""Samples of the same time are handed on in this order: the seat's are compared with the others'."""
+
 
 class Subscriptions:
     """`open` them on activation, `close` them again; meanwhile `drain` and `look_around` in turn.
 
-    health: what transport tells, by sensor. It outlives a closing, as figures do.
+    overdue: whether the seat's next sample gives comparisons up. health: what transport tells, by sensor. It outlives a
+    closing, as figures do.
     """
 
-    def __init__(self, node: LifecycleNode, depth: int, window_s: float, take: Take) -> None:
-        self._node, self._depth, self._window_s, self._take = node, depth, window_s, take
+    def __init__(
+        self, node: LifecycleNode, depth: int, window_s: float, take: Take, overdue: Callable[[], bool]
+    ) -> None:
+        self._node, self._depth, self._window_s, self._take, self._overdue = node, depth, window_s, take, overdue
         self.health = {sensor: SensorHealth() for sensor in SENSORS}
         self._subscriptions: dict[str, Any] = {}
+        self._singly = 0
         self._seat_stamp_ns: int | None = None
-        self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS if sensor != SEAT}
+        self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS}
+        self._gids: dict[str, list[bytes]] = {}
+        self._are_numbered = get_rmw_implementation_identifier().startswith(NUMBERING)
         self._next_drained = itertools.cycle(SENSORS)
         self._next_compared = itertools.cycle(SENSORS)
 
     def open(self) -> None:
         """Listen to the six topics."""
         # The seat first: what it sends while others are being matched is not to be missed.
-        seat = guarded(self._on_seat, partial(self._refuse, SEAT))
-        self._subscriptions[SEAT] = self._subscribe(SEAT, seat)
-        for sensor, inbox in self._inbox.items():
-            inbox.clear()
+        self._subscriptions[SEAT] = self._subscribe(SEAT, guarded(self._on_seat, partial(self._refuse, SEAT)))
+        for sensor in IN_ORDER[:-1]:
+            self._inbox[sensor].clear()
             # Five sensors in six only wait for the next drain: nothing but the append runs per message.
-            self._subscriptions[sensor] = self._subscribe(sensor, inbox.append)
+            self._subscriptions[sensor] = self._subscribe(sensor, self._inbox[sensor].append)
 
     def close(self) -> None:
         """Listen no more."""
@@ -68,9 +87,7 @@ class Subscriptions:
             stamp_ns, self._seat_stamp_ns = self._seat_stamp_ns, None
             if stamp_ns is not None:
                 self._note_arrival(SEAT, stamp_ns)
-        elif messages := self._inbox[sensor]:
-            taken = messages.copy()
-            messages.clear()
+        elif taken := self._arrived(sensor):
             guarded(self._on_messages, partial(self._refuse, sensor))(sensor, taken)
 
     def look_around(self) -> None:
@@ -95,26 +112,60 @@ class Subscriptions:
             raw=True,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             event_callbacks=SubscriptionEventCallbacks(
-                message_lost=partial(self._on_lost, sensor),
+                message_lost=None if self._are_numbered else partial(self._on_lost, sensor),
                 incompatible_qos=partial(self._on_incompatible_qos, sensor),
             ),
         )
 
     def _on_seat(self, message: bytes) -> None:
+        self._singly += 1
+        if self._singly >= MOST_SINGLY or self._overdue():
+            self._singly = 0
+            self._catch_up(self._arrived(SEAT, [message]))
+            return
         stamp_ns, accel_mps2 = decode_imu_one(message)
         self._take(SEAT, np.array([stamp_ns]), np.array([accel_mps2]))
         self.health[SEAT].arrived()
         self._seat_stamp_ns = stamp_ns
 
     def _on_messages(self, sensor: str, messages: list[bytes]) -> None:
-        self.health[sensor].arrived(len(messages))
-        try:
-            block = decode_imu(messages)
-        except InputError:
-            block = decode_imu([message for message in messages if self._is_readable(sensor, message)])
+        block = self._decoded(sensor, messages)
         if len(block):
             self._take(sensor, block.stamps_ns, block.accel_mps2)
             self._note_arrival(sensor, int(block.stamps_ns[-1]))
+
+    def _catch_up(self, of_seat: list[bytes]) -> None:
+        """Take the messages that have arrived of all sensors, the seat's are given; hand them on by stamps."""
+        messages = {sensor: of_seat if sensor == SEAT else self._arrived(sensor) for sensor in IN_ORDER}
+        blocks = {sensor: self._decoded(sensor, given) for sensor, given in messages.items()}
+        for sensor, part in in_stamp_order({sensor: block.stamps_ns for sensor, block in blocks.items()}):
+            take, block = guarded(self._take, partial(self._refuse, sensor)), blocks[sensor]
+            take(sensor, block.stamps_ns[part], block.accel_mps2[part])
+        for sensor, block in blocks.items():
+            if len(block):
+                self._note_arrival(sensor, int(block.stamps_ns[-1]))
+
+    def _arrived(self, sensor: str, before: Sequence[bytes] = ()) -> list[bytes]:
+        """Take a sensor's messages: those given, those of its inbox, and those that still wait in its queue.
+
+        Only the queue tells the numbers of messages: the executor calls back without them.
+        """
+        messages = [*before, *self._inbox[sensor]]
+        self._inbox[sensor].clear()
+        waiting = queued(self._subscriptions[sensor])
+        messages += [message for message, _ in waiting]
+        health = self.health[sensor]
+        if waiting and self._are_numbered and health.publishers == 1:
+            health.numbered(waiting[-1][1]["publication_sequence_number"], health.messages + len(messages))
+        return messages
+
+    def _decoded(self, sensor: str, messages: list[bytes]) -> ImuBlock:
+        if messages:
+            self.health[sensor].arrived(len(messages))
+        try:
+            return decode_imu(messages)
+        except InputError:
+            return decode_imu([message for message in messages if self._is_readable(sensor, message)])
 
     def _is_readable(self, sensor: str, message: bytes) -> bool:
         """Whether a message can be decoded; one that cannot is counted and costs nothing but itself."""
@@ -148,6 +199,10 @@ class Subscriptions:
         text = f"{self._topic(sensor)}: a publisher sends {wrong[0]}, {IMU_TYPE} is needed" if wrong else ""
         if text and text != health.wrong_type:
             self._node.get_logger().error(text)
+        gids = [bytes(info.endpoint_gid) for info in found]
+        if gids != self._gids.get(sensor):
+            self._gids[sensor] = gids
+            health.forget_numbers()
         health.publishers, health.wrong_type = len(found), text
         if all(self._hears(sensor, info) for info in found if info.topic_type == IMU_TYPE):
             health.incompatible_qos = ""  # whoever offered it has gone
@@ -159,3 +214,18 @@ class Subscriptions:
 
     def _topic(self, sensor: str) -> str:
         return self._node.resolve_topic_name(topics.INPUT[sensor])
+
+
+def queued(subscription: Any) -> list[tuple[bytes, Any]]:
+    """Take the messages that wait in a raw subscription's queue, with what rclpy tells of their transport.
+
+    The executor finds nothing where it comes for them.
+    """
+    waiting: list[tuple[bytes, Any]] = []
+    with subscription.handle:
+        for _ in range(subscription.qos_profile.depth):  # a publisher may send as fast as this takes
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                break
+            waiting.append(taken)
+    return waiting
