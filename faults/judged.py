@@ -15,6 +15,9 @@ from faults.drive import Driven, drive, seconds_of
 from faults.ride import RATE_HZ, SECONDS, ride
 from faults.stamps import Fault
 
+BEGINNING: Final = ("gravity needs", "waiting for rest", "no message")
+"""Said of every sensor that begins."""
+
 WITHIN_S: Final = 2.0
 """So long after a fault's end everything is to be normal again."""
 
@@ -73,7 +76,7 @@ def _about_others(driven: Driven, sensor: str) -> Iterator[str]:
     """A fault of one is nobody else's."""
     for name in SENSORS:
         said = {look.statuses[name].message for look in driven.looks if look.statuses[name].level != OK}
-        said = {message for message in said if "waiting for rest" not in message and "no message" not in message}
+        said = {message for message in said if not any(word in message for word in BEGINNING)}
         if name != sensor and said:
             yield f"{name} is blamed: {sorted(said)}"
         if name != sensor and driven.pipeline.lost(name).missing_s > 0.0:

@@ -20,8 +20,9 @@ from biodyn_core.synthesis import ImuStream, SensorSettings, imu_streams, load_c
 from biodyn_ros import topics
 from biodyn_ros.cdr import decode_imu
 from biodyn_ros.live import BiodynNode
-from biodyn_ros.playback import Played, PlayerSettings
+from biodyn_ros.playback import Played
 from biodyn_ros.player import Player
+from biodyn_ros.player_settings import PlayerSettings
 
 RATE_HZ = 300.0
 LAPS = 2.6

@@ -68,7 +68,7 @@ def test_lower_bounds_say_why() -> None:
         document({"lower_bound": True}, {"lower_bound": True, "missing_s": 0.25, "clipped_samples": 3})
     )
     assert read is not None
-    assert read.bounds == "≥ means at least: 0.250 s are missing, 3 samples are clipped."
+    assert read.bounds == "≥ means at least: 0.250 s are missing, 3 samples clipped."
     assert all(each.vdv_lower_bound and not each.aw_lower_bound for each in read.axes)
     one = meter_readings(document({"lower_bound": True}))
     assert one is not None

@@ -81,11 +81,14 @@ def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
                 graph.wait(lambda: player.poll() is not None, "the bag is played", ARRIVES_WITHIN_S)
                 assert player.returncode == 0
                 counts = {topic: len(owed(topic, frames)) for topic, frames in expected.items()}
-                arrived = lambda: all(len(got[topic]) >= count for topic, count in counts.items())  # noqa: E731
-                graph.wait(arrived, "every prediction and measurement", ARRIVES_WITHIN_S)
+                graph.wait(
+                    lambda: all(len(got[topic]) >= count for topic, count in counts.items()),
+                    "every prediction and measurement", ARRIVES_WITHIN_S,
+                )  # fmt: skip
                 final = document["sensors"][SEAT]["vdv_mps175"]
-                reached = lambda: vdv and vdv[-1].data == pytest.approx(final, rel=1e-9)  # noqa: E731
-                graph.wait(reached, "the final VDV", ARRIVES_WITHIN_S)
+                graph.wait(
+                    lambda: vdv and vdv[-1].data == pytest.approx(final, rel=1e-9), "the final VDV", ARRIVES_WITHIN_S
+                )
                 count = len(diagnostics)
                 graph.wait(lambda: len(diagnostics) > count + 1, "diagnostics after the end")
             live.send_signal(signal.SIGINT)
@@ -103,7 +106,8 @@ def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
 def owed(topic: str, frames: dict[int, float]) -> set[int]:
     """The stamps that must come: only the last second of measurements may still be waiting."""
     waiting_ns = 0 if topic in topics.PREDICTED.values() else 1_100_000_000
-    return {stamp for stamp in frames if stamp <= max(frames) - waiting_ns}
+    last_ns = max(frames) - waiting_ns
+    return {stamp for stamp in frames if stamp <= last_ns}
 
 
 def assert_equal_by_stamp(topic: str, messages: list[bytes], frames: dict[int, float]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from biodyn_core.segments import SEAT
+from biodyn_core.wording import counted
 from biodyn_ros.wording import HORIZONTAL
 
 AXES: Final = ("x", "y", "z")
@@ -65,6 +66,6 @@ def _axis(axis: str, seat: dict[str, Any], dose: dict[str, Any]) -> AxisReading:
 def _bounds(seat: dict[str, Any], dose: dict[str, Any]) -> str:
     if dose["lower_bound"]:
         clipped = dose["clipped_samples"]
-        and_clipped = f", {clipped} samples are clipped" if clipped else ""
+        and_clipped = f", {counted(clipped, 'sample')} clipped" if clipped else ""
         return f"≥ means at least: {dose['missing_s']:.3f} s are missing{and_clipped}."
     return "≥ means at least: a horizontal axis gives nothing." if seat["lower_bound"] else ""
