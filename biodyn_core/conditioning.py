@@ -17,7 +17,7 @@ from biodyn_core.arrays import Floats, Integers
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.errors import InputError
-from biodyn_core.gravity import Gravity, GravitySearch
+from biodyn_core.gravity import IDLING_MPS2, Gravity, GravitySearch
 from biodyn_core.kernels import rails
 from biodyn_core.kernels import sensor as kernel
 from biodyn_core.kernels.compiling import views
@@ -257,10 +257,11 @@ class Conditioner:
         moving_mps2, waited_s = waiting.moving_rms_mps2, waiting.waited_s
         if moving_mps2 is None or waited_s < s.rest_s:
             return f"gravity needs {s.rest_s:g} s of samples (rest_s), {waited_s:.2g} s have come"
+        idling = f", or with an engine that idles set rest_rms_mps2 above {moving_mps2:.3f}"
         return (
-            f"waiting for rest: the sensor moves by {moving_mps2:.2g} m/s^2 rms, {s.rest_rms_mps2:g} is allowed: hold"
-            f" still, or with an engine that idles set rest_rms_mps2 above {moving_mps2:.2g};"
-            f" after {s.rest_patience_s:g} s (rest_patience_s) motion is averaged, {waited_s:.1f} s have passed"
+            f"waiting for rest: the sensor moves by {moving_mps2:.3f} m/s^2 rms, {s.rest_rms_mps2:g} is allowed: hold"
+            f" still{idling if moving_mps2 <= IDLING_MPS2 else ''}; after {s.rest_patience_s:g} s (rest_patience_s)"
+            f" motion is averaged, {waited_s:.1f} s have passed"
         )
 
     def _look_for_rest(self, stamps_ns: Integers, samples: Floats) -> tuple[Integers, Floats] | None:

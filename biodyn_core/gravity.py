@@ -26,6 +26,9 @@ Origin = Literal["begin", "rest", "other_record", "motion"]
 SAME_MOUNTING_MPS2: Final = 0.86
 """Means of one sensor in two records differ by less than this, 5 deg of tilt, where it was mounted alike."""
 
+IDLING_MPS2: Final = 1.0
+"""An engine that idles shakes a seat by less, rms: rest_rms_mps2 is not to be set higher than this."""
+
 PARTS: Final = 4
 """A window at rest may begin at any of so many parts of its length, so that rest need not last for two windows."""
 
@@ -63,10 +66,12 @@ class Gravity:
         if self.origin == "other_record":
             return f"no rest in the record: gravity is from the rest in {self.source}"
         averaged = "the length of gravity" if vertical_given else "gravity"
-        options = [] if vertical_given else ["give vertical"]
-        if self.quietest_mps2 is not None:
-            options.insert(0, f"set rest_rms_mps2 above {self.quietest_mps2:.2g}, which its quietest stretch has")
-        return f"no rest in the record: {averaged} is the mean over motion; {', or '.join(options)}".rstrip("; ")
+        line = f"no rest in the record: {averaged} is the mean over motion"
+        if self.quietest_mps2 is not None and self.quietest_mps2 <= IDLING_MPS2:
+            line += (
+                f"; with an engine that idles set rest_rms_mps2 above {self.quietest_mps2:.3f}, its quietest stretch"
+            )
+        return line if vertical_given else f"{line}; the parameter vertical gives the direction"
 
 
 class GravitySearch:
