@@ -123,7 +123,7 @@ class SensorHealth:
         self.messages += count
 
     def numbered(self, number: int, received: int) -> None:
-        """Note the number that the only publisher gave the message received as so-manieth: losses set the two apart."""
+        """Compare the number that the only publisher gave a message with the count received: losses set them apart."""
         ahead = number - received
         if self._numbers_from is not None and ahead > self._numbers_from:
             self.lost += ahead - self._numbers_from
