@@ -84,7 +84,7 @@ function meter(of) {
   $("readings").replaceChildren(
     reading("counted", "s", read ? [["", number(read.counted_s)]] : []),
     reading("aw", "m/s²", axes.map((each) => [each.axis, least(each.aw_lower_bound, number(each.aw_mps2))])),
-    reading("VDV", "m/s^1.75", axes.map((each) => [each.axis, least(each.vdv_lower_bound, number(each.vdv_mps175))])),
+    reading("VDV", "m/s¹·⁷⁵", axes.map((each) => [each.axis, least(each.vdv_lower_bound, number(each.vdv_mps175))])),
     reading("MTVV z", "m/s²", read ? [["", least(read.lower_bound, number(read.mtvv_mps2))]] : []),
     reading("peak z", "m/s²", read ? [["", least(read.lower_bound, number(read.peak_mps2))]] : []),
   );
