@@ -110,6 +110,7 @@ class Conditioner:
         self._waiting = self._new_wait()
         self._rest: Rest | None = None
         self._uncounted = 0
+        self._early: list[tuple[Integers, Floats]] = []
         self._state = np.zeros(kernel.STATE_SIZE)
         self._counts = np.zeros(kernel.COUNT_SIZE, dtype=np.int64)
         self._rails = np.zeros(rails.STATE_SIZE)
@@ -140,7 +141,8 @@ class Conditioner:
         stamps_ns = np.array(stamps_ns, dtype=np.int64, order="C")
         samples_mps2 = np.array(samples_mps2, dtype=np.float64, order="C")
         if self._rest is None:
-            found = self._look_for_rest(stamps_ns, samples_mps2)
+            look = self._look_for_rest if self.gravity is None else self._look_for_clock
+            found = look(stamps_ns, samples_mps2)
             if found is None:
                 return []
             stamps_ns, samples_mps2 = found
@@ -150,7 +152,7 @@ class Conditioner:
         """Answer what still waits: a sample that nothing followed, and the last run of a zero-phase sensor."""
         left = _NONE_LEFT
         if self._rest is None and self.gravity is not None and self._found_rest(final=True):
-            left = self._waiting.averaged
+            left = self._collected()
         if self._rest is None:
             return []
         return self._condition(*left, final=True) + self._filtered_run()
@@ -276,14 +278,25 @@ class Conditioner:
         found = self._found_rest()
         begin = int(np.flatnonzero(is_set)[-self._waiting.end()]) if found else len(stamps_ns)
         self._counts[kernel.UNSET] += int((~is_set[:begin]).sum())
-        if not found or self.gravity is None:
-            self.waited += begin
-        if not found:
-            return None
-        if self.gravity is None:
-            return stamps_ns[begin:], samples[begin:]
-        first_ns, first = self._waiting.averaged
-        return np.concatenate([first_ns, stamps_ns[begin:]]), np.concatenate([first, samples[begin:]])
+        self.waited += begin
+        return (stamps_ns[begin:], samples[begin:]) if found else None
+
+    def _look_for_clock(self, stamps_ns: Integers, samples: Floats) -> tuple[Integers, Floats] | None:
+        """With known gravity: collect until the clock is known; return all samples that came, or None until then."""
+        self._early.append((stamps_ns, samples))
+        is_set = stamps_ns != 0
+        self._waiting.add(stamps_ns[is_set], samples[is_set])
+        return self._collected() if self._found_rest() else None
+
+    def _collected(self) -> tuple[Integers, Floats]:
+        """The samples from the first one on that tells the clock; those before it, behind a break, are not counted."""
+        stamps_ns, samples = (np.concatenate(parts) for parts in zip(*self._early, strict=True))
+        self._early = []
+        self._waiting.end()
+        set_at = np.flatnonzero(stamps_ns != 0)
+        self.waited = int(set_at[min(self._uncounted, set_at.size - 1)])
+        self._counts[kernel.UNSET] += self.waited - int((stamps_ns[: self.waited] != 0).sum())
+        return stamps_ns[self.waited :], samples[self.waited :]
 
     def _found_rest(self, final: bool = False) -> bool:
         while True:
@@ -314,10 +327,7 @@ class Conditioner:
         else:
             known = dataclasses.replace(rest, mean_mps2=self.gravity.mean_mps2, in_motion=False)
             self.begin_known(known, rest.epoch_ns)
-            # The line through all these stamps holds from the first of them on.
-            periods = round(rest.last_time_s / rest.period_s)
-            self._state[kernel.TIME] = rest.last_time_s - (periods + 1) * rest.period_s
-            self.waited = self._uncounted = self._waiting.before
+            self._uncounted = self._waiting.before
 
     def _start(self, rest: Rest) -> None:
         """Design the filters for the rate found; they start in steady state for gravity: zero, once levelled."""

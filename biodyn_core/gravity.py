@@ -7,8 +7,7 @@ anywhere in the record, and conditioning begins at the first sample.
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, Literal, NamedTuple
@@ -32,6 +31,10 @@ IDLING_MPS2: Final = 1.0
 PARTS: Final = 4
 """A window at rest may begin at any of so many parts of its length, so that rest need not last for two windows."""
 
+TURNED_DEG: Final = 30.0
+"""A sensor that rests turned by more than this from its mean in motion was worn otherwise: it lies on a table, or is
+being put on. Nobody seated leans so far on the mean."""
+
 EVEN: Final = 0.75
 """The parts of a window hold about equally many samples: fewer than this share of the most mean a gap."""
 
@@ -42,7 +45,8 @@ class Gravity:
 
     at_s: where the averaged stretch begins in the record. samples: its first sample and the one behind it, in order of
     arrival; None at the begin, where conditioning finds them, and where another record (source) was averaged.
-    quietest_mps2: least rms of any window of a record without rest.
+    quietest_mps2: least rms of any window of a record without rest. turned: it rests in the record, but otherwise
+    mounted than in motion.
     """
 
     mean_mps2: Vector
@@ -51,6 +55,7 @@ class Gravity:
     samples: tuple[int, int] | None = None
     quietest_mps2: float | None = None
     source: str = ""
+    turned: bool = False
 
     @property
     def is_rest(self) -> bool:
@@ -66,6 +71,8 @@ class Gravity:
         if self.origin == "other_record":
             return f"no rest in the record: gravity is from the rest in {self.source}"
         averaged = "the length of gravity" if vertical_given else "gravity"
+        if self.turned:
+            return f"rests only where it is turned by more than {TURNED_DEG:g} deg: {averaged} is the mean over motion"
         line = f"no rest in the record: {averaged} is the mean over motion"
         if self.quietest_mps2 is not None and self.quietest_mps2 <= IDLING_MPS2:
             line += (
@@ -77,8 +84,9 @@ class Gravity:
 class GravitySearch:
     """`push` the samples of one sensor in order of arrival until it is `decided`, then ask for the `result`.
 
-    Memory does not grow with the record. rest_s, rest_rms_mps2, max_gap_s, implausible_mps2: as `RestWindow`. vertical
-    (3,): the direction of up in the axes of the sensor, if it is given.
+    Rest at the begin is taken as a live sensor takes it. Later rest is taken where the sensor is mounted as in motion,
+    the first such window. Memory grows by a row for each quarter of rest_s. rest_s, rest_rms_mps2, max_gap_s,
+    implausible_mps2: as `RestWindow`. vertical (3,): the direction of up in the axes of the sensor, if it is given.
     """
 
     def __init__(
@@ -91,17 +99,14 @@ class GravitySearch:
         self._arrived = 0
         self._open: list[tuple[Integers, Floats]] = []
         self._slot = 0
-        self._recent: deque[_Part] = deque(maxlen=PARTS)
-        self._whole: _Part | None = None
-        self._quietest_mps2 = math.inf
+        self._parts: list[_Part] = []
         self._at_begin: Gravity | None = None
-        self._later: Gravity | None = None
         self._is_faulty = False
 
     @property
     def decided(self) -> bool:
-        """Whether later samples change nothing: rest was found, or conditioning will refuse the stamps."""
-        return self._is_faulty or self._at_begin is not None or (self._first_window is None and self._later is not None)
+        """Whether later samples change nothing: it rests at the begin, or conditioning will refuse the stamps."""
+        return self._is_faulty or self._at_begin is not None
 
     def push(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
         """Take raw specific force (n, 3) m/s^2 with stamps (n,) ns, in order of arrival."""
@@ -124,8 +129,7 @@ class GravitySearch:
         if self._is_faulty or self._first_window is not None:
             return None
         self._close_part()
-        found = self._at_begin or self._later
-        return found if found or self._whole is None else self._gravity(self._whole, "motion")
+        return self._at_begin or self._of_parts()
 
     def _look_at_begin(self, window: RestWindow, stamps_ns: Integers, samples_mps2: Floats) -> None:
         """Judge the first window as a live sensor does."""
@@ -154,35 +158,50 @@ class GravitySearch:
             self._open.append((arrival[begin:end], samples_mps2[begin:end]))
 
     def _close_part(self) -> None:
-        """The open part is complete: judge the window that it completes."""
-        if not self._open or self._later is not None:
+        """Sum the open part in one piece: block cuts change no number."""
+        if not self._open:
             return
-        # Summed in one piece: block cuts change no number.
         arrival, samples = (np.concatenate(pieces) for pieces in zip(*self._open, strict=True))
         self._open = []
-        part = _Part(
-            self._slot, int(arrival[0]), int(arrival[-1]) + 1, len(samples), samples.sum(axis=0),
-            float((samples**2).sum()),
+        self._parts.append(
+            _Part(
+                self._slot, int(arrival[0]), int(arrival[-1]) + 1, len(samples), samples.sum(axis=0),
+                float((samples**2).sum()),
+            )
         )  # fmt: skip
-        self._whole = part if self._whole is None else self._whole.joined(part)
-        if self._recent and part.slot != self._recent[-1].slot + 1:
-            self._recent.clear()
-        self._recent.append(part)
-        counts = [each.size for each in self._recent]
-        if len(counts) < PARTS or min(counts) < EVEN * max(counts):
-            return
-        first, second, third, last = self._recent
-        window = first.joined(second).joined(third).joined(last)
-        self._quietest_mps2 = min(self._quietest_mps2, window.rms_mps2)
-        if window.rms_mps2 <= self._rest_rms_mps2:
-            self._later = self._gravity(window, "rest")
 
-    def _gravity(self, part: _Part, origin: Origin) -> Gravity | None:
-        if not self._shows_gravity(part.mean_mps2):
+    def _of_parts(self) -> Gravity | None:
+        """The first window at rest whose mounting is that of the motion, else the mean over motion."""
+        windows = self._windows()
+        quiet = [at for at, window in windows.items() if window.rms_mps2 <= self._rest_rms_mps2]
+        resting = {at + k for at in quiet for k in range(PARTS)}
+        moving = [part for at, part in enumerate(self._parts) if at not in resting] or self._parts
+        if not moving:
             return None
-        quietest_mps2 = self._quietest_mps2 if math.isfinite(self._quietest_mps2) else None
-        at_s = 1e-9 * part.slot * self._part_ns
-        return Gravity(part.mean_mps2, origin, at_s, (part.first, part.end), quietest_mps2)
+        motion = _joined(moving)
+        rests = [windows[at] for at in quiet if self._shows_gravity(windows[at].mean_mps2)]
+        for window in rests:
+            if angle_deg(window.mean_mps2, motion.mean_mps2) <= TURNED_DEG:
+                at_s = 1e-9 * window.slot * self._part_ns
+                return Gravity(window.mean_mps2, "rest", at_s, (window.first, window.end))
+        if not self._shows_gravity(motion.mean_mps2):
+            return None
+        quietest_mps2 = None if rests else min((window.rms_mps2 for window in windows.values()), default=None)
+        return Gravity(
+            motion.mean_mps2, "motion", samples=(motion.first, motion.end), quietest_mps2=quietest_mps2,
+            turned=bool(rests),
+        )  # fmt: skip
+
+    def _windows(self) -> dict[int, _Part]:
+        """Windows without a gap, by the place of their first part."""
+        found = {}
+        for at in range(len(self._parts) - PARTS + 1):
+            parts = self._parts[at : at + PARTS]
+            sizes = [part.size for part in parts]
+            follows = all(later.slot == part.slot + 1 for part, later in pairwise(parts))
+            if follows and min(sizes) >= EVEN * max(sizes):
+                found[at] = _joined(parts)
+        return found
 
     def _shows_gravity(self, mean_mps2: Vector) -> bool:
         return gravity_and_vertical(mean_mps2, self._vertical)[1] is not None
@@ -198,13 +217,6 @@ class _Part(NamedTuple):
     sum_mps2: Floats
     squares: float
 
-    def joined(self, later: _Part) -> _Part:
-        """Both stretches as one."""
-        return _Part(
-            self.slot, self.first, later.end, self.size + later.size, self.sum_mps2 + later.sum_mps2,
-            self.squares + later.squares,
-        )  # fmt: skip
-
     @property
     def mean_mps2(self) -> Vector:
         x, y, z = (self.sum_mps2 / self.size).tolist()
@@ -215,6 +227,20 @@ class _Part(NamedTuple):
         """About the mean, over all axes."""
         mean = self.sum_mps2 / self.size
         return math.sqrt(max(0.0, self.squares / self.size - float(mean @ mean)))
+
+
+def _joined(parts: Sequence[_Part]) -> _Part:
+    """Several stretches as one."""
+    return _Part(
+        parts[0].slot, parts[0].first, parts[-1].end, sum(part.size for part in parts),
+        np.sum([part.sum_mps2 for part in parts], axis=0), math.fsum(part.squares for part in parts),
+    )  # fmt: skip
+
+
+def angle_deg(one: Vector, other: Vector) -> float:
+    """The angle between two directions."""
+    cosine = float(np.dot(one, other)) / (math.hypot(*one) * math.hypot(*other))
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
 
 
 def from_other_record(own: Gravity, others: Iterable[tuple[str, Gravity]]) -> Gravity:
@@ -228,4 +254,4 @@ def from_other_record(own: Gravity, others: Iterable[tuple[str, Gravity]]) -> Gr
     apart_mps2, name, nearest = min(rested, key=lambda each: each[0], default=(math.inf, "", own))
     if apart_mps2 > SAME_MOUNTING_MPS2:
         return own
-    return replace(own, mean_mps2=nearest.mean_mps2, origin="other_record", samples=None, source=name)
+    return replace(own, mean_mps2=nearest.mean_mps2, origin="other_record", samples=None, source=name, turned=False)

@@ -80,8 +80,6 @@ class RestWindow:
         self._broken = False
         self.before = 0
         """How many samples came before those that were averaged."""
-        self.averaged: tuple[Integers, Floats] = self._room
-        """Stamps and samples that were averaged."""
 
     def add(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
         """Collect stamps (n,) ns and samples (n, 3) m/s^2, in order of arrival."""
@@ -165,7 +163,7 @@ class RestWindow:
     def _told(self, begin: int, end: int, in_motion: bool) -> Rest:
         stamps_ns, samples = self._stamps_ns[begin:end], self._samples[begin:end]
         readings = self._plausible(begin, end)
-        self.before, self.averaged = self.dropped + begin, (stamps_ns, samples)
+        self.before = self.dropped + begin
         self._drop(end)
         if len(readings) < 2:
             raise InputError("no finite sample arrived: check the sensor")

@@ -10,7 +10,7 @@ import naive
 import numpy as np
 import pytest
 from conditioned import RATE_HZ, START_NS, Conditioned, raw, stamps
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from streams import independent_streams, subject, write_bag
 
@@ -86,6 +86,21 @@ def test_without_rest_the_mean_of_the_record_is_taken_and_the_option_that_helps_
     assert searched(swaying(6.0, size=0.4), rest_rms_mps2=1.01 * idle.quietest_mps2).is_rest
 
 
+@pytest.mark.parametrize("table_s", [2.0, 30.0])
+@pytest.mark.parametrize("before", [False, True])
+def test_a_sensor_that_lies_on_a_table_does_not_tell_the_vertical_of_the_ride(table_s, before):
+    ride, table = swaying(8.0, still=None), swaying(table_s, still=(0.0, table_s))[:, [1, 2, 0]]
+    # Taken in the hand first, so that the record does not begin at rest.
+    samples = np.concatenate([swaying(1.0)[:, [2, 0, 1]], table, ride] if before else [ride, table])
+    found = searched(samples)
+    assert found.origin == "motion" and found.turned
+    assert np.degrees(np.arccos(found.mean_mps2[2] / np.linalg.norm(found.mean_mps2))) < (10.0 if before else 1.0)
+    assert "rests only where it is turned by more than 30 deg" in found.warning(vertical_given=False)
+    # Rest in the ride's own mounting is taken, wherever it lies.
+    own = np.concatenate([samples, swaying(1.5, still=(0.0, 1.5))])
+    assert searched(own).origin == "rest" and searched(own).mean_mps2[2] == pytest.approx(G, abs=0.01)
+
+
 def test_zeros_of_a_sensor_that_starts_late_are_no_rest():
     samples = np.concatenate([np.zeros((2000, 3)), swaying(6.0, still=(3.0, 4.5))])
     found = searched(samples)
@@ -149,6 +164,17 @@ def test_conditioning_begins_at_the_first_sample():
     assert any("gravity is from the rest at 2." in line for line in found.status.warnings)
 
 
+def test_unusable_samples_at_the_begin_shift_no_clock():
+    samples = swaying(4.0)
+    samples[:20] = np.nan
+    found = Conditioned(stamps(len(samples)), samples, gravity=Gravity((0.0, 0.0, G), "motion"))
+    assert np.isfinite(found.low_passed).all() and found.status.filled == 0
+    # Even stamps: every sample lies where its own stamp says, from the first one on.
+    at = (found.stamps_ns - START_NS) * 1e-9 + found.conditioner.delay_s
+    np.testing.assert_allclose(at, np.arange(20, len(samples)) / RATE_HZ, atol=1e-6)
+    np.testing.assert_allclose(np.diff(found.time_s), 1.0 / RATE_HZ, rtol=1e-3)
+
+
 def test_samples_before_a_gap_count_too_once_they_are_longer_than_rest():
     samples = swaying(5.0)
     stamps_ns = stamps(len(samples))
@@ -159,11 +185,17 @@ def test_samples_before_a_gap_count_too_once_they_are_longer_than_rest():
 
 
 @settings(max_examples=40)
-@given(st.lists(st.integers(0, 17_000), max_size=6), st.sampled_from(["causal", "zero_phase"]), st.floats(1.0, 14.0))
-def test_any_cut_gives_the_same_with_known_gravity(cuts, mode, seconds):
+@example([3671], "causal", 6.5, False)
+@given(
+    st.lists(st.integers(0, 17_000), max_size=6), st.sampled_from(["causal", "zero_phase"]), st.floats(1.0, 14.0),
+    st.booleans(),
+)  # fmt: skip
+def test_any_cut_gives_the_same_with_known_gravity(cuts, mode, seconds, unset):
     samples = swaying(seconds)
     stamps_ns = stamps(len(samples))
     stamps_ns[len(samples) // 2 :] += 200_000_000
+    if unset:
+        stamps_ns[7::501] = 0
     known = Gravity((0.0, 0.0, G), "motion", samples=(0, len(samples)))
     cuts = sorted(min(cut, len(samples)) for cut in cuts)
     whole = Conditioned(stamps_ns, samples, mode=mode, gravity=known)
