@@ -1,4 +1,4 @@
-"""Start: how long a command takes that computes little, beside what nobody can do without."""
+"""Start: the time of commands that compute little, beside that of their unavoidable imports."""
 
 from __future__ import annotations
 

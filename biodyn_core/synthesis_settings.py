@@ -15,7 +15,7 @@ CASES: Final = ("road", "pothole", "rail")
 """The paper's load cases (5.3)."""
 
 CASE_S: Final = 10.0
-"""How long a load case is where nobody says."""
+"""Length of a load case, if none is given."""
 
 
 @dataclass(frozen=True)
