@@ -15,8 +15,8 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
 from bench.table import Row, render
-from biodyn_core.arrays import Integers
-from biodyn_core.segments import SENSORS
+from biodyn_core.base.arrays import Integers
+from biodyn_core.base.segments import SENSORS
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.cdr import IMU_TYPE, Bytes, decode_imu, encode_imu
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from bench.ode import rk45
 from bench.table import Row, render
+from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.identification.fit import Fit, fit_cases, fit_joint
 from biodyn_core.identification.identify import identify
 from biodyn_core.identification.objectives import Pull, Surrogate, TimeDomain
@@ -20,7 +21,6 @@ from biodyn_core.kernels.cost import LANES
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER
 from biodyn_core.recording import Recorder, Recording
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.synthesis import imu_streams, load_case

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from bench.table import Row, render
+from biodyn_core.base.segments import N_SEGMENTS
 from biodyn_core.model import Chain, Stepper
-from biodyn_core.segments import N_SEGMENTS
 from biodyn_core.subject import load_subject
 from biodyn_core.synthesis import load_case
 from biodyn_core.synthesis_settings import CASES, NATIVE_RATE_HZ

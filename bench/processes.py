@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.segments import SEAT
+from biodyn_core.base.segments import SEAT
 from biodyn_ros import topics
 
 NODE = ("-m", "biodyn_ros.cli", "live", "--ros-args", "-p", "state_file:=none", "--log-level", "warn")

@@ -20,7 +20,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from bench.table import Row, render
-from biodyn_core.segments import SEGMENTS
+from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.subject import load_subject
 from biodyn_core.synthesis_settings import CASES, SensorSettings
 from biodyn_ros.bag import imu_blocks, open_bag

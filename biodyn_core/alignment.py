@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from biodyn_core import kernels
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.conditioned import Block
 
 LARGEST_ERROR: Final = 0.005

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
+from biodyn_core.base.errors import InputError
 from biodyn_core.conditioned import Block
 from biodyn_core.conditioning import Conditioner
-from biodyn_core.errors import InputError
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.upright import STILL_RADPS
 

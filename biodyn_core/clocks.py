@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 
 BIN_NS: Final = 1_000_000_000
 """The smallest lag is taken over one second: longer than the bursts that recorders write in."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.levelling import Vector
 
 

@@ -13,10 +13,12 @@ from typing import Final, Literal
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERANCE
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning_settings import ConditioningSettings
-from biodyn_core.errors import InputError
 from biodyn_core.gravity import IDLING_MPS2, Gravity, GravitySearch
 from biodyn_core.kernels import rails
 from biodyn_core.kernels import sensor as kernel
@@ -25,8 +27,6 @@ from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_
 from biodyn_core.rails import Clipping
 from biodyn_core.rest import Rest, RestWindow
 from biodyn_core.runs import Runs
-from biodyn_core.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERANCE
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 
 Mode = Literal["causal", "zero_phase", "survey", "rest"]
 """What comes out: causal or zero-phase answers, or none at all.

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.segments import MASS_FRACTION, STIFFENING_SHAPE_PER_M
 from biodyn_core.parameters import DAMPINGS, FREQUENCIES, MASS_SCALE, RAYLEIGH, STIFFENING
-from biodyn_core.segments import MASS_FRACTION, STIFFENING_SHAPE_PER_M
 from biodyn_core.subject import MassMatrix
 
 

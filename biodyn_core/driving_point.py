@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biodyn_core.arrays import Complexes, Flags, Floats
+from biodyn_core.base.arrays import Complexes, Flags, Floats
 from biodyn_core.model import Chain, Response, SeatForce
 from biodyn_core.recording import WARM_UP_S
 from biodyn_core.response import common_rate_hz, cross_spectra

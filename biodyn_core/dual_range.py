@@ -13,9 +13,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.arrays import Flags, Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.dual_range_settings import DualRangeSettings
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 
 Signs = NDArray[np.int8]
 

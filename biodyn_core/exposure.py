@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from biodyn_core import kernels
-from biodyn_core.arrays import Floats
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
 from biodyn_core.weighting import CURVES, WeightingName, weighting_sections
 
 BIN_S: Final = 0.1

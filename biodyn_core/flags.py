@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Integers
+from biodyn_core.base.arrays import Flags, Integers
 
 
 def stretches(flags: Flags) -> list[tuple[int, int]]:

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
-from biodyn_core.segments import N_SEGMENTS, N_SENSORS
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.segments import N_SEGMENTS, N_SENSORS
 
 
 class PredictedFrames(NamedTuple):

@@ -14,8 +14,8 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.errors import InputError
 from biodyn_core.levelling import Vector, gravity_and_vertical
 from biodyn_core.rest import RestWindow
 

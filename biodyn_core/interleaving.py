@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.kernels.sensor import LEAP_S
 
 Part = tuple[int, int, int]

@@ -11,12 +11,12 @@ from typing import Final, Literal
 
 import numpy as np
 
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.base.wording import counted, number, number_below
 from biodyn_core.conditioning import GRAVITY_TOLERANCE
 from biodyn_core.exposure import Dose, HorizontalMeter
 from biodyn_core.keeping import Lost
 from biodyn_core.limits import Kind, Limits, LimitSet, Measure
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.wording import counted, number, number_below
 
 Zone = Literal["below_action_value", "above_action_value", "above_limit_value", "undecided"]
 Horizontal = Literal["yaw_given", "worst_direction", "missing"]

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 
 Vector = tuple[float, float, float]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from biodyn_core.errors import InputError
-from biodyn_core.suggestions import did_you_mean
-from biodyn_core.yaml_files import read_yaml
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.yaml_files import read_yaml
 
 Measure = Literal["a8", "vdv"]
 Kind = Literal["action", "limit"]

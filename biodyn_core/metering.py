@@ -7,12 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import HEAD, SEAT
 from biodyn_core.conditioned import Block
-from biodyn_core.errors import InputError
 from biodyn_core.exposure import BIN_S, Dose, DoseMeter, HorizontalMeter, Meter, motion_sickness_mps15
 from biodyn_core.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
-from biodyn_core.segments import HEAD, SEAT
 from biodyn_core.weighting import WeightingName
 
 BATCH: Final = 128

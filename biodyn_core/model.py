@@ -16,11 +16,11 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from biodyn_core.arrays import Complexes, Floats
+from biodyn_core.base.arrays import Complexes, Floats
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import N_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.constants import Constants
 from biodyn_core.effects import AppliedEffect, Joint, felt
-from biodyn_core.errors import InputError
-from biodyn_core.segments import N_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.subject import MassMatrix, Subject
 from biodyn_core.wiring import Element, Wiring
 

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from biodyn_core.arrays import Floats
-from biodyn_core.errors import InputError
-from biodyn_core.segments import N_SEGMENTS, SEGMENTS
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import N_SEGMENTS, SEGMENTS
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import HEAD, SEAT, SENSORS
+from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.comparison import Compared
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning import Conditioner, Mode, SettingsOf, settings_for
 from biodyn_core.counting import Counting
-from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose
 from biodyn_core.frames import NO_FRAMES, NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames, joined
 from biodyn_core.gravity import Gravity
@@ -34,9 +36,7 @@ from biodyn_core.metering import SensorMeters
 from biodyn_core.model import Chain
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import SeatSide
-from biodyn_core.segments import HEAD, SEAT, SENSORS
 from biodyn_core.subject import Subject
-from biodyn_core.suggestions import did_you_mean
 from biodyn_core.timelines import Timelines
 
 SLICE_S: Final = 0.25

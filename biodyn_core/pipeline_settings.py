@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from biodyn_core.errors import InputError
-from biodyn_core.settings import check_settings, setting
-from biodyn_core.suggestions import did_you_mean
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.settings import check_settings, setting
+from biodyn_core.base.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from biodyn_core.levelling import Vector
@@ -36,7 +36,7 @@ class PipelineSettings:
 
     def verticals(self) -> dict[str, Vector]:
         """The given verticals by sensor; InputError naming the part that is none."""
-        from biodyn_core.segments import SENSORS
+        from biodyn_core.base.segments import SENSORS
 
         given: dict[str, Vector] = {}
         for part in self.vertical.split():

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.kernels import rails as kernel
 
 LEAST_MPS2: Final = kernel.LEAST_MPS2

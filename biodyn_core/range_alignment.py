@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
 from biodyn_core.dual_range import Stretch, read_beside, trusted
 from biodyn_core.dual_range_settings import DualRangeSettings
 

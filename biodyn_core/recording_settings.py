@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from biodyn_core.settings import check_settings, setting
+from biodyn_core.base.settings import check_settings, setting
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from biodyn_core.arrays import Complexes, Flags, Floats, Integers
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Complexes, Flags, Floats, Integers
+from biodyn_core.base.errors import InputError
 from biodyn_core.spectrum_settings import SpectrumSettings
 
 Part = tuple[Floats, Floats]

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.errors import InputError
 from biodyn_core.kernels.sensor import LEAP_S
 from biodyn_core.sampling_clock import clock_of
 

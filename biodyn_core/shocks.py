@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
+from biodyn_core.base.segments import N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 from biodyn_core.frames import MeasuredFrames, PredictedFrames
-from biodyn_core.segments import N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 
 APART_NS: Final = 500_000_000
 """What exceeds the threshold again within this is the same shock: two periods of the body's lowest mode."""

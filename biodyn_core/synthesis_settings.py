@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from biodyn_core.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ
-from biodyn_core.settings import check_settings, setting
+from biodyn_core.base.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ
+from biodyn_core.base.settings import check_settings, setting
 
 NATIVE_RATE_HZ: Final = 1129.3
 """Blue Trident, low-g channel (Zaman et al., 5.2)."""

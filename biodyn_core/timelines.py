@@ -11,8 +11,8 @@ import math
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
+from biodyn_core.base.segments import SEAT
 from biodyn_core.conditioning import Conditioner
-from biodyn_core.segments import SEAT
 
 JOINED_APART_S: Final = 60.0
 """A sensor that joins has another clock where its stamps differ by more; with less it may just be late."""

@@ -14,16 +14,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.driving_point import DrivingPoint, driving_point, linear_driving_point
 from biodyn_core.effects import shown
-from biodyn_core.errors import InputError
 from biodyn_core.exposure import Dose, DoseMeter
 from biodyn_core.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.model import Chain, Response, SeatForce, predict
 from biodyn_core.recording import WORTH_A_LINE_S, Recording
 from biodyn_core.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
-from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from scipy import signal
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 
 BIN_NS: Final = 1_000_000_000
 BINS: Final = 240

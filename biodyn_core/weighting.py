@@ -15,10 +15,10 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from biodyn_core.arrays import Complexes, Floats
-from biodyn_core.errors import InputError
-from biodyn_core.sampling_rate import MIN_RATE_HZ, RATE_TOLERANCE
-from biodyn_core.suggestions import did_you_mean
+from biodyn_core.base.arrays import Complexes, Floats
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.sampling_rate import MIN_RATE_HZ, RATE_TOLERANCE
+from biodyn_core.base.suggestions import did_you_mean
 
 Quotient = tuple[tuple[float, float, float], tuple[float, float, float]]
 WeightingName = Literal["Wk", "Wd", "Wf", "Wc", "We", "Wj", "Wb"]

@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import N_SEGMENTS
 from biodyn_core.effects import Effect
-from biodyn_core.errors import InputError
 from biodyn_core.kernels.generated import ANYWHERE, Piece, Role, integrator
-from biodyn_core.segments import N_SEGMENTS
 
 _NO_DRIVE: Final = np.empty((0, 0))
 

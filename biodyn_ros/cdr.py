@@ -24,9 +24,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.arrays import Flags, Floats, Integers
-from biodyn_core.errors import InputError
-from biodyn_core.wording import counted
+from biodyn_core.base.arrays import Flags, Floats, Integers
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.wording import counted
 
 Bytes = NDArray[np.uint8]
 

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from typing import Final
 
-from biodyn_core.errors import InputError
-from biodyn_core.suggestions import did_you_mean
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.suggestions import did_you_mean
 from biodyn_ros.commands.live import run_node
 from biodyn_ros.commands.parsing import EXIT_INPUT
 from biodyn_ros.commands.table import NAMES, command_of, parser

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 
 OWNER_ALONE: Final = 0o600
 """Permissions of what tells of a person, or opens a door."""

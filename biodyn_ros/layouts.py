@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
+from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.limits import EU_LIMITS
-from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros.files import write_text
 from biodyn_ros.topics import (
     DIAGNOSTICS,

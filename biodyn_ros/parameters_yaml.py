@@ -11,7 +11,7 @@ import math
 import sys
 from typing import Any, Final
 
-from biodyn_core.settings import Range, described
+from biodyn_core.base.settings import Range, described
 from biodyn_ros.live import SETTINGS
 
 HEAD: Final = """\

@@ -23,7 +23,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagReader, open_bag
 from biodyn_ros.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
 from biodyn_ros.playback import Lap, Played, in_order, played_on

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from biodyn_core.errors import InputError
-from biodyn_core.suggestions import did_you_mean, did_you_mean_file
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 from biodyn_ros.files import is_there
 
 SHARE: Final = Path("share") / "biodyn_ros"

@@ -7,10 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.model import Chain
 from biodyn_core.response import CrossSpectra
-from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
 

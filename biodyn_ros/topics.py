@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from biodyn_core.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
+from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 
 if TYPE_CHECKING:
     from biodyn_core.judgement import SeatExposure

@@ -6,7 +6,7 @@ import math
 from collections.abc import Container, Sequence
 from typing import Any, Final
 
-from biodyn_core.wording import counted, decimal_places, number
+from biodyn_core.base.wording import counted, decimal_places, number
 
 ZONE: Final = {
     "below_action_value": "Below the action values so far",

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.alignment import half_width
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.frames import Frames
-from biodyn_core.segments import SEAT, SENSORS
 from conformance import record, twins
 from conformance.record import START_NS, Stream
 from conformance.table import Row, RowTable

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.segments import HEAD, SEAT
+from biodyn_core.base.segments import HEAD, SEAT
 from conformance import record, twins
 from conformance.injury import WIDE_RANGE
 from conformance.record import GRAVITY_MPS2

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.segments import HEAD, SENSORS
+from biodyn_core.base.segments import HEAD, SENSORS
 from conformance import record, twins
 from conformance.record import GRAVITY_MPS2
 from conformance.table import Row, RowTable

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.base.segments import SEAT, SENSORS
 from conformance import record, twins
 from conformance.table import Row, RowTable
 from conformance.twins import Mode

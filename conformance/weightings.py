@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.base.segments import SEAT, SENSORS
 from conformance import record, twins
 from conformance.recordings import data
 from conformance.table import FAIL, PASS, Row, cells, number, signed

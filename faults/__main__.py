@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from itertools import chain
 
-from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_ros.wording import number
 from faults.judged import judged
 from faults.stamps import EVERY, OTHERS

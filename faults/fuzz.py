@@ -50,7 +50,7 @@ def one(name: str, seconds: int, directory: Path) -> None:
     import biodyn_core.wiring  # noqa: F401 - what is compiled is loaded before, as it cannot be followed
 
     with atheris.instrument_imports(include=["biodyn_core", "biodyn_ros", "yaml"]):
-        from biodyn_core.errors import InputError
+        from biodyn_core.base.errors import InputError
         from faults.readers import READERS, as_file
     reader, corpus = READERS[name], directory / "corpus"
     corpus.mkdir()

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from faults.readers import READERS, as_file
 
 LONGEST_S: Final = 5.0

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_ros.node.health import OK
 from faults.drive import Driven, drive, seconds_of
 from faults.ride import RATE_HZ, SECONDS, ride

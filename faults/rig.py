@@ -21,7 +21,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64
 
-from biodyn_core.segments import SENSORS
+from biodyn_core.base.segments import SENSORS
 from biodyn_ros import topics
 from biodyn_ros.cdr import encode_imu
 from faults.ride import ride

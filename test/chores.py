@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.identification.identify import Task
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.parameters import LOWER, UPPER

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from biodyn_core.errors import LONGEST, InputError
+from biodyn_core.base.errors import LONGEST, InputError
 
 
 def refusal(reader: Callable[[Path], Any], path: Path) -> str:

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from biodyn_core.base.segments import SEGMENTS, SENSORS
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.segments import SEGMENTS, SENSORS
 from biodyn_core.synthesis import CASES
 from biodyn_core.weighting import CURVES
 

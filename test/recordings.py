@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 
 Recording = tuple[NDArray[np.int64], NDArray[np.float64]]
 """Stamps (n,) ns as they were written, and specific force (n, 3) m/s^2."""

@@ -35,7 +35,7 @@ from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros import cdr
 from biodyn_ros.bag import SLICE_NS, BagWriter, imu_blocks, open_bag
 from biodyn_ros.cdr import IMU_TYPE

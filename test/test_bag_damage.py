@@ -31,7 +31,7 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_typestore
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.cdr import IMU_TYPE
 
@@ -336,7 +336,7 @@ def test_without_the_extra_the_module_loads_and_says_what_to_install(tmp_path, m
     program = f"""
 import sys
 sys.modules[{missing!r}] = None
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagWriter, open_bag
 try:
     with open_bag({str(tmp_path / "a.mcap")!r}) as bag:

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from streams import subject
 from trident import TAKE, G, capture_u_files, imported, nexus_text, samples, shock, still, write_capture_u
 
+from biodyn_core.base.errors import LONGEST, InputError
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.dual_range import DualRangeSettings, Stretch
-from biodyn_core.errors import LONGEST, InputError
 from biodyn_core.range_alignment import align, bias, levels
 from biodyn_ros.bag import open_bag
 from biodyn_ros.cli import main

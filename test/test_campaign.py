@@ -14,7 +14,7 @@ import pytest
 import yaml
 from expecting import refusal, until
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.subject import load_subject

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros import cdr
 
 STAMPS = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from biodyn_core.arrays import Integers
+from biodyn_core.base.arrays import Integers
 from biodyn_core.clocks import ClockComparison, ClockDrift
 
 START_NS = 1_700_000_000_000_000_000

@@ -19,7 +19,7 @@ import pytest
 from streams import noisy_streams
 from trident import capture_u_files, nexus_text, shock, still
 
-from biodyn_core.segments import SEAT
+from biodyn_core.base.segments import SEAT
 from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu

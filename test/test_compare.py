@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from paper import THETAS, person, printed, shipped
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.identification.compare import Deviation, SubjectComparison, compare
-from biodyn_core.segments import SEGMENTS
 from biodyn_ros.fit.comparison import comparison_document, text_of
 
 PELVIS_SHAPE_PER_M = 30.0

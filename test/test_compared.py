@@ -10,7 +10,7 @@ from naive import weighted
 from streams import RATE_HZ, in_turn, noisy_streams, run
 from test_showing import Ride
 
-from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS, SENSORS
+from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS, SENSORS
 
 LARGEST_GAIN = 1.1
 """Wk amplifies no frequency by more (ISO 2631-1:1997, Table 3: 1.054 at 6.3 Hz)."""

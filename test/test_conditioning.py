@@ -12,8 +12,8 @@ from scipy import signal
 from scipy.spatial.transform import Rotation
 from uncompiled import Uncompiled
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning import Conditioner, ConditioningSettings, group_delay_s
-from biodyn_core.errors import InputError
 from biodyn_core.kernels import compiling
 from biodyn_core.levelling import rotation_to_vertical
 

@@ -8,8 +8,8 @@ import hiding
 import numpy as np
 import pytest
 
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.identification.problem import Case
-from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.diagnose import bracket, coherent, diagnose, peeling

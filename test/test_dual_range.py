@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from trident import HIGH_HZ, LOW_HZ, RAIL, G, Wide, high_g, low_g, shock
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.dual_range import (
     AGREES,
     FADE,
@@ -23,7 +24,6 @@ from biodyn_core.dual_range import (
     take_over,
     trusted,
 )
-from biodyn_core.errors import InputError
 from biodyn_core.range_alignment import Alignment, align, bias, levels, plausible, set_right
 
 SETTINGS = DualRangeSettings()

@@ -18,12 +18,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate
 
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEGMENTS, SENSORS
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, EffectParameter, felt, shown
 from biodyn_core.effects.effect import Kind
-from biodyn_core.errors import InputError
 from biodyn_core.model import Chain, Stepper, predict
 from biodyn_core.pipeline import Pipeline
-from biodyn_core.segments import SEGMENTS, SENSORS
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.synthesis import SensorSettings, imu_streams, load_case
 

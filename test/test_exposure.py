@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.comparison import ResidualMeter
 from biodyn_core.conditioning import Conditioner
-from biodyn_core.errors import InputError
 from biodyn_core.exposure import BIN_S, SHORTEST_MSDV_S, Dose, DoseMeter, HorizontalMeter, motion_sickness_mps15
 from biodyn_core.injury import DriMeter, HicMeter
 from biodyn_core.weighting import weighting_sections

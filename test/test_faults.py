@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.base.segments import SEAT, SENSORS
 from faults.judged import judged
 from faults.stamps import EVERY, OTHERS, Fault, dead, returning
 

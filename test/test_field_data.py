@@ -17,9 +17,9 @@ import recordings
 from conftest import field_data
 from streams import subject
 
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SENSORS
 from biodyn_core.conditioning import ConditioningSettings
-from biodyn_core.errors import InputError
-from biodyn_core.segments import SENSORS
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main

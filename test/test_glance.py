@@ -7,7 +7,7 @@ import hiding
 import numpy as np
 import pytest
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.glance import LEAST_FIT, Glance, glance, plain, taken_up
 from biodyn_core.tracing.screen import Tried, candidates

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from biodyn_core.errors import LONGEST
+from biodyn_core.base.errors import LONGEST
 from faults.hostile import LONGEST_S, MOST_BYTES, attacked, spoilt
 from faults.readers import READERS, as_file
 

@@ -7,7 +7,7 @@ import fitting
 import numpy as np
 import pytest
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.identification.fit import fit_cases, fit_joint, prediction_errors
 from biodyn_core.identification.identify import Identification, Task, fingerprint, identify, run_here
 from biodyn_core.identification.phase1 import SwarmSettings

@@ -258,11 +258,11 @@ def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:
 @pytest.mark.parametrize(
     ("path", "source", "fault"),
     [
-        ("errors.py", "import rclpy", "biodyn_core.errors imports rclpy"),
-        ("errors.py", "import biodyn_ros.cdr", "biodyn_core.errors imports biodyn_ros.cdr"),
+        ("errors.py", "import rclpy", "biodyn_core.base.errors imports rclpy"),
+        ("errors.py", "import biodyn_ros.cdr", "biodyn_core.base.errors imports biodyn_ros.cdr"),
         ("pipeline.py", "def f():\n    import matplotlib.pyplot", "biodyn_core.pipeline imports matplotlib.pyplot"),
         ("model.py", "import numba", "biodyn_core.model imports numba"),
-        ("segments.py", "from biodyn_core import model", "biodyn_core.segments imports biodyn_core.model"),
+        ("segments.py", "from biodyn_core import model", "biodyn_core.base.segments imports biodyn_core.model"),
         ("kernels/chain.py", "from ..subject import Subject", "biodyn_core.kernels.chain imports biodyn_core.subject"),
         ("effects/joint.py", "from ..model import Chain", "biodyn_core.effects.joint imports biodyn_core.model"),
         ("effects/__init__.py", "from . import seat", "circle: biodyn_core.effects"),

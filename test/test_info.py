@@ -12,8 +12,8 @@ import pytest
 from listed import assert_listed
 from streams import noisy_streams, subject
 
-from biodyn_core.errors import InputError
-from biodyn_core.segments import SENSORS
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SENSORS
 from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.cdr import IMU_TYPE, encode_imu

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from streams import RATE_HZ, in_turn, noisy_streams, run, subject
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.keeping import KeptExposure, digest
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
-from biodyn_core.segments import SEAT, SENSORS
 
 BELONGS = {"subject": "a", "sensors": "b"}
 ALSO = PipelineSettings(also_weighted="Wb", yaw_deg=0.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.work.kept import MOST, Kept
 
 

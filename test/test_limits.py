@@ -8,7 +8,7 @@ import pytest
 import yaml
 from expecting import refusal
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.limits import EU_LIMITS, Limits, LimitSet, load_limits
 
 SHIPPED = Path(__file__).parents[1] / "config" / "limits.yaml"

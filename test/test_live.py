@@ -23,10 +23,10 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from streams import noisy_streams, subject
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.frames import PredictedFrames
 from biodyn_core.pipeline import Pipeline
-from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros import topics
 from biodyn_ros.cdr import decode_accel_stamped
 from biodyn_ros.live import SETTINGS, LiveSettings

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from streams import START_NS, noisy_streams, subject
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEAT
 from biodyn_core.pipeline import Pipeline
-from biodyn_core.segments import SEAT
 from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, STRING_TYPE, decode_string, encode_imu

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pages import lines
 
-from biodyn_core.segments import SEGMENTS, SENSORS
+from biodyn_core.base.segments import SEGMENTS, SENSORS
 from biodyn_ros.reports.drawing import DASHED, MEASURED_COLOUR, PREDICTED_COLOUR
 from biodyn_ros.reports.meter import meter_readings
 from biodyn_ros.reports.motion import Envelope, StrongestEvent, envelopes, overlay

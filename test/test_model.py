@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from paper import THETAS, person, printed, shipped
 
 from biodyn_core import kernels
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.model import MAX_STEP_S, Chain, Stepper
 from biodyn_core.parameters import LOWER, UPPER
 from biodyn_core.subject import Subject

@@ -22,7 +22,7 @@ import pytest
 import yaml
 
 import biodyn_ros
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros import resources
 from biodyn_ros.commands.table import parser
 from biodyn_ros.environment import clean_environment

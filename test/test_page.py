@@ -13,7 +13,7 @@ import aiohttp
 import pytest
 from aiohttp import web
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.dashboard import door, hub, settings, site
 from biodyn_ros.dashboard.door import Door
 from biodyn_ros.dashboard.hub import Hub

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import interpolate, signal
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.tracing import pairs
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from paper import SHARES, printed
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.parameters import (
     LOWER,
     PARAMETERS,
@@ -19,7 +20,6 @@ from biodyn_core.parameters import (
     to_log,
     to_sigmoid,
 )
-from biodyn_core.segments import SEGMENTS
 
 ULPS = 8 * np.finfo(float).eps
 

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.identification.objectives import Surrogate, SurrogateSettings
 from biodyn_core.identification.phase1 import SwarmSettings, minimise, reached, search
 from biodyn_core.identification.problem import Case
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX
 
 BOX = -np.ones(4), 2.0 * np.ones(4)
 

@@ -13,14 +13,14 @@ from scipy import signal
 from streams import PERFECT, RATE_HZ, START_NS, Run, in_turn, independent_streams, noisy_streams, run, subject
 
 from biodyn_core import kernels
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning import Conditioner
-from biodyn_core.errors import InputError
 from biodyn_core.exposure import DoseMeter
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import MOST_STRETCH_M
-from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.synthesis import ImuStream, SeatMotion, imu_streams, load_case
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.node.warmup import warm_up

@@ -14,7 +14,7 @@ from ros import Graph
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.cdr import IMU_TYPE, decode_imu, encode_imu
 from biodyn_ros.playback import Lap, played_on

@@ -94,7 +94,7 @@ def test_what_contributors_are_told_to_change_is_there() -> None:
         "SEGMENT_WEIGHTS": "biodyn_core/identification/settings.py",
         "HorizontalMeter": "biodyn_core/exposure.py",
         "EFFECT = Effect(": "biodyn_core/effects/gain.py",
-        "SENSORS": "biodyn_core/segments.py",
+        "SENSORS": "biodyn_core/base/segments.py",
         "BagWriter": "biodyn_ros/blue_trident/importing.py",
         "encode_imu": "biodyn_ros/blue_trident/importing.py",
         "everyday": "biodyn_ros/commands/arguments.py",

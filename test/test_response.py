@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from scipy import integrate, signal
 
 from biodyn_core import kernels
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.driving_point import driving_point, linear_driving_point
-from biodyn_core.errors import InputError
 from biodyn_core.model import Chain, Response
 from biodyn_core.response import (
     CrossSpectra,
@@ -22,7 +23,6 @@ from biodyn_core.response import (
     cross_spectra,
     peak,
 )
-from biodyn_core.segments import SEGMENTS
 from biodyn_core.subject import Subject, load_subject
 from biodyn_ros.resources import subject_file
 

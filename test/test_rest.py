@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ticks import COUNT, RATE_HZ, even_s, lost_at_random
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.rest import Rest, RestWindow
 
 START_NS = 1_767_225_600 * 10**9

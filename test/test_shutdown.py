@@ -15,7 +15,7 @@ from std_msgs.msg import Empty
 from streams import noisy_streams
 from test_state import newest
 
-from biodyn_core.segments import SENSORS
+from biodyn_core.base.segments import SENSORS
 from biodyn_ros.node.callbacks import spin
 from biodyn_ros.shutdown import Shutdown
 

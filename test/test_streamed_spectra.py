@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.frames import MeasuredFrames
 from biodyn_core.response import SpectraMeter, SpectrumSettings, cross_spectra
-from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.waterfall import BIN_NS, BINS, WaterfallMeter
 from biodyn_ros.replay.spectra import ReplaySpectra
 

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from paper import THETAS, printed, shipped
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.parameters import Parameters
-from biodyn_core.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.subject import Subject, load_subject
 
 SHIPPED = Path(__file__).parents[1] / "config" / "subjects"

@@ -19,7 +19,7 @@ from ros import STARTUP_S, child, ros_graph
 from std_msgs.msg import Float64
 from streams import subject
 
-from biodyn_core.segments import SEAT, SENSORS
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_ros import topics
 from biodyn_ros.cdr import decode_accel_stamped
 from biodyn_ros.environment import hold_domain

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import Refined, least_squares
@@ -27,7 +28,6 @@ from biodyn_core.identification.uncertainty import (
 )
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.subject import Subject
 
 NAMES = [p.name for p in PARAMETERS]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEGMENTS
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEGMENTS
 from biodyn_core.tracing.background import Background, Side
 from biodyn_core.tracing.settings import BASE
 from biodyn_core.tracing.settle import Settled, settle

@@ -14,7 +14,7 @@ from paper import printed
 from scipy import signal
 
 from biodyn_core import kernels
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.weighting import CURVES, analog_response, weighting_sections
 
 DATA = Path(__file__).parent / "data"

@@ -23,7 +23,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.identification.identify import Task, fingerprint, identify
 from biodyn_core.identification.phase1 import Search, SwarmSettings
 from biodyn_core.identification.phase2 import Refined

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.effects.effect import AppliedEffect
-from biodyn_core.errors import InputError
-from biodyn_core.segments import SEGMENTS
 
 Channels = Mapping[str, Floats]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from biodyn_core.base.segments import SEAT, SEGMENTS
 from biodyn_core.effects.effect import Effect, EffectParameter, Joint
-from biodyn_core.segments import SEAT, SEGMENTS
 
 
 def force(

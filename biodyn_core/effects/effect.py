@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from biodyn_core.arrays import Floats
-from biodyn_core.errors import InputError
-from biodyn_core.segments import SEGMENTS, SENSORS
-from biodyn_core.suggestions import did_you_mean
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEGMENTS, SENSORS
+from biodyn_core.base.suggestions import did_you_mean
 
 Place = Literal["joint", "segment", "sensor", "seat"]
 Kind = Literal["strength", "shape", "nuisance"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.effects.effect import Effect, EffectParameter
-from biodyn_core.segments import MEASURED_SEGMENTS
 
 
 def _measured(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.effects.effect import Effect, Joint
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 
 
 def limit(force_n: float, weight_n: float) -> float:

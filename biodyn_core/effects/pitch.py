@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
 from biodyn_core.effects.effect import Effect, EffectParameter
 
 

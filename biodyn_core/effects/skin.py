@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 import scipy  # its parts load where they are used: they take longer than a model to its first result
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.effects.effect import Effect, EffectParameter
-from biodyn_core.segments import MEASURED_SEGMENTS
 
 
 def _measured(

@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.identification.settings import THRESHOLD_PERCENT
 from biodyn_core.model import Chain
 from biodyn_core.parameters import PARAMETERS
-from biodyn_core.segments import SEGMENTS
 from biodyn_core.subject import Subject
 
 

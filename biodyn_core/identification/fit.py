@@ -9,14 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.identification.objectives import Pull, Surrogate, TimeDomain
 from biodyn_core.identification.phase1 import Search, reached, search
 from biodyn_core.identification.phase2 import Refined, refine
 from biodyn_core.identification.problem import Case, Errors, errors
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
-from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
 
 AT_BOUND: Final = 1e-3

@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
 from biodyn_core.parameters import PARAMETERS, Parameters, from_log, to_log
 from biodyn_core.subject import Subject
 

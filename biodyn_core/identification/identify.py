@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_core.identification.fit import (
     Fit,
     mean_percent,

@@ -14,7 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 from biodyn_core.constants import Constants
 from biodyn_core.effects import felt, shown
 from biodyn_core.identification.problem import Case
@@ -23,7 +24,6 @@ from biodyn_core.kernels.cost import LANES, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
 from biodyn_core.model import Chain, Stepper
 from biodyn_core.parameters import LOWER, N_PARAMETERS, STIFFENING, UPPER, from_log, to_log
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 from biodyn_core.subject import MassMatrix, Subject
 
 N_LINEAR: Final = STIFFENING

@@ -19,8 +19,8 @@ from typing import Final
 import numpy as np
 from scipy import optimize
 
-from biodyn_core.arrays import Floats
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
 from biodyn_core.identification.objectives import Surrogate
 from biodyn_core.identification.settings import SwarmSettings
 from biodyn_core.parameters import from_log

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from scipy import optimize
 
-from biodyn_core.arrays import Flags, Floats
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.errors import InputError
 from biodyn_core.identification.objectives import N_LINEAR, PENALTY, Pull, TimeDomain
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.problem import Case

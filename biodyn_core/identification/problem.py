@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats
-from biodyn_core.errors import InputError, UnusableRecording
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.errors import InputError, UnusableRecording
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.recording import WARM_UP_S, Recording
 from biodyn_core.response import cross_spectra
-from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.spectrum_settings import SpectrumSettings
 
 

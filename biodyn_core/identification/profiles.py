@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.errors import InputError
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import PENALTY, TimeDomain
 from biodyn_core.identification.phase2 import least_squares

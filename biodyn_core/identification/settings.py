@@ -6,11 +6,11 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-from biodyn_core.errors import InputError
-from biodyn_core.settings import check_settings, setting
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.settings import check_settings, setting
 
 if TYPE_CHECKING:
-    from biodyn_core.arrays import Flags
+    from biodyn_core.base.arrays import Flags
     from biodyn_core.parameters import Parameters
 
 Regularization = Literal["physical", "log"]

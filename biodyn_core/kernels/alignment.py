@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.kernels.compiling import compiled
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
 from biodyn_core.kernels.compiling import compiled, inlined
 
 # effects: functions

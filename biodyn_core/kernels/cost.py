@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.kernels.compiling import compiled, inlined
 
 LANES: Final = 16

@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.kernels.compiling import compiled
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
 
 
 @compiled

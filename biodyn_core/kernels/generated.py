@@ -19,9 +19,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
+from biodyn_core.base.segments import N_SEGMENTS
 from biodyn_core.kernels import chain
 from biodyn_core.kernels.compiling import CACHE
-from biodyn_core.segments import N_SEGMENTS
 
 ANYWHERE: Final = -1
 """Of a piece whose place is told by its constants alone."""

@@ -24,7 +24,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.kernels.compiling import compiled, inlined
 
 LEAST_MPS2: Final = 12.0

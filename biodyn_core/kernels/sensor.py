@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.kernels.compiling import compiled, inlined
 
 SECTIONS: Final = 2

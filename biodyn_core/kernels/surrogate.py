@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from biodyn_core.arrays import Complexes, Floats, Integers
+from biodyn_core.base.arrays import Complexes, Floats, Integers
 from biodyn_core.kernels.compiling import compiled
 
 

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, N_SEGMENTS
 from biodyn_core.effects import AppliedEffect, felt, shown
 from biodyn_core.identification.problem import Case
 from biodyn_core.model import Chain, Stepper
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX, N_SEGMENTS
 from biodyn_core.subject import Subject
 
 RUNAWAY_MPS2: Final = 1e5

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case

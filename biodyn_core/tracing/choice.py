@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from biodyn_core.base.wording import counted
 from biodyn_core.identification.fit import at_bound
 from biodyn_core.tracing.background import FREE, Background
 from biodyn_core.tracing.findings import Candidate
@@ -14,7 +15,6 @@ from biodyn_core.tracing.rungs import LIFT_OFF, Rung, WithoutEffect, left_over
 from biodyn_core.tracing.screen import Screening
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.settle import LEVELS, Settled
-from biodyn_core.wording import counted
 
 TELLING: Final = 0.9
 """With less left than so many times what a good model misses, it is told how far a body departs."""

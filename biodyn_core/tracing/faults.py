@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from scipy import optimize
 
-from biodyn_core.arrays import Flags, Floats
+from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.transfers import Shape, Stretch, across, window_sums
 

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.errors import InputError
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.screen import Screened, Screening, Tried, mean_log_ratio, screen
 from biodyn_core.tracing.settle import relief, settle

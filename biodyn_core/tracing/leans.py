@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case
-from biodyn_core.segments import MEASURED_SEGMENTS
 
 USUAL_TIMES: Final = 3.0
 """A lean of so many times its usual spread is no longer usual."""

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.errors import InputError
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
 from biodyn_core.subject import Subject

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.settings import UsualSettings, WeightSettings
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.screen import Screened, Screening, by_event

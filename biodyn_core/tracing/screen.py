@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer

@@ -8,8 +8,8 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
+from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.identification.settings import FitSettings, SwarmSettings
-from biodyn_core.settings import check_settings, setting
 
 BASE = FitSettings(
     phase1="pooled", clocks="trusted", refined_starts=2, swarm=SwarmSettings(particles=40, iterations=120, starts=3)

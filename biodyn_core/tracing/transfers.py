@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy import signal
 
-from biodyn_core.arrays import Flags, Floats
+from biodyn_core.base.arrays import Flags, Floats
 
 RIDGES: Final = (1e-4, 1e-3, 1e-2, 1e-1)
 """Pulls on coefficients, in shares of each input's own power."""

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from scipy import ndimage, signal
 
-from biodyn_core.arrays import Flags, Floats
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.settle import Settled

@@ -21,9 +21,9 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Integers
-from biodyn_core.errors import InputError
-from biodyn_core.suggestions import did_you_mean, did_you_mean_file
+from biodyn_core.base.arrays import Integers
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 from biodyn_ros.bag.files import files_of_directory, kind_of
 from biodyn_ros.bag.mcap import McapStorage
 from biodyn_ros.bag.sqlite import SqliteStorage

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 from typing import Any, cast
 
-from biodyn_core.errors import InputError
-from biodyn_core.yaml_files import read_yaml
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.yaml_files import read_yaml
 from biodyn_ros.bag import mcap, sqlite
 from biodyn_ros.bag.storage import refuse_foreign
 

@@ -20,8 +20,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from biodyn_core.errors import InputError
-from biodyn_core.wording import counted
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.wording import counted
 from biodyn_ros.bag import mcap_records as records
 from biodyn_ros.bag.mcap_records import DamagedError
 from biodyn_ros.bag.storage import Chunk, TopicInfo, TopicKey, grouped, refuse_foreign, require

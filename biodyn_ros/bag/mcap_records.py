@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from biodyn_core.arrays import Integers
-from biodyn_core.errors import InputError
-from biodyn_core.wording import counted
+from biodyn_core.base.arrays import Integers
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.wording import counted
 from biodyn_ros.bag.storage import Bytes, Chunk, TopicKey, require
 from biodyn_ros.cdr import gather
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from biodyn_core.errors import InputError
-from biodyn_core.wording import counted
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.wording import counted
 from biodyn_ros.bag.storage import Chunk, TopicInfo, TopicKey, grouped, refuse_foreign
 
 MAGIC = b"SQLite format 3\0"

@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.arrays import Integers
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Integers
+from biodyn_core.base.errors import InputError
 
 Bytes = NDArray[np.uint8]
 TopicKey = tuple[str, str]

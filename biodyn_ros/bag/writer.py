@@ -24,9 +24,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from biodyn_core.arrays import Integers
-from biodyn_core.errors import InputError
-from biodyn_core.wording import counted
+from biodyn_core.base.arrays import Integers
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.wording import counted
 from biodyn_ros.bag.mcap import MAGIC
 from biodyn_ros.bag.storage import Bytes, require
 from biodyn_ros.cdr import scatter

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.blue_trident.rows import Damage, number_rows
 from biodyn_ros.blue_trident.samples import (
     ACCEL_UNITS,

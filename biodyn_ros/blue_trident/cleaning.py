@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats
+from biodyn_core.base.arrays import Flags, Floats
 from biodyn_ros.blue_trident.samples import Samples, joined
 
 LARGEST_MPS2: Final = 1e5

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from biodyn_core.errors import InputError
-from biodyn_core.segments import SENSORS
-from biodyn_core.suggestions import did_you_mean, did_you_mean_file
-from biodyn_core.wording import counted
-from biodyn_core.yaml_files import read_yaml
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SENSORS
+from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
+from biodyn_core.base.wording import counted
+from biodyn_core.base.yaml_files import read_yaml
 from biodyn_ros.blue_trident.capture_u import capture_u, is_capture_u, is_magnetometer
 from biodyn_ros.blue_trident.nexus import is_nexus, nexus
 from biodyn_ros.blue_trident.rows import head_of, lines_of

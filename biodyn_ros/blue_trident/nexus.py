@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.errors import InputError
 from biodyn_ros.blue_trident.rows import Damage, number_rows
 from biodyn_ros.blue_trident.samples import (
     ACCEL_UNITS,

@@ -12,10 +12,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from biodyn_core.base.segments import SEAT, SENSORS
+from biodyn_core.base.wording import counted
 from biodyn_core.dual_range_settings import DualRangeSettings
 from biodyn_core.range_alignment import Alignment
-from biodyn_core.segments import SEAT, SENSORS
-from biodyn_core.wording import counted
 from biodyn_ros.blue_trident.cleaning import LeftOut
 from biodyn_ros.blue_trident.found import Chosen, Found
 from biodyn_ros.blue_trident.rows import Damage

@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
 
 BLOCK_BYTES: Final = 4 << 20
 HEAD_BYTES: Final = 1 << 16

@@ -9,9 +9,9 @@ from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats, Integers
-from biodyn_core.errors import InputError
-from biodyn_core.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.base.arrays import Flags, Floats, Integers
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_ros.blue_trident.rows import Damage
 
 Channel = Literal["low", "high"]

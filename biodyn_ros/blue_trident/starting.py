@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.blue_trident.samples import LATEST_S
 
 

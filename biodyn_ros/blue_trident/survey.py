@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.dual_range import Span, saturated, spans
 from biodyn_core.dual_range_settings import DualRangeSettings
 from biodyn_ros.blue_trident.cleaning import Cleaner

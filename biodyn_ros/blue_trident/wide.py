@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.dual_range import Span, Stretch, covered, shares, take_over
 from biodyn_core.dual_range_settings import DualRangeSettings
 from biodyn_core.range_alignment import Alignment, align, bias, levels, plausible, set_right

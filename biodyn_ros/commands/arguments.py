@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from biodyn_core.settings import Range, described
+from biodyn_core.base.settings import Range, described
 from biodyn_ros.commands.parsing import CommandParser
 
 if TYPE_CHECKING:

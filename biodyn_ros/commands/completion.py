@@ -10,7 +10,7 @@ import importlib.util
 from collections.abc import Sequence
 from typing import Any, Final
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
 from biodyn_ros.resources import subject_names

@@ -13,8 +13,8 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, NoReturn
 
-from biodyn_core.suggestions import did_you_mean
-from biodyn_core.wording import counted
+from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.wording import counted
 
 EXIT_INPUT: Final = 2
 _NARROWEST, _WIDEST = 40, 100

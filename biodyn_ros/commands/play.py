@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from biodyn_core.wording import counted
+from biodyn_core.base.wording import counted
 from biodyn_ros.commands.arguments import add_bag, add_map, add_settings, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser

@@ -6,8 +6,8 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from biodyn_core.errors import InputError
-from biodyn_core.wording import counted
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.wording import counted
 from biodyn_ros.commands.arguments import add_map, add_seed, add_settings, add_subject, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from biodyn_core.errors import InputError
-from biodyn_core.settings import check_settings, setting
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.settings import check_settings, setting
 from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
 
 TOKEN_BYTES: Final = 16

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from aiohttp import web
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros.dashboard.door import ANSWER_S, HEADERS, Door, check_host, check_token
 from biodyn_ros.dashboard.feed import SERVICES, Feed
 from biodyn_ros.dashboard.hub import Hub

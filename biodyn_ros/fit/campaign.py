@@ -9,7 +9,7 @@ import dataclasses
 from concurrent.futures import Executor
 from pathlib import Path
 
-from biodyn_core.errors import InputError, one_line
+from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros.files import make_directory
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.campaign_results import Document, Fits, Results, fingerprint

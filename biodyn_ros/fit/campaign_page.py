@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from biodyn_core.errors import InputError
-from biodyn_core.wording import counted
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.wording import counted
 from biodyn_ros.fit.campaign_results import page_of
 from biodyn_ros.fit.drawings import MARKERS, estimates_of, subjects
 from biodyn_ros.fit.fitting import json_beside

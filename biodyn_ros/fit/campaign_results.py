@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from biodyn_core.errors import InputError, one_line
+from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros import __version__
 from biodyn_ros.files import write_text
 from biodyn_ros.fit.campaign_file import Campaign, Entry

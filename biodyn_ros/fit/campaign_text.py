@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from biodyn_core.errors import InputError
-from biodyn_core.wording import counted
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.wording import counted
 from biodyn_ros.wording import number, table
 
 Document = dict[str, Any]

@@ -7,11 +7,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.base.wording import counted
 from biodyn_core.identification.fit import predictions
 from biodyn_core.identification.problem import Case, errors
-from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.tracing.findings import ComparedEvent
-from biodyn_core.wording import counted
 from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
 from biodyn_ros.fit.fitting import Fitted, page_beside
 from biodyn_ros.fit.text import BY, said

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from biodyn_core.segments import MEASURED_SEGMENTS
-from biodyn_core.wording import counted
+from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.base.wording import counted
 from biodyn_ros.wording import number, parameter_name, told_apart, words
 
 Document = dict[str, Any]

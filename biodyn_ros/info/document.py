@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.conditioning import gravity_search
-from biodyn_core.errors import InputError
-from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros.bag import BagReader, imu_blocks, open_bag
 from biodyn_ros.info.survey import Survey
 from biodyn_ros.progress import OnProgress, unwatched

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from biodyn_core.wording import counted
+from biodyn_core.base.wording import counted
 from biodyn_ros.cdr import IMU_TYPE
 from biodyn_ros.wording import number, table
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
-from biodyn_core.errors import one_line
+from biodyn_core.base.errors import one_line
 
 SPIN_S: Final = 0.5
 

@@ -16,9 +16,9 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from biodyn_core.errors import InputError
-from biodyn_core.settings import Range
-from biodyn_core.suggestions import did_you_mean
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.settings import Range
+from biodyn_core.base.suggestions import did_you_mean
 
 T = TypeVar("T")
 

@@ -20,10 +20,10 @@ from rclpy.qos import HistoryPolicy, QoSCompatibility, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
 
-from biodyn_core.arrays import Floats, Integers
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.interleaving import in_stamp_order
-from biodyn_core.segments import SEAT, SENSORS
 from biodyn_ros import topics
 from biodyn_ros.cdr import IMU_TYPE, ImuBlock, decode_imu, decode_imu_one
 from biodyn_ros.node.callbacks import guarded

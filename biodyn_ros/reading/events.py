@@ -6,12 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from biodyn_core.errors import InputError, UnusableRecording
+from biodyn_core.base.errors import InputError, UnusableRecording
+from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.recording import Recording
 from biodyn_core.spectrum_settings import SpectrumSettings
-from biodyn_core.suggestions import did_you_mean
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import bag_sha256
 from biodyn_ros.reading.gravity import gravity_by_bag

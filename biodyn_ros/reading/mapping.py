@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from biodyn_core.errors import InputError
-from biodyn_core.segments import SEAT, SENSORS
-from biodyn_core.suggestions import did_you_mean
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEAT, SENSORS
+from biodyn_core.base.suggestions import did_you_mean
 from biodyn_ros.bag import BagReader
 from biodyn_ros.cdr import IMU_TYPE
 from biodyn_ros.topics import INPUT

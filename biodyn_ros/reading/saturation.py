@@ -7,9 +7,9 @@ import json
 from collections.abc import Mapping
 from typing import Final
 
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SENSORS
 from biodyn_core.conditioning_settings import ConditioningSettings
-from biodyn_core.errors import InputError
-from biodyn_core.segments import SENSORS
 from biodyn_ros.bag import BagReader
 
 KEY: Final = "saturation_mps2"

@@ -6,11 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SENSORS
 from biodyn_core.frames import MeasuredFrames
 from biodyn_core.response import CrossSpectra, SpectraMeter
-from biodyn_core.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SENSORS
 from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.waterfall import USABLE, Waterfall, WaterfallMeter
 from biodyn_ros.spectra_json import power_document, spectra_document, transmissibility_document

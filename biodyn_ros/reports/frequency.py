@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.arrays import Flags, Floats
-from biodyn_core.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.waterfall import Waterfall
 from biodyn_ros.reports.drawing import (
     BAND_COLOUR,

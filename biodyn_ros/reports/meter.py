@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from biodyn_core.segments import SEAT
-from biodyn_core.wording import counted
+from biodyn_core.base.segments import SEAT
+from biodyn_core.base.wording import counted
 from biodyn_ros.wording import HORIZONTAL
 
 AXES: Final = ("x", "y", "z")

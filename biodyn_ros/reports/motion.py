@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats, Integers
-from biodyn_core.segments import SEAT, SEGMENTS, SENSORS
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_ros.reports.drawing import (
     BAND_COLOUR,
     DASHED,

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from biodyn_core.errors import InputError, one_line
+from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros.files import remove, write_text
 from biodyn_ros.reports.drawing import PALETTE
 from biodyn_ros.resources import package_directory

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.response import SAME_RATE, cross_spectra
-from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.spectrum_settings import SpectrumSettings
 from biodyn_core.tracing.findings import ComparedEvent
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, OTHER_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn, say

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case, Errors
-from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import (
     Candidate,

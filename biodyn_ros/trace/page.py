@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.segments import MEASURED_SEGMENTS
 from biodyn_core.tracing.findings import ComparedEvent, Round, Trace
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time

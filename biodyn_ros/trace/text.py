@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from textwrap import wrap
 from typing import Any, Final
 
-from biodyn_core.segments import MEASURED_SEGMENTS
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_ros.trace.wording import (
     belief,
     effect_name,

@@ -7,8 +7,8 @@ import re
 from collections.abc import Sequence
 from typing import Any, Final
 
+from biodyn_core.base.segments import SEAT, SEGMENTS
 from biodyn_core.effects import CATALOGUE, EffectParameter
-from biodyn_core.segments import SEAT, SEGMENTS
 from biodyn_ros.provenance import without_note
 from biodyn_ros.wording import number, parameter_name, sentence, told_apart, words
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
+from biodyn_core.base.segments import HEAD
 from biodyn_core.identification.settings import CaseSettings
-from biodyn_core.segments import HEAD
 from biodyn_ros.validate.settings import ValidationSettings
 from biodyn_ros.wording import number, words
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
+from biodyn_core.base.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.validation import PredictedRun
 from biodyn_core.waterfall import Waterfall, WaterfallMeter
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses, injury

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from biodyn_core.settings import check_settings, setting
+from biodyn_core.base.settings import check_settings, setting
 
 LEAST_COHERENCE: Final = 0.5
 """From which on a frequency can tell, unless said otherwise."""

@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.arrays import Floats
-from biodyn_core.errors import InputError
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
 from biodyn_core.identification.objectives import N_LINEAR
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.phase2 import Refined

@@ -27,7 +27,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros import __version__
 from biodyn_ros.environment import ONE_THREAD
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, MutableMapping
 from pathlib import Path
 from typing import Any, Final
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from biodyn_ros import __version__
 from biodyn_ros.files import check_directory, make_directory
 from biodyn_ros.json_files import keys_of, read_json, write_json

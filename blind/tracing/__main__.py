@@ -15,7 +15,7 @@ from typing import Final, get_args
 from world import seats
 from world.effects.draw import Split
 
-from biodyn_core.errors import InputError
+from biodyn_core.base.errors import InputError
 from blind.tracing import streams
 from blind.tracing.answer import thresholds
 from blind.tracing.marks import Mark, marks

@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.errors import InputError
 from biodyn_core.tracing.findings import Candidate, Trace
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace

@@ -7,8 +7,8 @@ import json
 from dataclasses import dataclass
 from typing import Any, Final
 
+from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.tracing.findings import NAMING
 
 FAILED: Final = "failed"

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, Ranges, logistic
-from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region

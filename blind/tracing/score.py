@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from world.effects.sitting import Sitting
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.errors import InputError
 from biodyn_core.identification.fit import Fit, fit_joint, mean_percent, prediction_errors, predictions
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case

@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from biodyn_core.errors import InputError
-from biodyn_core.suggestions import did_you_mean
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.suggestions import did_you_mean
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import yaml
 
-from biodyn_core.errors import InputError
-from biodyn_core.suggestions import did_you_mean, did_you_mean_file
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 
 LARGEST_BYTES: Final = 2**20
 """Nobody writes so much; a hundred subjects of a campaign take a twentieth."""
