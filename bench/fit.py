@@ -21,7 +21,7 @@ from biodyn_core.kernels.cost import LANES
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER
 from biodyn_core.recording import Recorder, Recording
-from biodyn_core.spectrum_settings import SpectrumSettings
+from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject, load_subject
 from biodyn_core.synthesis import imu_streams, load_case
 from biodyn_core.synthesis_settings import CASES, NATIVE_RATE_HZ

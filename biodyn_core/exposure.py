@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
-from biodyn_core.weighting import CURVES, WeightingName, weighting_sections
+from biodyn_core.signals.weighting import CURVES, WeightingName, weighting_sections
 
 BIN_S: Final = 0.1
 """Rolling figures move in steps of this."""

@@ -13,7 +13,7 @@ from biodyn_core.base.segments import HEAD, SEAT
 from biodyn_core.conditioned import Block
 from biodyn_core.exposure import BIN_S, Dose, DoseMeter, HorizontalMeter, Meter, motion_sickness_mps15
 from biodyn_core.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
-from biodyn_core.weighting import WeightingName
+from biodyn_core.signals.weighting import WeightingName
 
 BATCH: Final = 128
 """Exposure is counted in batches of at least so many samples, predictions come first. No figure depends on it."""

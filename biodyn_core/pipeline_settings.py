@@ -12,7 +12,7 @@ from biodyn_core.base.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from biodyn_core.levelling import Vector
-    from biodyn_core.weighting import WeightingName
+    from biodyn_core.signals.weighting import WeightingName
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class PipelineSettings:
 
     def weightings(self) -> tuple[WeightingName, ...]:
         """The further weightings; InputError naming one that is unknown."""
-        from biodyn_core.weighting import CURVES
+        from biodyn_core.signals.weighting import CURVES
 
         asked = self.also_weighted.replace(",", " ").split()
         for name in asked:

@@ -23,8 +23,8 @@ from biodyn_core.exposure import Dose, DoseMeter
 from biodyn_core.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.model import Chain, Response, SeatForce, predict
 from biodyn_core.recording import WORTH_A_LINE_S, Recording
-from biodyn_core.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
-from biodyn_core.spectrum_settings import SpectrumSettings
+from biodyn_core.signals.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
+from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
 
 _HEAD: Final = SEGMENTS.index(HEAD)

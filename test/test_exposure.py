@@ -16,7 +16,7 @@ from biodyn_core.comparison import ResidualMeter
 from biodyn_core.conditioning import Conditioner
 from biodyn_core.exposure import BIN_S, SHORTEST_MSDV_S, Dose, DoseMeter, HorizontalMeter, motion_sickness_mps15
 from biodyn_core.injury import DriMeter, HicMeter
-from biodyn_core.weighting import weighting_sections
+from biodyn_core.signals.weighting import weighting_sections
 
 RATE_HZ = 1129.3
 WINDOW_S = 2.0

@@ -11,7 +11,7 @@ from streams import RATE_HZ, noisy_streams, subject
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.pipeline import Pipeline
-from biodyn_core.weighting import CURVES
+from biodyn_core.signals.weighting import CURVES
 from biodyn_ros.node.health import (
     CAUSES,
     ERROR,

@@ -22,8 +22,8 @@ from biodyn_core.injury import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, first_ord
 from biodyn_core.kernels import compiling, rails, sensor
 from biodyn_core.model import Chain
 from biodyn_core.parameters import LOWER, UPPER, Parameters
+from biodyn_core.signals.weighting import weighting_sections
 from biodyn_core.subject import Subject
-from biodyn_core.weighting import weighting_sections
 
 RATE_HZ = 1129.3
 ROWS = 260

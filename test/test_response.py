@@ -16,13 +16,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.driving_point import driving_point, linear_driving_point
 from biodyn_core.model import Chain, Response
-from biodyn_core.response import (
-    CrossSpectra,
-    SpectrumSettings,
-    common_rate_hz,
-    cross_spectra,
-    peak,
-)
+from biodyn_core.signals.response import CrossSpectra, SpectrumSettings, common_rate_hz, cross_spectra, peak
 from biodyn_core.subject import Subject, load_subject
 from biodyn_ros.resources import subject_file
 

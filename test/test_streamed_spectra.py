@@ -12,8 +12,8 @@ from scipy import signal
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.frames import MeasuredFrames
-from biodyn_core.response import SpectraMeter, SpectrumSettings, cross_spectra
-from biodyn_core.waterfall import BIN_NS, BINS, WaterfallMeter
+from biodyn_core.signals.response import SpectraMeter, SpectrumSettings, cross_spectra
+from biodyn_core.signals.waterfall import BIN_NS, BINS, WaterfallMeter
 from biodyn_ros.replay.spectra import ReplaySpectra
 
 RATE_HZ = 200.0

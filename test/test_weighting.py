@@ -15,7 +15,7 @@ from scipy import signal
 
 from biodyn_core import kernels
 from biodyn_core.base.errors import InputError
-from biodyn_core.weighting import CURVES, analog_response, weighting_sections
+from biodyn_core.signals.weighting import CURVES, analog_response, weighting_sections
 
 DATA = Path(__file__).parent / "data"
 NAMES = tuple(naive.WEIGHTINGS)

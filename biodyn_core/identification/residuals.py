@@ -14,8 +14,8 @@ from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.flags import stretches
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.problem import Case
-from biodyn_core.response import cross_spectra
-from biodyn_core.spectrum_settings import SpectrumSettings
+from biodyn_core.signals.response import cross_spectra
+from biodyn_core.signals.spectrum_settings import SpectrumSettings
 
 DEFAULT_CUTOFF_HZ: Final = ConditioningSettings().cutoff_hz
 

@@ -35,7 +35,7 @@ def _kinds() -> dict[str, type[Any]]:
         SwarmSettings,
         UncertaintySettings,
     )
-    from biodyn_core.spectrum_settings import SpectrumSettings
+    from biodyn_core.signals.spectrum_settings import SpectrumSettings
 
     return {
         "fitting": FitSettings,

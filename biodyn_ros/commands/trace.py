@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 def _kinds() -> dict[str, type[Any]]:
     from biodyn_core.identification.settings import CaseSettings
-    from biodyn_core.spectrum_settings import SpectrumSettings
+    from biodyn_core.signals.spectrum_settings import SpectrumSettings
     from biodyn_core.tracing.settings import (
         BackgroundSettings,
         FloorSettings,

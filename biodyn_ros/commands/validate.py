@@ -20,7 +20,7 @@ from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:
-    from biodyn_core.spectrum_settings import SpectrumSettings
+    from biodyn_core.signals.spectrum_settings import SpectrumSettings
     from biodyn_ros.validate.settings import ValidationSettings
 
     add_bag(command)
@@ -38,7 +38,7 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from biodyn_core.spectrum_settings import SpectrumSettings
+    from biodyn_core.signals.spectrum_settings import SpectrumSettings
     from biodyn_core.subject import load_subject
     from biodyn_ros.resources import subject_file
     from biodyn_ros.validate.settings import ValidationSettings

@@ -11,7 +11,7 @@ from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.recording import Recording
-from biodyn_core.spectrum_settings import SpectrumSettings
+from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import bag_sha256
 from biodyn_ros.reading.gravity import gravity_by_bag

@@ -10,9 +10,9 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SENSORS
 from biodyn_core.frames import MeasuredFrames
-from biodyn_core.response import CrossSpectra, SpectraMeter
-from biodyn_core.spectrum_settings import SpectrumSettings
-from biodyn_core.waterfall import USABLE, Waterfall, WaterfallMeter
+from biodyn_core.signals.response import CrossSpectra, SpectraMeter
+from biodyn_core.signals.spectrum_settings import SpectrumSettings
+from biodyn_core.signals.waterfall import USABLE, Waterfall, WaterfallMeter
 from biodyn_ros.spectra_json import power_document, spectra_document, transmissibility_document
 
 Document = dict[str, Any]

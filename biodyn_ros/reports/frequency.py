@@ -14,7 +14,7 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS
-from biodyn_core.waterfall import Waterfall
+from biodyn_core.signals.waterfall import Waterfall
 from biodyn_ros.reports.drawing import (
     BAND_COLOUR,
     DASHED,

@@ -11,8 +11,8 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS
-from biodyn_core.response import SAME_RATE, cross_spectra
-from biodyn_core.spectrum_settings import SpectrumSettings
+from biodyn_core.signals.response import SAME_RATE, cross_spectra
+from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.tracing.findings import ComparedEvent
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, OTHER_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn, say
 from biodyn_ros.wording import words

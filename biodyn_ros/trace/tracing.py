@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
-from biodyn_core.spectrum_settings import SpectrumSettings
+from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.gate import dealt, usable

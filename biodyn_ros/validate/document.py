@@ -13,8 +13,8 @@ from biodyn_core.exposure import Dose
 from biodyn_core.injury import Hic
 from biodyn_core.model import CASCADE_FORCES
 from biodyn_core.recording import WARM_UP_S
-from biodyn_core.response import Peak, peak
-from biodyn_core.spectrum_settings import SpectrumSettings
+from biodyn_core.signals.response import Peak, peak
+from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation import Exposures, HeadPeaks, PredictedRun, Validation
 from biodyn_ros import __version__
 from biodyn_ros.exposure_json import dose_figures, hic_windows

@@ -18,7 +18,7 @@ from scipy import signal
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
-from biodyn_core.spectrum_settings import SpectrumSettings
+from biodyn_core.signals.spectrum_settings import SpectrumSettings
 
 Part = tuple[Floats, Floats]
 """One stretch of time: input (n,) and outputs (n, m), NaN where masked."""

@@ -1,0 +1,1 @@
+"""Signals over frequency and time: ISO weightings, spectra and waterfalls."""
