@@ -13,11 +13,11 @@ import time
 import numpy as np
 
 from bench.table import Row, render
+from biodyn_core.body.model import Chain, Stepper
+from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.body.synthesis import load_case
+from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
-from biodyn_core.model import Chain, Stepper
-from biodyn_core.subject import Subject, load_subject
-from biodyn_core.synthesis import load_case
-from biodyn_core.synthesis_settings import NATIVE_RATE_HZ
 from biodyn_ros.resources import subject_file
 
 SECONDS = 5.0
@@ -26,8 +26,8 @@ WARM = 5
 FIRST = """
 import dataclasses, numpy as np
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.model import Chain
-from biodyn_core.subject import load_subject
+from biodyn_core.body.model import Chain
+from biodyn_core.body.subject import load_subject
 from biodyn_ros.resources import subject_file
 effect = CATALOGUE["viscera"]
 applied = AppliedEffect(effect, effect.where[0], {p.name: p.size for p in effect.parameters})

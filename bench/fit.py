@@ -10,6 +10,11 @@ import numpy as np
 from bench.ode import rk45
 from bench.table import Row, render
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import LOWER, UPPER
+from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.body.synthesis import imu_streams, load_case
+from biodyn_core.body.synthesis_settings import CASES, NATIVE_RATE_HZ
 from biodyn_core.identification.fit import Fit, fit_cases, fit_joint
 from biodyn_core.identification.identify import identify
 from biodyn_core.identification.objectives import Pull, Surrogate, TimeDomain
@@ -18,13 +23,8 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import PAPER, FitSettings, SwarmSettings
 from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.kernels.cost import LANES
-from biodyn_core.model import Chain
-from biodyn_core.parameters import LOWER, UPPER
 from biodyn_core.recording import Recorder, Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_core.subject import Subject, load_subject
-from biodyn_core.synthesis import imu_streams, load_case
-from biodyn_core.synthesis_settings import CASES, NATIVE_RATE_HZ
 from biodyn_ros.resources import subject_file
 from biodyn_ros.work.executors import executor_of
 from biodyn_ros.work.tasks import Work

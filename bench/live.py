@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from bench.processes import NODE, Answered, Window, streamed
 from bench.table import Row, render
-from biodyn_core.synthesis_settings import NATIVE_RATE_HZ
+from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
 from biodyn_ros.environment import settle
 
 ROUNDS = 4

@@ -12,10 +12,10 @@ from scipy.integrate import solve_ivp
 
 from bench.table import Row, render
 from biodyn_core.base.segments import N_SEGMENTS
-from biodyn_core.model import Chain, Stepper
-from biodyn_core.subject import load_subject
-from biodyn_core.synthesis import load_case
-from biodyn_core.synthesis_settings import CASES, NATIVE_RATE_HZ
+from biodyn_core.body.model import Chain, Stepper
+from biodyn_core.body.subject import load_subject
+from biodyn_core.body.synthesis import load_case
+from biodyn_core.body.synthesis_settings import CASES, NATIVE_RATE_HZ
 from biodyn_ros.resources import subject_file
 
 SECONDS = 5.0

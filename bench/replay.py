@@ -21,8 +21,8 @@ from mcap.writer import CompressionType, Writer
 
 from bench.table import Row, render
 from biodyn_core.base.segments import SEGMENTS
-from biodyn_core.subject import load_subject
-from biodyn_core.synthesis_settings import CASES, SensorSettings
+from biodyn_core.body.subject import load_subject
+from biodyn_core.body.synthesis_settings import CASES, SensorSettings
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.node.warmup import warm_up

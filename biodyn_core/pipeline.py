@@ -19,6 +19,8 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import HEAD, SEAT, SENSORS
 from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.body.model import Chain
+from biodyn_core.body.subject import Subject
 from biodyn_core.comparison import Compared
 from biodyn_core.conditioned import Block, SensorStatus
 from biodyn_core.conditioning import Conditioner, Mode, SettingsOf, settings_for
@@ -33,10 +35,8 @@ from biodyn_core.keeping import KeptExposure, Lost
 from biodyn_core.levelling import Vector, first_axis_rad
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.metering import SensorMeters
-from biodyn_core.model import Chain
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import SeatSide
-from biodyn_core.subject import Subject
 from biodyn_core.timelines import Timelines
 
 SLICE_S: Final = 0.25

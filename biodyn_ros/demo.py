@@ -17,7 +17,7 @@ from std_msgs.msg import Float64
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.base.wording import number
-from biodyn_core.subject import load_subject
+from biodyn_core.body.subject import load_subject
 from biodyn_ros import topics
 from biodyn_ros.files import check_directory
 from biodyn_ros.provenance import MADE_BY_MODEL

@@ -28,11 +28,11 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError, one_line
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.base.settings import check_settings, setting
+from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.limits import EU_LIMITS, load_limits
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
-from biodyn_core.subject import Subject, load_subject
 from biodyn_ros import topics
 from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page

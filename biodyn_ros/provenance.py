@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 from biodyn_ros.bag import BagReader, open_bag
 
 if TYPE_CHECKING:
-    from biodyn_core.subject import Subject
+    from biodyn_core.body.subject import Subject
 
 Role = Literal["fitted", "held_out"]
 ROLES: Final[tuple[Role, Role]] = ("fitted", "held_out")

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.subject import Subject
-from biodyn_core.synthesis import SeatMotion, imu_streams, joined, load_case
-from biodyn_core.synthesis_settings import SensorSettings
+from biodyn_core.body.subject import Subject
+from biodyn_core.body.synthesis import SeatMotion, imu_streams, joined, load_case
+from biodyn_core.body.synthesis_settings import SensorSettings
 from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu

@@ -9,10 +9,10 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
-from biodyn_core.model import Chain
+from biodyn_core.body.model import Chain
+from biodyn_core.body.subject import Subject
 from biodyn_core.signals.response import CrossSpectra
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_core.subject import Subject
 
 Document = dict[str, Any]
 

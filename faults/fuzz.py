@@ -47,7 +47,7 @@ def one(name: str, seconds: int, directory: Path) -> None:
     """Fuzz one reader in this process, which the fuzzer ends."""
     import atheris  # an extra
 
-    import biodyn_core.wiring  # noqa: F401 - what is compiled is loaded before, as it cannot be followed
+    import biodyn_core.body.effect_assembly  # noqa: F401 - what is compiled is loaded before, as it cannot be followed
 
     with atheris.instrument_imports(include=["biodyn_core", "biodyn_ros", "yaml"]):
         from biodyn_core.base.errors import InputError

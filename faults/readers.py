@@ -14,12 +14,12 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.segments import SENSORS
+from biodyn_core.body.parameters import LOWER, UPPER
+from biodyn_core.body.subject import load_subject
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.keeping import digest
 from biodyn_core.limits import load_limits
-from biodyn_core.parameters import LOWER, UPPER
 from biodyn_core.pipeline import Pipeline
-from biodyn_core.subject import load_subject
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
 from biodyn_ros.blue_trident.found import find_exports

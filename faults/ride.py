@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.subject import Subject, load_subject
-from biodyn_core.synthesis import imu_streams, load_case
+from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.body.synthesis import imu_streams, load_case
 from biodyn_ros.resources import subject_file
 
 Floats = NDArray[np.float64]

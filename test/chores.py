@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.parameters import LOWER, UPPER
 from biodyn_core.identification.identify import Task
 from biodyn_core.identification.phase1 import Search
-from biodyn_core.parameters import LOWER, UPPER
 from biodyn_ros.fit.campaign_file import Entry
 from biodyn_ros.fit.campaign_results import Fits
 from biodyn_ros.fit.fitting import FitOptions

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.body.parameters import LOWER, UPPER, Parameters
+from biodyn_core.body.subject import MassMatrix, Subject
+from biodyn_core.body.synthesis import load_case
 from biodyn_core.identification.problem import Case, CaseSettings
-from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.recording import Recording
 from biodyn_core.signals.response import SpectrumSettings
-from biodyn_core.subject import MassMatrix, Subject
-from biodyn_core.synthesis import load_case
 
 Floats = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from biodyn_core.base.segments import SEGMENTS, SENSORS
+from biodyn_core.body.synthesis import CASES
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.signals.weighting import CURVES
-from biodyn_core.synthesis import CASES
 
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
 OF_EFFECTS = {parameter.name for effect in CATALOGUE.values() for parameter in effect.parameters}

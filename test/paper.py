@@ -10,8 +10,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from biodyn_core.parameters import LOWER, UPPER, Parameters
-from biodyn_core.subject import Subject, load_subject
+from biodyn_core.body.parameters import LOWER, UPPER, Parameters
+from biodyn_core.body.subject import Subject, load_subject
 from biodyn_ros.resources import subject_file
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15).map(np.array)

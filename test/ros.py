@@ -20,7 +20,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 from streams import noisy_streams
 
-from biodyn_core.synthesis import ImuStream
+from biodyn_core.body.synthesis import ImuStream
 from biodyn_ros import topics
 from biodyn_ros.cdr import encode_imu
 from biodyn_ros.environment import hold_domain

@@ -20,12 +20,12 @@ from world.effects.sitting import drawn as sittings_drawn
 import blind
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.body.model import predict
+from biodyn_core.body.parameters import LOWER, UPPER, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case, Errors
-from biodyn_core.model import predict
-from biodyn_core.parameters import LOWER, UPPER, Parameters
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Candidate, ComparedEvent, Round, Trace
 from blind.tracing import __main__ as command
 from blind.tracing import refits, score, streams, study

@@ -15,10 +15,10 @@ import yaml
 from expecting import refusal, until
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.subject import load_subject
+from biodyn_core.body.synthesis import SensorSettings
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.subject import load_subject
-from biodyn_core.synthesis import SensorSettings
 from biodyn_ros import cli
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import campaign_results as results

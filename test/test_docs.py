@@ -17,8 +17,8 @@ import yaml
 from streams import subject
 from trident import capture_u_files, shock
 
-from biodyn_core.subject import load_subject
-from biodyn_core.synthesis import SensorSettings
+from biodyn_core.body.subject import load_subject
+from biodyn_core.body.synthesis import SensorSettings
 from biodyn_ros.commands.table import parser
 from biodyn_ros.environment import hold_domain
 from biodyn_ros.fit.campaign_file import load_campaign

@@ -20,12 +20,12 @@ from scipy import integrate
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS, SENSORS
+from biodyn_core.body.model import Chain, Stepper, predict
+from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.body.synthesis import SensorSettings, imu_streams, load_case
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, EffectParameter, felt, shown
 from biodyn_core.effects.effect import Kind
-from biodyn_core.model import Chain, Stepper, predict
 from biodyn_core.pipeline import Pipeline
-from biodyn_core.subject import Subject, load_subject
-from biodyn_core.synthesis import SensorSettings, imu_streams, load_case
 
 RATE_HZ = 1129.3
 SUBJECT = streams.subject()
@@ -537,8 +537,8 @@ def test_the_readme_names_every_effect() -> None:
 RUN = """
 import dataclasses, numpy as np, time
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.model import Chain
-from biodyn_core.subject import load_subject
+from biodyn_core.body.model import Chain
+from biodyn_core.body.subject import load_subject
 from biodyn_ros.resources import subject_file
 effect = CATALOGUE["relaxation"]
 values = {p.name: p.start for p in effect.parameters}

@@ -15,10 +15,10 @@ from streams import simulated, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
+from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
-from biodyn_core.subject import Subject, load_subject
 from biodyn_ros.cli import main
 from biodyn_ros.fit.document import not_new, provenance
 from biodyn_ros.fit.fitting import FitOptions, Fitted, check_output, fit_bags, parse_cases, write_fitted

@@ -12,14 +12,14 @@ from world.effects import sitting
 from world.effects.development_forms import NoddingNeck
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_core.body.model import predict
+from biodyn_core.body.parameters import Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.channels import Channels
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.heading import bend_rates_radps, headings_rad
 from biodyn_core.levelling import laid_level
-from biodyn_core.model import predict
-from biodyn_core.parameters import Parameters
 from biodyn_core.recording import Recorder, Recording, RecordingSettings
-from biodyn_core.subject import Subject
 
 Floats = NDArray[np.float64]
 RATE_HZ = 500.0

@@ -13,10 +13,10 @@ from paper import THETAS, person, printed
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.idealize import FittedCase, Idealized, idealize
-from biodyn_core.model import Chain
-from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
-from biodyn_core.subject import Subject
 
 COLUMNS = ("case_1", "case_2", "case_3")
 NAMES = [parameter.name for parameter in PARAMETERS]

@@ -249,7 +249,7 @@ def test_the_live_node_reaches_neither_identification_nor_tracing() -> None:
 
 
 def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:
-    loaded = "import sys, biodyn_core.model; print([name for name in sys.modules if name.startswith('scipy.')])"
+    loaded = "import sys, biodyn_core.body.model; print([name for name in sys.modules if name.startswith('scipy.')])"
     done = subprocess.run([sys.executable, "-c", loaded], cwd=ROOT, capture_output=True, text=True, check=True)
     assert "scipy.signal" not in done.stdout
     assert "scipy.interpolate" not in done.stdout
@@ -261,13 +261,21 @@ def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:
         ("errors.py", "import rclpy", "biodyn_core.base.errors imports rclpy"),
         ("errors.py", "import biodyn_ros.cdr", "biodyn_core.base.errors imports biodyn_ros.cdr"),
         ("pipeline.py", "def f():\n    import matplotlib.pyplot", "biodyn_core.pipeline imports matplotlib.pyplot"),
-        ("model.py", "import numba", "biodyn_core.model imports numba"),
-        ("segments.py", "from biodyn_core import model", "biodyn_core.base.segments imports biodyn_core.model"),
-        ("kernels/chain.py", "from ..subject import Subject", "biodyn_core.kernels.chain imports biodyn_core.subject"),
-        ("effects/joint.py", "from ..model import Chain", "biodyn_core.effects.joint imports biodyn_core.model"),
+        ("model.py", "import numba", "biodyn_core.body.model imports numba"),
+        ("segments.py", "from biodyn_core import model", "biodyn_core.base.segments imports biodyn_core.body.model"),
+        (
+            "kernels/chain.py",
+            "from ..subject import Subject",
+            "biodyn_core.kernels.chain imports biodyn_core.body.subject",
+        ),
+        ("effects/joint.py", "from ..model import Chain", "biodyn_core.effects.joint imports biodyn_core.body.model"),
         ("effects/__init__.py", "from . import seat", "circle: biodyn_core.effects"),
         ("surprise.py", "", "biodyn_core.surprise is in no layer"),
-        ("__init__.py", "from biodyn_core.model import Chain", "biodyn_core/__init__.py imports biodyn_core.model"),
+        (
+            "__init__.py",
+            "from biodyn_core.body.model import Chain",
+            "biodyn_core/__init__.py imports biodyn_core.body.model",
+        ),
     ],
 )
 def test_a_broken_rule_is_seen(tmp_path: Path, path: str, source: str, fault: str) -> None:

@@ -13,10 +13,10 @@ from sensor_msgs.msg import Imu
 from streams import START_NS, subject, write_bag
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS
+from biodyn_core.body.synthesis import ImuStream, SensorSettings, imu_streams, load_case
 from biodyn_core.exposure import Dose
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
-from biodyn_core.synthesis import ImuStream, SensorSettings, imu_streams, load_case
 from biodyn_ros import topics
 from biodyn_ros.cdr import decode_imu
 from biodyn_ros.live import BiodynNode

@@ -14,9 +14,9 @@ from paper import THETAS, person, printed, shipped
 
 from biodyn_core import kernels
 from biodyn_core.base.errors import InputError
-from biodyn_core.model import MAX_STEP_S, Chain, Stepper
-from biodyn_core.parameters import LOWER, UPPER
-from biodyn_core.subject import Subject
+from biodyn_core.body.model import MAX_STEP_S, Chain, Stepper
+from biodyn_core.body.parameters import LOWER, UPPER
+from biodyn_core.body.subject import Subject
 
 NATIVE_HZ = 1129.3
 RATES_HZ = (250.0, 500.0, 1000.0, 1600.0)

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
-from biodyn_core.constants import Constants
+from biodyn_core.body.constants import Constants
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import LOWER, UPPER
 from biodyn_core.identification import objectives
 from biodyn_core.identification.objectives import (
     PENALTY,
@@ -24,8 +26,6 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import SEGMENT_WEIGHTS
 from biodyn_core.kernels import compiling, cost, surrogate
 from biodyn_core.kernels.cost import LANES
-from biodyn_core.model import Chain
-from biodyn_core.parameters import LOWER, UPPER
 
 WEIGHTS = (0.5, 0.2, 0.8, 2.5, 3.0)
 """Of Eq. 31, as its text has them, pelvis to head."""

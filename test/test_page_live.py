@@ -20,7 +20,7 @@ import yaml
 from ros import STARTUP_S, child
 from streams import noisy_streams, subject, write_bag
 
-from biodyn_core.synthesis import ImuStream
+from biodyn_core.body.synthesis import ImuStream
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None

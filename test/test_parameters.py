@@ -10,16 +10,7 @@ from paper import SHARES, printed
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS
-from biodyn_core.parameters import (
-    LOWER,
-    PARAMETERS,
-    UPPER,
-    Parameters,
-    from_log,
-    from_sigmoid,
-    to_log,
-    to_sigmoid,
-)
+from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters, from_log, from_sigmoid, to_log, to_sigmoid
 
 ULPS = 8 * np.finfo(float).eps
 

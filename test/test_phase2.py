@@ -8,6 +8,8 @@ import pytest
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import Fit, at_bound, fit_cases, fit_joint, search_all
 from biodyn_core.identification.objectives import Pull, TimeDomain
@@ -15,8 +17,6 @@ from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.phase2 import least_squares, nelder_mead, refine
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import PAPER, FitSettings
-from biodyn_core.model import Chain
-from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2))
 FREE = FitSettings().free

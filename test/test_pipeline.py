@@ -15,13 +15,13 @@ from streams import PERFECT, RATE_HZ, START_NS, Run, in_turn, independent_stream
 from biodyn_core import kernels
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_core.body.model import Chain, Stepper
+from biodyn_core.body.synthesis import ImuStream, SeatMotion, imu_streams, load_case
 from biodyn_core.conditioning import Conditioner
 from biodyn_core.exposure import DoseMeter
-from biodyn_core.model import Chain, Stepper
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import MOST_STRETCH_M
-from biodyn_core.synthesis import ImuStream, SeatMotion, imu_streams, load_case
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.node.warmup import warm_up
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hiding import applied
 
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import errors
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.polish import polished
 

@@ -18,12 +18,12 @@ from streams import RATE_HZ, START_NS, independent_streams, noisy_streams, subje
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted
+from biodyn_core.body.model import Chain
+from biodyn_core.body.synthesis import ImuStream, SensorSettings, load_case
 from biodyn_core.conditioning import ConditioningSettings
 from biodyn_core.flags import around, stretches
 from biodyn_core.identification.problem import Case
-from biodyn_core.model import Chain
 from biodyn_core.recording import WARM_UP_S, Recorder, Recording, RecordingSettings, level_mps2, representative
-from biodyn_core.synthesis import ImuStream, SensorSettings, load_case
 from biodyn_core.worn import LEFT_OF_AN_ERROR
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings

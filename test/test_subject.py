@@ -15,8 +15,8 @@ from paper import THETAS, printed, shipped
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
-from biodyn_core.parameters import Parameters
-from biodyn_core.subject import Subject, load_subject
+from biodyn_core.body.parameters import Parameters
+from biodyn_core.body.subject import Subject, load_subject
 
 SHIPPED = Path(__file__).parents[1] / "config" / "subjects"
 SUBJECTS = st.builds(

@@ -12,11 +12,11 @@ from streams import noisy_streams, write_bag
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
+from biodyn_core.body.subject import load_subject
+from biodyn_core.body.synthesis import load_case
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.limits import load_limits
 from biodyn_core.pipeline_settings import PipelineSettings
-from biodyn_core.subject import load_subject
-from biodyn_core.synthesis import load_case
 from biodyn_ros.bag import open_bag
 from biodyn_ros.blue_trident.found import find_exports
 from biodyn_ros.fit.campaign_file import load_campaign

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hiding import applied
 
+from biodyn_core.body.parameters import UNFITTED, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case, errors
-from biodyn_core.parameters import UNFITTED, Parameters
-from biodyn_core.subject import Subject
 from biodyn_core.tracing import rounds
 from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer

@@ -22,10 +22,10 @@ from streams import simulated, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body.parameters import PARAMETERS, UNFITTED, Parameters
+from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.identification.problem import Errors
-from biodyn_core.parameters import PARAMETERS, UNFITTED, Parameters
-from biodyn_core.subject import Subject, load_subject
 from biodyn_core.tracing.findings import (
     Candidate,
     ComparedEvent,

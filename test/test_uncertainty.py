@@ -9,6 +9,9 @@ from scipy import signal
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import Refined, least_squares
@@ -26,9 +29,6 @@ from biodyn_core.identification.uncertainty import (
     overlapping_windows,
     uncertainty,
 )
-from biodyn_core.model import Chain
-from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
-from biodyn_core.subject import Subject
 
 NAMES = [p.name for p in PARAMETERS]
 RESIDUALS_ALONE = UncertaintySettings(cross_axis=0.0)

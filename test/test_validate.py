@@ -14,11 +14,11 @@ from streams import independent_streams, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEGMENTS
-from biodyn_core.model import Chain
+from biodyn_core.body.model import Chain
+from biodyn_core.body.subject import load_subject
+from biodyn_core.body.synthesis import SensorSettings, load_case
 from biodyn_core.recording import WARM_UP_S, Recorder, Recording
 from biodyn_core.signals.response import SpectrumSettings, cross_spectra
-from biodyn_core.subject import load_subject
-from biodyn_core.synthesis import SensorSettings, load_case
 from biodyn_ros.resources import subject_file
 from biodyn_ros.simulate import simulate_bag
 from biodyn_ros.validate.findings import ValidationSettings, findings, verdict

@@ -24,12 +24,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import LOWER, UPPER
 from biodyn_core.identification.identify import Task, fingerprint, identify
 from biodyn_core.identification.phase1 import Search, SwarmSettings
 from biodyn_core.identification.phase2 import Refined
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.model import Chain
-from biodyn_core.parameters import LOWER, UPPER
 from biodyn_ros.environment import ONE_THREAD
 from biodyn_ros.json_files import LARGEST_BYTES
 from biodyn_ros.progress import Progress

@@ -10,7 +10,7 @@ import pytest
 from scipy import signal
 from world import body, ride, seats, sensors
 
-from biodyn_core.parameters import LOWER, UPPER
+from biodyn_core.body.parameters import LOWER, UPPER
 from blind.recovery.draw import draw
 from blind.recovery.identify import Answer, jointly
 from blind.recovery.judge import Judged, joints_off, judge

@@ -20,10 +20,10 @@ from world.effects.draw import KINDS, forms
 from world.effects.effect import Effect, Moment, Person
 from world.effects.event import HELD_HZ, Event
 
+from biodyn_core.body.parameters import LOWER, UPPER, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
-from biodyn_core.parameters import LOWER, UPPER, Parameters
-from biodyn_core.subject import Subject
 from biodyn_ros.reading.recordings import read_recordings
 
 WORLD = Path(__file__).parent / "world"

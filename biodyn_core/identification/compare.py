@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import PARAMETERS
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.settings import THRESHOLD_PERCENT
-from biodyn_core.model import Chain
-from biodyn_core.parameters import PARAMETERS
-from biodyn_core.subject import Subject
 
 
 @dataclass(frozen=True)

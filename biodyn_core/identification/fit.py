@@ -11,13 +11,13 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.objectives import Pull, Surrogate, TimeDomain
 from biodyn_core.identification.phase1 import Search, reached, search
 from biodyn_core.identification.phase2 import Refined, refine
 from biodyn_core.identification.problem import Case, Errors, errors
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.parameters import LOWER, PARAMETERS, UPPER, Parameters
-from biodyn_core.subject import Subject
 
 AT_BOUND: Final = 1e-3
 """A parameter closer to a bound than this share of its range is on it."""

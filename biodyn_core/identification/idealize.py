@@ -15,8 +15,8 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
-from biodyn_core.parameters import PARAMETERS, Parameters, from_log, to_log
-from biodyn_core.subject import Subject
+from biodyn_core.body.parameters import PARAMETERS, Parameters, from_log, to_log
+from biodyn_core.body.subject import Subject
 
 CV_FLAG_PERCENT: Final = 30.0
 """A parameter that scatters by more is poorly constrained by the cases (7.2)."""

@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.subject import MASS_MATRICES, MassMatrix, Subject
 from biodyn_core.identification.fit import (
     Fit,
     mean_percent,
@@ -28,7 +29,6 @@ from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.phase2 import Refined, refine
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings, Refiner
-from biodyn_core.subject import MASS_MATRICES, MassMatrix, Subject
 
 TOLD_APART: Final = 0.05
 """Mean errors of two mass matrices that differ by less than this share of the larger tell nothing."""

@@ -16,15 +16,15 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
-from biodyn_core.constants import Constants
+from biodyn_core.body.constants import Constants
+from biodyn_core.body.model import Chain, Stepper
+from biodyn_core.body.parameters import LOWER, N_PARAMETERS, STIFFENING, UPPER, from_log, to_log
+from biodyn_core.body.subject import MassMatrix, Subject
 from biodyn_core.effects import felt, shown
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import Clocks, Regularization, SurrogateSettings
 from biodyn_core.kernels.cost import LANES, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
-from biodyn_core.model import Chain, Stepper
-from biodyn_core.parameters import LOWER, N_PARAMETERS, STIFFENING, UPPER, from_log, to_log
-from biodyn_core.subject import MassMatrix, Subject
 
 N_LINEAR: Final = STIFFENING
 """Parameters of phase 1: f_n, zeta and alpha_r; s_nl = 0 and m_scale = 1 are held (Eq. 29)."""

@@ -21,9 +21,9 @@ from scipy import optimize
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.parameters import from_log
 from biodyn_core.identification.objectives import Surrogate
 from biodyn_core.identification.settings import SwarmSettings
-from biodyn_core.parameters import from_log
 
 PULL: Final = 1.49445
 """How strongly a particle is drawn to its own best place, and to its neighbours' (Clerc and Kennedy 2002)."""

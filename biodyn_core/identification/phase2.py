@@ -12,12 +12,12 @@ from scipy import optimize
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.parameters import LOWER, MASS_SCALE, N_PARAMETERS, STIFFENING, UPPER, from_sigmoid, to_sigmoid
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.objectives import N_LINEAR, PENALTY, Pull, TimeDomain
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.parameters import LOWER, MASS_SCALE, N_PARAMETERS, STIFFENING, UPPER, from_sigmoid, to_sigmoid
-from biodyn_core.subject import Subject
 
 Linearised = Callable[[Floats], tuple[Floats, Floats]]
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import PENALTY, TimeDomain
 from biodyn_core.identification.phase2 import least_squares
@@ -24,7 +25,6 @@ from biodyn_core.identification.uncertainty import (
     covariance_of,
     off_bounds,
 )
-from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 
 REFITS: Final = 12
 """At most so many to either side."""

@@ -11,7 +11,7 @@ from biodyn_core.base.settings import check_settings, setting
 
 if TYPE_CHECKING:
     from biodyn_core.base.arrays import Flags
-    from biodyn_core.parameters import Parameters
+    from biodyn_core.body.parameters import Parameters
 
 Regularization = Literal["physical", "log"]
 Clocks = Literal["trusted", "estimated"]
@@ -124,14 +124,14 @@ class FitSettings:
         """Which parameters are fitted, (15,)."""
         import numpy as np
 
-        from biodyn_core.parameters import PARAMETERS
+        from biodyn_core.body.parameters import PARAMETERS
 
         return np.array([p.group != "mass_scale" or self.mass_scale == "free" for p in PARAMETERS])
 
     @property
     def fitted(self) -> tuple[str, ...]:
         """Their names."""
-        from biodyn_core.parameters import PARAMETERS
+        from biodyn_core.body.parameters import PARAMETERS
 
         return tuple(p.name for p, free in zip(PARAMETERS, self.free, strict=True) if free)
 

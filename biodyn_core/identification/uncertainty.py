@@ -18,11 +18,11 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import UncertaintySettings
-from biodyn_core.parameters import LOWER, PARAMETERS, UPPER
 
 Call = Literal["identifiable", "weakly identifiable", "not identifiable"]
 

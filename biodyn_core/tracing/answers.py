@@ -10,10 +10,10 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, N_SEGMENTS
+from biodyn_core.body.model import Chain, Stepper
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, felt, shown
 from biodyn_core.identification.problem import Case
-from biodyn_core.model import Chain, Stepper
-from biodyn_core.subject import Subject
 
 RUNAWAY_MPS2: Final = 1e5
 """No body is accelerated so: a joint that a candidate makes softer than nothing has run away."""

@@ -14,12 +14,12 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import PARAMETERS
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
-from biodyn_core.model import Chain
-from biodyn_core.parameters import PARAMETERS
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer, answers
 from biodyn_core.tracing.departures import Direction, bend_n, columns, directions
 from biodyn_core.tracing.rows import Products, Rows

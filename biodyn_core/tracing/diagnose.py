@@ -11,11 +11,11 @@ from scipy import optimize, signal
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import PARAMETERS
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import at_bound
 from biodyn_core.identification.problem import Case
-from biodyn_core.model import Chain
-from biodyn_core.parameters import PARAMETERS
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import FREE, N_THETA, Background
 from biodyn_core.tracing.findings import Diagnostics

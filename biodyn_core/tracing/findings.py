@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Errors
-from biodyn_core.subject import Subject
 
 Verdict = Literal["effect", "ambiguous", "none", "unexplained", "not_decidable"]
 NAMING: Final[tuple[Verdict, ...]] = ("effect", "ambiguous")

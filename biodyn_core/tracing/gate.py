@@ -15,9 +15,9 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted
+from biodyn_core.body.model import Chain, predict
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.problem import Case
-from biodyn_core.model import Chain, predict
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Need
 from biodyn_core.tracing.settings import FloorSettings
 

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from scipy import signal
 
+from biodyn_core.body.parameters import is_fitted
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, EffectParameter, logistic
 from biodyn_core.identification.problem import Case, errors
-from biodyn_core.parameters import is_fitted
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import N_THETA
 from biodyn_core.tracing.diagnose import diagnose

@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.body.parameters import Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, EffectParameter, Ranges, logistic
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
-from biodyn_core.parameters import Parameters
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.background import FREE
 
 STEP: Final = 1e-4

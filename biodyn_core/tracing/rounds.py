@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.choice import TELLING, asked, candidate, rivals, taken
 from biodyn_core.tracing.findings import Candidate, Round

@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.body.parameters import LOWER, UPPER, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Ranges
-from biodyn_core.parameters import LOWER, UPPER, Parameters
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers, moved, sensed
 from biodyn_core.tracing.background import FREE, N_THETA, Background, Side
 from biodyn_core.tracing.rows import Products

@@ -14,10 +14,10 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import SEGMENTS
+from biodyn_core.body.model import Chain, predict
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Effect, EffectParameter
 from biodyn_core.effects.effect import Joint
-from biodyn_core.model import Chain, predict
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.findings import Surface

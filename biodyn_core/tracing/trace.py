@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from biodyn_core.body.parameters import Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case, errors
-from biodyn_core.parameters import Parameters
-from biodyn_core.subject import Subject
 from biodyn_core.tracing import gate
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Trace

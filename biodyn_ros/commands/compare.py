@@ -21,8 +21,8 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
+    from biodyn_core.body.subject import load_subject
     from biodyn_core.identification.compare import compare
-    from biodyn_core.subject import load_subject
     from biodyn_ros.fit.comparison import comparison_document, text_of
     from biodyn_ros.resources import subject_file
 

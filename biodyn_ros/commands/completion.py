@@ -47,7 +47,7 @@ def _complete(metavar: str) -> Any:
     """How the word that stands for a value in the help is completed; None: not at all, or by its choices."""
     import shtab
 
-    from biodyn_core.synthesis_settings import CASES
+    from biodyn_core.body.synthesis_settings import CASES
 
     if metavar in SUBJECT:
         return _words_or_files("subject", subject_names(), "yaml")

@@ -84,8 +84,8 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _subject(options: argparse.Namespace) -> None:
-    from biodyn_core.parameters import UNFITTED
-    from biodyn_core.subject import load_subject
+    from biodyn_core.body.parameters import UNFITTED
+    from biodyn_core.body.subject import load_subject
     from biodyn_ros.files import remove
     from biodyn_ros.fit.fitting import check_output, fit_bags, page_beside, write_fitted
     from biodyn_ros.fit.text import text_of

@@ -15,7 +15,7 @@ from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:
-    from biodyn_core.synthesis_settings import CASE_S, CASES, SensorSettings
+    from biodyn_core.body.synthesis_settings import CASE_S, CASES, SensorSettings
 
     add_subject(command)
     source = command.add_mutually_exclusive_group(required=True)
@@ -34,8 +34,8 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from biodyn_core.subject import load_subject
-    from biodyn_core.synthesis_settings import CASE_S, SensorSettings
+    from biodyn_core.body.subject import load_subject
+    from biodyn_core.body.synthesis_settings import CASE_S, SensorSettings
     from biodyn_ros.reading.mapping import parse_map
     from biodyn_ros.reading.seat_motion import is_table, read_seat_motion
     from biodyn_ros.resources import subject_file

@@ -38,8 +38,8 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
+    from biodyn_core.body.subject import load_subject
     from biodyn_core.signals.spectrum_settings import SpectrumSettings
-    from biodyn_core.subject import load_subject
     from biodyn_ros.resources import subject_file
     from biodyn_ros.validate.settings import ValidationSettings
     from biodyn_ros.validate.text import text_of

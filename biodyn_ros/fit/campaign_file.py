@@ -21,8 +21,8 @@ from typing import Final
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean_file
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
-from biodyn_core.parameters import UNFITTED
-from biodyn_core.subject import Subject, load_subject
+from biodyn_core.body.parameters import UNFITTED
+from biodyn_core.body.subject import Subject, load_subject
 from biodyn_ros.files import is_there
 from biodyn_ros.resources import subject_file
 

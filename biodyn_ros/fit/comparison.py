@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.compare import Deviation, SubjectComparison
-from biodyn_core.subject import Subject
 from biodyn_ros import __version__
 from biodyn_ros.wording import table, words
 

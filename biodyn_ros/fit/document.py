@@ -12,6 +12,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted
+from biodyn_core.body.subject import MassMatrix, Subject
 from biodyn_core.identification.fit import Fit, mean_percent
 from biodyn_core.identification.idealize import Idealized
 from biodyn_core.identification.identify import Identification
@@ -19,7 +20,6 @@ from biodyn_core.identification.problem import Case, Errors
 from biodyn_core.identification.profiles import Profile
 from biodyn_core.identification.residuals import Leftover
 from biodyn_core.identification.uncertainty import Estimate, Uncertainty
-from biodyn_core.subject import MassMatrix, Subject
 from biodyn_ros.json_files import finite
 from biodyn_ros.provenance import MADE_BY_MODEL, rests_on, without_note
 from biodyn_ros.reading.events import BagEvent, Prepared

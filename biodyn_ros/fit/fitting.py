@@ -15,6 +15,7 @@ from typing import Any
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning_settings import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.identification.fit import prediction_errors
@@ -26,7 +27,6 @@ from biodyn_core.identification.settings import CaseSettings, FitSettings, Uncer
 from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.recording import representative
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_core.subject import Subject
 from biodyn_ros import __version__
 from biodyn_ros.files import check_directory, make_directory, write_text
 from biodyn_ros.fit.document import Findings, fit_document, provenance

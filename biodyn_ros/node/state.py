@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.subject import Subject
 from biodyn_core.keeping import KeptExposure, digest
 from biodyn_core.pipeline import Pipeline
-from biodyn_core.subject import Subject
 from biodyn_ros import __version__
 from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, remove, state_directory, write_text
 from biodyn_ros.json_files import keys_of, read_json

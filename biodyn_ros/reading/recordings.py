@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from biodyn_core.body.synthesis_settings import CASES
 from biodyn_core.gravity import Gravity
 from biodyn_core.levelling import Vector
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.recording import Recorder, Recording
 from biodyn_core.recording_settings import RecordingSettings
-from biodyn_core.synthesis_settings import CASES
 from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.gravity import gravity_of

@@ -11,12 +11,12 @@ from typing import Any, Final
 import numpy as np
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
+from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning import Mode
 from biodyn_core.frames import Frames
 from biodyn_core.limits import EU_LIMITS, Limits
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
-from biodyn_core.subject import Subject
 from biodyn_ros import __version__, topics
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped

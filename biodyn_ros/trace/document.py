@@ -11,9 +11,9 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case, Errors
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import (
     Candidate,
     ComparedEvent,

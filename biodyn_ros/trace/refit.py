@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from biodyn_core.parameters import PARAMETERS, is_fitted
-from biodyn_core.subject import Subject
+from biodyn_core.body.parameters import PARAMETERS, is_fitted
+from biodyn_core.body.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_ros.json_files import finite
 from biodyn_ros.wording import number, parameter_name, told_apart

@@ -14,10 +14,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.gate import dealt, usable
 from biodyn_core.tracing.settings import TraceSettings

@@ -12,10 +12,10 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.parameters import LOWER, N_PARAMETERS, UPPER
 from biodyn_core.identification.objectives import N_LINEAR
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.phase2 import Refined
-from biodyn_core.parameters import LOWER, N_PARAMETERS, UPPER
 from biodyn_ros import __version__
 from biodyn_ros.files import make_directory
 from biodyn_ros.json_files import keys_of, read_json, write_json

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import interpolate, signal
 from world import body, ride, seats
 
+from biodyn_core.body.subject import MassMatrix
 from biodyn_core.identification.problem import Case
 from biodyn_core.recording import Recorder, Recording
-from biodyn_core.subject import MassMatrix
 
 Floats = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ import time
 from dataclasses import dataclass
 from typing import Final
 
+from biodyn_core.body.parameters import LOWER, UPPER, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import fit_cases, fit_joint
 from biodyn_core.identification.idealize import FittedCase, idealize
 from biodyn_core.identification.settings import PAPER
 from biodyn_core.identification.uncertainty import Estimate, uncertainty
-from biodyn_core.parameters import LOWER, UPPER, Parameters
-from biodyn_core.subject import Subject
 from blind.recovery.draw import Person
 
 SEED: Final = 0

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from biodyn_core.body.model import Chain
+from biodyn_core.body.parameters import PARAMETERS, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import prediction_errors
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.uncertainty import Estimate
-from biodyn_core.model import Chain
-from biodyn_core.parameters import PARAMETERS, Parameters
-from biodyn_core.subject import Subject
 from blind.recovery.draw import Person, Truth
 from blind.recovery.identify import Answer, somebody
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.base.segments import SEGMENTS
-from biodyn_core.parameters import PARAMETERS
+from biodyn_core.body.parameters import PARAMETERS
 from blind.recovery.draw import HELD_OUT_S, TRAINING_S
 from blind.recovery.judge import Judged, Way, joints_off
 from blind.recovery.marks import WITHIN_FLOOR, better, marks, ours_error, papers_error

@@ -22,11 +22,11 @@ from world.effects.wearing import Stream
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS
+from biodyn_core.body.parameters import LOWER, UPPER, Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.problem import Case
-from biodyn_core.parameters import LOWER, UPPER, Parameters
 from biodyn_core.recording import Recorder
-from biodyn_core.subject import Subject
 from blind.tracing.outcome import Cause
 from blind.tracing.rows import Drawing
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.parameters import Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, Ranges, logistic
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
-from biodyn_core.parameters import Parameters
-from biodyn_core.subject import Subject
 from blind.tracing.outcome import Cause, places_away
 
 Floats = NDArray[np.float64]

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from world.effects.sitting import Sitting
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.body.parameters import Parameters
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.fit import Fit, fit_joint, mean_percent, prediction_errors, predictions
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
-from biodyn_core.parameters import Parameters
-from biodyn_core.subject import Subject
 from biodyn_core.tracing.settings import TraceSettings
 from blind.tracing.answer import TRACE_SEED
 from blind.tracing.outcome import Answer, Outcome, Score

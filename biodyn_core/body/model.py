@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike
 from biodyn_core.base.arrays import Complexes, Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import N_SEGMENTS, SEAT, SEGMENTS
-from biodyn_core.constants import Constants
+from biodyn_core.body.constants import Constants
+from biodyn_core.body.effect_assembly import Element, Wiring
+from biodyn_core.body.subject import MassMatrix, Subject
 from biodyn_core.effects import AppliedEffect, Joint, felt
-from biodyn_core.subject import MassMatrix, Subject
-from biodyn_core.wiring import Element, Wiring
 
 SeatForce = Literal["inertia", "joint", "paper"]
 

@@ -18,8 +18,8 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
+from biodyn_core.body.parameters import Parameters
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.parameters import Parameters
 
 SCHEMA: Final = 1
 MassMatrix = Literal["segment", "cascade"]

@@ -18,10 +18,10 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.body.model import predict
+from biodyn_core.body.subject import Subject
+from biodyn_core.body.synthesis_settings import CASES, NATIVE_RATE_HZ, SensorSettings
 from biodyn_core.effects import shown
-from biodyn_core.model import predict
-from biodyn_core.subject import Subject
-from biodyn_core.synthesis_settings import CASES, NATIVE_RATE_HZ, SensorSettings
 
 MOTION_S: Final = (2.0, 3600.0)
 """A motion is at least so long, and a drawn case at most."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MASS_FRACTION, STIFFENING_SHAPE_PER_M
-from biodyn_core.parameters import DAMPINGS, FREQUENCIES, MASS_SCALE, RAYLEIGH, STIFFENING
-from biodyn_core.subject import MassMatrix
+from biodyn_core.body.parameters import DAMPINGS, FREQUENCIES, MASS_SCALE, RAYLEIGH, STIFFENING
+from biodyn_core.body.subject import MassMatrix
 
 
 @dataclass(frozen=True)
