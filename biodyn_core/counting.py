@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from biodyn_core.conditioned import Block
-from biodyn_core.conditioning import Conditioner
+from biodyn_core.conditioning.conditioned import Block
+from biodyn_core.conditioning.conditioner import Conditioner
+from biodyn_core.conditioning.tilt import Vector, first_axis_rad
+from biodyn_core.conditioning.timelines import Timelines
 from biodyn_core.earlier_run import EarlierRun
 from biodyn_core.keeping import NOTHING_LOST, KeptExposure, KeptSensor, Lost
-from biodyn_core.levelling import Vector, first_axis_rad
 from biodyn_core.metering import SensorMeters
 from biodyn_core.pipeline_settings import PipelineSettings
-from biodyn_core.timelines import Timelines
 
 
 class Counting:

@@ -15,7 +15,7 @@ from scipy import signal
 
 from biodyn_core.base.arrays import Complexes, Floats
 from biodyn_core.base.segments import SEAT, SENSORS, STANDARD_GRAVITY_MPS2
-from biodyn_core.channels import Channels
+from biodyn_core.conditioning.channels import Channels
 
 SLOW_HZ: Final = (0.2, 3.0)
 """Below lie levels and the drift of gyros; above, segments sway by themselves."""

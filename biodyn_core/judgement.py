@@ -13,7 +13,7 @@ import numpy as np
 
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted, number, number_below
-from biodyn_core.conditioning import GRAVITY_TOLERANCE
+from biodyn_core.conditioning.conditioner import GRAVITY_TOLERANCE
 from biodyn_core.exposure import Dose, HorizontalMeter
 from biodyn_core.keeping import Lost
 from biodyn_core.limits import Kind, Limits, LimitSet, Measure

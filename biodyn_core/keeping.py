@@ -18,7 +18,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
-from biodyn_core.rest import Rest
+from biodyn_core.conditioning.rest import Rest
 
 STILL_AT_REST_S: Final = 60.0
 """A sensor that comes back so soon has the gravity and vertical that it had; later somebody may have taken it off."""

@@ -11,7 +11,7 @@ from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.base.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from biodyn_core.levelling import Vector
+    from biodyn_core.conditioning.tilt import Vector
     from biodyn_core.signals.weighting import WeightingName
 
 

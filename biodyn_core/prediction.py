@@ -13,7 +13,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.comparison import Compared, Comparison
-from biodyn_core.conditioned import Block
+from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure import Dose, DoseMeter, Meter
 from biodyn_core.metering import Batch, resume_meter
 

@@ -14,19 +14,19 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.alignment import Aligner
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError, UnusableRecording
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.base.wording import counted
-from biodyn_core.channels import Channels
-from biodyn_core.conditioned import Block
-from biodyn_core.conditioning import Conditioner, SettingsOf, settings_for
+from biodyn_core.conditioning.alignment import Aligner
+from biodyn_core.conditioning.channels import Channels
+from biodyn_core.conditioning.conditioned import Block
+from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
+from biodyn_core.conditioning.gravity import Gravity
+from biodyn_core.conditioning.tilt import Vector
 from biodyn_core.flags import around, stretches
-from biodyn_core.gravity import Gravity
 from biodyn_core.heading import bend_rates_radps, headings_rad
-from biodyn_core.levelling import Vector
 from biodyn_core.recording_settings import RecordingSettings
 from biodyn_core.worn import Run, WornSensor
 

@@ -8,18 +8,18 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.alignment import Aligner
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
-from biodyn_core.channels import Gyro, bridged
-from biodyn_core.conditioned import Block
-from biodyn_core.conditioning import FILTER_ORDER, Conditioner
+from biodyn_core.conditioning.alignment import Aligner
+from biodyn_core.conditioning.attitude import BLIND_S, NobodysLean, carried_over, followed_up, true_vertical_mps2
+from biodyn_core.conditioning.channels import Gyro, bridged
+from biodyn_core.conditioning.conditioned import Block
+from biodyn_core.conditioning.conditioner import FILTER_ORDER, Conditioner
+from biodyn_core.conditioning.rails import LEAST_MPS2
+from biodyn_core.conditioning.tilt import UP, laid_level, rotation_to_vertical
 from biodyn_core.flags import among, around, stretches
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
-from biodyn_core.levelling import UP, laid_level, rotation_to_vertical
-from biodyn_core.rails import LEAST_MPS2
-from biodyn_core.upright import BLIND_S, NobodysLean, carried_over, followed_up, true_vertical_mps2
 
 LEFT_OF_AN_ERROR: Final = 1e-3
 """Of a wrong sample no more than this share is left where the low-pass is said to reach no further."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.base.segments import SENSORS
-from biodyn_core.conditioning import CLOCK_TIME_CONSTANT_S
+from biodyn_core.conditioning.conditioner import CLOCK_TIME_CONSTANT_S
 from biodyn_ros.info.document import info
 from conformance import record, twins
 from conformance.record import Stream

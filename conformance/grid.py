@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from biodyn_core.alignment import half_width
 from biodyn_core.base.segments import SEAT, SENSORS
+from biodyn_core.conditioning.alignment import half_width
 from biodyn_core.frames import Frames
 from conformance import record, twins
 from conformance.record import START_NS, Stream

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from biodyn_core.base.segments import HEAD, SEAT
-from biodyn_core.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from conformance import record, twins
 from conformance.record import GRAVITY_MPS2
 from conformance.table import Row, RowTable

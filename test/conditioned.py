@@ -5,7 +5,7 @@ from __future__ import annotations
 import naive
 import numpy as np
 
-from biodyn_core.conditioning import Conditioner
+from biodyn_core.conditioning.conditioner import Conditioner
 
 RATE_HZ = 1129.3
 START_NS = 1_767_225_600 * 10**9

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BarycentricInterpolator
 
-from biodyn_core.alignment import LARGEST_ERROR, Aligner, half_width, interpolation_error
-from biodyn_core.conditioned import Block
+from biodyn_core.conditioning.alignment import LARGEST_ERROR, Aligner, half_width, interpolation_error
+from biodyn_core.conditioning.conditioned import Block
 
 EPOCH_NS = 1_767_225_600 * 10**9
 RATE_HZ = 1129.3

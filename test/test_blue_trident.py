@@ -30,8 +30,8 @@ from trident import (
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
-from biodyn_core.conditioning import ConditioningSettings
-from biodyn_core.dual_range import DualRangeSettings
+from biodyn_core.conditioning.conditioner import ConditioningSettings
+from biodyn_core.conditioning.dual_range import DualRangeSettings
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, rows, text_of
 from biodyn_ros.blue_trident.starting import parse_start

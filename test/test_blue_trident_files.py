@@ -15,9 +15,9 @@ from streams import subject
 from trident import TAKE, G, capture_u_files, imported, nexus_text, samples, shock, still, write_capture_u
 
 from biodyn_core.base.errors import LONGEST, InputError
-from biodyn_core.conditioning import ConditioningSettings
-from biodyn_core.dual_range import DualRangeSettings, Stretch
-from biodyn_core.range_alignment import align, bias, levels
+from biodyn_core.conditioning.conditioner import ConditioningSettings
+from biodyn_core.conditioning.dual_range import DualRangeSettings, Stretch
+from biodyn_core.conditioning.range_alignment import align, bias, levels
 from biodyn_ros.bag import open_bag
 from biodyn_ros.cli import main
 from biodyn_ros.info.document import info

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from biodyn_core.base.arrays import Integers
-from biodyn_core.clocks import ClockComparison, ClockDrift
+from biodyn_core.conditioning.clocks import ClockComparison, ClockDrift
 
 START_NS = 1_700_000_000_000_000_000
 

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from uncompiled import Uncompiled
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.conditioning import Conditioner, ConditioningSettings, group_delay_s
+from biodyn_core.conditioning.conditioner import Conditioner, ConditioningSettings, group_delay_s
+from biodyn_core.conditioning.tilt import rotation_to_vertical
 from biodyn_core.kernels import compiling
-from biodyn_core.levelling import rotation_to_vertical
 
 SEEDS = st.integers(0, 2**32 - 1)
 

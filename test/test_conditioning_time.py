@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conditioned import HOUR_NS, RATE_HZ, START_NS, STILL, Conditioned, stamps
 
-from biodyn_core.conditioning import Conditioner
+from biodyn_core.conditioning.conditioner import Conditioner
 
 # --- clocks that are not what they should be -------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ import pytest
 from trident import HIGH_HZ, LOW_HZ, RAIL, G, Wide, high_g, low_g, shock
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.dual_range import (
+from biodyn_core.conditioning.dual_range import (
     AGREES,
     FADE,
     HIGH_RAIL_MPS2,
@@ -24,7 +24,7 @@ from biodyn_core.dual_range import (
     take_over,
     trusted,
 )
-from biodyn_core.range_alignment import Alignment, align, bias, levels, plausible, set_right
+from biodyn_core.conditioning.range_alignment import Alignment, align, bias, levels, plausible, set_right
 
 SETTINGS = DualRangeSettings()
 PERIOD_S = 1.0 / LOW_HZ

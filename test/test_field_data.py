@@ -19,7 +19,7 @@ from streams import subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main

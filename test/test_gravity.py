@@ -17,8 +17,8 @@ from streams import independent_streams, subject, write_bag
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.body.synthesis import ImuStream
-from biodyn_core.conditioning import ConditioningSettings, gravity_search
-from biodyn_core.gravity import Gravity, from_other_record
+from biodyn_core.conditioning.conditioner import ConditioningSettings, gravity_search
+from biodyn_core.conditioning.gravity import Gravity, from_other_record
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_ros.cli import main
 from biodyn_ros.fit.fitting import FitOptions, fit_bags

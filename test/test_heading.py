@@ -15,10 +15,10 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS, STAN
 from biodyn_core.body.model import predict
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
-from biodyn_core.channels import Channels
+from biodyn_core.conditioning.channels import Channels
+from biodyn_core.conditioning.tilt import laid_level
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.heading import bend_rates_radps, headings_rad
-from biodyn_core.levelling import laid_level
 from biodyn_core.recording import Recorder, Recording, RecordingSettings
 
 Floats = NDArray[np.float64]

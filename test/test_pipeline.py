@@ -17,7 +17,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.synthesis import ImuStream, SeatMotion, imu_streams, load_case
-from biodyn_core.conditioning import Conditioner
+from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.exposure import DoseMeter
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings

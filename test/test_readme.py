@@ -90,7 +90,7 @@ def test_the_quality_that_is_claimed_names_every_policy_of_rep_2004() -> None:
 def test_what_contributors_are_told_to_change_is_there() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     told = {
-        "cutoff_hz": "biodyn_core/conditioning_settings.py",
+        "cutoff_hz": "biodyn_core/conditioning/conditioning_settings.py",
         "SEGMENT_WEIGHTS": "biodyn_core/identification/settings.py",
         "HorizontalMeter": "biodyn_core/exposure.py",
         "EFFECT = Effect(": "biodyn_core/effects/gain.py",

@@ -20,7 +20,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS,
 from biodyn_core.base.wording import counted
 from biodyn_core.body.model import Chain
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, load_case
-from biodyn_core.conditioning import ConditioningSettings
+from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_core.flags import around, stretches
 from biodyn_core.identification.problem import Case
 from biodyn_core.recording import WARM_UP_S, Recorder, Recording, RecordingSettings, level_mps2, representative

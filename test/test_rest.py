@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ticks import COUNT, RATE_HZ, even_s, lost_at_random
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.rest import Rest, RestWindow
+from biodyn_core.conditioning.rest import Rest, RestWindow
 
 START_NS = 1_767_225_600 * 10**9
 SEEDS = st.integers(0, 2**32 - 1)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ticks import COUNT, RATE_HZ, even_s, lost_at_random
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.sampling_clock import fit_clock
+from biodyn_core.conditioning.sampling_clock import fit_clock
 
 SEEDS = st.integers(0, 2**32 - 1)
 

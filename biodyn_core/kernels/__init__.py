@@ -5,11 +5,11 @@ classes that own the arrays do. A kernel and those it calls share a file: numba'
 """
 
 from biodyn_core.kernels.alignment import interpolate
+from biodyn_core.kernels.attitude import follow_up
 from biodyn_core.kernels.chain import integrate_chain
 from biodyn_core.kernels.compiling import COMPILED
 from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual, settle
 from biodyn_core.kernels.guard import first_lost
-from biodyn_core.kernels.lean import follow_up
 from biodyn_core.kernels.rails import find_rails
 from biodyn_core.kernels.sensor import condition, filter_sections, level, regularise
 

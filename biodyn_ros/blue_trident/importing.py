@@ -11,9 +11,9 @@ from typing import Any, Final
 import numpy as np
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.conditioning_settings import ConditioningSettings
-from biodyn_core.dual_range import HIGH_RAIL_MPS2, saturated
-from biodyn_core.dual_range_settings import DualRangeSettings
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.dual_range import HIGH_RAIL_MPS2, saturated
+from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.blue_trident.cleaning import Cleaner

@@ -14,8 +14,8 @@ import numpy as np
 
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
-from biodyn_core.dual_range_settings import DualRangeSettings
-from biodyn_core.range_alignment import Alignment
+from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
+from biodyn_core.conditioning.range_alignment import Alignment
 from biodyn_ros.blue_trident.cleaning import LeftOut
 from biodyn_ros.blue_trident.found import Chosen, Found
 from biodyn_ros.blue_trident.rows import Damage

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
-from biodyn_core.dual_range import Span, saturated, spans
-from biodyn_core.dual_range_settings import DualRangeSettings
+from biodyn_core.conditioning.dual_range import Span, saturated, spans
+from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_ros.blue_trident.cleaning import Cleaner
 from biodyn_ros.blue_trident.found import Chosen
 from biodyn_ros.blue_trident.rows import Damage

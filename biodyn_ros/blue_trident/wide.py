@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
-from biodyn_core.dual_range import Span, Stretch, covered, shares, take_over
-from biodyn_core.dual_range_settings import DualRangeSettings
-from biodyn_core.range_alignment import Alignment, align, bias, levels, plausible, set_right
+from biodyn_core.conditioning.dual_range import Span, Stretch, covered, shares, take_over
+from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
+from biodyn_core.conditioning.range_alignment import Alignment, align, bias, levels, plausible, set_right
 from biodyn_ros.blue_trident.cleaning import LARGEST_MPS2, Cleaner
 from biodyn_ros.blue_trident.samples import Channel, Samples
 from biodyn_ros.blue_trident.survey import Surveyed

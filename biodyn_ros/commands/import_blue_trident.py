@@ -12,7 +12,7 @@ from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:
-    from biodyn_core.dual_range_settings import DualRangeSettings
+    from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 
     command.add_argument("exports", metavar="DIR", help="directory of one recording's CSV files, or one file")
     command.add_argument(
@@ -38,7 +38,7 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from biodyn_core.dual_range_settings import DualRangeSettings
+    from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
     from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
     from biodyn_ros.blue_trident.found import parse_serials
     from biodyn_ros.blue_trident.starting import parse_start

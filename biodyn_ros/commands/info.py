@@ -22,7 +22,7 @@ _SWITCH: Final = "NUMBA_DISABLE_JIT"
 
 
 def _add(command: CommandParser) -> None:
-    from biodyn_core.conditioning_settings import ConditioningSettings
+    from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 
     add_bag(command)
     add_map(command)
@@ -31,7 +31,7 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from biodyn_core.conditioning_settings import ConditioningSettings
+    from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
     from biodyn_ros.bag import open_bag
     from biodyn_ros.info.text import text_of
     from biodyn_ros.reading.mapping import imu_messages, parse_map

@@ -16,7 +16,7 @@ from typing import Any
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.body.subject import Subject
-from biodyn_core.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.identification.fit import prediction_errors
 from biodyn_core.identification.identify import Identification, fingerprint, identify

@@ -7,7 +7,7 @@ from typing import Any
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_core.conditioning import gravity_search
+from biodyn_core.conditioning.conditioner import gravity_search
 from biodyn_ros.bag import BagReader, imu_blocks, open_bag
 from biodyn_ros.info.survey import Survey
 from biodyn_ros.progress import OnProgress, unwatched

@@ -6,11 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.clocks import ClockComparison, ClockDrift
-from biodyn_core.conditioned import SensorStatus
-from biodyn_core.conditioning import Conditioner
-from biodyn_core.conditioning_settings import ConditioningSettings
-from biodyn_core.gravity import Gravity
+from biodyn_core.conditioning.clocks import ClockComparison, ClockDrift
+from biodyn_core.conditioning.conditioned import SensorStatus
+from biodyn_core.conditioning.conditioner import Conditioner
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.gravity import Gravity
 from biodyn_ros.bag import LoggedImu
 from biodyn_ros.reading.stamps import SensorClock, TimeChoice
 from biodyn_ros.wording import stuck

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from biodyn_core.conditioning import gravity_search, settings_for
-from biodyn_core.gravity import Gravity, GravitySearch, from_other_record
-from biodyn_core.levelling import Vector
+from biodyn_core.conditioning.conditioner import gravity_search, settings_for
+from biodyn_core.conditioning.gravity import Gravity, GravitySearch, from_other_record
+from biodyn_core.conditioning.tilt import Vector
 from biodyn_ros.bag import LoggedImu
 from biodyn_ros.reading.sensors import ReadingOptions, SensorReading, open_sensors
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from biodyn_core.body.synthesis_settings import CASES
-from biodyn_core.gravity import Gravity
-from biodyn_core.levelling import Vector
+from biodyn_core.conditioning.gravity import Gravity
+from biodyn_core.conditioning.tilt import Vector
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.recording import Recorder, Recording
 from biodyn_core.recording_settings import RecordingSettings

@@ -9,7 +9,7 @@ from typing import Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
-from biodyn_core.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_ros.bag import BagReader
 
 KEY: Final = "saturation_mps2"

@@ -18,7 +18,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 from biodyn_core.body.synthesis import MOTION_S, SeatMotion
-from biodyn_core.levelling import rotation_to_vertical
+from biodyn_core.conditioning.tilt import rotation_to_vertical
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.stamps import choose_times

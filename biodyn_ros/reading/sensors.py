@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.clocks import ClockComparison
-from biodyn_core.conditioned import SensorStatus
-from biodyn_core.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.clocks import ClockComparison
+from biodyn_core.conditioning.conditioned import SensorStatus
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import is_made_by_model

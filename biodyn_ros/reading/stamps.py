@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Integers
-from biodyn_core.clocks import ClockDrift
+from biodyn_core.conditioning.clocks import ClockDrift
 from biodyn_ros.bag import BagReader, imu_blocks
 from biodyn_ros.cdr import decode_imu_in
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 from biodyn_core import validation
 from biodyn_core.body.model import SeatForce
 from biodyn_core.body.subject import Subject
-from biodyn_core.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.recording import Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings

@@ -19,8 +19,8 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
-from biodyn_core.dual_range import Stretch, read_beside, trusted
-from biodyn_core.dual_range_settings import DualRangeSettings
+from biodyn_core.conditioning.dual_range import Stretch, read_beside, trusted
+from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 
 LEAST_TRUSTED: Final = 100
 """With fewer samples than this a stretch says nothing of its bias."""

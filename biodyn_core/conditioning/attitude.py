@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from biodyn_core.base.arrays import Floats
-from biodyn_core.kernels.lean import follow_up
-from biodyn_core.levelling import UP
+from biodyn_core.conditioning.tilt import UP
+from biodyn_core.kernels.attitude import follow_up
 
 PULLED_S: Final = 60.0
 """Time constant by which up goes to the mean of what is felt: a bias of 0.0003 rad/s ends 1 deg off, not further.

@@ -17,16 +17,16 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERANCE
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.conditioned import Block, SensorStatus
-from biodyn_core.conditioning_settings import ConditioningSettings
-from biodyn_core.gravity import IDLING_MPS2, Gravity, GravitySearch
+from biodyn_core.conditioning.conditioned import Block, SensorStatus
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.gravity import IDLING_MPS2, Gravity, GravitySearch
+from biodyn_core.conditioning.rails import Clipping
+from biodyn_core.conditioning.rest import Rest, RestWindow
+from biodyn_core.conditioning.runs import Runs
+from biodyn_core.conditioning.tilt import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.kernels import rails
 from biodyn_core.kernels import sensor as kernel
 from biodyn_core.kernels.compiling import views
-from biodyn_core.levelling import UP, Vector, gravity_and_vertical, rotation_to_vertical
-from biodyn_core.rails import Clipping
-from biodyn_core.rest import Rest, RestWindow
-from biodyn_core.runs import Runs
 
 Mode = Literal["causal", "zero_phase", "survey", "rest"]
 """What comes out: causal or zero-phase answers, or none at all.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from biodyn_core.base.arrays import Floats, Integers
-from biodyn_core.levelling import Vector
+from biodyn_core.conditioning.tilt import Vector
 
 
 class Block(NamedTuple):

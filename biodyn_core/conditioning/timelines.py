@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from biodyn_core.base.segments import SEAT
-from biodyn_core.conditioning import Conditioner
+from biodyn_core.conditioning.conditioner import Conditioner
 
 JOINED_APART_S: Final = 60.0
 """A sensor that joins has another clock where its stamps differ by more; with less it may just be late."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.dual_range_settings import DualRangeSettings
+from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 
 Signs = NDArray[np.int8]
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
-from biodyn_core.conditioned import Block
-from biodyn_core.conditioning import Conditioner
+from biodyn_core.conditioning.attitude import STILL_RADPS
+from biodyn_core.conditioning.conditioned import Block
+from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
-from biodyn_core.upright import STILL_RADPS
 
 LARGEST_RATE_RADPS: Final = IMPLAUSIBLE * 34.9
 """Ten times 2000 deg/s is no reading of a gyro: missing, like one that is not finite."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats, Integers
-from biodyn_core.conditioned import Block
+from biodyn_core.conditioning.conditioned import Block
 
 LARGEST_ERROR: Final = 0.005
 """What is read between samples errs by less than this up to the low-pass's cut-off, at every rate that is accepted."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
+from biodyn_core.conditioning.sampling_clock import clock_of
 from biodyn_core.kernels.sensor import LEAP_S
-from biodyn_core.sampling_clock import clock_of
 
 _STANDING_SAMPLES: Final = 1_000
 """So many samples without a later stamp mean that stamps stand still."""

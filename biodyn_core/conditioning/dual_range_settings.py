@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from biodyn_core.base.settings import check_settings, setting
-from biodyn_core.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 
 
 @dataclass(frozen=True)

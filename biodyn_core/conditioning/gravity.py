@@ -16,8 +16,8 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
-from biodyn_core.levelling import Vector, gravity_and_vertical
-from biodyn_core.rest import RestWindow
+from biodyn_core.conditioning.rest import RestWindow
+from biodyn_core.conditioning.tilt import Vector, gravity_and_vertical
 
 Origin = Literal["begin", "rest", "other_record", "motion"]
 """Rest at the begin of the record, later in it, or in another record; or no rest, and the mean over all motion."""

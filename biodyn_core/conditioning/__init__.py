@@ -1,0 +1,1 @@
+"""From raw stamps and samples of a sensor to evenly spaced, level, gravity-free, low-passed ones."""
