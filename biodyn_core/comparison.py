@@ -17,7 +17,7 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, N_SENSORS, SEGMENTS
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.conditioned import Block
-from biodyn_core.exposure import Dose, DoseMeter, Meter, Tally
+from biodyn_core.exposure.meters import Dose, DoseMeter, Meter, Tally
 from biodyn_core.frames import NO_MEASURED, MeasuredFrames
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.conditioner import Conditioner
-from biodyn_core.keeping import NOTHING_LOST, STILL_AT_REST_S, KeptExposure, KeptSensor, Lost
-from biodyn_core.metering import SensorMeters
+from biodyn_core.exposure.exposure_store import NOTHING_LOST, STILL_AT_REST_S, KeptExposure, KeptSensor, Lost
+from biodyn_core.exposure.sensor_meters import SensorMeters
 
 Samples = tuple[Integers, Floats]
 

@@ -28,14 +28,14 @@ from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
 from biodyn_core.conditioning.timelines import Timelines
 from biodyn_core.counting import Counting
-from biodyn_core.exposure import Dose
+from biodyn_core.exposure.exposure_store import KeptExposure, Lost
+from biodyn_core.exposure.injury import Dri, Hic
+from biodyn_core.exposure.limit_assessment import Grounds, SeatExposure, seat_exposure
+from biodyn_core.exposure.limits import EU_LIMITS, Limits
+from biodyn_core.exposure.meters import Dose
+from biodyn_core.exposure.sensor_meters import SensorMeters
 from biodyn_core.frames import NO_FRAMES, NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames, joined
-from biodyn_core.injury import Dri, Hic
 from biodyn_core.interleaving import in_turns
-from biodyn_core.judgement import Grounds, SeatExposure, seat_exposure
-from biodyn_core.keeping import KeptExposure, Lost
-from biodyn_core.limits import EU_LIMITS, Limits
-from biodyn_core.metering import SensorMeters
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import SeatSide
 

@@ -21,8 +21,8 @@ from biodyn_core.body.model import Chain, Response, SeatForce, predict
 from biodyn_core.body.subject import Subject
 from biodyn_core.driving_point import DrivingPoint, driving_point, linear_driving_point
 from biodyn_core.effects import shown
-from biodyn_core.exposure import Dose, DoseMeter
-from biodyn_core.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
+from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
+from biodyn_core.exposure.meters import Dose, DoseMeter
 from biodyn_core.recording import WORTH_A_LINE_S, Recording
 from biodyn_core.signals.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings

@@ -9,11 +9,11 @@ from typing import Any, Final
 
 from biodyn_core.base.segments import HEAD, SEAT, SENSORS
 from biodyn_core.base.wording import counted
-from biodyn_core.exposure import Dose
-from biodyn_core.injury import Hic
-from biodyn_core.judgement import SeatExposure
-from biodyn_core.keeping import Lost
-from biodyn_core.limits import Limits
+from biodyn_core.exposure.exposure_store import Lost
+from biodyn_core.exposure.injury import Hic
+from biodyn_core.exposure.limit_assessment import SeatExposure
+from biodyn_core.exposure.limits import Limits
+from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline import Exposure, Pipeline
 from biodyn_ros import __version__
 from biodyn_ros.wording import MODEL, left_range, stuck

@@ -17,7 +17,7 @@ from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
-from biodyn_core.limits import EU_LIMITS
+from biodyn_core.exposure.limits import EU_LIMITS
 from biodyn_ros.files import write_text
 from biodyn_ros.topics import (
     DIAGNOSTICS,

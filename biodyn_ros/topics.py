@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 
 if TYPE_CHECKING:
-    from biodyn_core.judgement import SeatExposure
+    from biodyn_core.exposure.limit_assessment import SeatExposure
     from biodyn_core.pipeline import Exposure
 
 NODE_NAME: Final = "biodyn"

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from biodyn_core.injury import DRI_BANDS, Dri, DriMeter, HicMeter
+from biodyn_core.exposure.injury import DRI_BANDS, Dri, DriMeter, HicMeter
 
 RATE_HZ = 1129.3
 WINDOW_S = 2.0

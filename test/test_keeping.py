@@ -11,7 +11,7 @@ from streams import RATE_HZ, in_turn, noisy_streams, run, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_core.keeping import KeptExposure, digest
+from biodyn_core.exposure.exposure_store import KeptExposure, digest
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
 

@@ -21,7 +21,7 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.alignment import lagrange_weights
-from biodyn_core.injury import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, first_order_hold
+from biodyn_core.exposure.injury import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, first_order_hold
 from biodyn_core.kernels import compiling, rails, sensor
 from biodyn_core.signals.weighting import weighting_sections
 

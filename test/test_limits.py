@@ -9,7 +9,7 @@ import yaml
 from expecting import refusal
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.limits import EU_LIMITS, Limits, LimitSet, load_limits
+from biodyn_core.exposure.limits import EU_LIMITS, Limits, LimitSet, load_limits
 
 SHIPPED = Path(__file__).parents[1] / "config" / "limits.yaml"
 EU, ISO = EU_LIMITS.deciding, EU_LIMITS.beside[0]

@@ -14,7 +14,7 @@ from streams import START_NS, subject, write_bag
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, imu_streams, load_case
-from biodyn_core.exposure import Dose
+from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_ros import topics

@@ -18,7 +18,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD
 from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.synthesis import ImuStream, SeatMotion, imu_streams, load_case
 from biodyn_core.conditioning.conditioner import Conditioner
-from biodyn_core.exposure import DoseMeter
+from biodyn_core.exposure.meters import DoseMeter
 from biodyn_core.pipeline import Pipeline
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_core.prediction import MOST_STRETCH_M

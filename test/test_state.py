@@ -17,7 +17,7 @@ from streams import RATE_HZ, in_turn, noisy_streams, run, subject
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.body.subject import load_subject
-from biodyn_core.keeping import KeptExposure, digest
+from biodyn_core.exposure.exposure_store import KeptExposure, digest
 from biodyn_core.pipeline import Pipeline
 from biodyn_ros import topics
 from biodyn_ros.node.state import Keeper, StateFile, belongs_to, refused, state_path

@@ -14,8 +14,8 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import load_case
+from biodyn_core.exposure.limits import load_limits
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.limits import load_limits
 from biodyn_core.pipeline_settings import PipelineSettings
 from biodyn_ros.bag import open_bag
 from biodyn_ros.blue_trident.found import find_exports

@@ -10,7 +10,7 @@ from expecting import refusal
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.yaml_files import LARGEST_BYTES, MOST_ALIASES, read_yaml
 from biodyn_core.body.subject import load_subject
-from biodyn_core.limits import load_limits
+from biodyn_core.exposure.limits import load_limits
 from biodyn_ros.fit.campaign_file import load_campaign
 
 LAUGHS = "a: &a [x, x]\n" + "\n".join(

@@ -34,7 +34,7 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-    from biodyn_core.limits import EU_LIMITS, load_limits
+    from biodyn_core.exposure.limits import EU_LIMITS, load_limits
     from biodyn_core.pipeline_settings import PipelineSettings
     from biodyn_ros.reading.mapping import parse_map
     from biodyn_ros.replay.replaying import ReplayOptions, replay_to_directory

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
-from biodyn_core.judgement import HORIZONTAL_FACTOR
+from biodyn_core.exposure.limit_assessment import HORIZONTAL_FACTOR
 from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses
 from biodyn_ros.reports.frequency import powers, residual_channels, transmissibility, waterfall

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
-from biodyn_core.injury import DRI_BANDS
+from biodyn_core.exposure.injury import DRI_BANDS
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
 from biodyn_ros.wording import bound
 

@@ -10,8 +10,8 @@ import numpy as np
 from biodyn_core.base.segments import HEAD, SEAT, SEGMENTS
 from biodyn_core.body.model import CASCADE_FORCES
 from biodyn_core.driving_point import DrivingPoint
-from biodyn_core.exposure import Dose
-from biodyn_core.injury import Hic
+from biodyn_core.exposure.injury import Hic
+from biodyn_core.exposure.meters import Dose
 from biodyn_core.recording import WARM_UP_S
 from biodyn_core.signals.response import Peak, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings

@@ -14,9 +14,9 @@ import numpy as np
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted, number, number_below
 from biodyn_core.conditioning.conditioner import GRAVITY_TOLERANCE
-from biodyn_core.exposure import Dose, HorizontalMeter
-from biodyn_core.keeping import Lost
-from biodyn_core.limits import Kind, Limits, LimitSet, Measure
+from biodyn_core.exposure.exposure_store import Lost
+from biodyn_core.exposure.limits import Kind, Limits, LimitSet, Measure
+from biodyn_core.exposure.meters import Dose, HorizontalMeter
 
 Zone = Literal["below_action_value", "above_action_value", "above_limit_value", "undecided"]
 Horizontal = Literal["yaw_given", "worst_direction", "missing"]

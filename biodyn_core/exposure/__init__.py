@@ -1,0 +1,1 @@
+"""What a person is exposed to: doses, injury criteria, limits, and what outlives a process."""
