@@ -23,7 +23,7 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import PAPER, FitSettings, SwarmSettings
 from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.kernels.cost import LANES
-from biodyn_core.recording import Recorder, Recording
+from biodyn_core.recording.recording import Recorder, Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros.resources import subject_file
 from biodyn_ros.work.executors import executor_of

@@ -23,7 +23,7 @@ from biodyn_core.driving_point import DrivingPoint, driving_point, linear_drivin
 from biodyn_core.effects import shown
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter
-from biodyn_core.recording import WORTH_A_LINE_S, Recording
+from biodyn_core.recording.recording import WORTH_A_LINE_S, Recording
 from biodyn_core.signals.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 

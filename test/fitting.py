@@ -14,7 +14,7 @@ from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import MassMatrix, Subject
 from biodyn_core.body.synthesis import load_case
 from biodyn_core.identification.problem import Case, CaseSettings
-from biodyn_core.recording import Recording
+from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.response import SpectrumSettings
 
 Floats = NDArray[np.float64]

@@ -21,7 +21,7 @@ from world import seats, sensors
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.tilt import laid_level, rotation_to_vertical
-from biodyn_core.recording import Recorder, Recording, RecordingSettings
+from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings

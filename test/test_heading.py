@@ -18,8 +18,8 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.channels import Channels
 from biodyn_core.conditioning.tilt import laid_level
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.heading import bend_rates_radps, headings_rad
-from biodyn_core.recording import Recorder, Recording, RecordingSettings
+from biodyn_core.recording.heading import bend_rates_radps, headings_rad
+from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
 
 Floats = NDArray[np.float64]
 RATE_HZ = 500.0

@@ -29,7 +29,7 @@ from biodyn_core.body.subject import load_subject
 from biodyn_core.frames import NO_PREDICTED, Frames
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.recording import Recording
+from biodyn_core.recording.recording import Recording
 from biodyn_ros.cli import main
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import page as fit_report

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.identification.problem import Case, CaseSettings, errors, sharpened
-from biodyn_core.recording import WARM_UP_S, Recording
+from biodyn_core.recording.recording import WARM_UP_S, Recording
 
 BEGIN = round(WARM_UP_S * fitting.RATE_HZ)
 

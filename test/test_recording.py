@@ -21,10 +21,17 @@ from biodyn_core.base.wording import counted
 from biodyn_core.body.model import Chain
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, load_case
 from biodyn_core.conditioning.conditioner import ConditioningSettings
-from biodyn_core.flags import around, stretches
 from biodyn_core.identification.problem import Case
-from biodyn_core.recording import WARM_UP_S, Recorder, Recording, RecordingSettings, level_mps2, representative
-from biodyn_core.worn import LEFT_OF_AN_ERROR
+from biodyn_core.recording.body_sensor import LEFT_OF_AN_ERROR
+from biodyn_core.recording.flags import around, stretches
+from biodyn_core.recording.recording import (
+    WARM_UP_S,
+    Recorder,
+    Recording,
+    RecordingSettings,
+    level_mps2,
+    representative,
+)
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
 from biodyn_ros.simulate import simulate_bag

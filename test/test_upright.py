@@ -8,7 +8,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.attitude import followed_up, true_vertical_mps2
 from biodyn_core.conditioning.tilt import laid_level
 from biodyn_core.kernels.attitude import follow_up
-from biodyn_core.recording import Recorder, Recording, RecordingSettings
+from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
 
 RATE_HZ = 1129.3
 HEAD = MEASURED_SEGMENTS.index("head")

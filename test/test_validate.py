@@ -17,7 +17,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS,
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import SensorSettings, load_case
-from biodyn_core.recording import WARM_UP_S, Recorder, Recording
+from biodyn_core.recording.recording import WARM_UP_S, Recorder, Recording
 from biodyn_core.signals.response import SpectrumSettings, cross_spectra
 from biodyn_ros.resources import subject_file
 from biodyn_ros.simulate import simulate_bag

@@ -11,9 +11,9 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-from biodyn_core.flags import stretches
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.problem import Case
+from biodyn_core.recording.flags import stretches
 from biodyn_core.signals.response import cross_spectra
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 

@@ -62,7 +62,7 @@ def add_held_out(command: CommandParser, text: str) -> None:
 def add_reading(command: CommandParser) -> None:
     """How recordings are read: what `reading_of` reads back."""
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-    from biodyn_core.recording_settings import RecordingSettings
+    from biodyn_core.recording.recording_settings import RecordingSettings
 
     add_map(command)
     add_time(command)
@@ -129,7 +129,7 @@ def all_settings(
 def reading_of(options: argparse.Namespace) -> RecordingOptions:
     """How recordings are read, of what `add_reading` added."""
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-    from biodyn_core.recording_settings import RecordingSettings
+    from biodyn_core.recording.recording_settings import RecordingSettings
     from biodyn_ros.reading.mapping import parse_map
     from biodyn_ros.reading.recordings import RecordingOptions
 

@@ -25,7 +25,7 @@ from biodyn_core.identification.profiles import profile
 from biodyn_core.identification.residuals import leftovers
 from biodyn_core.identification.settings import CaseSettings, FitSettings, UncertaintySettings
 from biodyn_core.identification.uncertainty import uncertainty
-from biodyn_core.recording import representative
+from biodyn_core.recording.recording import representative
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros import __version__
 from biodyn_ros.files import check_directory, make_directory, write_text

@@ -10,7 +10,7 @@ from biodyn_core.base.errors import InputError, UnusableRecording
 from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
-from biodyn_core.recording import Recording
+from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros.progress import OnProgress
 from biodyn_ros.provenance import bag_sha256

@@ -12,8 +12,8 @@ from biodyn_core.body.synthesis_settings import CASES
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector
 from biodyn_core.pipeline_settings import PipelineSettings
-from biodyn_core.recording import Recorder, Recording
-from biodyn_core.recording_settings import RecordingSettings
+from biodyn_core.recording.recording import Recorder, Recording
+from biodyn_core.recording.recording_settings import RecordingSettings
 from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.gravity import gravity_of

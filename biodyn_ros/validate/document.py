@@ -12,7 +12,7 @@ from biodyn_core.body.model import CASCADE_FORCES
 from biodyn_core.driving_point import DrivingPoint
 from biodyn_core.exposure.injury import Hic
 from biodyn_core.exposure.meters import Dose
-from biodyn_core.recording import WARM_UP_S
+from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.signals.response import Peak, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation import Exposures, HeadPeaks, PredictedRun, Validation

@@ -13,7 +13,7 @@ from world import body, ride, seats
 
 from biodyn_core.body.subject import MassMatrix
 from biodyn_core.identification.problem import Case
-from biodyn_core.recording import Recorder, Recording
+from biodyn_core.recording.recording import Recorder, Recording
 
 Floats = NDArray[np.float64]
 

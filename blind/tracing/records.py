@@ -26,7 +26,7 @@ from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.problem import Case
-from biodyn_core.recording import Recorder
+from biodyn_core.recording.recording import Recorder
 from blind.tracing.outcome import Cause
 from blind.tracing.rows import Drawing
 

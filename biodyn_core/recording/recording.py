@@ -25,10 +25,10 @@ from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector
-from biodyn_core.flags import around, stretches
-from biodyn_core.heading import bend_rates_radps, headings_rad
-from biodyn_core.recording_settings import RecordingSettings
-from biodyn_core.worn import Run, WornSensor
+from biodyn_core.recording.body_sensor import Run, WornSensor
+from biodyn_core.recording.flags import around, stretches
+from biodyn_core.recording.heading import bend_rates_radps, headings_rad
+from biodyn_core.recording.recording_settings import RecordingSettings
 
 WARM_UP_S: Final = 2.0
 """A model that starts from rest is not compared before so long (Zaman et al., 5.3), nor behind a seat misread."""

@@ -18,8 +18,8 @@ from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import FILTER_ORDER, Conditioner
 from biodyn_core.conditioning.rails import LEAST_MPS2
 from biodyn_core.conditioning.tilt import UP, laid_level, rotation_to_vertical
-from biodyn_core.flags import among, around, stretches
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
+from biodyn_core.recording.flags import among, around, stretches
 
 LEFT_OF_AN_ERROR: Final = 1e-3
 """Of a wrong sample no more than this share is left where the low-pass is said to reach no further."""
