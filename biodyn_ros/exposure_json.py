@@ -14,7 +14,7 @@ from biodyn_core.exposure.injury import Hic
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import Limits
 from biodyn_core.exposure.meters import Dose
-from biodyn_core.pipeline import Exposure, Pipeline
+from biodyn_core.pipeline.pipeline import Exposure, Pipeline
 from biodyn_ros import __version__
 from biodyn_ros.wording import MODEL, left_range, stuck
 

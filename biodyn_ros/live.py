@@ -31,8 +31,8 @@ from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.exposure.limits import EU_LIMITS, load_limits
-from biodyn_core.pipeline import Pipeline
-from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros import topics
 from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page

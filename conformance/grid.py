@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.conditioning.alignment import half_width
-from biodyn_core.frames import Frames
+from biodyn_core.pipeline.frames import Frames
 from conformance import record, twins
 from conformance.record import START_NS, Stream
 from conformance.table import Row, RowTable

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.body.subject import load_subject
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-from biodyn_core.frames import Frames
-from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.frames import Frames
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.replay.replaying import Replayed, ReplayOptions, replay

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.segments import SENSORS
-from biodyn_core.frames import Frames, joined
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.frames import Frames, joined
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.node.health import SensorHealth, Status, Watch
 from faults.ride import SECONDS, START_NS, Arriving, subject
 

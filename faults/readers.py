@@ -19,7 +19,7 @@ from biodyn_core.body.subject import load_subject
 from biodyn_core.exposure.exposure_store import digest
 from biodyn_core.exposure.limits import load_limits
 from biodyn_core.identification.phase1 import Search
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
 from biodyn_ros.blue_trident.found import find_exports

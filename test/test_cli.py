@@ -17,7 +17,7 @@ from streams import noisy_streams, subject
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.body.synthesis import imu_streams
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.cdr import IMU_TYPE, decode_accel_stamped, encode_imu

@@ -25,7 +25,7 @@ from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import SensorSettings, imu_streams, load_case
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, EffectParameter, felt, shown
 from biodyn_core.effects.effect import Kind
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 
 RATE_HZ = 1129.3
 SUBJECT = streams.subject()

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.comparison import ResidualMeter
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.exposure.injury import DriMeter, HicMeter
 from biodyn_core.exposure.meters import BIN_S, SHORTEST_MSDV_S, Dose, DoseMeter, HorizontalMeter, motion_sickness_mps15
+from biodyn_core.pipeline.comparison import ResidualMeter
 from biodyn_core.signals.weighting import weighting_sections
 
 RATE_HZ = 1129.3

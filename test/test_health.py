@@ -10,7 +10,7 @@ from streams import RATE_HZ, noisy_streams, subject
 
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.conditioning.conditioner import ConditioningSettings
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.signals.weighting import CURVES
 from biodyn_ros.node.health import (
     CAUSES,

@@ -260,7 +260,11 @@ def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:
     [
         ("errors.py", "import rclpy", "biodyn_core.base.errors imports rclpy"),
         ("errors.py", "import biodyn_ros.cdr", "biodyn_core.base.errors imports biodyn_ros.cdr"),
-        ("pipeline.py", "def f():\n    import matplotlib.pyplot", "biodyn_core.pipeline imports matplotlib.pyplot"),
+        (
+            "pipeline.py",
+            "def f():\n    import matplotlib.pyplot",
+            "biodyn_core.pipeline.pipeline imports matplotlib.pyplot",
+        ),
         ("model.py", "import numba", "biodyn_core.body.model imports numba"),
         ("segments.py", "from biodyn_core import model", "biodyn_core.base.segments imports biodyn_core.body.model"),
         (

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from biodyn_core.interleaving import SLICE_S, in_stamp_order
+from biodyn_core.pipeline.interleaving import SLICE_S, in_stamp_order
 
 START_NS = 1_767_225_600 * 10**9
 

@@ -12,8 +12,8 @@ from streams import RATE_HZ, in_turn, noisy_streams, run, subject
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.exposure.exposure_store import KeptExposure, digest
-from biodyn_core.pipeline import Pipeline
-from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 
 BELONGS = {"subject": "a", "sensors": "b"}
 ALSO = PipelineSettings(also_weighted="Wb", yaw_deg=0.0)

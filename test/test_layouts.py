@@ -14,7 +14,7 @@ from geometry_msgs.msg import AccelStamped
 from std_msgs.msg import Float64
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import topics
 from biodyn_ros.layouts import lichtblick, plotjuggler
 from biodyn_ros.node.health import SensorHealth, sensor_status

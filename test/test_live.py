@@ -25,8 +25,8 @@ from streams import noisy_streams, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
-from biodyn_core.frames import PredictedFrames
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.frames import PredictedFrames
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import topics
 from biodyn_ros.cdr import decode_accel_stamped
 from biodyn_ros.live import SETTINGS, LiveSettings

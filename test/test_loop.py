@@ -15,8 +15,8 @@ from streams import START_NS, subject, write_bag
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, imu_streams, load_case
 from biodyn_core.exposure.meters import Dose
-from biodyn_core.pipeline import Pipeline
-from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros import topics
 from biodyn_ros.cdr import decode_imu
 from biodyn_ros.live import BiodynNode

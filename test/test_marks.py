@@ -11,7 +11,7 @@ from streams import START_NS, noisy_streams, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import IMU_TYPE, STRING_TYPE, decode_string, encode_imu

@@ -26,9 +26,9 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import PARAMETERS
 from biodyn_core.body.subject import load_subject
-from biodyn_core.frames import NO_PREDICTED, Frames
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
+from biodyn_core.pipeline.frames import NO_PREDICTED, Frames
 from biodyn_core.recording.recording import Recording
 from biodyn_ros.cli import main
 from biodyn_ros.fit import campaign as campaigns

@@ -19,9 +19,9 @@ from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.synthesis import ImuStream, SeatMotion, imu_streams, load_case
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.exposure.meters import DoseMeter
-from biodyn_core.pipeline import Pipeline
-from biodyn_core.pipeline_settings import PipelineSettings
-from biodyn_core.prediction import MOST_STRETCH_M
+from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.prediction import MOST_STRETCH_M
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.node.warmup import warm_up
 
@@ -468,7 +468,7 @@ class _Fragile(Stepper):
 
 
 def test_a_diverging_model_predicts_nothing_and_starts_anew_for_any_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("biodyn_core.prediction.Stepper", _Fragile)
+    monkeypatch.setattr("biodyn_core.pipeline.prediction.Stepper", _Fragile)
     runs = [run(noisy_streams(), in_turn(noisy_streams(), size)) for size in (1, 37, 280)]
     assert runs[0].pipeline.divergences >= 2
     assert 2 <= np.isnan(runs[0].predicted).all(axis=1).sum() == runs[0].pipeline.divergences

@@ -20,7 +20,7 @@ from streams import START_NS, in_turn, noisy_streams, run, subject, write_bag
 from biodyn_core.base.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
 from biodyn_core.body.synthesis import ImuStream
 from biodyn_core.conditioning.conditioner import Conditioner, ConditioningSettings
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.recording.recording import Recorder
 from biodyn_ros.info.document import info
 from biodyn_ros.node.health import WARN, SensorHealth, sensor_status

@@ -18,7 +18,7 @@ from pages import NASTY, Page, assert_self_contained
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.exposure.limits import EU_LIMITS
-from biodyn_core.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
+from biodyn_core.pipeline.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
 from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary

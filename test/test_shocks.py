@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from biodyn_core.frames import MeasuredFrames, PredictedFrames
-from biodyn_core.shocks import APART_NS, KEPT, Shocks
+from biodyn_core.pipeline.frames import MeasuredFrames, PredictedFrames
+from biodyn_core.pipeline.shocks import APART_NS, KEPT, Shocks
 
 RATE_HZ = 1000.0
 EPOCH_NS = 1_700_000_000_000_000_000

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
-from biodyn_core.frames import MeasuredFrames
+from biodyn_core.pipeline.frames import MeasuredFrames
 from biodyn_core.signals.response import SpectraMeter, SpectrumSettings, cross_spectra
 from biodyn_core.signals.waterfall import BIN_NS, BINS, WaterfallMeter
 from biodyn_ros.replay.spectra import ReplaySpectra

@@ -16,7 +16,7 @@ from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import load_case
 from biodyn_core.exposure.limits import load_limits
 from biodyn_core.identification.settings import FitSettings
-from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.bag import open_bag
 from biodyn_ros.blue_trident.found import find_exports
 from biodyn_ros.fit.campaign_file import load_campaign

@@ -13,7 +13,7 @@ from biodyn_ros.progress import Progress
 
 def _add(command: CommandParser) -> None:
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-    from biodyn_core.pipeline_settings import PipelineSettings
+    from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 
     add_bag(command)
     add_subject(command)
@@ -35,7 +35,7 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
     from biodyn_core.exposure.limits import EU_LIMITS, load_limits
-    from biodyn_core.pipeline_settings import PipelineSettings
+    from biodyn_core.pipeline.pipeline_settings import PipelineSettings
     from biodyn_ros.reading.mapping import parse_map
     from biodyn_ros.replay.replaying import ReplayOptions, replay_to_directory
     from biodyn_ros.resources import subject_file

@@ -20,7 +20,7 @@ from biodyn_core.base.segments import SEAT
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning.conditioned import SensorStatus
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.node.state import Keeper
 from biodyn_ros.wording import MODEL, left_range
 

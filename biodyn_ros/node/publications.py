@@ -13,8 +13,8 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Float64, String
 
-from biodyn_core.frames import Frames, MeasuredFrames, PredictedFrames
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.frames import Frames, MeasuredFrames, PredictedFrames
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import topics
 from biodyn_ros.cdr import AccelStampedTemplate
 from biodyn_ros.node.health import Mark, Status

@@ -8,9 +8,9 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from biodyn_core.base.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
-from biodyn_core.frames import Frames, joined
-from biodyn_core.pipeline import Exposure, Pipeline
-from biodyn_core.shocks import Shock, Shocks
+from biodyn_core.pipeline.frames import Frames, joined
+from biodyn_core.pipeline.pipeline import Exposure, Pipeline
+from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.json_files import finite

@@ -17,7 +17,7 @@ from typing import Any, Final, Literal
 from biodyn_core.base.errors import InputError
 from biodyn_core.body.subject import Subject
 from biodyn_core.exposure.exposure_store import KeptExposure, digest
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import __version__
 from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, remove, state_directory, write_text
 from biodyn_ros.json_files import keys_of, read_json

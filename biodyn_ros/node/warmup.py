@@ -8,7 +8,7 @@ import numpy as np
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.body.subject import Subject
-from biodyn_core.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 
 _RATE_HZ = 1129.3  # the native rate, so that its weightings are designed by then
 _SECONDS = 1.2

@@ -11,7 +11,7 @@ from pathlib import Path
 from biodyn_core.body.synthesis_settings import CASES
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector
-from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.recording.recording import Recorder, Recording
 from biodyn_core.recording.recording_settings import RecordingSettings
 from biodyn_ros.progress import OnProgress, unwatched

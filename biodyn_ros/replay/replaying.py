@@ -14,9 +14,9 @@ from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioner import Mode
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
-from biodyn_core.frames import Frames
-from biodyn_core.pipeline import Pipeline
-from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.frames import Frames
+from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros import __version__, topics
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped

@@ -9,7 +9,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SENSORS
-from biodyn_core.frames import MeasuredFrames
+from biodyn_core.pipeline.frames import MeasuredFrames
 from biodyn_core.signals.response import CrossSpectra, SpectraMeter
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.signals.waterfall import USABLE, Waterfall, WaterfallMeter

@@ -18,7 +18,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS,
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter, Tally
-from biodyn_core.frames import NO_MEASURED, MeasuredFrames
+from biodyn_core.pipeline.frames import NO_MEASURED, MeasuredFrames
 
 
 class ResidualMeter(Meter):

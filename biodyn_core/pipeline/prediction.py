@@ -12,10 +12,10 @@ from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.body.model import Chain, Stepper
-from biodyn_core.comparison import Compared, Comparison
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
 from biodyn_core.exposure.sensor_meters import Batch, resume_meter
+from biodyn_core.pipeline.comparison import Compared, Comparison
 
 MOST_STRETCH_M: Final = 0.2
 """No joint of a seated body gives way so far; a chain beyond it has left the range that its laws are for."""

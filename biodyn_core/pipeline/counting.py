@@ -8,10 +8,10 @@ from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
 from biodyn_core.conditioning.timelines import Timelines
-from biodyn_core.earlier_run import EarlierRun
 from biodyn_core.exposure.exposure_store import NOTHING_LOST, KeptExposure, KeptSensor, Lost
 from biodyn_core.exposure.sensor_meters import SensorMeters
-from biodyn_core.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.earlier_run import EarlierRun
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 
 
 class Counting:

@@ -10,7 +10,7 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import N_SEGMENTS, N_SENSORS, SEAT, SENSORS
-from biodyn_core.frames import MeasuredFrames, PredictedFrames
+from biodyn_core.pipeline.frames import MeasuredFrames, PredictedFrames
 
 APART_NS: Final = 500_000_000
 """What exceeds the threshold again within this is the same shock: two periods of the body's lowest mode."""

@@ -21,23 +21,31 @@ from biodyn_core.base.segments import HEAD, SEAT, SENSORS
 from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject
-from biodyn_core.comparison import Compared
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioner import Conditioner, Mode, SettingsOf, settings_for
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
 from biodyn_core.conditioning.timelines import Timelines
-from biodyn_core.counting import Counting
 from biodyn_core.exposure.exposure_store import KeptExposure, Lost
 from biodyn_core.exposure.injury import Dri, Hic
 from biodyn_core.exposure.limit_assessment import Grounds, SeatExposure, seat_exposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.exposure.sensor_meters import SensorMeters
-from biodyn_core.frames import NO_FRAMES, NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames, joined
-from biodyn_core.interleaving import in_turns
-from biodyn_core.pipeline_settings import PipelineSettings
-from biodyn_core.prediction import SeatSide
+from biodyn_core.pipeline.comparison import Compared
+from biodyn_core.pipeline.counting import Counting
+from biodyn_core.pipeline.frames import (
+    NO_FRAMES,
+    NO_MEASURED,
+    NO_PREDICTED,
+    Frames,
+    MeasuredFrames,
+    PredictedFrames,
+    joined,
+)
+from biodyn_core.pipeline.interleaving import in_turns
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
+from biodyn_core.pipeline.prediction import SeatSide
 
 SLICE_S: Final = 0.25
 """What sensors still hold at the end is taken from them in turns of so much."""

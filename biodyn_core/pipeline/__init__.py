@@ -1,0 +1,1 @@
+"""Six raw streams in; predictions, measurements, residual and exposure out."""
