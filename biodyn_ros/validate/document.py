@@ -9,13 +9,13 @@ import numpy as np
 
 from biodyn_core.base.segments import HEAD, SEAT, SEGMENTS
 from biodyn_core.body.model import CASCADE_FORCES
-from biodyn_core.driving_point import DrivingPoint
 from biodyn_core.exposure.injury import Hic
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.signals.response import Peak, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_core.validation import Exposures, HeadPeaks, PredictedRun, Validation
+from biodyn_core.validation.driving_point import DrivingPoint
+from biodyn_core.validation.validation import Exposures, HeadPeaks, PredictedRun, Validation
 from biodyn_ros import __version__
 from biodyn_ros.exposure_json import dose_figures, hic_windows
 from biodyn_ros.provenance import MADE_BY_MODEL, Role, without_note

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from biodyn_core import validation
 from biodyn_core.body.model import SeatForce
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
+from biodyn_core.validation import validation
 from biodyn_ros.files import check_directory, make_directory, remove
 from biodyn_ros.json_files import write_json
 from biodyn_ros.progress import OnProgress, unwatched

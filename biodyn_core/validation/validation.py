@@ -19,13 +19,13 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.body.model import Chain, Response, SeatForce, predict
 from biodyn_core.body.subject import Subject
-from biodyn_core.driving_point import DrivingPoint, driving_point, linear_driving_point
 from biodyn_core.effects import shown
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter
 from biodyn_core.recording.recording import WORTH_A_LINE_S, Recording
 from biodyn_core.signals.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
+from biodyn_core.validation.driving_point import DrivingPoint, driving_point, linear_driving_point
 
 _HEAD: Final = SEGMENTS.index(HEAD)
 _MEASURED: Final = dict(zip(MEASURED_SEGMENTS, MEASURED_SEGMENT_INDEX.tolist(), strict=True))

@@ -1,0 +1,1 @@
+"""A model's prediction beside an event that it was not fitted to."""
