@@ -16,7 +16,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.background import Background
+from biodyn_core.tracing.nuisance_model import Background
 from biodyn_core.tracing.settings import BASE
 
 Floats = NDArray[np.float64]

@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.background import N_THETA, Background, BackgroundSettings
-from biodyn_core.tracing.departures import UsualSettings, directions
-from biodyn_core.tracing.settle import LEVELS, settle
+from biodyn_core.tracing.local_fit import LEVELS, settle
+from biodyn_core.tracing.nuisance_model import N_THETA, Background, BackgroundSettings
+from biodyn_core.tracing.nuisance_parameters import UsualSettings, directions
 
 LEAK = 0.012
 

@@ -11,8 +11,8 @@ import pytest
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.diagnose import bracket, coherent, diagnose, peeling
+from biodyn_core.tracing.nuisance_model import Background
 
 RATE_HZ = fitting.RATE_HZ
 QUIET = 0.05

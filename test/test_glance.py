@@ -9,7 +9,7 @@ import pytest
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.glance import LEAST_FIT, Glance, glance, plain, taken_up
+from biodyn_core.tracing.preliminary_fit import LEAST_FIT, Glance, glance, plain, taken_up
 from biodyn_core.tracing.screen import Tried, candidates
 
 

@@ -9,9 +9,9 @@ import pytest
 from hiding import applied
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.departures import UsualSettings
-from biodyn_core.tracing.leans import lean_deg, leaning
+from biodyn_core.tracing.nuisance_parameters import UsualSettings
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
+from biodyn_core.tracing.sensor_tilt import lean_deg, leaning
 
 USUAL = UsualSettings().usual_lean
 

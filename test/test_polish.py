@@ -11,7 +11,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import errors
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.polish import polished
+from biodyn_core.tracing.joint_refit import polished
 
 SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
 

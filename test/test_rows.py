@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.departures import UsualSettings
+from biodyn_core.tracing.nuisance_parameters import UsualSettings
 from biodyn_core.tracing.rows import Products, Rows, WeightSettings
 
 RATE_HZ = fitting.RATE_HZ  # thinned to 300 Hz

@@ -10,7 +10,7 @@ from hiding import applied
 from scipy import signal
 
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.tracing.background import Background, Side
+from biodyn_core.tracing.nuisance_model import Background, Side
 from biodyn_core.tracing.rows import Rows
 from biodyn_core.tracing.screen import Screening, Tried, candidates, mean_log_ratio, screen
 

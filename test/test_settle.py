@@ -9,9 +9,9 @@ import pytest
 from hiding import applied
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.tracing.background import N_THETA, Background, Side
+from biodyn_core.tracing.local_fit import LEVELS, Settled, predicted, relief, settle
+from biodyn_core.tracing.nuisance_model import N_THETA, Background, Side
 from biodyn_core.tracing.rows import Rows
-from biodyn_core.tracing.settle import LEVELS, Settled, predicted, relief, settle
 
 SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
 

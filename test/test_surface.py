@@ -7,9 +7,9 @@ import hiding
 import numpy as np
 import pytest
 
-from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.findings import Surface
-from biodyn_core.tracing.settle import settle
+from biodyn_core.tracing.local_fit import settle
+from biodyn_core.tracing.nuisance_model import Background
 from biodyn_core.tracing.surface import force, surface
 
 SEEN = 0.12

@@ -16,15 +16,15 @@ from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import rounds
 from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.choice import TELLING, asked, candidate, taken
 from biodyn_core.tracing.findings import Candidate, Round, Trace
+from biodyn_core.tracing.fitted_candidates import Rung, WithoutEffect, left_over
 from biodyn_core.tracing.gate import FloorSettings, dealt
-from biodyn_core.tracing.gathered import _leaning, _sensors, decided
-from biodyn_core.tracing.rungs import Rung, WithoutEffect, left_over
+from biodyn_core.tracing.local_fit import LEVELS, Settled, settle
+from biodyn_core.tracing.nuisance_model import Background
+from biodyn_core.tracing.results import _leaning, _sensors, decided
 from biodyn_core.tracing.screen import Screened, Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.settle import LEVELS, Settled, settle
 from biodyn_core.tracing.trace import trace
 from biodyn_core.tracing.verdict import judged
 

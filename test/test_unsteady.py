@@ -14,9 +14,9 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS,
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.background import Background, Side
+from biodyn_core.tracing.local_fit import Settled, settle
+from biodyn_core.tracing.nuisance_model import Background, Side
 from biodyn_core.tracing.settings import BASE
-from biodyn_core.tracing.settle import Settled, settle
 from biodyn_core.tracing.unsteady import SetAnew, unsteady
 
 LINE_HZ, LINE_MPS2 = 24.0, 0.5

@@ -9,12 +9,12 @@ import numpy as np
 
 from biodyn_core.base.wording import counted
 from biodyn_core.identification.fit import at_bound
-from biodyn_core.tracing.background import FREE, Background
 from biodyn_core.tracing.findings import Candidate
-from biodyn_core.tracing.rungs import LIFT_OFF, Rung, WithoutEffect, left_over
+from biodyn_core.tracing.fitted_candidates import LIFT_OFF, Rung, WithoutEffect, left_over
+from biodyn_core.tracing.local_fit import LEVELS, Settled
+from biodyn_core.tracing.nuisance_model import FREE, Background
 from biodyn_core.tracing.screen import Screening
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.settle import LEVELS, Settled
 
 TELLING: Final = 0.9
 """With less left than so many times what a good model misses, it is told how far a body departs."""

@@ -17,9 +17,9 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import at_bound
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.background import FREE, N_THETA, Background
 from biodyn_core.tracing.findings import Diagnostics
 from biodyn_core.tracing.gate import pulled_down
+from biodyn_core.tracing.nuisance_model import FREE, N_THETA, Background
 from biodyn_core.tracing.rows import Products
 
 BAND_HZ: Final = (0.5, 60.0)

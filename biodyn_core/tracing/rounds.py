@@ -14,14 +14,14 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.choice import TELLING, asked, candidate, rivals, taken
 from biodyn_core.tracing.findings import Candidate, Round
-from biodyn_core.tracing.glance import SIZES, STEPS, Glance, Tell, glance, larger, plain, taken_up
-from biodyn_core.tracing.rungs import Rung, WithoutEffect, left_over, settled_rung, unsteady_rungs
+from biodyn_core.tracing.fitted_candidates import Rung, WithoutEffect, left_over, settled_rung, unsteady_rungs
+from biodyn_core.tracing.local_fit import Settled, settle
+from biodyn_core.tracing.nuisance_model import Background
+from biodyn_core.tracing.preliminary_fit import SIZES, STEPS, Glance, Tell, glance, larger, plain, taken_up
 from biodyn_core.tracing.screen import Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.settle import Settled, settle
 
 Kept = MutableMapping[str, Any]
 """What is kept of the long parts of a trace, by a key that tells one problem from another."""

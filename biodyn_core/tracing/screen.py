@@ -19,7 +19,7 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.background import N_THETA, Background, Side
+from biodyn_core.tracing.nuisance_model import N_THETA, Background, Side
 from biodyn_core.tracing.rows import Products
 
 UNSEEN: Final = 1e-9

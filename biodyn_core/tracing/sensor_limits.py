@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.departures import DRIFTING_S
+from biodyn_core.tracing.nuisance_parameters import DRIFTING_S
 from biodyn_core.tracing.settings import UsualSettings
 
 ICM_20948: Final = "TDK InvenSense ICM-20948, DS-000189 rev. 1.3, table 2"

@@ -19,10 +19,10 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Effect, EffectParameter
 from biodyn_core.effects.effect import Joint
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.background import Background
 from biodyn_core.tracing.findings import Surface
+from biodyn_core.tracing.local_fit import Settled, predicted
+from biodyn_core.tracing.nuisance_model import Background
 from biodyn_core.tracing.screen import mean_log_ratio
-from biodyn_core.tracing.settle import Settled, predicted
 
 ACROSS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Knots of stretch and of rate, in reaches of the joint; beyond the last a hat stays at its height."""

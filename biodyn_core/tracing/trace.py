@@ -16,12 +16,12 @@ from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import gate
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Trace
-from biodyn_core.tracing.gathered import decided, undecided
-from biodyn_core.tracing.glance import Tell
-from biodyn_core.tracing.polish import polished
+from biodyn_core.tracing.joint_refit import polished
+from biodyn_core.tracing.local_fit import LEVELS
+from biodyn_core.tracing.preliminary_fit import Tell
+from biodyn_core.tracing.results import decided, undecided
 from biodyn_core.tracing.rounds import Kept, Outcome, one_round
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.settle import LEVELS
 from biodyn_core.tracing.verdict import explained
 
 WORSE: Final = (

@@ -16,8 +16,8 @@ from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.background import Background
-from biodyn_core.tracing.settle import Settled
+from biodyn_core.tracing.local_fit import Settled
+from biodyn_core.tracing.nuisance_model import Background
 
 LATEST_S: Final = 0.02
 """A clock that seems off by more is another's fault."""

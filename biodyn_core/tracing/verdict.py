@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.findings import Candidate, Surface, Verdict
+from biodyn_core.tracing.fitted_candidates import ANEW
 from biodyn_core.tracing.rounds import Outcome
-from biodyn_core.tracing.rungs import ANEW
 from biodyn_core.tracing.sensor_limits import within_limits
 from biodyn_core.tracing.settings import TraceSettings
 

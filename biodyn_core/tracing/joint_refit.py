@@ -18,7 +18,7 @@ from biodyn_core.effects import AppliedEffect, EffectParameter, Ranges, logistic
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.background import FREE
+from biodyn_core.tracing.nuisance_model import FREE
 
 STEP: Final = 1e-4
 """Step of an effect's parameter for its derivative, as a share of its range."""

@@ -10,10 +10,10 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.background import Background
+from biodyn_core.tracing.local_fit import LEVELS, Settled, relief, settle
+from biodyn_core.tracing.nuisance_model import Background
 from biodyn_core.tracing.screen import Screened, Screening, by_event
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.settle import LEVELS, Settled, relief, settle
 from biodyn_core.tracing.unsteady import unsteady
 
 LEAST_EVENTS: Final = 3

@@ -13,7 +13,6 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, EffectParameter, logistic
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.background import N_THETA
 from biodyn_core.tracing.diagnose import diagnose
 from biodyn_core.tracing.experiments import separating, to_record
 from biodyn_core.tracing.findings import (
@@ -27,12 +26,13 @@ from biodyn_core.tracing.findings import (
     Trace,
     Use,
 )
-from biodyn_core.tracing.leans import lean_deg, leaning
+from biodyn_core.tracing.local_fit import LEVELS
+from biodyn_core.tracing.nuisance_model import N_THETA
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.screen import candidates
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
+from biodyn_core.tracing.sensor_tilt import lean_deg, leaning
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.settle import LEVELS
 from biodyn_core.tracing.surface import surface
 from biodyn_core.tracing.verdict import explained, judged, named
 

@@ -21,7 +21,7 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer, answers
-from biodyn_core.tracing.departures import Direction, bend_n, columns, directions
+from biodyn_core.tracing.nuisance_parameters import Direction, bend_n, columns, directions
 from biodyn_core.tracing.rows import Products, Rows
 from biodyn_core.tracing.settings import BackgroundSettings
 

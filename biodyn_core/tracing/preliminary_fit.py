@@ -14,9 +14,9 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.background import Background
+from biodyn_core.tracing.local_fit import relief, settle
+from biodyn_core.tracing.nuisance_model import Background
 from biodyn_core.tracing.screen import Screened, Screening, Tried, mean_log_ratio, screen
-from biodyn_core.tracing.settle import relief, settle
 
 Tell = Callable[[str, float], None]
 """Told of the stage that a trace is in and the share of it that is done."""

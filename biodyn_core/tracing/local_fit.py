@@ -18,7 +18,7 @@ from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Ranges
 from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers, moved, sensed
-from biodyn_core.tracing.background import FREE, N_THETA, Background, Side
+from biodyn_core.tracing.nuisance_model import FREE, N_THETA, Background, Side
 from biodyn_core.tracing.rows import Products
 
 STEPS: Final = 12
