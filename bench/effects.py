@@ -18,7 +18,7 @@ from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import load_case
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.resources import subject_file
 
 SECONDS = 5.0
 REPEATS = 15
@@ -28,7 +28,7 @@ import dataclasses, numpy as np
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import load_subject
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.resources import subject_file
 effect = CATALOGUE["viscera"]
 applied = AppliedEffect(effect, effect.where[0], {p.name: p.size for p in effect.parameters})
 subject = dataclasses.replace(load_subject(subject_file("subject_1")), effects=EFFECTS)

@@ -25,7 +25,7 @@ from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.kernels.cost import LANES
 from biodyn_core.recording.recording import Recorder, Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.resources import subject_file
 from biodyn_ros.work.executors import executor_of
 from biodyn_ros.work.tasks import Work
 

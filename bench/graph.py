@@ -30,7 +30,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 
 from biodyn_core.base.segments import SEAT, SENSORS, STANDARD_GRAVITY_MPS2
-from biodyn_ros import topics
+from biodyn_ros.base import topics
 from biodyn_ros.cdr import AccelStampedTemplate, encode_imu
 
 REST_S = 1.5

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from bench.processes import NODE, Answered, Window, streamed
 from bench.table import Row, render
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
-from biodyn_ros.environment import settle
+from biodyn_ros.base.environment import settle
 
 ROUNDS = 4
 MEASURE_S = 10.0

@@ -16,7 +16,7 @@ from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import load_case
 from biodyn_core.body.synthesis_settings import CASES, NATIVE_RATE_HZ
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.resources import subject_file
 
 SECONDS = 5.0
 ROUNDS = 5

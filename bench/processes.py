@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.base.segments import SEAT
-from biodyn_ros import topics
+from biodyn_ros.base import topics
 
 NODE = ("-m", "biodyn_ros.cli", "live", "--ros-args", "-p", "state_file:=none", "--log-level", "warn")
 

@@ -12,7 +12,7 @@ import sys
 from bench.__main__ import setting
 from bench.processes import NODE, FellBehind, Window, streamed
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
-from biodyn_ros.environment import settle
+from biodyn_ros.base.environment import settle
 
 MINUTES = 30.0
 WINDOWS = 10

@@ -10,8 +10,8 @@ import tempfile
 import time
 
 from bench.table import Row, render
+from biodyn_ros.base.resources import bag_file
 from biodyn_ros.commands.table import NAMES
-from biodyn_ros.resources import bag_file
 
 ROUNDS = 7
 MOST = 2.0

@@ -11,10 +11,10 @@ from typing import Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean
+from biodyn_ros.base.environment import ONE_THREAD
 from biodyn_ros.commands.live import run_node
 from biodyn_ros.commands.parsing import EXIT_INPUT
 from biodyn_ros.commands.table import NAMES, command_of, parser
-from biodyn_ros.environment import ONE_THREAD
 
 EXIT_INTERRUPTED: Final = 130
 TOP_LEVEL: Final = ("-h", "--help", "--version")

@@ -18,13 +18,13 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.base.wording import number
 from biodyn_core.body.subject import load_subject
-from biodyn_ros import topics
-from biodyn_ros.files import check_directory
-from biodyn_ros.provenance import MADE_BY_MODEL
+from biodyn_ros.base import topics
+from biodyn_ros.base.files import check_directory
+from biodyn_ros.base.provenance import MADE_BY_MODEL
+from biodyn_ros.base.resources import bag_file, subject_file
 from biodyn_ros.replay.replaying import replay_to_directory
 from biodyn_ros.replay.text import summary
 from biodyn_ros.reports.pages import check_reports
-from biodyn_ros.resources import bag_file, subject_file
 
 BAG: Final = "subject_1.mcap"
 START_WITHIN_S: Final = 60.0

@@ -16,7 +16,7 @@ from biodyn_core.exposure.limits import Limits
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline.pipeline import Exposure, Pipeline
 from biodyn_ros import __version__
-from biodyn_ros.wording import MODEL, left_range, stuck
+from biodyn_ros.base.wording import MODEL, left_range, stuck
 
 EDGE_S: Final = 0.1
 """So much of a comparison may want its sensor where records begin and end, which is at rest."""

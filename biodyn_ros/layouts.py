@@ -18,8 +18,8 @@ from xml.etree import ElementTree as ET
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.exposure.limits import EU_LIMITS
-from biodyn_ros.files import write_text
-from biodyn_ros.topics import (
+from biodyn_ros.base.files import write_text
+from biodyn_ros.base.topics import (
     DIAGNOSTICS,
     EXPOSURE,
     MEASURED,
@@ -30,7 +30,7 @@ from biodyn_ros.topics import (
     absolute,
     status_name,
 )
-from biodyn_ros.wording import words
+from biodyn_ros.base.wording import words
 
 PREDICTED_COLOR, MEASURED_COLOR = "#d95f02", "#1b9e77"
 COLORS: Final = (MEASURED_COLOR, PREDICTED_COLOR, "#7570b3", "#e7298a", "#66a61e", "#e6ab02")

@@ -33,7 +33,9 @@ from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.exposure.limits import EU_LIMITS, load_limits
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
-from biodyn_ros import topics
+from biodyn_ros.base import topics
+from biodyn_ros.base.resources import subject_file
+from biodyn_ros.base.shutdown import Shutdown
 from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page
 from biodyn_ros.node import params
@@ -44,8 +46,6 @@ from biodyn_ros.node.showing import Showing
 from biodyn_ros.node.state import BELIEVED, Keeper, StateFile, belongs_to, state_path
 from biodyn_ros.node.subscriptions import Subscriptions
 from biodyn_ros.node.warmup import warm_up
-from biodyn_ros.resources import subject_file
-from biodyn_ros.shutdown import Shutdown
 
 DRAIN_RATE_HZ: Final = 100.0
 """One of the six sensors is served at each tick, so that no drain holds up the seat for long."""

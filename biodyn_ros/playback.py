@@ -12,9 +12,9 @@ from statistics import median_low
 from typing import Final
 
 from biodyn_ros.bag import BagReader
+from biodyn_ros.base.topics import INPUT
 from biodyn_ros.cdr import NS_PER_S
 from biodyn_ros.reading.mapping import check_given
-from biodyn_ros.topics import INPUT
 
 MOST_APART_NS: Final = NS_PER_S
 """Stamps that last longer or shorter than the recording by more are of a clock that was set: the recorder's count."""

@@ -25,11 +25,11 @@ from rosgraph_msgs.msg import Clock
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagReader, open_bag
+from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.shutdown import Shutdown
 from biodyn_ros.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
 from biodyn_ros.playback import Lap, Played, in_order, played_on
 from biodyn_ros.player_settings import PlayerSettings
-from biodyn_ros.progress import OnProgress, unwatched
-from biodyn_ros.shutdown import Shutdown
 
 CLOCK_STEP_NS: Final = 10_000_000
 TOLD_STEP_NS: Final = 100_000_000

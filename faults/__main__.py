@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from itertools import chain
 
 from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_ros.wording import number
+from biodyn_ros.base.wording import number
 from faults.judged import judged
 from faults.stamps import EVERY, OTHERS
 

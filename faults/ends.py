@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException
 from typing import Final
 
-from biodyn_ros.environment import settle
-from biodyn_ros.resources import bag_file
+from biodyn_ros.base.environment import settle
+from biodyn_ros.base.resources import bag_file
 from faults.over_dds import LISTENER
 from faults.rig import START_WITHIN_S
 

@@ -24,8 +24,8 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 
-from biodyn_ros import topics
-from biodyn_ros.resources import bag_file, subject_file
+from biodyn_ros.base import topics
+from biodyn_ros.base.resources import bag_file, subject_file
 from faults.rig import Rig, command, ended, rig
 
 BEGIN_S, END_S, UNTIL_S = 3.0, 8.0, 12.0

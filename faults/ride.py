@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import imu_streams, load_case
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.resources import subject_file
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

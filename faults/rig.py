@@ -22,7 +22,7 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64
 
 from biodyn_core.base.segments import SENSORS
-from biodyn_ros import topics
+from biodyn_ros.base import topics
 from biodyn_ros.cdr import encode_imu
 from faults.ride import ride
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from biodyn_ros import environment
+from biodyn_ros.base import environment
 
 ROOT = Path(__file__).resolve().parents[1]
 

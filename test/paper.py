@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject, load_subject
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.resources import subject_file
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15).map(np.array)
 THETAS = SHARES.map(lambda shares: np.clip(LOWER + shares * (UPPER - LOWER), LOWER, UPPER))

@@ -20,8 +20,9 @@ from streams import noisy_streams
 from trident import capture_u_files, nexus_text, shock, still
 
 from biodyn_core.base.segments import SEAT
-from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter
+from biodyn_ros.base import topics
+from biodyn_ros.base.resources import bag_file, config_file, subject_file, subject_names
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
 from biodyn_ros.commands import fit, info, trace
@@ -29,7 +30,6 @@ from biodyn_ros.commands.completion import script
 from biodyn_ros.commands.parsing import CommandParser
 from biodyn_ros.commands.table import GROUPS, NAMES, command_of, parser
 from biodyn_ros.node.params import names
-from biodyn_ros.resources import bag_file, config_file, subject_file, subject_names
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = [example for name in NAMES for example in command_of(name).examples]

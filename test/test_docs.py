@@ -19,10 +19,10 @@ from trident import capture_u_files, shock
 
 from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import SensorSettings
+from biodyn_ros.base.environment import hold_domain
+from biodyn_ros.base.resources import bag_file, subject_file
 from biodyn_ros.commands.table import parser
-from biodyn_ros.environment import hold_domain
 from biodyn_ros.fit.campaign_file import load_campaign
-from biodyn_ros.resources import bag_file, subject_file
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -539,7 +539,7 @@ import dataclasses, numpy as np, time
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import load_subject
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.resources import subject_file
 effect = CATALOGUE["relaxation"]
 values = {p.name: p.start for p in effect.parameters}
 subject = dataclasses.replace(load_subject(subject_file("subject_1")), effects=(AppliedEffect(effect, "neck", values),))

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from biodyn_ros import environment
+from biodyn_ros.base import environment
 
 ROOT = Path(__file__).resolve().parents[1]
-WRAPPER = [sys.executable, "-m", "biodyn_ros.environment", "--"]
+WRAPPER = [sys.executable, "-m", "biodyn_ros.base.environment", "--"]
 
 
 def polluted() -> dict[str, str]:
@@ -147,7 +147,10 @@ def test_a_command_ended_by_a_signal_looks_so() -> None:
 
 @pytest.mark.parametrize(
     ("command", "message"),
-    [((), "usage: python -m biodyn_ros.environment"), (("no-such-command",), "biodyn: cannot run no-such-command: No")],
+    [
+        ((), "usage: python -m biodyn_ros.base.environment"),
+        (("no-such-command",), "biodyn: cannot run no-such-command: No"),
+    ],
 )
 def test_a_command_that_cannot_be_run_is_one_line_and_exit_code_2(command: tuple[str, ...], message: str) -> None:
     with start(*command) as process:

@@ -21,12 +21,12 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_ros.bag import BagWriter
+from biodyn_ros.base.topics import INPUT
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
 from biodyn_ros.info.document import info
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay
-from biodyn_ros.topics import INPUT
 
 RESULT = ""
 NO_IMU, NO_SEAT = "no sensor_msgs/msg/Imu in the bag", "no seat sensor among {}: name it with --map seat=TOPIC"

@@ -243,7 +243,7 @@ def test_the_live_node_reaches_neither_identification_nor_tracing() -> None:
         "import sys, biodyn_ros.live; print([n for n in sys.modules if n.startswith(('biodyn_core.identification',"
         " 'biodyn_core.tracing', 'biodyn_core.signals.response'))])"
     )
-    words = [sys.executable, "-m", "biodyn_ros.environment", "--", sys.executable, "-c", loaded]
+    words = [sys.executable, "-m", "biodyn_ros.base.environment", "--", sys.executable, "-c", loaded]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

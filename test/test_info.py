@@ -14,8 +14,9 @@ from streams import noisy_streams, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
-from biodyn_ros import topics
 from biodyn_ros.bag import BagWriter, open_bag
+from biodyn_ros.base import topics
+from biodyn_ros.base.resources import bag_file
 from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
 from biodyn_ros.info.document import info
@@ -23,7 +24,6 @@ from biodyn_ros.info.text import text_of
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.reading.stamps import choose_times
 from biodyn_ros.replay.replaying import ReplayOptions, replay
-from biodyn_ros.resources import bag_file
 
 START_NS = 1_700_000_000_000_000_000
 UP = (0.0, 0.0, 9.81)

@@ -15,11 +15,11 @@ from std_msgs.msg import Float64
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.pipeline.pipeline import Pipeline
-from biodyn_ros import topics
+from biodyn_ros.base import topics
+from biodyn_ros.base.resources import config_file
 from biodyn_ros.layouts import lichtblick, plotjuggler
 from biodyn_ros.node.health import SensorHealth, sensor_status
 from biodyn_ros.player import message_class
-from biodyn_ros.resources import config_file
 
 LAYOUTS = config_file("layouts")
 TYPES: dict[str, type] = {

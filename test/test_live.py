@@ -27,13 +27,13 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.pipeline.frames import PredictedFrames
 from biodyn_core.pipeline.pipeline import Pipeline
-from biodyn_ros import topics
+from biodyn_ros.base import topics
+from biodyn_ros.base.resources import config_file
 from biodyn_ros.cdr import decode_accel_stamped
 from biodyn_ros.live import SETTINGS, LiveSettings
 from biodyn_ros.node import params
 from biodyn_ros.node.publications import AccelTopics
 from biodyn_ros.parameters_yaml import parameters_yaml
-from biodyn_ros.resources import config_file
 
 OK, WARN, ERROR = (bytes([level]) for level in range(3))
 

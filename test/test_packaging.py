@@ -23,9 +23,9 @@ import yaml
 
 import biodyn_ros
 from biodyn_core.base.errors import InputError
-from biodyn_ros import resources
+from biodyn_ros.base import resources
+from biodyn_ros.base.environment import clean_environment
 from biodyn_ros.commands.table import parser
-from biodyn_ros.environment import clean_environment
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -89,7 +89,7 @@ def pip(tmp_path: Path, option: str) -> Installed:
     tree, prefix = copy_of_the_tree(tmp_path / "tree"), tmp_path / "prefix"
     options = ["--quiet", "--no-deps", "--no-build-isolation", "--ignore-installed", option, str(prefix)]
     run([sys.executable, "-m", "pip", "install", *options, str(tree)], tmp_path)
-    (package,) = prefix.rglob("biodyn_ros/resources.py")
+    (package,) = prefix.rglob("biodyn_ros/base/resources.py")
     setup = f"export PYTHONPATH={shlex.quote(str(package.parents[1]))}"
     shutil.rmtree(tree)
     return Installed(prefix, prefix / "bin", setup)
@@ -146,9 +146,9 @@ def test_a_symlinked_build_leads_back_to_the_source(symlinked: Installed, tmp_pa
     tree = symlinked.prefix.parents[1] / "src" / "biodyn"
     launch = symlinked.prefix / "share/biodyn_ros/launch/biodyn.launch.py"
     assert launch.resolve() == tree / "config/launch/biodyn.launch.py"
-    script = "import biodyn_ros.resources as r; print(r.__file__)"
+    script = "import biodyn_ros.base.resources as r; print(r.__file__)"
     module = symlinked.run(f"{shlex.quote(sys.executable)} -c {shlex.quote(script)}", tmp_path).strip()
-    assert Path(module).resolve() == tree / "biodyn_ros/resources.py"
+    assert Path(module).resolve() == tree / "biodyn_ros/base/resources.py"
 
 
 def test_the_manifest_names_only_keys_that_resolve() -> None:
@@ -321,7 +321,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (share / "bags").mkdir()
     for name in ("package.xml", "config/limits.yaml", "config/subjects/tall.yaml", "bags/short.mcap"):
         (share / name).touch()
-    monkeypatch.setattr(resources, "__file__", str(tmp_path / "code/biodyn_ros/resources.py"))
+    monkeypatch.setattr(resources, "__file__", str(tmp_path / "code/biodyn_ros/base/resources.py"))
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "nothing"))
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(["", str(tmp_path / "other"), str(tmp_path / "prefix")]))
     monkeypatch.chdir(tmp_path)

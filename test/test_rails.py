@@ -22,11 +22,11 @@ from biodyn_core.body.synthesis import ImuStream
 from biodyn_core.conditioning.conditioner import Conditioner, ConditioningSettings
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.recording.recording import Recorder
+from biodyn_ros.base.topics import INPUT
 from biodyn_ros.info.document import info
 from biodyn_ros.node.health import WARN, SensorHealth, sensor_status
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import replay
-from biodyn_ros.topics import INPUT
 
 Floats = NDArray[np.float64]
 

@@ -19,6 +19,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.exposure.limits import EU_LIMITS
 from biodyn_core.pipeline.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
+from biodyn_ros.base.wording import bound, duration, left, number, sentence, shocks, time_left, told_apart
 from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
@@ -27,7 +28,6 @@ from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.strip import BIN_NS
-from biodyn_ros.wording import bound, duration, left, number, sentence, shocks, time_left, told_apart
 
 START_NS = 1_767_225_600 * 10**9 + 37
 RATE_HZ = 1000.0

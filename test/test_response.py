@@ -18,7 +18,7 @@ from biodyn_core.body.model import Chain, Response
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.signals.response import CrossSpectra, SpectrumSettings, common_rate_hz, cross_spectra, peak
 from biodyn_core.validation.driving_point import driving_point, linear_driving_point
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.resources import subject_file
 
 RATE_HZ = 500.0
 HEAD = SEGMENTS.index("head")

@@ -16,8 +16,8 @@ from streams import noisy_streams
 from test_state import newest
 
 from biodyn_core.base.segments import SENSORS
+from biodyn_ros.base.shutdown import Shutdown
 from biodyn_ros.node.callbacks import spin
-from biodyn_ros.shutdown import Shutdown
 
 _ASKED = """
 import atexit, ctypes, os, signal, threading, time

@@ -19,9 +19,9 @@ from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.body.subject import load_subject
 from biodyn_core.exposure.exposure_store import KeptExposure, digest
 from biodyn_core.pipeline.pipeline import Pipeline
-from biodyn_ros import topics
+from biodyn_ros.base import topics
+from biodyn_ros.base.resources import subject_file
 from biodyn_ros.node.state import Keeper, StateFile, belongs_to, refused, state_path
-from biodyn_ros.resources import subject_file
 
 BELONGS = belongs_to(subject(), topics.INPUT)
 

@@ -18,13 +18,13 @@ from biodyn_core.exposure.limits import load_limits
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.bag import open_bag
+from biodyn_ros.base.resources import subject_file
 from biodyn_ros.blue_trident.found import find_exports
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.fit.fitting import FitOptions, check_profiles
 from biodyn_ros.reading.events import check_bags
 from biodyn_ros.reading.mapping import check_given, parse_map
 from biodyn_ros.reading.seat_motion import read_seat_motion
-from biodyn_ros.resources import subject_file
 
 
 @pytest.mark.parametrize(

@@ -39,9 +39,9 @@ from biodyn_core.tracing.findings import (
     Trace,
     Verdict,
 )
+from biodyn_ros.base.files import check_directory
+from biodyn_ros.base.provenance import MADE_BY_MODEL, bag_sha256, role_of
 from biodyn_ros.cli import main
-from biodyn_ros.files import check_directory
-from biodyn_ros.provenance import MADE_BY_MODEL, bag_sha256, role_of
 from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reports.residuals import residual_spectra, windowed
 from biodyn_ros.trace import tracing

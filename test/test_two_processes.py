@@ -20,11 +20,11 @@ from std_msgs.msg import Float64
 from streams import subject
 
 from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_ros import topics
+from biodyn_ros.base import topics
+from biodyn_ros.base.environment import hold_domain
+from biodyn_ros.base.resources import bag_file
 from biodyn_ros.cdr import decode_accel_stamped
-from biodyn_ros.environment import hold_domain
 from biodyn_ros.replay.replaying import replay
-from biodyn_ros.resources import bag_file
 
 BAG_DEPTH = 200_000
 ARRIVES_WITHIN_S = 120.0
@@ -173,7 +173,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from biodyn_ros.node.callbacks import guarded, make_executor, spin
-from biodyn_ros.shutdown import Shutdown
+from biodyn_ros.base.shutdown import Shutdown
 
 with Shutdown("biodyn test") as shutdown:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

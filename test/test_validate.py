@@ -19,7 +19,7 @@ from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import SensorSettings, load_case
 from biodyn_core.recording.recording import WARM_UP_S, Recorder, Recording
 from biodyn_core.signals.response import SpectrumSettings, cross_spectra
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.resources import subject_file
 from biodyn_ros.simulate import simulate_bag
 from biodyn_ros.validate.findings import ValidationSettings, findings, verdict
 from biodyn_ros.validate.text import text_of

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from biodyn_core.base.wording import counted, number, number_below
-from biodyn_ros.wording import left_range, span, stuck, typeset
+from biodyn_ros.base.wording import left_range, span, stuck, typeset
 
 ROOT = Path(__file__).resolve().parents[1]
 

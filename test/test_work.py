@@ -30,9 +30,9 @@ from biodyn_core.identification.identify import Task, fingerprint, identify
 from biodyn_core.identification.phase1 import Search, SwarmSettings
 from biodyn_core.identification.phase2 import Refined
 from biodyn_core.identification.settings import FitSettings
-from biodyn_ros.environment import ONE_THREAD
-from biodyn_ros.json_files import LARGEST_BYTES
-from biodyn_ros.progress import Progress
+from biodyn_ros.base.environment import ONE_THREAD
+from biodyn_ros.base.json_files import LARGEST_BYTES
+from biodyn_ros.base.progress import Progress
 from biodyn_ros.work import executors
 from biodyn_ros.work.checkpoint import Checkpoint, decoded, encoded
 from biodyn_ros.work.executors import as_done, executor_of, result_of

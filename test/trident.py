@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_ros.bag import imu_blocks, open_bag
+from biodyn_ros.base.topics import INPUT
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident
-from biodyn_ros.topics import INPUT
 
 Floats = NDArray[np.float64]
 Motion = Callable[[Floats], Floats]

@@ -16,13 +16,13 @@ from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_core.conditioning.range_alignment import Alignment
+from biodyn_ros.base.wording import number, table
 from biodyn_ros.blue_trident.cleaning import LeftOut
 from biodyn_ros.blue_trident.found import Chosen, Found
 from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export
 from biodyn_ros.blue_trident.survey import Read, Surveyed
 from biodyn_ros.blue_trident.wide import Taken
-from biodyn_ros.wording import number, table
 
 MOST_RANGES: Final = 10_000
 LOST_BY_NEXUS: Final = 0.5

@@ -23,8 +23,8 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.identification.compare import compare
+    from biodyn_ros.base.resources import subject_file
     from biodyn_ros.fit.comparison import comparison_document, text_of
-    from biodyn_ros.resources import subject_file
 
     a, b = (load_subject(subject_file(name)) for name in (options.first, options.second))
     document = comparison_document(compare(a, b, options.threshold))

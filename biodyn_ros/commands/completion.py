@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from biodyn_core.base.errors import InputError
+from biodyn_ros.base.resources import subject_names
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
-from biodyn_ros.resources import subject_names
 
 SHELLS: Final = ("bash", "zsh", "fish")
 SUBJECT: Final = ("S", "A", "B")

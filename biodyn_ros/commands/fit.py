@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from biodyn_core.base.errors import InputError
+from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import (
     add_all_settings,
     add_held_out,
@@ -21,7 +22,6 @@ from biodyn_ros.commands.arguments import (
 )
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
-from biodyn_ros.progress import Progress
 
 if TYPE_CHECKING:
     from biodyn_ros.fit.fitting import FitOptions
@@ -86,10 +86,10 @@ def _run(options: argparse.Namespace) -> None:
 def _subject(options: argparse.Namespace) -> None:
     from biodyn_core.body.parameters import UNFITTED
     from biodyn_core.body.subject import load_subject
-    from biodyn_ros.files import remove
+    from biodyn_ros.base.files import remove
+    from biodyn_ros.base.resources import subject_file
     from biodyn_ros.fit.fitting import check_output, fit_bags, page_beside, write_fitted
     from biodyn_ros.fit.text import text_of
-    from biodyn_ros.resources import subject_file
     from biodyn_ros.work.executors import executor_of
     from biodyn_ros.work.tasks import Work
 
@@ -121,7 +121,7 @@ def _subject(options: argparse.Namespace) -> None:
 
 
 def _campaign(options: argparse.Namespace) -> None:
-    from biodyn_ros.files import remove
+    from biodyn_ros.base.files import remove
     from biodyn_ros.fit.campaign import fit_campaign
     from biodyn_ros.fit.campaign_file import load_campaign
     from biodyn_ros.fit.campaign_results import page_of

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import add_settings, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
-from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:

@@ -7,10 +7,10 @@ import importlib
 import os
 from typing import Final
 
+from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import add_bag, add_map, add_settings, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
-from biodyn_ros.progress import Progress
 
 UNCOMPILED_UP_TO: Final = 125_000
 """Samples in all, 18 s of six sensors at 1129 Hz.

@@ -7,10 +7,10 @@ import dataclasses
 from pathlib import Path
 
 from biodyn_core.base.wording import counted
+from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import add_bag, add_map, add_settings, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
-from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:

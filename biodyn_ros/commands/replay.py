@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import add_bag, add_map, add_settings, add_subject, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
-from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:
@@ -36,9 +36,9 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
     from biodyn_core.exposure.limits import EU_LIMITS, load_limits
     from biodyn_core.pipeline.pipeline_settings import PipelineSettings
+    from biodyn_ros.base.resources import subject_file
     from biodyn_ros.reading.mapping import parse_map
     from biodyn_ros.replay.replaying import ReplayOptions, replay_to_directory
-    from biodyn_ros.resources import subject_file
 
     how = ReplayOptions(
         mapping=parse_map(options.map),

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
+from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import add_map, add_seed, add_settings, add_subject, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
-from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:
@@ -36,9 +36,9 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.body.synthesis_settings import CASE_S, SensorSettings
+    from biodyn_ros.base.resources import subject_file
     from biodyn_ros.reading.mapping import parse_map
     from biodyn_ros.reading.seat_motion import is_table, read_seat_motion
-    from biodyn_ros.resources import subject_file
     from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
     subject = load_subject(subject_file(options.subject))

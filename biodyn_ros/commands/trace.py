@@ -67,8 +67,8 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.parameters import UNFITTED
     from biodyn_core.body.subject import load_subject
-    from biodyn_ros.files import check_directory
-    from biodyn_ros.resources import subject_file
+    from biodyn_ros.base.files import check_directory
+    from biodyn_ros.base.resources import subject_file
     from biodyn_ros.trace.text import text_of
     from biodyn_ros.trace.tracing import trace_bags, write_traced
     from biodyn_ros.work.kept import Kept

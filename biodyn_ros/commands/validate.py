@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import (
     add_bag,
     add_reading,
@@ -16,7 +17,6 @@ from biodyn_ros.commands.arguments import (
 )
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
-from biodyn_ros.progress import Progress
 
 
 def _add(command: CommandParser) -> None:
@@ -40,7 +40,7 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.signals.spectrum_settings import SpectrumSettings
-    from biodyn_ros.resources import subject_file
+    from biodyn_ros.base.resources import subject_file
     from biodyn_ros.validate.settings import ValidationSettings
     from biodyn_ros.validate.text import text_of
     from biodyn_ros.validate.validating import ValidateOptions, validate, validate_to_directory

@@ -17,8 +17,8 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from biodyn_core.base.errors import InputError
-from biodyn_ros import topics
-from biodyn_ros.wording import typeset
+from biodyn_ros.base import topics
+from biodyn_ros.base.wording import typeset
 
 ANSWERS_WITHIN_S: Final = 3.0
 

@@ -13,7 +13,7 @@ from typing import Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
-from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
+from biodyn_ros.base.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
 
 TOKEN_BYTES: Final = 16
 TOKEN_VARIABLE: Final = "BIODYN_PAGE_TOKEN"  # noqa: S105 - where the token is, not what it is

@@ -13,12 +13,12 @@ from typing import Any, Final
 from aiohttp import web
 
 from biodyn_core.base.errors import InputError
+from biodyn_ros.base.resources import package_directory
+from biodyn_ros.base.shutdown import Shutdown
 from biodyn_ros.dashboard.door import ANSWER_S, HEADERS, Door, check_host, check_token
 from biodyn_ros.dashboard.feed import SERVICES, Feed
 from biodyn_ros.dashboard.hub import Hub
 from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token
-from biodyn_ros.resources import package_directory
-from biodyn_ros.shutdown import Shutdown
 
 FILES: Final = {"/": "index.html", "/page.js": "page.js", "/page.css": "page.css"}
 TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}

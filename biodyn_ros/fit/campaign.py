@@ -10,11 +10,11 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from biodyn_core.base.errors import InputError, one_line
-from biodyn_ros.files import make_directory
+from biodyn_ros.base.files import make_directory
+from biodyn_ros.base.progress import OnProgress, silent, unwatched
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.campaign_results import Document, Fits, Results, fingerprint
 from biodyn_ros.fit.fitting import FitOptions, Fitted, check_profiles, fit_bags
-from biodyn_ros.progress import OnProgress, silent, unwatched
 from biodyn_ros.work.executors import as_done
 from biodyn_ros.work.tasks import Work
 

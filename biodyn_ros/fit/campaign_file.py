@@ -23,8 +23,8 @@ from biodyn_core.base.suggestions import did_you_mean_file
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_core.body.parameters import UNFITTED
 from biodyn_core.body.subject import Subject, load_subject
-from biodyn_ros.files import is_there
-from biodyn_ros.resources import subject_file
+from biodyn_ros.base.files import is_there
+from biodyn_ros.base.resources import subject_file
 
 _NAME: Final = re.compile(r"[^\W_][\w .+-]{0,99}")
 

@@ -8,14 +8,14 @@ from urllib.parse import quote
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
+from biodyn_ros.base.json_files import read_json
+from biodyn_ros.base.wording import number
 from biodyn_ros.fit.campaign_results import page_of
 from biodyn_ros.fit.drawings import MARKERS, estimates_of, subjects
 from biodyn_ros.fit.fitting import json_beside
 from biodyn_ros.fit.page import judge_fit
-from biodyn_ros.json_files import read_json
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.verdict import Verdict
-from biodyn_ros.wording import number
 
 Document = dict[str, Any]
 

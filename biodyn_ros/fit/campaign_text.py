@@ -7,7 +7,7 @@ from typing import Any
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
-from biodyn_ros.wording import number, table
+from biodyn_ros.base.wording import number, table
 
 Document = dict[str, Any]
 

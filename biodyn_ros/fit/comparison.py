@@ -8,7 +8,7 @@ from typing import Any, Final
 from biodyn_core.body.subject import Subject
 from biodyn_core.identification.compare import Deviation, SubjectComparison
 from biodyn_ros import __version__
-from biodyn_ros.wording import table, words
+from biodyn_ros.base.wording import table, words
 
 _SHOWN: Final = {
     "natural_frequency_hz": ("natural frequency", "Hz", 1.0),

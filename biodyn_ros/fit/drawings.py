@@ -9,8 +9,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from biodyn_core.body.parameters import PARAMETERS
+from biodyn_ros.base.wording import number, parameter_name, told_apart
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, OTHER_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
-from biodyn_ros.wording import number, parameter_name, told_apart
 
 Document = dict[str, Any]
 

@@ -28,9 +28,9 @@ from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.recording.recording import representative
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros import __version__
-from biodyn_ros.files import check_directory, make_directory, write_text
+from biodyn_ros.base.files import check_directory, make_directory, write_text
+from biodyn_ros.base.json_files import write_json
 from biodyn_ros.fit.document import Findings, fit_document, provenance
-from biodyn_ros.json_files import write_json
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.work.tasks import Work

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted
-from biodyn_ros.wording import number, parameter_name, told_apart, words
+from biodyn_ros.base.wording import number, parameter_name, told_apart, words
 
 Document = dict[str, Any]
 

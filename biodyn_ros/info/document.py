@@ -9,8 +9,8 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.conditioning.conditioner import gravity_search
 from biodyn_ros.bag import BagReader, imu_blocks, open_bag
+from biodyn_ros.base.progress import OnProgress, unwatched
 from biodyn_ros.info.survey import Survey
-from biodyn_ros.progress import OnProgress, unwatched
 from biodyn_ros.reading.gravity import search_gravity
 from biodyn_ros.reading.mapping import SensorMap, imu_messages, imu_topics, map_sensors
 from biodyn_ros.reading.saturation import limits_of

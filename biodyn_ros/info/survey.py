@@ -12,8 +12,8 @@ from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_ros.bag import LoggedImu
+from biodyn_ros.base.wording import stuck
 from biodyn_ros.reading.stamps import SensorClock, TimeChoice
-from biodyn_ros.wording import stuck
 
 CAUSES: Final = ("unset", "non_finite", "duplicate", "late", "stray")
 UNEVEN_S: Final = 0.005

@@ -21,8 +21,8 @@ from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_ros.base.wording import MODEL, left_range
 from biodyn_ros.node.state import Keeper
-from biodyn_ros.wording import MODEL, left_range
 
 SILENT_AFTER_S: Final = 0.5
 CLOCK_OFF_S: Final = 0.02

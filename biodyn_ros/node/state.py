@@ -19,8 +19,8 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.exposure.exposure_store import KeptExposure, digest
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import __version__
-from biodyn_ros.files import OWNER_ALONE, is_there, make_directory, remove, state_directory, write_text
-from biodyn_ros.json_files import keys_of, read_json
+from biodyn_ros.base.files import OWNER_ALONE, is_there, make_directory, remove, state_directory, write_text
+from biodyn_ros.base.json_files import keys_of, read_json
 
 SCHEMA: Final = 4
 ASIDE: Final = ".before"

@@ -12,8 +12,8 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_ros.progress import OnProgress
-from biodyn_ros.provenance import bag_sha256
+from biodyn_ros.base.progress import OnProgress
+from biodyn_ros.base.provenance import bag_sha256
 from biodyn_ros.reading.gravity import gravity_by_bag
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from biodyn_ros import topics
 from biodyn_ros.bag import BagReader
+from biodyn_ros.base import topics
 from biodyn_ros.cdr import STRING_TYPE, decode_string
 
 

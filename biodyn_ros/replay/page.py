@@ -6,6 +6,7 @@ from typing import Any
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.exposure.limit_assessment import HORIZONTAL_FACTOR
+from biodyn_ros.base.wording import ZONE, words
 from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses
 from biodyn_ros.reports.frequency import powers, residual_channels, transmissibility, waterfall
@@ -14,7 +15,6 @@ from biodyn_ros.reports.motion import envelopes, overlay
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.verdict import judge
 from biodyn_ros.validate.settings import LEAST_COHERENCE
-from biodyn_ros.wording import ZONE, words
 
 
 def replay_page(document: dict[str, Any], traces: Traces) -> str:

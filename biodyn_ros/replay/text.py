@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from biodyn_ros.wording import HORIZONTAL, ZONE, bound, duration, number, sentence, shocks, span, time_left
+from biodyn_ros.base.wording import HORIZONTAL, ZONE, bound, duration, number, sentence, shocks, span, time_left
 
 
 def summary(document: dict[str, Any]) -> str:

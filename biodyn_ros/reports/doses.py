@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 from biodyn_core.exposure.injury import DRI_BANDS
+from biodyn_ros.base.wording import bound
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
-from biodyn_ros.wording import bound
 
 VDV_LABEL: Final = "VDV, Wk-weighted, vertical, m/s¹·⁷⁵"
 

@@ -15,6 +15,7 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.signals.waterfall import Waterfall
+from biodyn_ros.base.wording import words
 from biodyn_ros.reports.drawing import (
     BAND_COLOUR,
     DASHED,
@@ -26,7 +27,6 @@ from biodyn_ros.reports.drawing import (
     drawn,
     say,
 )
-from biodyn_ros.wording import words
 
 Document = dict[str, Any]
 

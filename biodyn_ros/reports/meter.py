@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from biodyn_core.base.segments import SEAT
 from biodyn_core.base.wording import counted
-from biodyn_ros.wording import HORIZONTAL
+from biodyn_ros.base.wording import HORIZONTAL
 
 AXES: Final = ("x", "y", "z")
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
+from biodyn_ros.base.wording import number, words
 from biodyn_ros.reports.drawing import (
     BAND_COLOUR,
     DASHED,
@@ -19,7 +20,6 @@ from biodyn_ros.reports.drawing import (
     SOFT_COLOUR,
     drawn,
 )
-from biodyn_ros.wording import number, words
 
 EVENT_HALF_NS: Final = 1_000_000_000
 """An event is drawn so far on either side of its strongest instant."""

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from biodyn_core.base.errors import InputError, one_line
-from biodyn_ros.files import remove, write_text
+from biodyn_ros.base.files import remove, write_text
+from biodyn_ros.base.resources import package_directory
+from biodyn_ros.base.wording import bound, duration, number, sentence, shocks, span, typeset, words
 from biodyn_ros.reports.drawing import PALETTE
-from biodyn_ros.resources import package_directory
-from biodyn_ros.wording import bound, duration, number, sentence, shocks, span, typeset, words
 
 
 def check_reports() -> None:

@@ -14,8 +14,8 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.signals.response import SAME_RATE, cross_spectra
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.tracing.findings import ComparedEvent
+from biodyn_ros.base.wording import words
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, OTHER_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn, say
-from biodyn_ros.wording import words
 
 BEFORE_COLOUR: Final = PREDICTED_COLOUR
 AFTER_COLOUR: Final = OTHER_COLOUR

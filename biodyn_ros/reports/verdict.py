@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from biodyn_core.base.segments import SEAT
 from biodyn_core.base.wording import counted
-from biodyn_ros.wording import HORIZONTAL, ZONE, sentence, time_left
+from biodyn_ros.base.wording import HORIZONTAL, ZONE, sentence, time_left
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from biodyn_core.tracing.findings import Candidate, Round, Surface
+from biodyn_ros.base.wording import number
 from biodyn_ros.reports.drawing import (
     BAND_COLOUR,
     MEASURED_COLOUR,
@@ -17,7 +18,6 @@ from biodyn_ros.reports.drawing import (
 )
 from biodyn_ros.reports.residuals import AFTER_COLOUR
 from biodyn_ros.trace.wording import effect_name
-from biodyn_ros.wording import number
 
 AMBIGUOUS_COLOUR: Final = "#e8930c"
 REST_COLOUR: Final = BAND_COLOUR

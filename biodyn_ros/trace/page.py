@@ -7,6 +7,7 @@ from typing import Any, Final
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.findings import ComparedEvent, Round, Trace
+from biodyn_ros.base.wording import number, parameter_name, told_apart
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import event_document
@@ -24,7 +25,6 @@ from biodyn_ros.trace.wording import (
     subject_said,
     tone,
 )
-from biodyn_ros.wording import number, parameter_name, told_apart
 
 Document = dict[str, Any]
 

@@ -10,8 +10,8 @@ import numpy as np
 from biodyn_core.body.parameters import PARAMETERS, is_fitted
 from biodyn_core.body.subject import Subject
 from biodyn_core.tracing.findings import Trace
-from biodyn_ros.json_files import finite
-from biodyn_ros.wording import number, parameter_name, told_apart
+from biodyn_ros.base.json_files import finite
+from biodyn_ros.base.wording import number, parameter_name, told_apart
 
 Document = dict[str, Any]
 

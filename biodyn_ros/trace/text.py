@@ -7,6 +7,7 @@ from textwrap import wrap
 from typing import Any, Final
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_ros.base.wording import number, parameter_name, words
 from biodyn_ros.trace.wording import (
     belief,
     effect_name,
@@ -17,7 +18,6 @@ from biodyn_ros.trace.wording import (
     short_name,
     subject_said,
 )
-from biodyn_ros.wording import number, parameter_name, words
 
 Document = dict[str, Any]
 

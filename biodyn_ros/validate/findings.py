@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from biodyn_core.base.segments import HEAD
 from biodyn_core.identification.settings import CaseSettings
+from biodyn_ros.base.wording import number, words
 from biodyn_ros.validate.settings import ValidationSettings
-from biodyn_ros.wording import number, words
 
 Document = dict[str, Any]
 

@@ -9,12 +9,12 @@ import numpy as np
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.signals.waterfall import Waterfall, WaterfallMeter
 from biodyn_core.validation.validation import PredictedRun
+from biodyn_ros.base.wording import words
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses, injury
 from biodyn_ros.reports.frequency import driving_point, powers, residual_channels, transmissibility, waterfall
 from biodyn_ros.reports.motion import EVENT_HALF_NS, StrongestEvent, overlay
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.validate.document import Validated
-from biodyn_ros.wording import words
 
 Document = dict[str, Any]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
-from biodyn_ros.wording import number, words
+from biodyn_ros.base.wording import number, words
 
 Document = dict[str, Any]
 

@@ -14,10 +14,10 @@ from biodyn_core.effects import needs_channels
 from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation import validation
-from biodyn_ros.files import check_directory, make_directory, remove
-from biodyn_ros.json_files import write_json
-from biodyn_ros.progress import OnProgress, unwatched
-from biodyn_ros.provenance import Role, bag_sha256, role_of
+from biodyn_ros.base.files import check_directory, make_directory, remove
+from biodyn_ros.base.json_files import write_json
+from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.provenance import Role, bag_sha256, role_of
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
 from biodyn_ros.validate.document import Validated, validation_document
 from biodyn_ros.validate.settings import ValidationSettings

@@ -17,8 +17,8 @@ from biodyn_core.identification.objectives import N_LINEAR
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.phase2 import Refined
 from biodyn_ros import __version__
-from biodyn_ros.files import make_directory
-from biodyn_ros.json_files import keys_of, read_json, write_json
+from biodyn_ros.base.files import make_directory
+from biodyn_ros.base.json_files import keys_of, read_json, write_json
 
 Result = Search | Refined
 

@@ -29,7 +29,7 @@ from typing import Any, Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros import __version__
-from biodyn_ros.environment import ONE_THREAD
+from biodyn_ros.base.environment import ONE_THREAD
 
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 

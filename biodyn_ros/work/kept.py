@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros import __version__
-from biodyn_ros.files import check_directory, make_directory
-from biodyn_ros.json_files import keys_of, read_json, write_json
+from biodyn_ros.base.files import check_directory, make_directory
+from biodyn_ros.base.json_files import keys_of, read_json, write_json
 
 SCHEMA: Final = 1
 MOST: Final = 24

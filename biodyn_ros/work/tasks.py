@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from biodyn_core.identification.identify import Run, Task
-from biodyn_ros.progress import OnProgress, Progress
+from biodyn_ros.base.progress import OnProgress, Progress
 from biodyn_ros.work.checkpoint import Checkpoint
 from biodyn_ros.work.executors import as_done, result_of
 

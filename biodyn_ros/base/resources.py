@@ -14,7 +14,7 @@ from typing import Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
-from biodyn_ros.files import is_there
+from biodyn_ros.base.files import is_there
 
 SHARE: Final = Path("share") / "biodyn_ros"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from biodyn_core.base.errors import InputError
-from biodyn_ros.files import write_text
+from biodyn_ros.base.files import write_text
 
 LARGEST_BYTES: Final = 64 * 2**20
 """Of a file that is read; 1000 results of 100 starts each take a third of it."""

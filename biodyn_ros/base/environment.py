@@ -1,6 +1,6 @@
 """The environment in which ROS runs here, whatever the machine carries: cleared variables, localhost, an own domain.
 
-Standard library only. `python -m biodyn_ros.environment -- COMMAND ARGUMENT...` runs a command in it.
+Standard library only. `python -m biodyn_ros.base.environment -- COMMAND ARGUMENT...` runs a command in it.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if command[:1] == ["--"]:
         command = command[1:]
     if not command:
-        print("usage: python -m biodyn_ros.environment -- COMMAND [ARGUMENT...]", file=sys.stderr)
+        print("usage: python -m biodyn_ros.base.environment -- COMMAND [ARGUMENT...]", file=sys.stderr)
         return 2
     try:
         run(command)
