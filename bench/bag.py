@@ -18,7 +18,7 @@ from bench.table import Row, render
 from biodyn_core.base.arrays import Integers
 from biodyn_core.base.segments import SENSORS
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
-from biodyn_ros.cdr import IMU_TYPE, Bytes, decode_imu, encode_imu
+from biodyn_ros.bag.cdr import IMU_TYPE, Bytes, decode_imu, encode_imu
 
 RATE_HZ = 1129.3
 SECONDS = 60.0

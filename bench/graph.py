@@ -30,8 +30,8 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 
 from biodyn_core.base.segments import SEAT, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_ros.bag.cdr import AccelStampedTemplate, encode_imu
 from biodyn_ros.base import topics
-from biodyn_ros.cdr import AccelStampedTemplate, encode_imu
 
 REST_S = 1.5
 PATIENCE_S = 180.0  # a cold cache compiles every kernel before the node listens

@@ -24,8 +24,8 @@ from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis_settings import CASES, SensorSettings
 from biodyn_ros.bag import imu_blocks, open_bag
+from biodyn_ros.bag.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.base.resources import subject_file
-from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.node.warmup import warm_up
 from biodyn_ros.replay.replaying import replay_to_directory
 from biodyn_ros.simulate import motion_of_cases, simulate_bag

@@ -12,8 +12,8 @@ from statistics import median_low
 from typing import Final
 
 from biodyn_ros.bag import BagReader
+from biodyn_ros.bag.cdr import NS_PER_S
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.cdr import NS_PER_S
 from biodyn_ros.reading.mapping import check_given
 
 MOST_APART_NS: Final = NS_PER_S

@@ -25,9 +25,9 @@ from rosgraph_msgs.msg import Clock
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagReader, open_bag
+from biodyn_ros.bag.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
 from biodyn_ros.base.progress import OnProgress, unwatched
 from biodyn_ros.base.shutdown import Shutdown
-from biodyn_ros.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
 from biodyn_ros.playback import Lap, Played, in_order, played_on
 from biodyn_ros.player_settings import PlayerSettings
 

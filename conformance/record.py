@@ -19,9 +19,9 @@ from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.pipeline.frames import Frames
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.replay.replaying import Replayed, ReplayOptions, replay
 
 Floats = NDArray[np.float64]

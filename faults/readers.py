@@ -21,10 +21,10 @@ from biodyn_core.exposure.limits import load_limits
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
+from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, frame_id_of
 from biodyn_ros.base.resources import config_file, subject_file
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
 from biodyn_ros.blue_trident.found import find_exports
-from biodyn_ros.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, frame_id_of
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.node.state import StateFile, belongs_to
 from biodyn_ros.work.checkpoint import Checkpoint

@@ -22,8 +22,8 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64
 
 from biodyn_core.base.segments import SENSORS
+from biodyn_ros.bag.cdr import encode_imu
 from biodyn_ros.base import topics
-from biodyn_ros.cdr import encode_imu
 from faults.ride import ride
 
 START_WITHIN_S: Final = 120.0

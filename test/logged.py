@@ -12,9 +12,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from biodyn_ros import cdr
-from biodyn_ros.bag import BagReader, BagWriter
-from biodyn_ros.cdr import IMU_TYPE
+from biodyn_ros.bag import BagReader, BagWriter, cdr
+from biodyn_ros.bag.cdr import IMU_TYPE
 
 COMPRESSIONS = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
 START_NS = 1_700_000_000_000_000_000

@@ -21,9 +21,9 @@ from sensor_msgs.msg import Imu
 from streams import noisy_streams
 
 from biodyn_core.body.synthesis import ImuStream
+from biodyn_ros.bag.cdr import encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.environment import hold_domain
-from biodyn_ros.cdr import encode_imu
 from biodyn_ros.live import BiodynNode
 from biodyn_ros.node.callbacks import make_executor
 

@@ -18,9 +18,9 @@ from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, imu_streams, load_case
 from biodyn_core.pipeline.pipeline import Exposure, Pipeline
 from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
 RATE_HZ = 1129.3

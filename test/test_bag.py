@@ -36,9 +36,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
 from biodyn_core.base.errors import InputError
-from biodyn_ros import cdr
-from biodyn_ros.bag import SLICE_NS, BagWriter, imu_blocks, open_bag
-from biodyn_ros.cdr import IMU_TYPE
+from biodyn_ros.bag import SLICE_NS, BagWriter, cdr, imu_blocks, open_bag
+from biodyn_ros.bag.cdr import IMU_TYPE
 
 # They write, we read.
 

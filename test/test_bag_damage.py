@@ -33,7 +33,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import imu_blocks, open_bag
-from biodyn_ros.cdr import IMU_TYPE
+from biodyn_ros.bag.cdr import IMU_TYPE
 
 ROOT = Path(__file__).resolve().parents[1]
 

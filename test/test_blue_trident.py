@@ -33,10 +33,10 @@ from biodyn_core.base.segments import SENSORS
 from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_core.conditioning.dual_range import DualRangeSettings
 from biodyn_ros.bag import BagWriter, open_bag
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, rows, text_of
 from biodyn_ros.blue_trident.starting import parse_start
-from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.info.document import info
 from biodyn_ros.reading.recordings import read_recordings
 from biodyn_ros.reading.sensors import ReadingOptions

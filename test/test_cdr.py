@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from biodyn_core.base.errors import InputError
-from biodyn_ros import cdr
+from biodyn_ros.bag import cdr
 
 STAMPS = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 FLOATS = st.floats(width=64)

@@ -23,8 +23,8 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVI
 from biodyn_core.conditioning.tilt import laid_level, rotation_to_vertical
 from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
 from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
 from biodyn_ros.reading.seat_motion import read_seat_motion
 

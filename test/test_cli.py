@@ -19,9 +19,9 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.body.synthesis import imu_streams
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
+from biodyn_ros.bag.cdr import IMU_TYPE, decode_accel_stamped, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import bag_file, subject_file
-from biodyn_ros.cdr import IMU_TYPE, decode_accel_stamped, encode_imu
 from biodyn_ros.cli import main
 from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.reading.seat_motion import read_seat_motion

@@ -21,9 +21,9 @@ from trident import capture_u_files, nexus_text, shock, still
 
 from biodyn_core.base.segments import SEAT
 from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import bag_file, config_file, subject_file, subject_names
-from biodyn_ros.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.cli import main
 from biodyn_ros.commands import fit, info, trace
 from biodyn_ros.commands.completion import script

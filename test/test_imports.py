@@ -259,7 +259,7 @@ def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:
     ("path", "source", "fault"),
     [
         ("errors.py", "import rclpy", "biodyn_core.base.errors imports rclpy"),
-        ("errors.py", "import biodyn_ros.cdr", "biodyn_core.base.errors imports biodyn_ros.cdr"),
+        ("errors.py", "import biodyn_ros.bag.cdr", "biodyn_core.base.errors imports biodyn_ros.bag.cdr"),
         (
             "pipeline.py",
             "def f():\n    import matplotlib.pyplot",

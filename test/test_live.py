@@ -27,9 +27,9 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.pipeline.frames import PredictedFrames
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_ros.bag.cdr import decode_accel_stamped
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import config_file
-from biodyn_ros.cdr import decode_accel_stamped
 from biodyn_ros.live import SETTINGS, LiveSettings
 from biodyn_ros.node import params
 from biodyn_ros.node.publications import AccelTopics

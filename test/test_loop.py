@@ -17,8 +17,8 @@ from biodyn_core.body.synthesis import ImuStream, SensorSettings, imu_streams, l
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
+from biodyn_ros.bag.cdr import decode_imu
 from biodyn_ros.base import topics
-from biodyn_ros.cdr import decode_imu
 from biodyn_ros.live import BiodynNode
 from biodyn_ros.playback import Played
 from biodyn_ros.player import Player

@@ -13,8 +13,8 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.cdr import IMU_TYPE, STRING_TYPE, decode_string, encode_imu
 from biodyn_ros.base import topics
-from biodyn_ros.cdr import IMU_TYPE, STRING_TYPE, decode_string, encode_imu
 from biodyn_ros.node.health import MARKS_KEPT, Watch
 from biodyn_ros.replay.replaying import replay_to_directory
 from biodyn_ros.replay.text import summary

@@ -20,10 +20,10 @@ from std_msgs.msg import Float64
 from streams import subject
 
 from biodyn_core.base.segments import SEAT, SENSORS
+from biodyn_ros.bag.cdr import decode_accel_stamped
 from biodyn_ros.base import topics
 from biodyn_ros.base.environment import hold_domain
 from biodyn_ros.base.resources import bag_file
-from biodyn_ros.cdr import decode_accel_stamped
 from biodyn_ros.replay.replaying import replay
 
 BAG_DEPTH = 200_000

@@ -24,12 +24,12 @@ import numpy as np
 from biodyn_core.base.arrays import Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
+from biodyn_ros.bag.cdr import IMU_TYPE, ImuBlock, decode_imu_in
 from biodyn_ros.bag.files import files_of_directory, kind_of
 from biodyn_ros.bag.mcap import McapStorage
 from biodyn_ros.bag.sqlite import SqliteStorage
 from biodyn_ros.bag.storage import Block, Chunk, Storage, TopicInfo, TopicKey
 from biodyn_ros.bag.writer import BagWriter
-from biodyn_ros.cdr import IMU_TYPE, ImuBlock, decode_imu_in
 
 __all__ = ["BagReader", "BagWriter", "Block", "Chunk", "LoggedImu", "TopicInfo", "imu_blocks", "open_bag"]
 

@@ -15,8 +15,8 @@ import numpy as np
 from biodyn_core.base.arrays import Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
+from biodyn_ros.bag.cdr import gather
 from biodyn_ros.bag.storage import Bytes, Chunk, TopicKey, require
-from biodyn_ros.cdr import gather
 
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 0x02, 0x03, 0x04, 0x05, 0x06, 0x07
 CHUNK_INDEX, STATISTICS, METADATA, METADATA_INDEX, DATA_END = 0x08, 0x0B, 0x0C, 0x0D, 0x0F

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from biodyn_core.base.arrays import Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
+from biodyn_ros.bag.cdr import scatter
 from biodyn_ros.bag.mcap import MAGIC
 from biodyn_ros.bag.storage import Bytes, require
-from biodyn_ros.cdr import scatter
 
 COMPRESSIONS: Final = ("none", "lz4", "zstd")
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from biodyn_core.base.wording import counted
+from biodyn_ros.bag.cdr import IMU_TYPE
 from biodyn_ros.base.wording import number, table
-from biodyn_ros.cdr import IMU_TYPE
 
 _MOST_KINDS: Final = 12
 

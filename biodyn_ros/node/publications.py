@@ -15,8 +15,8 @@ from std_msgs.msg import Float64, String
 
 from biodyn_core.pipeline.frames import Frames, MeasuredFrames, PredictedFrames
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_ros.bag.cdr import AccelStampedTemplate
 from biodyn_ros.base import topics
-from biodyn_ros.cdr import AccelStampedTemplate
 from biodyn_ros.node.health import Mark, Status
 
 OUTPUT_DEPTH: Final = 2000

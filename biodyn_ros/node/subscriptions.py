@@ -24,8 +24,8 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.pipeline.interleaving import in_stamp_order
+from biodyn_ros.bag.cdr import IMU_TYPE, ImuBlock, decode_imu, decode_imu_one
 from biodyn_ros.base import topics
-from biodyn_ros.cdr import IMU_TYPE, ImuBlock, decode_imu, decode_imu_one
 from biodyn_ros.node.callbacks import guarded
 from biodyn_ros.node.health import SensorHealth
 

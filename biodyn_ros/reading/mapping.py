@@ -9,8 +9,8 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.suggestions import did_you_mean
 from biodyn_ros.bag import BagReader
+from biodyn_ros.bag.cdr import IMU_TYPE
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.cdr import IMU_TYPE
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from biodyn_ros.bag import BagReader
+from biodyn_ros.bag.cdr import STRING_TYPE, decode_string
 from biodyn_ros.base import topics
-from biodyn_ros.cdr import STRING_TYPE, decode_string
 
 
 def marks_of(reader: BagReader, begin_ns: int) -> list[dict[str, Any]]:

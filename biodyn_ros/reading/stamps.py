@@ -16,7 +16,7 @@ import numpy as np
 from biodyn_core.base.arrays import Integers
 from biodyn_core.conditioning.clocks import ClockDrift
 from biodyn_ros.bag import BagReader, imu_blocks
-from biodyn_ros.cdr import decode_imu_in
+from biodyn_ros.bag.cdr import decode_imu_in
 
 FIRST_MESSAGES: Final = 20
 """So many messages show whether a driver sets stamps at all."""

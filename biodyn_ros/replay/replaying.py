@@ -19,12 +19,12 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.base import topics
 from biodyn_ros.base.files import check_directory, make_directory, remove
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, unwatched
 from biodyn_ros.base.provenance import MADE_BY_MODEL
-from biodyn_ros.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.exposure_json import exposure_document, sensor_warnings
 from biodyn_ros.reading.gravity import gravity_of
 from biodyn_ros.reading.sensors import ReadingOptions, check_seat, open_sensors
