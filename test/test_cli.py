@@ -23,8 +23,8 @@ from biodyn_ros.bag.cdr import IMU_TYPE, decode_accel_stamped, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import bag_file, subject_file
 from biodyn_ros.cli import main
-from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.reading.seat_motion import read_seat_motion
+from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.simulate import START_NS, motion_of_cases
 
 BAG = str(bag_file("subject_1.mcap"))

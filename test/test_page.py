@@ -21,7 +21,7 @@ from biodyn_ros.dashboard.hub import Hub
 from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token, port_of
 from biodyn_ros.dashboard.site import Site
 from biodyn_ros.live import SNAPSHOT_RATE_HZ
-from biodyn_ros.strip import BIN_NS
+from biodyn_ros.reports.downsampling import BIN_NS
 
 TOKEN = "right-token-0123456789"  # noqa: S105 - of these tests
 

@@ -22,8 +22,8 @@ from biodyn_core.exposure.meters import DoseMeter
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.pipeline.prediction import MOST_STRETCH_M
-from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.node.warmup import warm_up
+from biodyn_ros.reports.exposure_json import exposure_document
 
 
 @cache

@@ -24,10 +24,10 @@ from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
 from biodyn_ros.replay.traces import DIGEST_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Traces
+from biodyn_ros.reports.downsampling import BIN_NS
 from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
 from biodyn_ros.reports.verdict import judge
-from biodyn_ros.strip import BIN_NS
 
 START_NS = 1_767_225_600 * 10**9 + 37
 RATE_HZ = 1000.0

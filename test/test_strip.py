@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from biodyn_ros.strip import BIN_NS, Strip
+from biodyn_ros.reports.downsampling import BIN_NS, Strip
 
 EPOCH_NS = 1_700_000_000_000_000_000
 

@@ -8,7 +8,7 @@ from collections import deque
 from itertools import pairwise
 from typing import Any, Final
 
-from biodyn_ros.strip import BIN_NS
+from biodyn_ros.reports.downsampling import BIN_NS
 
 HISTORY_S: Final = 60.0
 BIN_S: Final = 1e-9 * BIN_NS

@@ -14,11 +14,11 @@ from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import left, words
-from biodyn_ros.exposure_json import exposure_document
 from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
+from biodyn_ros.reports.downsampling import Bins, Strip
+from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.meter import meter_readings
 from biodyn_ros.reports.verdict import judge
-from biodyn_ros.strip import Bins, Strip
 
 STILL_MPS2: Final = 0.05
 """A seat that shakes less moves nobody: a transmissibility would be that of the sensors' noise."""

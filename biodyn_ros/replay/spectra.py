@@ -13,7 +13,7 @@ from biodyn_core.pipeline.frames import MeasuredFrames
 from biodyn_core.signals.response import CrossSpectra, SpectraMeter
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.signals.waterfall import USABLE, Waterfall, WaterfallMeter
-from biodyn_ros.spectra_json import power_document, spectra_document, transmissibility_document
+from biodyn_ros.reports.spectra_json import power_document, spectra_document, transmissibility_document
 
 Document = dict[str, Any]
 

@@ -10,8 +10,8 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 from biodyn_core.pipeline.frames import Frames
 from biodyn_ros.replay.spectra import ReplaySpectra
+from biodyn_ros.reports.downsampling import BIN_NS, binned
 from biodyn_ros.reports.motion import EVENT_HALF_NS, Envelope, StrongestEvent
-from biodyn_ros.strip import BIN_NS, binned
 
 ENVELOPE_BINS: Final = 800
 """As many bins as a page can show; a longer record doubles their width."""
