@@ -94,7 +94,7 @@ setup(
     entry_points={
         "console_scripts": [
             "biodyn = biodyn_ros.cli:main",
-            "biodyn_live = biodyn_ros.live:main",
+            "biodyn_live = biodyn_ros.node.live:main",
         ],
     },
     zip_safe=False,

@@ -24,8 +24,8 @@ from biodyn_core.body.synthesis import ImuStream
 from biodyn_ros.bag.cdr import encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.environment import hold_domain
-from biodyn_ros.live import BiodynNode
 from biodyn_ros.node.callbacks import make_executor
+from biodyn_ros.node.live import BiodynNode
 
 DEADLINE_S = 30.0
 STARTUP_S = 120.0  # a cold cache compiles every kernel first

@@ -189,7 +189,7 @@ def test_the_example_is_understood(monkeypatch: pytest.MonkeyPatch, place: Path,
 
 
 def test_the_examples_of_the_live_node_name_what_it_has(place: Path) -> None:
-    from biodyn_ros.live import SETTINGS
+    from biodyn_ros.node.live import SETTINGS
 
     for example in command_of("live").examples:
         words = words_of(example)

@@ -240,7 +240,7 @@ def test_ros_free_modules_never_reach_ros() -> None:
 
 def test_the_live_node_reaches_neither_identification_nor_tracing() -> None:
     loaded = (
-        "import sys, biodyn_ros.live; print([n for n in sys.modules if n.startswith(('biodyn_core.identification',"
+        "import sys, biodyn_ros.node.live; print([n for n in sys.modules if n.startswith(('biodyn_core.identification',"
         " 'biodyn_core.tracing', 'biodyn_core.signals.response'))])"
     )
     words = [sys.executable, "-m", "biodyn_ros.base.environment", "--", sys.executable, "-c", loaded]

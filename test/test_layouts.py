@@ -17,8 +17,8 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import config_file
-from biodyn_ros.layouts import lichtblick, plotjuggler
 from biodyn_ros.node.health import SensorHealth, sensor_status
+from biodyn_ros.node.layouts import lichtblick, plotjuggler
 from biodyn_ros.player import message_class
 
 LAYOUTS = config_file("layouts")
@@ -59,7 +59,7 @@ def split(series: str) -> tuple[str, list[str]]:
 
 @pytest.mark.parametrize(("name", "made"), [("biodyn.xml", plotjuggler), ("biodyn.json", lichtblick)])
 def test_the_file_is_the_one_that_is_made(name: str, made: Any) -> None:
-    # What makes it again: python -m biodyn_ros.layouts config/layouts
+    # What makes it again: python -m biodyn_ros.node.layouts config/layouts
     assert (LAYOUTS / name).read_text(encoding="utf-8") == made()
 
 

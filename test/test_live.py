@@ -30,10 +30,10 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag.cdr import decode_accel_stamped
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import config_file
-from biodyn_ros.live import SETTINGS, LiveSettings
 from biodyn_ros.node import params
+from biodyn_ros.node.live import SETTINGS, LiveSettings
+from biodyn_ros.node.parameters_yaml import parameters_yaml
 from biodyn_ros.node.publications import AccelTopics
-from biodyn_ros.parameters_yaml import parameters_yaml
 
 OK, WARN, ERROR = (bytes([level]) for level in range(3))
 
@@ -440,7 +440,7 @@ def test_every_parameter_has_a_description_and_the_shipped_file_holds_the_defaul
         assert node.describe_parameter(name).description
         value = node.get_parameter(name).value
         assert value == default or (default is None and np.isnan(value)), name
-    # What the file is made by, so that it can be made again: python -m biodyn_ros.parameters_yaml
+    # What the file is made by, so that it can be made again: python -m biodyn_ros.node.parameters_yaml
     assert config_file("live.yaml").read_text(encoding="utf-8") == parameters_yaml()
 
 

@@ -19,7 +19,7 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.bag.cdr import decode_imu
 from biodyn_ros.base import topics
-from biodyn_ros.live import BiodynNode
+from biodyn_ros.node.live import BiodynNode
 from biodyn_ros.playback import Played
 from biodyn_ros.player import Player
 from biodyn_ros.player_settings import PlayerSettings

@@ -259,7 +259,7 @@ def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Calla
 
 def declared() -> dict[str, str]:
     """The parameters that the live node declares, each as it is described."""
-    from biodyn_ros.live import SETTINGS
+    from biodyn_ros.node.live import SETTINGS
     from biodyn_ros.node.params import description
 
     return {item.name: description(item) for kind in SETTINGS for item in dataclasses.fields(kind)}

@@ -15,12 +15,12 @@ from aiohttp import web
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.base.resources import package_directory
-from biodyn_ros.dashboard import door, hub, settings, site
-from biodyn_ros.dashboard.door import Door
+from biodyn_ros.dashboard import connection_limiter, hub, settings, site
+from biodyn_ros.dashboard.connection_limiter import Door
 from biodyn_ros.dashboard.hub import Hub
 from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token, port_of
 from biodyn_ros.dashboard.site import Site
-from biodyn_ros.live import SNAPSHOT_RATE_HZ
+from biodyn_ros.node.live import SNAPSHOT_RATE_HZ
 from biodyn_ros.reports.downsampling import BIN_NS
 
 TOKEN = "right-token-0123456789"  # noqa: S105 - of these tests

@@ -12,7 +12,7 @@ import pytest
 from biodyn_ros.base import topics
 from biodyn_ros.base.wording import typeset
 from biodyn_ros.commands.table import NAMES
-from biodyn_ros.live import SETTINGS
+from biodyn_ros.node.live import SETTINGS
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

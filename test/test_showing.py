@@ -13,7 +13,7 @@ from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.node.health import SensorHealth, Watch
-from biodyn_ros.node.showing import ROWS, STILL_MPS2, Showing
+from biodyn_ros.node.snapshot_builder import ROWS, STILL_MPS2, Showing
 from biodyn_ros.reports.exposure_json import exposure_document
 
 GENTLE = {"case": "road", "seconds": 6.0, "seed": 3}

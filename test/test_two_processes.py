@@ -202,7 +202,7 @@ _APT_ONLY = """
 import sys
 for name in ("numba", "mcap", "rosbags", "matplotlib", "jinja2", "aiohttp", "lz4", "zstandard"):
     sys.modules[name] = None
-from biodyn_ros.live import main
+from biodyn_ros.node.live import main
 sys.exit(main(sys.argv[1:]))
 """
 

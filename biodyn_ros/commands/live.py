@@ -10,7 +10,7 @@ from biodyn_ros.commands.parsing import CommandParser
 
 def _add(command: CommandParser) -> None:
     command.usage = "biodyn live [--ros-args ...]"
-    command.description += "\nIts parameters with ranges: python -m biodyn_ros.parameters_yaml > live.yaml"
+    command.description += "\nIts parameters with ranges: python -m biodyn_ros.node.parameters_yaml > live.yaml"
 
 
 def _run(options: argparse.Namespace) -> int:  # noqa: ARG001  # it has none: ROS reads them
@@ -19,7 +19,7 @@ def _run(options: argparse.Namespace) -> int:  # noqa: ARG001  # it has none: RO
 
 def run_node(arguments: list[str]) -> int:
     """Run the live node, whose arguments ROS reads, until it ends; its exit code."""
-    from biodyn_ros.live import main
+    from biodyn_ros.node.live import main
 
     return main(arguments)
 

@@ -1,6 +1,6 @@
 """The live node's parameters as a file for `--params-file`, from the fields that declare them.
 
-python -m biodyn_ros.parameters_yaml > config/live.yaml
+python -m biodyn_ros.node.parameters_yaml > config/live.yaml
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import sys
 from typing import Any, Final
 
 from biodyn_core.base.settings import Range, described
-from biodyn_ros.live import SETTINGS
+from biodyn_ros.node.live import SETTINGS
 
 HEAD: Final = """\
 # The live node's parameters with their defaults. Ranges and meanings are those the node declares;
-# made by `python -m biodyn_ros.parameters_yaml`, and a test keeps this file and the code the same.
+# made by `python -m biodyn_ros.node.parameters_yaml`, and a test keeps this file and the code the same.
 /**:
   ros__parameters:
 """

@@ -1,6 +1,6 @@
 """Layouts for viewers, from the topics of the live node: PlotJuggler's XML, and the JSON of Lichtblick and Foxglove.
 
-    python -m biodyn_ros.layouts config/layouts    # makes both files anew
+    python -m biodyn_ros.node.layouts config/layouts    # makes both files anew
 
 Each shows, a tab after the other: predicted against measured acceleration, exposure, residual, diagnostics.
 """

@@ -42,7 +42,7 @@ from biodyn_ros.node import params
 from biodyn_ros.node.callbacks import guarded, make_executor, spin
 from biodyn_ros.node.health import Status, Watch, keeping_status, page_status
 from biodyn_ros.node.publications import Publications
-from biodyn_ros.node.showing import Showing
+from biodyn_ros.node.snapshot_builder import Showing
 from biodyn_ros.node.state import BELIEVED, Keeper, StateFile, belongs_to, state_path
 from biodyn_ros.node.subscriptions import Subscriptions
 from biodyn_ros.node.warmup import warm_up
