@@ -19,7 +19,7 @@ from biodyn_ros.base import topics
 from biodyn_ros.base.resources import config_file
 from biodyn_ros.node.health import SensorHealth, sensor_status
 from biodyn_ros.node.layouts import lichtblick, plotjuggler
-from biodyn_ros.player import message_class
+from biodyn_ros.play.player import message_class
 
 LAYOUTS = config_file("layouts")
 TYPES: dict[str, type] = {

@@ -20,9 +20,9 @@ from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.bag.cdr import decode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.node.live import BiodynNode
-from biodyn_ros.playback import Played
-from biodyn_ros.player import Player
-from biodyn_ros.player_settings import PlayerSettings
+from biodyn_ros.play.playback import Played
+from biodyn_ros.play.player import Player
+from biodyn_ros.play.player_settings import PlayerSettings
 
 RATE_HZ = 300.0
 LAPS = 2.6

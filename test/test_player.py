@@ -17,9 +17,9 @@ from sensor_msgs.msg import Imu
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, encode_imu
-from biodyn_ros.playback import Lap, played_on
-from biodyn_ros.player import MOMENT_S, Player
-from biodyn_ros.player_settings import PlayerSettings
+from biodyn_ros.play.playback import Lap, played_on
+from biodyn_ros.play.player import MOMENT_S, Player
+from biodyn_ros.play.player_settings import PlayerSettings
 
 COUNT = 300
 START_NS = 1_700_000_000 * 10**9

@@ -14,7 +14,7 @@ from biodyn_ros.commands.parsing import CommandParser
 
 
 def _add(command: CommandParser) -> None:
-    from biodyn_ros.player_settings import PlayerSettings
+    from biodyn_ros.play.player_settings import PlayerSettings
 
     add_bag(command)
     add_map(command)
@@ -23,8 +23,8 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from biodyn_ros.player import play
-    from biodyn_ros.player_settings import PlayerSettings
+    from biodyn_ros.play.player import play
+    from biodyn_ros.play.player_settings import PlayerSettings
     from biodyn_ros.reading.mapping import parse_map
 
     settings, mapping = settings_of(options, PlayerSettings), parse_map(options.map)

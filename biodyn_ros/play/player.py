@@ -28,8 +28,8 @@ from biodyn_ros.bag import BagReader, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
 from biodyn_ros.base.progress import OnProgress, unwatched
 from biodyn_ros.base.shutdown import Shutdown
-from biodyn_ros.playback import Lap, Played, in_order, played_on
-from biodyn_ros.player_settings import PlayerSettings
+from biodyn_ros.play.playback import Lap, Played, in_order, played_on
+from biodyn_ros.play.player_settings import PlayerSettings
 
 CLOCK_STEP_NS: Final = 10_000_000
 TOLD_STEP_NS: Final = 100_000_000
