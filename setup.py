@@ -93,7 +93,7 @@ setup(
     extras_require=EXTRAS,
     entry_points={
         "console_scripts": [
-            "biodyn = biodyn_ros.cli:main",
+            "biodyn = biodyn_ros.commands.cli:main",
             "biodyn_live = biodyn_ros.node.live:main",
         ],
     },

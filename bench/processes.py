@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from biodyn_core.base.segments import SEAT
 from biodyn_ros.base import topics
 
-NODE = ("-m", "biodyn_ros.cli", "live", "--ros-args", "-p", "state_file:=none", "--log-level", "warn")
+NODE = ("-m", "biodyn_ros.commands.cli", "live", "--ros-args", "-p", "state_file:=none", "--log-level", "warn")
 
 SETTLE_S = 3.0  # rest, first predictions, discovery
 TAIL_S = 2.0  # measurements wait a second for the slowest sensor: the last ones are not owed yet

@@ -15,7 +15,7 @@ from biodyn_ros.commands.table import NAMES
 
 ROUNDS = 7
 MOST = 2.0
-COMMAND = (sys.executable, "-m", "biodyn_ros.cli")
+COMMAND = (sys.executable, "-m", "biodyn_ros.commands.cli")
 IMPORTS = (sys.executable, "-c", "import numpy, scipy.signal")
 
 

@@ -119,7 +119,7 @@ def _parameters(subject_path: Path) -> list[str]:
 
 
 def _child(*arguments: str) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, "-m", "biodyn_ros.cli", *arguments], stdout=subprocess.DEVNULL)
+    return subprocess.Popen([sys.executable, "-m", "biodyn_ros.commands.cli", *arguments], stdout=subprocess.DEVNULL)
 
 
 def _wait_until_listening(observer: _Observer, live: subprocess.Popen[bytes]) -> None:

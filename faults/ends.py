@@ -46,7 +46,7 @@ def every(count: int) -> int:
             for words in (
                 *[("-c", BUSY_CODE)] * BUSY,
                 *[("-c", LISTENING_CODE)] * 2,
-                ("-m", "biodyn_ros.cli", "play", str(bag_file("subject_1.mcap")), "--loop", "--wait-s", "0"),
+                ("-m", "biodyn_ros.commands.cli", "play", str(bag_file("subject_1.mcap")), "--loop", "--wait-s", "0"),
             ):
                 stack.enter_context(_beside(words))
             for number in range(count):
@@ -65,7 +65,7 @@ def _ended(asking: signal.Signals) -> End:
     parameters = ("state_file:=none", "dashboard:=true", f"page_port:={port}")
     given = [word for one in parameters for word in ("-p", one)]
     live = subprocess.Popen(
-        [sys.executable, "-m", "biodyn_ros.cli", "live", "--ros-args", "--log-level", "error", *given],
+        [sys.executable, "-m", "biodyn_ros.commands.cli", "live", "--ros-args", "--log-level", "error", *given],
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:

@@ -290,7 +290,7 @@ def looping_bag() -> Result:
         one.wait(one.matched, "the node listens")
         for output in one.outputs.values():
             one.node.destroy_publisher(output)
-        words = [sys.executable, "-m", "biodyn_ros.cli", "play", str(bag_file("subject_1.mcap")), "--loop"]
+        words = [sys.executable, "-m", "biodyn_ros.commands.cli", "play", str(bag_file("subject_1.mcap")), "--loop"]
         player = subprocess.Popen(
             [*words, "--keep-stamps"], text=True, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
         )

@@ -122,7 +122,7 @@ def rig(*parameters: str) -> Iterator[Rig]:
     whole = [f"qos_overrides./{topic}.subscription.reliability:=reliable" for topic in topics.INPUT.values()]
     given = [word for one in ("state_file:=none", *whole, *parameters) for word in ("-p", one)]
     live = subprocess.Popen(
-        [sys.executable, "-m", "biodyn_ros.cli", "live", "--ros-args", "--log-level", "fatal", *given],
+        [sys.executable, "-m", "biodyn_ros.commands.cli", "live", "--ros-args", "--log-level", "fatal", *given],
         text=True, stderr=subprocess.PIPE,
     )  # fmt: skip
     context = rclpy.Context()
@@ -157,14 +157,14 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 limit = int(sys.argv.pop(1))
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 sys.argv[0] = "biodyn"
-runpy.run_module("biodyn_ros.cli", run_name="__main__")
+runpy.run_module("biodyn_ros.commands.cli", run_name="__main__")
 """
 """Runs a command with a limit on the size of its files, which stands in for a full disk."""
 
 
 def command(*arguments: str, file_limit: int | None = None) -> subprocess.CompletedProcess[str]:
     """Run one of our commands; file_limit: bytes that no file of it may exceed."""
-    words = ["-m", "biodyn_ros.cli"] if file_limit is None else ["-c", LIMITED, str(file_limit)]
+    words = ["-m", "biodyn_ros.commands.cli"] if file_limit is None else ["-c", LIMITED, str(file_limit)]
     return subprocess.run(
         [sys.executable, *words, *arguments], text=True, capture_output=True, check=False, timeout=300
     )

@@ -147,7 +147,10 @@ def child(graph: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """One of our commands as a process of its own, in the graph's domain; ended by Ctrl-C at the latest."""
     environment = os.environ | {"ROS_DOMAIN_ID": str(graph.context.get_domain_id())}
     process = subprocess.Popen(
-        [sys.executable, "-m", "biodyn_ros.cli", *arguments], env=environment, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "biodyn_ros.commands.cli", *arguments],
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     try:
         yield process

@@ -20,7 +20,7 @@ from biodyn_core.conditioning.dual_range import DualRangeSettings, Stretch
 from biodyn_core.conditioning.range_alignment import align, bias, levels
 from biodyn_ros.bag import open_bag
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.cli import main
+from biodyn_ros.commands.cli import main
 from biodyn_ros.info.document import info
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay

@@ -19,7 +19,7 @@ from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import SensorSettings
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
-from biodyn_ros import cli
+from biodyn_ros.commands import cli
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import campaign_results as results
 from biodyn_ros.fit.campaign import fit_campaign
@@ -299,7 +299,7 @@ def test_an_interrupted_campaign_keeps_what_is_finished(field: Path, tmp_path: P
     """A real Ctrl-C: to every process of the terminal."""
     out = tmp_path / "out"
     arguments = ["fit", "--campaign", str(field / "campaign.yaml"), "-o", str(out), *QUICKLY]
-    command = [sys.executable, "-m", "biodyn_ros.cli", *arguments, "--executor", "processes:1"]
+    command = [sys.executable, "-m", "biodyn_ros.commands.cli", *arguments, "--executor", "processes:1"]
     with subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True) as child:
         until(lambda: (out / "anna.yaml").exists() or child.poll() is not None)
         assert child.poll() is None

@@ -22,7 +22,7 @@ from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, decode_accel_stamped, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import bag_file, subject_file
-from biodyn_ros.cli import main
+from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.seat_motion import read_seat_motion
 from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.simulate import START_NS, motion_of_cases
@@ -245,7 +245,7 @@ def test_what_is_not_asked_for_is_not_left_from_an_earlier_replay(
 
 def test_a_reader_that_has_gone_is_no_failure_and_says_nothing() -> None:
     for arguments in ("--help", "replay -h", "compare subject_1 subject_2"):
-        line = f"{shlex.quote(sys.executable)} -m biodyn_ros.cli {arguments} | true; echo ${{PIPESTATUS[0]}}"
+        line = f"{shlex.quote(sys.executable)} -m biodyn_ros.commands.cli {arguments} | true; echo ${{PIPESTATUS[0]}}"
         done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
         assert (done.stdout, done.stderr) == ("0\n", "")
 

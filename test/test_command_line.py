@@ -24,8 +24,8 @@ from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import bag_file, config_file, subject_file, subject_names
-from biodyn_ros.cli import main
 from biodyn_ros.commands import fit, info, trace
+from biodyn_ros.commands.cli import main
 from biodyn_ros.commands.completion import script
 from biodyn_ros.commands.parsing import CommandParser
 from biodyn_ros.commands.table import GROUPS, NAMES, command_of, parser
@@ -274,13 +274,13 @@ def test_arguments_that_ros_cannot_read_are_told_without_a_traceback() -> None:
 
 def started(*arguments: str) -> subprocess.CompletedProcess[str]:
     """A command as a process of its own."""
-    command = [sys.executable, "-m", "biodyn_ros.cli", *arguments]
+    command = [sys.executable, "-m", "biodyn_ros.commands.cli", *arguments]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
 
 LOADED_BY = """
 import contextlib, json, sys
-from biodyn_ros.cli import main
+from biodyn_ros.commands.cli import main
 for arguments in json.loads(sys.argv[1]):
     before = set(sys.modules)
     with contextlib.suppress(SystemExit):
@@ -312,7 +312,7 @@ def test_info_of_a_short_bag_loads_neither_numba_nor_the_slow_parts_of_scipy() -
 
 
 def test_info_says_the_same_compiled_or_not() -> None:
-    code = "import sys; from biodyn_ros.commands import info; from biodyn_ros.cli import main; info.UNCOMPILED_UP_TO ="
+    code = "import sys; from biodyn_ros.commands import info; from biodyn_ros.commands.cli import main; info.UNCOMPILED_UP_TO ="
     words = ["info", str(bag_file("subject_1.mcap")), "--json"]
     loaded = "print('numba' in sys.modules, 'NUMBA_DISABLE_JIT' in __import__('os').environ, file=sys.stderr)"
     ended = [

@@ -27,7 +27,7 @@ def live_child(of: subprocess.Popen[str]) -> int:
 @contextmanager
 def running(out: Path) -> Iterator[subprocess.Popen[str]]:
     """A demo that has shown its first line of figures."""
-    command = [sys.executable, "-m", "biodyn_ros.cli", "demo", "--out", str(out)]
+    command = [sys.executable, "-m", "biodyn_ros.commands.cli", "demo", "--out", str(out)]
     demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert demo.stdout is not None
     try:
@@ -63,7 +63,7 @@ def test_a_demo_whose_node_dies_fails_and_says_so(tmp_path: Path) -> None:
 
 def test_a_place_without_room_for_results_is_told_before_anything_starts(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    command = [sys.executable, "-m", "biodyn_ros.cli", "demo", "--out", str(tmp_path / "file")]
+    command = [sys.executable, "-m", "biodyn_ros.commands.cli", "demo", "--out", str(tmp_path / "file")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
     assert done.returncode == 2 and done.stdout == ""
     assert "file: is a file, a directory is needed for the results" in done.stderr

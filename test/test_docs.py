@@ -74,7 +74,7 @@ def run(text: str, desk: Path, environment: dict[str, str]) -> None:
             command, _, target = line.removesuffix("&").partition(">")
             program, *arguments = (word for part in shlex.split(command) for word in spelled_out(part, desk))
             assert program == "biodyn"
-            call = [sys.executable, "-m", "biodyn_ros.cli", *arguments]
+            call = [sys.executable, "-m", "biodyn_ros.commands.cli", *arguments]
             if line.endswith("&"):
                 behind.append(subprocess.Popen(call, cwd=desk, env=environment))
                 continue

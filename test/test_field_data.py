@@ -23,7 +23,7 @@ from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.cli import main
+from biodyn_ros.commands.cli import main
 from biodyn_ros.info.document import info
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay

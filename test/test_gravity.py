@@ -20,7 +20,7 @@ from biodyn_core.body.synthesis import ImuStream
 from biodyn_core.conditioning.conditioner import ConditioningSettings, gravity_search
 from biodyn_core.conditioning.gravity import Gravity, from_other_record
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
-from biodyn_ros.cli import main
+from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.fitting import FitOptions, fit_bags
 from biodyn_ros.info.document import info
 from biodyn_ros.reading.events import EventOptions, read_events

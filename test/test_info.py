@@ -18,7 +18,7 @@ from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import bag_file
-from biodyn_ros.cli import main
+from biodyn_ros.commands.cli import main
 from biodyn_ros.info.document import info
 from biodyn_ros.info.text import text_of
 from biodyn_ros.reading.sensors import ReadingOptions

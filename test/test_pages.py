@@ -33,7 +33,7 @@ from biodyn_core.recording.recording import Recording
 from biodyn_ros.base.provenance import MADE_BY_MODEL
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.wording import number, told_apart
-from biodyn_ros.cli import main
+from biodyn_ros.commands.cli import main
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import page as fit_report
 from biodyn_ros.fit.campaign import fit_campaign

@@ -25,7 +25,7 @@ class PageChild:
         # Standard input ends when this process does, even by kill -9: then the page ends too.
         self._process = subprocess.Popen(
             [
-                sys.executable, "-m", "biodyn_ros.cli", "page", "--node", node, "--until-input-ends",
+                sys.executable, "-m", "biodyn_ros.commands.cli", "page", "--node", node, "--until-input-ends",
                 "--page-host", serving.page_host, "--page-port", str(port),
             ],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._said,
