@@ -20,8 +20,8 @@ from biodyn_core.base.wording import number
 from biodyn_core.body.subject import load_subject
 from biodyn_ros.base import topics
 from biodyn_ros.base.files import check_directory
-from biodyn_ros.base.provenance import MADE_BY_MODEL
 from biodyn_ros.base.resources import bag_file, subject_file
+from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.replay.replaying import replay_to_directory
 from biodyn_ros.replay.text import summary
 from biodyn_ros.reports.pages import check_reports

@@ -15,8 +15,8 @@ from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.progress import OnProgress, unwatched
-from biodyn_ros.base.provenance import MADE_BY, RECORD
 from biodyn_ros.base.topics import INPUT
+from biodyn_ros.reading.provenance import MADE_BY, RECORD
 
 START_NS: Final = 1_767_225_600 * 10**9
 """2026-01-01, so that the same seed gives the same bag."""

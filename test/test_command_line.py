@@ -312,12 +312,12 @@ def test_info_of_a_short_bag_loads_neither_numba_nor_the_slow_parts_of_scipy() -
 
 
 def test_info_says_the_same_compiled_or_not() -> None:
-    code = "import sys; from biodyn_ros.commands import info; from biodyn_ros.commands.cli import main; info.UNCOMPILED_UP_TO ="
+    code = "import sys; from biodyn_ros.commands import cli, info; info.UNCOMPILED_UP_TO ="
     words = ["info", str(bag_file("subject_1.mcap")), "--json"]
     loaded = "print('numba' in sys.modules, 'NUMBA_DISABLE_JIT' in __import__('os').environ, file=sys.stderr)"
     ended = [
         subprocess.run(
-            [sys.executable, "-c", f"{code} {most}; main({words!r}); {loaded}"],
+            [sys.executable, "-c", f"{code} {most}; cli.main({words!r}); {loaded}"],
             cwd=ROOT, capture_output=True, text=True, check=True,
         )
         for most in (0, 10**9)

@@ -19,12 +19,12 @@ from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
-from biodyn_ros.base.provenance import bag_sha256, role_of
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.document import not_new, provenance
 from biodyn_ros.fit.fitting import FitOptions, Fitted, check_output, fit_bags, parse_cases, write_fitted
 from biodyn_ros.fit.text import text_of
 from biodyn_ros.reading.events import BagEvent
+from biodyn_ros.reading.provenance import bag_sha256, role_of
 
 SUBJECT = subject()
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=200)

@@ -11,73 +11,27 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# From the bottom up. A module imports from lower layers, and from its own as long as no circle arises.
-LAYERS = (
-    ("arrays", "errors", "segments"),
-    ("sampling_rate", "suggestions", "wording"),
-    (
-        "conditioning_settings",
-        "dual_range_settings",
-        "parameters",
-        "recording_settings",
-        "settings",
-        "spectrum_settings",
-        "synthesis_settings",
-        "yaml_files",
-    ),
-    ("effects",),
-    ("kernels",),
-    ("subject", "constants", "wiring", "model"),
-    (
-        "alignment",
-        "channels",
-        "clocks",
-        "comparison",
-        "conditioned",
-        "conditioning",
-        "counting",
-        "driving_point",
-        "dual_range",
-        "earlier_run",
-        "exposure",
-        "flags",
-        "frames",
-        "heading",
-        "injury",
-        "interleaving",
-        "judgement",
-        "keeping",
-        "levelling",
-        "gravity",
-        "limits",
-        "metering",
-        "pipeline_settings",
-        "prediction",
-        "rails",
-        "range_alignment",
-        "recording",
-        "response",
-        "rest",
-        "runs",
-        "sampling_clock",
-        "synthesis",
-        "timelines",
-        "upright",
-        "validation",
-        "waterfall",
-        "weighting",
-        "worn",
-    ),
-    ("pipeline",),
-    ("shocks",),
-    ("identification",),
-    ("tracing",),
+ROOMS = (
+    "base",
+    "effects",
+    "kernels",
+    "signals",
+    "body",
+    "conditioning",
+    "exposure",
+    "recording",
+    "pipeline",
+    "validation",
+    "identification",
+    "tracing",
 )
+"""The packages of biodyn_core in the order of their imports: a module imports from its own package and those before."""
+
 CORE_NEEDS = {"numpy", "scipy", "yaml"}
 COMPILED = "biodyn_core.kernels.compiling"
 
 NEEDS_ROS = {
-    "cli",
+    "commands.cli",
     "commands.demo",
     "commands.live",
     "commands.page",
@@ -85,13 +39,13 @@ NEEDS_ROS = {
     "dashboard.feed",
     "dashboard.site",
     "demo",
-    "live",
     "node.callbacks",
+    "node.live",
+    "node.parameters_yaml",
     "node.params",
     "node.publications",
     "node.subscriptions",
-    "parameters_yaml",
-    "player",
+    "play.player",
 }
 """What of biodyn_ros reaches ROS; all else works where there is none."""
 
@@ -146,10 +100,10 @@ def graph(root: Path, package: str) -> dict[str, set[str]]:
     }
 
 
-def layer(module: str) -> int | None:
-    """The number of the layer of a module of the core; None where the table does not know it."""
+def place(module: str) -> int | None:
+    """The place of a module's package in the order; None where the order does not have it."""
     room = module.split(".")[1]
-    return next((number for number, rooms in enumerate(LAYERS) if room in rooms), None)
+    return ROOMS.index(room) if room in ROOMS else None
 
 
 def core_faults(root: Path) -> list[str]:
@@ -166,8 +120,8 @@ def core_faults(root: Path) -> list[str]:
         if name == "biodyn_core":
             # Every import of the core runs it, so it must cost and need nothing.
             faults += [f"biodyn_core/__init__.py imports {target}" for target in sorted(inner)]
-        elif layer(name) is None:
-            faults.append(f"{name} is in no layer: add it to LAYERS in {Path(__file__).name}")
+        elif place(name) is None:
+            faults.append(f"{name} is in no package of the order: see ROOMS in {Path(__file__).name}")
         else:
             faults += [f"{name} imports {target}" for target in sorted(inner) if not reaches_down(name, target)]
     try:
@@ -178,8 +132,8 @@ def core_faults(root: Path) -> list[str]:
 
 
 def reaches_down(name: str, target: str) -> bool:
-    """Whether the target is in the same or a lower layer."""
-    above, below = layer(name), None if target == "biodyn_core" else layer(target)
+    """Whether the target is in the same or an earlier package."""
+    above, below = place(name), None if target == "biodyn_core" else place(target)
     return above is not None and below is not None and below <= above
 
 
@@ -258,43 +212,45 @@ def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:
 @pytest.mark.parametrize(
     ("path", "source", "fault"),
     [
-        ("errors.py", "import rclpy", "biodyn_core.base.errors imports rclpy"),
-        ("errors.py", "import biodyn_ros.bag.cdr", "biodyn_core.base.errors imports biodyn_ros.bag.cdr"),
+        ("base/errors.py", "import rclpy", "biodyn_core.base.errors imports rclpy"),
+        ("base/errors.py", "import biodyn_ros.bag", "biodyn_core.base.errors imports biodyn_ros.bag"),
         (
-            "pipeline.py",
+            "pipeline/late.py",
             "def f():\n    import matplotlib.pyplot",
-            "biodyn_core.pipeline.pipeline imports matplotlib.pyplot",
+            "biodyn_core.pipeline.late imports matplotlib.pyplot",
         ),
-        ("model.py", "import numba", "biodyn_core.body.model imports numba"),
-        ("segments.py", "from biodyn_core import model", "biodyn_core.base.segments imports biodyn_core.body.model"),
+        ("body/model.py", "import numba", "biodyn_core.body.model imports numba"),
         (
-            "kernels/chain.py",
-            "from ..subject import Subject",
-            "biodyn_core.kernels.chain imports biodyn_core.body.subject",
+            "base/segments.py",
+            "from biodyn_core.body import model",
+            "biodyn_core.base.segments imports biodyn_core.body",
         ),
-        ("effects/joint.py", "from ..model import Chain", "biodyn_core.effects.joint imports biodyn_core.body.model"),
+        ("kernels/chain.py", "from ..body.subject import S", "biodyn_core.kernels.chain imports biodyn_core.body"),
+        ("effects/joint.py", "from ..body.model import Chain", "biodyn_core.effects.joint imports biodyn_core.body"),
         ("effects/__init__.py", "from . import seat", "circle: biodyn_core.effects"),
-        ("surprise.py", "", "biodyn_core.surprise is in no layer"),
-        (
-            "__init__.py",
-            "from biodyn_core.body.model import Chain",
-            "biodyn_core/__init__.py imports biodyn_core.body.model",
-        ),
+        ("surprise.py", "", "biodyn_core.surprise is in no package of the order"),
+        ("surprise/__init__.py", "", "biodyn_core.surprise is in no package of the order"),
+        ("__init__.py", "from biodyn_core.body import model", "biodyn_core/__init__.py imports biodyn_core.body.model"),
     ],
 )
 def test_a_broken_rule_is_seen(tmp_path: Path, path: str, source: str, fault: str) -> None:
     core = tmp_path / "biodyn_core"
-    (core / "effects").mkdir(parents=True)
-    (core / "kernels").mkdir()
-    (core / "kernels/__init__.py").touch()
-    (core / "__init__.py").touch()
-    (core / "effects/__init__.py").touch()
+    for room in ("", "base", "body", "effects", "kernels", "pipeline", "surprise"):
+        (core / room).mkdir(parents=True, exist_ok=True)
+        if room != "surprise":
+            (core / room / "__init__.py").touch()
     (core / "effects/seat.py").write_text("import biodyn_core.effects")
     for name in ("model", "subject"):
-        (core / f"{name}.py").touch()
+        (core / f"body/{name}.py").touch()
     assert core_faults(tmp_path) == []
     (core / path).write_text(source)
     assert len([line for line in core_faults(tmp_path) if line.startswith(fault)]) == 1
+
+
+def test_the_order_names_every_package_once() -> None:
+    packages = {path.parent.name for path in (ROOT / "biodyn_core").glob("*/__init__.py")}
+    assert sorted(ROOMS) == sorted(packages)
+    assert [path.name for path in (ROOT / "biodyn_core").glob("*.py")] == ["__init__.py"]
 
 
 def test_numba_is_allowed_in_the_kernels(tmp_path: Path) -> None:

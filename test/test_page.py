@@ -208,7 +208,7 @@ def test_another_page_is_not_answered():
         for path in ("/", "/events"):
             async with client.get(page.url(path), headers={"Origin": "http://evil.example"}) as answer:
                 assert answer.status == 403
-        foreign = {"Origin": "http://evil.example", door.TOKEN_HEADER: TOKEN}
+        foreign = {"Origin": "http://evil.example", connection_limiter.TOKEN_HEADER: TOKEN}
         async with client.post(page.url("/reset"), headers=foreign) as answer:
             assert answer.status == 403
         assert page.feed.asked == []
@@ -218,14 +218,19 @@ def test_another_page_is_not_answered():
 
 def test_writing_needs_the_token_and_a_post():
     async def steps(page, client):
-        for headers in ({}, {door.TOKEN_HEADER: ""}, {door.TOKEN_HEADER: TOKEN[:-1]}, {door.TOKEN_HEADER: "ä"}):
+        for headers in (
+            {},
+            {connection_limiter.TOKEN_HEADER: ""},
+            {connection_limiter.TOKEN_HEADER: TOKEN[:-1]},
+            {connection_limiter.TOKEN_HEADER: "ä"},
+        ):
             async with client.post(page.url("/reset"), headers=headers) as answer:
                 assert answer.status == 403
-        async with client.get(page.url("/reset"), headers={door.TOKEN_HEADER: TOKEN}) as answer:
+        async with client.get(page.url("/reset"), headers={connection_limiter.TOKEN_HEADER: TOKEN}) as answer:
             assert answer.status == 405
         assert page.feed.asked == []
         for name in ("reset", "mark"):
-            async with client.post(page.url(f"/{name}"), headers={door.TOKEN_HEADER: TOKEN}) as answer:
+            async with client.post(page.url(f"/{name}"), headers={connection_limiter.TOKEN_HEADER: TOKEN}) as answer:
                 assert (answer.status, await answer.json()) == (200, {"message": f"done: {name}"})
         assert page.feed.asked == ["reset", "mark"]
 
@@ -285,7 +290,7 @@ def test_a_huge_or_broken_request_costs_nobody_else(sent):
 
 
 def test_who_says_nothing_is_shown_out(monkeypatch):
-    monkeypatch.setattr(door, "GREETING_S", 0.3)
+    monkeypatch.setattr(connection_limiter, "GREETING_S", 0.3)
 
     async def steps(page, client):
         for said in (b"", b"GET / HT"):
@@ -310,7 +315,7 @@ async def ends(reader: asyncio.StreamReader) -> bool:
 
 
 def test_many_at_once_are_turned_away_and_there_is_room_again_when_they_leave(monkeypatch):
-    monkeypatch.setattr(door, "MOST_CONNECTIONS", 10)
+    monkeypatch.setattr(connection_limiter, "MOST_CONNECTIONS", 10)
 
     async def steps(page, client):
         crowd = [await asyncio.open_connection("127.0.0.1", page.port) for _ in range(50)]

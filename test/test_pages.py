@@ -30,7 +30,6 @@ from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.pipeline.frames import NO_PREDICTED, Frames
 from biodyn_core.recording.recording import Recording
-from biodyn_ros.base.provenance import MADE_BY_MODEL
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.wording import number, told_apart
 from biodyn_ros.commands.cli import main
@@ -42,6 +41,7 @@ from biodyn_ros.fit.campaign_page import campaign_page, judge_campaign, write_ca
 from biodyn_ros.fit.drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
 from biodyn_ros.fit.fitting import FitOptions, Fitted, fit_bags, write_fitted
 from biodyn_ros.fit.page import doubts, fit_events, fit_page, judge_fit, write_fit_page
+from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.replay.page import frequency_parts
 from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.frequency import driving_point, residual_channels, transmissibility, waterfall

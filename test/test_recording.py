@@ -32,7 +32,7 @@ from biodyn_core.recording.recording import (
     level_mps2,
     representative,
 )
-from biodyn_ros.base.provenance import MADE_BY_MODEL
+from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
 from biodyn_ros.simulate import simulate_bag
 

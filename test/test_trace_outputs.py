@@ -40,9 +40,9 @@ from biodyn_core.tracing.findings import (
     Verdict,
 )
 from biodyn_ros.base.files import check_directory
-from biodyn_ros.base.provenance import MADE_BY_MODEL, bag_sha256, role_of
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.events import BagEvent
+from biodyn_ros.reading.provenance import MADE_BY_MODEL, bag_sha256, role_of
 from biodyn_ros.reports.residuals import residual_spectra, windowed
 from biodyn_ros.trace import tracing
 from biodyn_ros.trace.document import PROOF, trace_document

@@ -18,7 +18,6 @@ from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.progress import OnProgress, unwatched
-from biodyn_ros.base.provenance import sha256_of
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.blue_trident.cleaning import Cleaner
 from biodyn_ros.blue_trident.found import Chosen, Found, choose, find_exports
@@ -27,6 +26,7 @@ from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export, Samples, joined
 from biodyn_ros.blue_trident.survey import Read, in_time_order, survey
 from biodyn_ros.blue_trident.wide import Comparison, Taken
+from biodyn_ros.reading.provenance import sha256_of
 from biodyn_ros.reading.saturation import stated
 
 MADE_BY: Final = "biodyn import-blue-trident"

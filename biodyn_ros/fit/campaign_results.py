@@ -13,9 +13,9 @@ from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros import __version__
 from biodyn_ros.base.files import write_text
 from biodyn_ros.base.json_files import keys_of, read_json, write_json
-from biodyn_ros.base.provenance import bag_sha256
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.fitting import FitOptions, json_beside, page_beside
+from biodyn_ros.reading.provenance import bag_sha256
 from biodyn_ros.reading.recordings import case_of
 from biodyn_ros.work.executors import result_of
 

@@ -21,8 +21,8 @@ from biodyn_core.identification.profiles import Profile
 from biodyn_core.identification.residuals import Leftover
 from biodyn_core.identification.uncertainty import Estimate, Uncertainty
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.provenance import MADE_BY_MODEL, rests_on, without_note
 from biodyn_ros.reading.events import BagEvent, Prepared
+from biodyn_ros.reading.provenance import MADE_BY_MODEL, rests_on, without_note
 
 Document = dict[str, Any]
 

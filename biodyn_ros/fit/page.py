@@ -12,11 +12,11 @@ from biodyn_core.base.wording import counted
 from biodyn_core.identification.fit import predictions
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing.findings import ComparedEvent
-from biodyn_ros.base.provenance import without_note
 from biodyn_ros.base.wording import number, parameter_name
 from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
 from biodyn_ros.fit.fitting import Fitted, page_beside
 from biodyn_ros.fit.text import BY, said
+from biodyn_ros.reading.provenance import without_note
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.reports.verdict import Verdict

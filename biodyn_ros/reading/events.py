@@ -13,8 +13,8 @@ from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros.base.progress import OnProgress
-from biodyn_ros.base.provenance import bag_sha256
 from biodyn_ros.reading.gravity import gravity_by_bag
+from biodyn_ros.reading.provenance import bag_sha256
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
 
 

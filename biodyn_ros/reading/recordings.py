@@ -15,8 +15,8 @@ from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.recording.recording import Recorder, Recording
 from biodyn_core.recording.recording_settings import RecordingSettings
 from biodyn_ros.base.progress import OnProgress, unwatched
-from biodyn_ros.base.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.gravity import gravity_of
+from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 
 

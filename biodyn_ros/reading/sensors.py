@@ -14,9 +14,9 @@ from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
-from biodyn_ros.base.provenance import is_made_by_model
 from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.marks import marks_of
+from biodyn_ros.reading.provenance import is_made_by_model
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
 

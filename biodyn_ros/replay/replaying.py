@@ -24,8 +24,8 @@ from biodyn_ros.base import topics
 from biodyn_ros.base.files import check_directory, make_directory, remove
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, unwatched
-from biodyn_ros.base.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.gravity import gravity_of
+from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, check_seat, open_sensors
 from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.exposure_json import exposure_document, sensor_warnings

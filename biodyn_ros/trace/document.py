@@ -27,9 +27,9 @@ from biodyn_core.tracing.findings import (
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.provenance import rests_on
 from biodyn_ros.fit.document import by_segment
 from biodyn_ros.reading.events import BagEvent, Prepared
+from biodyn_ros.reading.provenance import rests_on
 from biodyn_ros.trace.refit import parameters_moved
 
 Document = dict[str, Any]

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from biodyn_core.base.segments import SEAT, SEGMENTS
 from biodyn_core.effects import CATALOGUE, EffectParameter
-from biodyn_ros.base.provenance import without_note
 from biodyn_ros.base.wording import number, parameter_name, sentence, told_apart, words
+from biodyn_ros.reading.provenance import without_note
 
 Document = dict[str, Any]
 

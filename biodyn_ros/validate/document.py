@@ -17,7 +17,7 @@ from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation.driving_point import DrivingPoint
 from biodyn_core.validation.validation import Exposures, HeadPeaks, PredictedRun, Validation
 from biodyn_ros import __version__
-from biodyn_ros.base.provenance import MADE_BY_MODEL, Role, without_note
+from biodyn_ros.reading.provenance import MADE_BY_MODEL, Role, without_note
 from biodyn_ros.reports.exposure_json import dose_figures, hic_windows
 from biodyn_ros.reports.spectra_json import array, power_document, spectra_document, transmissibility_document
 from biodyn_ros.validate.findings import findings, verdict

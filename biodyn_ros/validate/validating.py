@@ -17,7 +17,7 @@ from biodyn_core.validation import validation
 from biodyn_ros.base.files import check_directory, make_directory, remove
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, unwatched
-from biodyn_ros.base.provenance import Role, bag_sha256, role_of
+from biodyn_ros.reading.provenance import Role, bag_sha256, role_of
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
 from biodyn_ros.validate.document import Validated, validation_document
 from biodyn_ros.validate.settings import ValidationSettings
