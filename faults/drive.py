@@ -11,7 +11,7 @@ import numpy as np
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.pipeline.frames import Frames, joined
 from biodyn_core.pipeline.pipeline import Pipeline
-from biodyn_ros.node.health import SensorHealth, Status, Watch
+from biodyn_ros.node.health import HealthMonitor, SensorHealth, Status
 from faults.ride import SECONDS, START_NS, Arriving, subject
 
 SLOT_S: Final = 0.02
@@ -39,7 +39,7 @@ def drive(ride: Mapping[str, Arriving]) -> Driven:
     """Push what has arrived, slot by slot."""
     pipeline, clock = Pipeline(subject()), [0.0]
     health = {name: SensorHealth(publishers=1, now=lambda: clock[0]) for name in SENSORS}
-    watch = Watch(pipeline, health)
+    watch = HealthMonitor(pipeline, health)
     done, frames, looks = dict.fromkeys(SENSORS, 0), [], []
     for slot in range(1, round(SECONDS / SLOT_S) + 1):
         clock[0] = slot * SLOT_S

@@ -9,7 +9,7 @@ import pytest
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.preliminary_fit import LEAST_FIT, Glance, glance, plain, taken_up
+from biodyn_core.tracing.preliminary_fit import LEAST_FIT, PreliminaryFits, glance, plain, taken_up
 from biodyn_core.tracing.screen import Tried, candidates
 
 
@@ -18,7 +18,7 @@ def tried() -> list[Tried]:
 
 
 @cache
-def found() -> Glance:
+def found() -> PreliminaryFits:
     return glance(hiding.background(hiding.louder, hiding.plain), tried(), 30, 0, lambda stage, share: None)
 
 

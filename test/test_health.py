@@ -18,9 +18,9 @@ from biodyn_ros.node.health import (
     OK,
     SETTLING_S,
     WARN,
+    HealthMonitor,
     SensorHealth,
     Status,
-    Watch,
 )
 
 LOOK_SAMPLES = round(0.5 * RATE_HZ)
@@ -32,7 +32,7 @@ class Node:
     def __init__(self, streams) -> None:
         self.pipeline, self.streams, self.at = Pipeline(subject()), streams, 0
         self.health = {name: SensorHealth(publishers=1) for name in SENSORS}
-        self.watch = Watch(self.pipeline, self.health)
+        self.watch = HealthMonitor(self.pipeline, self.health)
         self.statuses: dict[str, Status] = {}
 
     def look(self, looks: int = 1) -> None:

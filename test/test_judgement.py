@@ -11,13 +11,13 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from biodyn_core.exposure.exposure_store import NOTHING_LOST, Lost
-from biodyn_core.exposure.limit_assessment import Grounds, SeatExposure, seat_exposure
+from biodyn_core.exposure.limit_assessment import DataQuality, SeatExposure, seat_exposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
 from biodyn_core.exposure.meters import Dose, DoseMeter, HorizontalMeter
 
 EU, ISO = EU_LIMITS.deciding, EU_LIMITS.beside[0]
 HOUR = 3600.0
-COMPLETE = Grounds(NOTHING_LOST, silent=False, gravity_mps2=9.81, fault=None)
+COMPLETE = DataQuality(NOTHING_LOST, silent=False, gravity_mps2=9.81, fault=None)
 
 
 class Plane:

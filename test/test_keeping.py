@@ -11,7 +11,7 @@ from streams import RATE_HZ, in_turn, noisy_streams, run, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_core.exposure.exposure_store import KeptExposure, digest
+from biodyn_core.exposure.exposure_store import ExposureCheckpoint, digest
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 
@@ -28,7 +28,7 @@ def parted(begin: int, end: int, held_out: tuple[str, ...] = ()) -> tuple[Pipeli
     first = run(streams, before, finish=False, pipeline=Pipeline(subject(), settings=ALSO)).pipeline
     text = json.dumps(first.kept(BELONGS).to_dict())
     second = Pipeline(subject(), settings=ALSO)
-    second.resume(KeptExposure.from_dict(json.loads(text)))
+    second.resume(ExposureCheckpoint.from_dict(json.loads(text)))
     return whole, run(streams, after, finish=False, pipeline=second).pipeline
 
 
@@ -71,7 +71,7 @@ def test_a_prediction_stays_extrapolated_and_what_was_not_predicted_missing_behi
     for resumes in (True, False):
         second = Pipeline(fitted)
         if resumes:
-            second.resume(KeptExposure.from_dict(json.loads(json.dumps(first.kept(BELONGS).to_dict()))))
+            second.resume(ExposureCheckpoint.from_dict(json.loads(json.dumps(first.kept(BELONGS).to_dict()))))
         run(rest, in_turn(rest, 140), finish=False, pipeline=second)
         assert second.exposure().predicted and second.is_extrapolating == resumes
         assert second.unpredicted_s == pytest.approx(140 / RATE_HZ if resumes else 0.0, rel=1e-3)
@@ -123,7 +123,7 @@ def test_reset_forgets_what_was_before_the_restart_too() -> None:
 def passed_on(first: Pipeline) -> Pipeline:
     """A pipeline that goes on from what another kept, as text."""
     second = Pipeline(subject())
-    second.resume(KeptExposure.from_dict(json.loads(json.dumps(first.kept(BELONGS).to_dict()))))
+    second.resume(ExposureCheckpoint.from_dict(json.loads(json.dumps(first.kept(BELONGS).to_dict()))))
     return second
 
 
@@ -243,7 +243,7 @@ def spoilt() -> dict:
 @pytest.mark.parametrize("name", spoilt())
 def test_what_was_never_kept_is_refused_in_one_line(name: str) -> None:
     with pytest.raises(InputError, match="no exposure that was kept") as caught:
-        KeptExposure.from_dict(spoilt()[name])
+        ExposureCheckpoint.from_dict(spoilt()[name])
     assert "\n" not in str(caught.value)
 
 
@@ -251,13 +251,13 @@ def test_rows_of_another_meter_are_refused() -> None:
     document = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline.kept(BELONGS).to_dict()
     document["sensors"]["seat"]["meters"]["plane"] = [[1.0, 2.0]]
     with pytest.raises(InputError, match=r"plane: kept as \(1, 2\), \(1, 9\) are needed"):
-        Pipeline(subject()).resume(KeptExposure.from_dict(document))
+        Pipeline(subject()).resume(ExposureCheckpoint.from_dict(document))
 
 
 def test_sums_of_powers_below_zero_are_refused_before_the_ride() -> None:
     document = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline.kept(BELONGS).to_dict()
     assert min(document["sensors"]["seat"]["meters"]["plane"][0]) < 0.0  # a mixed moment may be
-    Pipeline(subject()).resume(KeptExposure.from_dict(document))
+    Pipeline(subject()).resume(ExposureCheckpoint.from_dict(document))
     document["sensors"]["head"]["meters"]["vertical"][0][0] *= -1.0
     with pytest.raises(InputError, match="vertical: kept with a sum of powers below zero"):
-        Pipeline(subject()).resume(KeptExposure.from_dict(document))
+        Pipeline(subject()).resume(ExposureCheckpoint.from_dict(document))

@@ -212,7 +212,7 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "head_injury": _head_injury,
     "residual": _residual,
     "settle": _settle,
-    "follow_up": _follow_up,
+    "follow_attitude": _follow_up,
 }
 ELSEWHERE = ("biodyn_core.kernels.cost", "biodyn_core.kernels.surrogate")
 """Compared in test_objectives, which knows what goes into them."""

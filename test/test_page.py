@@ -16,7 +16,7 @@ from aiohttp import web
 from biodyn_core.base.errors import InputError
 from biodyn_ros.base.resources import package_directory
 from biodyn_ros.dashboard import connection_limiter, hub, settings, site
-from biodyn_ros.dashboard.connection_limiter import Door
+from biodyn_ros.dashboard.connection_limiter import ConnectionLimiter
 from biodyn_ros.dashboard.hub import Hub
 from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token, port_of
 from biodyn_ros.dashboard.site import Site
@@ -41,7 +41,7 @@ class Asked:
 class Served:
     """A site that is up."""
 
-    def __init__(self, port: int, hub: Hub, feed: Asked, server: Door) -> None:
+    def __init__(self, port: int, hub: Hub, feed: Asked, server: ConnectionLimiter) -> None:
         self.port, self.hub, self.feed, self.server = port, hub, feed, server
 
     def url(self, path: str = "/") -> str:
@@ -55,7 +55,7 @@ async def served(host: str = "127.0.0.1"):
     told, feed = Hub(), Asked()
     page = Site(ServingSettings(page_host=host), TOKEN, told)
     page.feed = feed
-    server = Door(page.handle)
+    server = ConnectionLimiter(page.handle)
     runner = web.ServerRunner(server, shutdown_timeout=0.2)
     await runner.setup()
     try:

@@ -1,4 +1,4 @@
-"""Theta and effects polished together on all events come back as another hand put them in."""
+"""Theta and effects fitted together on all events come back as another hand put them in."""
 
 import dataclasses
 
@@ -11,7 +11,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import errors
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.joint_refit import polished
+from biodyn_core.tracing.joint_refit import jointly_refitted
 
 SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
 
@@ -52,7 +52,7 @@ def assert_theta_is_true(found: Subject, rel: float) -> None:
     ],
 )
 def test_theta_and_what_was_hidden_come_back_together(change, law, name: str, site: str, truth: dict) -> None:
-    found = polished(fitted(change, law, applied(name, site)), cases(change, law))
+    found = jointly_refitted(fitted(change, law, applied(name, site)), cases(change, law))
     (effect,) = found.effects
     assert (effect.effect.name, effect.site) == (name, site)
     for parameter, value in truth.items():
@@ -67,7 +67,7 @@ def louder_neck_and_later_head(measured: np.ndarray) -> np.ndarray:
 
 def test_two_effects_come_back_in_their_order() -> None:
     start = fitted(louder_neck_and_later_head, hiding.plain, applied("clock", "head"), applied("gain", "neck"))
-    found = polished(start, cases(louder_neck_and_later_head))
+    found = jointly_refitted(start, cases(louder_neck_and_later_head))
     clock, gain = found.effects
     assert (clock.effect.name, gain.effect.name) == ("clock", "gain")
     assert clock.values["delay_s"] == pytest.approx(0.004, rel=0.05)
@@ -80,11 +80,11 @@ def test_without_effects_it_is_a_fit_from_where_it_was() -> None:
     theta = hiding.TRUTH.parameters.vector()
     theta[:14] *= np.where(np.arange(14) % 2, 1.05, 0.95)
     start = dataclasses.replace(hiding.TRUTH, parameters=type(hiding.TRUTH.parameters).from_vector(theta))
-    found = polished(start, cases())
+    found = jointly_refitted(start, cases())
     assert_theta_is_true(found, 0.005)
     assert found.effects == () and found.parameters.vector()[14] == theta[14]
 
 
 def test_values_stay_within_their_ranges_where_the_truth_is_outside() -> None:
-    found = polished(fitted(hiding.far_louder, hiding.plain, applied("gain", "neck")), cases(hiding.far_louder))
+    found = jointly_refitted(fitted(hiding.far_louder, hiding.plain, applied("gain", "neck")), cases(hiding.far_louder))
     assert 0.29 < found.effects[0].values["gain"] <= 0.3

@@ -9,7 +9,7 @@ import pytest
 from hiding import applied
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.tracing.local_fit import LEVELS, Settled, predicted, relief, settle
+from biodyn_core.tracing.local_fit import LEVELS, LocalFit, predicted, relief, settle
 from biodyn_core.tracing.nuisance_model import N_THETA, Background, Side
 from biodyn_core.tracing.rows import Rows
 
@@ -17,11 +17,11 @@ SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
 
 
 @cache
-def without(change, law=hiding.plain) -> Settled:
+def without(change, law=hiding.plain) -> LocalFit:
     return settle(hiding.background(change, law), None)
 
 
-def assert_theta_is_true(found: Settled, rel: float) -> None:
+def assert_theta_is_true(found: LocalFit, rel: float) -> None:
     ours, true = (subject.parameters.natural_frequency_hz for subject in (found.subject, hiding.TRUTH))
     np.testing.assert_allclose(ours, true, rtol=rel)
 

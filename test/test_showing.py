@@ -12,8 +12,8 @@ from streams import START_NS, noisy_streams, subject
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
-from biodyn_ros.node.health import SensorHealth, Watch
-from biodyn_ros.node.snapshot_builder import ROWS, STILL_MPS2, Showing
+from biodyn_ros.node.health import HealthMonitor, SensorHealth
+from biodyn_ros.node.snapshot_builder import ROWS, STILL_MPS2, SnapshotBuilder
 from biodyn_ros.reports.exposure_json import exposure_document
 
 GENTLE = {"case": "road", "seconds": 6.0, "seed": 3}
@@ -23,10 +23,10 @@ class Ride:
     """A pipeline driven as the node drives it, with the health of its sensors, and what the page is told of it."""
 
     def __init__(self, **pipeline):
-        self.pipeline, self.showing = Pipeline(subject(), **pipeline), Showing(5.0)
+        self.pipeline, self.showing = Pipeline(subject(), **pipeline), SnapshotBuilder(5.0)
         self.clock_s = 0.0
         self.health = {name: SensorHealth(now=lambda: self.clock_s) for name in SENSORS}
-        self.watch = Watch(self.pipeline, self.health)
+        self.watch = HealthMonitor(self.pipeline, self.health)
         self.snapshots = []
 
     def drive(self, streams, block=280, without=(), behind=None):

@@ -17,11 +17,11 @@ from streams import RATE_HZ, in_turn, noisy_streams, run, subject
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.body.subject import load_subject
-from biodyn_core.exposure.exposure_store import KeptExposure, digest
+from biodyn_core.exposure.exposure_store import ExposureCheckpoint, digest
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import subject_file
-from biodyn_ros.node.state import Keeper, StateFile, belongs_to, refused, state_path
+from biodyn_ros.node.state import ExposureStore, StateFile, belongs_to, refused, state_path
 
 BELONGS = belongs_to(subject(), topics.INPUT)
 
@@ -31,16 +31,16 @@ def counted() -> Pipeline:
     return run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline
 
 
-def kept() -> KeptExposure:
+def kept() -> ExposureCheckpoint:
     """Its exposure."""
     found = counted().kept(BELONGS)
     assert found is not None
     return found
 
 
-def keeper(path: Path, **others: str) -> Keeper:
+def keeper(path: Path, **others: str) -> ExposureStore:
     """A keeper of the subject's exposure."""
-    return Keeper(StateFile(path), BELONGS | others, 12.0, "fitting")
+    return ExposureStore(StateFile(path), BELONGS | others, 12.0, "fitting")
 
 
 def test_the_place_is_given_or_the_user_s_own_by_the_name_of_the_node(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,7 +191,7 @@ def test_a_place_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:
         StateFile(tmp_path / "file" / "state.json")
     file = StateFile(tmp_path / "state.json")
     (tmp_path / ".state.json.part").mkdir()  # in the way of what is written
-    one = Keeper(file, BELONGS, 12.0, "fitting")
+    one = ExposureStore(file, BELONGS, 12.0, "fitting")
     with pytest.raises(InputError, match="cannot be written"):
         one.close(counted())
     assert "cannot be written" in one.failed

@@ -8,14 +8,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from biodyn_ros.reports.downsampling import BIN_NS, Strip
+from biodyn_ros.reports.downsampling import BIN_NS, MinMaxDownsampler
 
 EPOCH_NS = 1_700_000_000_000_000_000
 
 
 def taken(stamps_ns, accel, cuts=()):
     """All bins of a stream cut into blocks, as rows."""
-    strip, rows = Strip(accel.shape[1]), []
+    strip, rows = MinMaxDownsampler(accel.shape[1]), []
     for begin, end in pairwise([0, *sorted(cuts), stamps_ns.size]):
         strip.add(stamps_ns[begin:end], accel[begin:end])
         rows += [(b, *lo, *hi) for b, lo, hi in zip(*(part.tolist() for part in strip.take()), strict=True)]

@@ -18,9 +18,9 @@ from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.choice import TELLING, asked, candidate, taken
 from biodyn_core.tracing.findings import Candidate, Round, Trace
-from biodyn_core.tracing.fitted_candidates import Rung, WithoutEffect, left_over
+from biodyn_core.tracing.fitted_candidates import FittedCandidate, WithoutEffect, residual_ratio
 from biodyn_core.tracing.gate import FloorSettings, dealt
-from biodyn_core.tracing.local_fit import LEVELS, Settled, settle
+from biodyn_core.tracing.local_fit import LEVELS, LocalFit, settle
 from biodyn_core.tracing.nuisance_model import Background
 from biodyn_core.tracing.results import _leaning, _sensors, decided
 from biodyn_core.tracing.screen import Screened, Screening, Tried, candidates
@@ -124,7 +124,7 @@ def test_a_subject_that_predicts_worse_with_the_effect_does_not_get_it() -> None
         return dataclasses.replace(subject, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
 
     cases = hiding.events(9, hiding.louder, hiding.plain)
-    with mock.patch.object(rounds, "candidates", few), mock.patch.object(trace_module, "polished", worse):
+    with mock.patch.object(rounds, "candidates", few), mock.patch.object(trace_module, "jointly_refitted", worse):
         found = trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
     assert found.verdict == "unexplained" and found.effects == () and found.after is found.before
     assert [event.after.mean_percent for event in found.events] == [event.before.mean_percent for event in found.events]
@@ -241,12 +241,12 @@ def test_a_sensor_that_clips_is_left_out_and_named() -> None:
 
 
 @cache
-def without() -> Settled:
+def without() -> LocalFit:
     return settle(hiding.background(), None)
 
 
-def always(background: Background, settled: Settled) -> WithoutEffect:
-    """Settled so at every level."""
+def always(background: Background, settled: LocalFit) -> WithoutEffect:
+    """Fitted at every level."""
     without_effect = WithoutEffect(background)
     without_effect._settled.update(dict.fromkeys(LEVELS, settled))
     return without_effect
@@ -273,15 +273,15 @@ def test_what_is_set_anew_and_gains_little_is_usual() -> None:
     settings = TraceSettings()
     for gain, steady, expected in ((0.2, False, True), (0.3, False, False), (0.2, True, False)):
         settled = dataclasses.replace(without(), applied=applied("clock", "head"), level=LEVELS[-1])
-        rung = Rung(settled, np.full(6, gain), ("road",) * 6, screened, steady=steady)
+        rung = FittedCandidate(settled, np.full(6, gain), ("road",) * 6, screened, steady=steady)
         assert bool(rung.usual(settings)) == expected
 
 
 def test_the_least_will_do_where_more_is_left_than_of_a_good_model() -> None:
     background, settings = hiding.background(), TraceSettings()
-    times = 2.0 * TELLING / left_over(background, without())
+    times = 2.0 * TELLING / residual_ratio(background, without())
     much = dataclasses.replace(without(), left=times**2 * without().left)
-    assert left_over(background, much) == pytest.approx(2.0 * TELLING)
+    assert residual_ratio(background, much) == pytest.approx(2.0 * TELLING)
     assert [asked(always(background.at_level(level), much), settings) for level in LEVELS] == [settings.least_gain] * 5
 
 
@@ -295,7 +295,7 @@ def test_a_law_of_usual_size_is_no_cause_in_a_body_that_departs_and_one_in_a_bod
         effect = applied("friction", "pelvis", friction_n=spreads * spread_n)
         settled = dataclasses.replace(without(), applied=effect, level=level)
         screened = Screened(Tried(effect, ""), 0.3, 1.0, 1.0, 0.1, 0.005)
-        rung = Rung(settled, np.full(6, 0.3), ("road",) * 6, screened, spreads=background.spreads(effect))
+        rung = FittedCandidate(settled, np.full(6, 0.3), ("road",) * 6, screened, spreads=background.spreads(effect))
         screening = Screening((), np.zeros(1), (), np.zeros((0, 0)))
         return candidate(rung, background, without(), screening, settings).against
 
@@ -361,7 +361,7 @@ def test_a_sensor_that_leans_farther_than_a_data_sheet_allows_is_named() -> None
 
 def taken_as(effect: AppliedEffect, left: float) -> rounds.Outcome:
     """A round that took an effect where so many times what a good model misses was left, and left a tenth of it."""
-    background, usual = hiding.background(), left_over(hiding.background(), without())
+    background, usual = hiding.background(), residual_ratio(hiding.background(), without())
     one = Candidate(effect, 0.8, True, 0.005, 0.1, 6)
     before, after = (
         dataclasses.replace(without(), left=(times / usual) ** 2 * without().left) for times in (left, 0.1 * left)
@@ -440,7 +440,7 @@ def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped
         against = (f"{effect.effect.parameters[0].name} ends on a bound",) if on_bound else ()
         told.append(Candidate(effect, gain, True, 0.005, 0.1, helped, against))
         rungs.append(
-            Rung(
+            FittedCandidate(
                 dataclasses.replace(without(), applied=effect), gains, ("road",) * 6,
                 Screened(Tried(effect, ""), gain, 1.0, 1.0, 0.1, 0.005),
             )

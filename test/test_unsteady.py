@@ -14,7 +14,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS,
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.local_fit import Settled, settle
+from biodyn_core.tracing.local_fit import LocalFit, settle
 from biodyn_core.tracing.nuisance_model import Background, Side
 from biodyn_core.tracing.settings import BASE
 from biodyn_core.tracing.unsteady import SetAnew, unsteady
@@ -98,7 +98,7 @@ def by_turns(cases: tuple[Case, ...]) -> Background:
 
 
 @cache
-def without(background: Background) -> Settled:
+def without(background: Background) -> LocalFit:
     return settle(background, None)
 
 

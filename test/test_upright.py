@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
-from biodyn_core.conditioning.attitude import followed_up, true_vertical_mps2
+from biodyn_core.conditioning.attitude import estimated_attitude, true_vertical_mps2
 from biodyn_core.conditioning.tilt import laid_level
-from biodyn_core.kernels.attitude import follow_up
+from biodyn_core.kernels.attitude import follow_attitude
 from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
 
 RATE_HZ = 1129.3
@@ -158,7 +158,7 @@ def test_how_far_it_leans_on_the_mean_is_said_in_the_axes_of_its_channels() -> N
 def test_a_steady_turn_is_followed_exactly() -> None:
     rates = np.tile([0.3, -0.2, 0.1], (500, 1))
     up = np.tile([0.0, 0.0, 1.0], (500, 1))
-    follow_up(rates, np.zeros_like(rates), 0.01, 0.0, up)
+    follow_attitude(rates, np.zeros_like(rates), 0.01, 0.0, up)
     expected = Rotation.from_rotvec(-rates * 0.01 * np.arange(500)[:, None]).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(up, expected, atol=1e-12)
 
@@ -166,7 +166,7 @@ def test_a_steady_turn_is_followed_exactly() -> None:
 def test_a_bias_does_not_add_up_for_ever() -> None:
     """At rest for ten minutes with a wrong bias of 0.0003 rad/s: 10 deg without the pull, 60 s of it with."""
     rest, rates = np.zeros((60_000, 3)), np.tile([0.0003, 0.0, 0.0], (60_000, 1))
-    up = followed_up(rest, rates, 100.0, STANDARD_GRAVITY_MPS2)
+    up = estimated_attitude(rest, rates, 100.0, STANDARD_GRAVITY_MPS2)
     vertical = true_vertical_mps2(up, rest, STANDARD_GRAVITY_MPS2)
     leaned_rad = np.arccos(1.0 + vertical[-1] / STANDARD_GRAVITY_MPS2)
     assert leaned_rad == pytest.approx(0.0003 * 60.0, rel=0.01)
@@ -175,4 +175,4 @@ def test_a_bias_does_not_add_up_for_ever() -> None:
 def test_a_lean_beyond_anybodys_is_refused() -> None:
     rates = np.tile([0.0, 0.5, 0.0], (500, 1))
     with pytest.raises(ValueError, match="nobody seated"):
-        followed_up(np.zeros((500, 3)), rates, 100.0, STANDARD_GRAVITY_MPS2)
+        estimated_attitude(np.zeros((500, 3)), rates, 100.0, STANDARD_GRAVITY_MPS2)

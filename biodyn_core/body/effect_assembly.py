@@ -1,4 +1,4 @@
-"""Wiring: how the effects of a chain go into its integrator, with their constants, states and memory."""
+"""Effect assembly: how the effects of a chain go into its integrator, with their constants, states and memory."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Element:
     spread: tuple[float, ...]
 
 
-class Wiring:
+class EffectAssembly:
     """The integrator with some elements in it, for one step; its constants p also hold what the elements remember."""
 
     def __init__(self, elements: Sequence[Element], step_s: float) -> None:

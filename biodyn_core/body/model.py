@@ -20,7 +20,7 @@ from biodyn_core.base.arrays import Complexes, Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import N_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.body.constants import Constants
-from biodyn_core.body.effect_assembly import Element, Wiring
+from biodyn_core.body.effect_assembly import EffectAssembly, Element
 from biodyn_core.body.subject import MassMatrix, Subject
 from biodyn_core.effects import AppliedEffect, Joint, felt
 
@@ -271,7 +271,7 @@ class Stepper:
         self._k_alpha = self._k * chain.stiffening_per_m
         self._inverse_mass = 1.0 / chain.inertia_kg
         self._alpha_r = float(chain.rayleigh_rad_per_s)
-        self._wiring = Wiring(chain.elements, self._step_s)
+        self._wiring = EffectAssembly(chain.elements, self._step_s)
         self._state = np.zeros(2 * N_SEGMENTS + 1 + self._wiring.states)
         self._fresh = True
 

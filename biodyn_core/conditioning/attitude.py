@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.conditioning.tilt import UP
-from biodyn_core.kernels.attitude import follow_up
+from biodyn_core.kernels.attitude import follow_attitude
 
 PULLED_S: Final = 60.0
 """Time constant by which up goes to the mean of what is felt: a bias of 0.0003 rad/s ends 1 deg off, not further.
@@ -32,32 +32,32 @@ FARTHEST_DEG: Final = 60.0
 """Nobody seated leans farther: such rates are in another unit, or of another sensor."""
 
 
-class NobodysLean(ValueError):
+class ImplausibleTilt(ValueError):
     """Rates say a lean that nobody seated has: they are of another unit, and so likely are the record's others."""
 
 
-def followed_up(
+def estimated_attitude(
     levelled_mps2: Floats, rates_radps: Floats, rate_hz: float, gravity_mps2: float, begin: ArrayLike = UP
 ) -> Floats:
     """The direction that was up at rest, (n, 3) in a sensor's axes, of a run at whose begin it is known.
 
     levelled_mps2 (n, 3) and rates_radps (n, 3) in the axes that were level at rest, third up, the first less what was
-    read at rest, the second less their bias. Raises NobodysLean where it is none of a person's.
+    read at rest, the second less their bias. Raises ImplausibleTilt where it is none of a person's.
     """
     force = levelled_mps2 + np.array([0.0, 0.0, gravity_mps2])
     up = np.empty_like(force)
     up[0] = begin
-    follow_up(np.ascontiguousarray(rates_radps), force, 1.0 / rate_hz, 1.0 / (PULLED_S * rate_hz), up)
+    follow_attitude(np.ascontiguousarray(rates_radps), force, 1.0 / rate_hz, 1.0 / (PULLED_S * rate_hz), up)
     farthest_deg = float(np.degrees(np.arccos(np.clip(up[:, 2].min(), -1.0, 1.0))))
     if not farthest_deg < FARTHEST_DEG:
-        raise NobodysLean(f"its gyro says that it leans by {farthest_deg:.0f} deg, which nobody seated does")
+        raise ImplausibleTilt(f"its gyro says that it leans by {farthest_deg:.0f} deg, which nobody seated does")
     return up
 
 
 def carried_over(up: Floats, before_radps: Floats, behind_radps: Floats, seconds: float) -> Floats:
     """Where up is behind a break, (3,), from where it was before, turned by the mean of the rates on either side."""
     found = np.tile(up, (2, 1))
-    follow_up(np.array([before_radps, behind_radps]), np.zeros((2, 3)), seconds, 0.0, found)
+    follow_attitude(np.array([before_radps, behind_radps]), np.zeros((2, 3)), seconds, 0.0, found)
     return np.asarray(found[1])
 
 

@@ -62,7 +62,7 @@ NOTHING_LOST: Final = Lost(0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class KeptSensor:
+class SensorCheckpoint:
     """One sensor: its newest stamp, up to when it is told what it lost, that, its rest, and what its meters counted.
 
     told_ns lies beyond newest_ns where the sensor had fallen silent: that silence is in `lost` already.
@@ -76,11 +76,11 @@ class KeptSensor:
 
 
 @dataclass(frozen=True, eq=False)
-class KeptExposure:
+class ExposureCheckpoint:
     """Exposure since reset: of whom, by sensor, and beside the sensors that of the model and of comparisons."""
 
     belongs: Mapping[str, str]
-    sensors: Mapping[str, KeptSensor]
+    sensors: Mapping[str, SensorCheckpoint]
     beside: Mapping[str, Floats]
 
     @property
@@ -114,7 +114,7 @@ class KeptExposure:
         }
 
     @classmethod
-    def from_dict(cls, document: object) -> KeptExposure:
+    def from_dict(cls, document: object) -> ExposureCheckpoint:
         """Raises InputError for what `to_dict` never wrote."""
         try:
             top = _mapping(document)
@@ -136,7 +136,7 @@ def _lists(meters: Mapping[str, Floats]) -> dict[str, Any]:
     return {name: rows.tolist() for name, rows in meters.items()}
 
 
-def _sensor(document: Mapping[str, Any]) -> KeptSensor:
+def _sensor(document: Mapping[str, Any]) -> SensorCheckpoint:
     lost = [_number(value) for value in document["lost"]]
     if len(lost) != len(NOTHING_LOST) or min(lost) < 0.0:
         raise ValueError("a loss that is none")
@@ -152,7 +152,7 @@ def _sensor(document: Mapping[str, Any]) -> KeptSensor:
     newest_ns, told_ns = document["newest_ns"], document["told_ns"]
     if not (isinstance(newest_ns, int) and isinstance(told_ns, int) and 0 <= newest_ns <= told_ns < 2**63):
         raise ValueError("newest_ns or told_ns is no stamp")
-    return KeptSensor(newest_ns, told_ns, Lost(int(lost[0]), *lost[1:]), rest, _arrays(document["meters"]))
+    return SensorCheckpoint(newest_ns, told_ns, Lost(int(lost[0]), *lost[1:]), rest, _arrays(document["meters"]))
 
 
 def _mapping(value: object) -> Mapping[str, Any]:

@@ -1,4 +1,4 @@
-"""Judgement: the seat's exposure against action and limit values: zone, time left, projection to eight hours.
+"""Limit assessment: the seat's exposure against action and limit values: zone, time left, projection to eight hours.
 
 The seat alone decides, never a prediction. Directive 2002/44/EC; ISO 2631-1:1997.
 """
@@ -36,7 +36,7 @@ DEAD_SHARE: Final = 1e-6
 
 
 @dataclass(frozen=True)
-class Grounds:
+class DataQuality:
     """What a judgement stands on, since reset: what the seat lost, and its state.
 
     silent: the seat sends nothing now, others do.
@@ -49,7 +49,7 @@ class Grounds:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class LimitAssessment:
     """The seat against one set of limits: zone with its reason, and the seconds left until action and limit value.
 
     governing: the measure that is nearest to (or furthest beyond) the value the zone speaks of, counted in time, so
@@ -81,7 +81,7 @@ class ShockRatio:
 
 
 @dataclass(frozen=True)
-class SeatExposure(Judgement):
+class SeatExposure(LimitAssessment):
     """The figures that decide, seat alone, and their judgement by the deciding set; `beside` that by the others.
 
     aw and VDV by axis are without k; A(8) and VDV so far are the largest over the axes with k = 1.4, 1.4, 1.0.
@@ -105,7 +105,7 @@ class SeatExposure(Judgement):
     projected_from_s: float | None
     projected_lower_bound: bool
     shock_ratios: tuple[ShockRatio, ...]
-    beside: tuple[Judgement, ...]
+    beside: tuple[LimitAssessment, ...]
 
 
 def seat_exposure(
@@ -113,7 +113,7 @@ def seat_exposure(
     horizontal: HorizontalMeter,
     yaw_rad: float | None,
     limits: Limits,
-    grounds: Grounds,
+    grounds: DataQuality,
     project: bool = False,
 ) -> SeatExposure:
     """Judge the seat: max(1.4 awx, 1.4 awy, awz) and the same for VDV (2002/44/EC; ISO 2631-1:1997, 7.2.3).
@@ -230,7 +230,7 @@ class _Felt:
         return left if math.isfinite(left) else None
 
 
-def _judge(limits: LimitSet, felt: _Felt) -> Judgement:
+def _judge(limits: LimitSet, felt: _Felt) -> LimitAssessment:
     used: dict[Kind, dict[Measure, float]] = {
         kind: {measure: felt.used(measure, value) for measure, value in limits.values(kind).items()}
         for kind in ("action", "limit")
@@ -254,7 +254,7 @@ def _judge(limits: LimitSet, felt: _Felt) -> Judgement:
             f"the action value of {limits.source} is not reached by what was counted, but would be"
             f" if the {felt.lost.missing_s:.3g} s missing were like the rest"
         )
-    return Judgement(
+    return LimitAssessment(
         source=limits.source,
         zone=zone,
         zone_reason=reason,
@@ -292,12 +292,12 @@ def _so_far(felt: _Felt, measure: Measure, shown: str) -> str:
     return f"{_NAME[measure]} so far is {shown} {_UNIT[measure]} ({where})"
 
 
-def _withheld(grounds: Grounds, seconds: float) -> str | None:
+def _withheld(grounds: DataQuality, seconds: float) -> str | None:
     """Why nothing is extrapolated from this record, None where it may be."""
     return _lacking(grounds, seconds) or _off(grounds)
 
 
-def _lacking(grounds: Grounds, seconds: float) -> str | None:
+def _lacking(grounds: DataQuality, seconds: float) -> str | None:
     """What the record lacks, None where that is little."""
     count, missing = grounds.lost.clipped, grounds.lost.missing_s
     if count > 0:
@@ -309,7 +309,7 @@ def _lacking(grounds: Grounds, seconds: float) -> str | None:
     return None
 
 
-def _doubt(grounds: Grounds, seconds: float, axes: _Axes) -> str | None:
+def _doubt(grounds: DataQuality, seconds: float, axes: _Axes) -> str | None:
     """Why a value that was not reached may have been all the same, None where there is no reason to think so."""
     if grounds.fault is not None:
         return f"the seat answers nothing ({grounds.fault})"
@@ -328,7 +328,7 @@ def _doubt(grounds: Grounds, seconds: float, axes: _Axes) -> str | None:
     return _off(grounds)
 
 
-def _off(grounds: Grounds) -> str | None:
+def _off(grounds: DataQuality) -> str | None:
     """What gravity says of the seat's readings, None where it reads as it should."""
     gravity = grounds.gravity_mps2
     if gravity is not None and abs(gravity / STANDARD_GRAVITY_MPS2 - 1.0) <= GRAVITY_TOLERANCE:

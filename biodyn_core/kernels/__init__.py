@@ -5,7 +5,7 @@ classes that own the arrays do. A kernel and those it calls share a file: numba'
 """
 
 from biodyn_core.kernels.alignment import interpolate
-from biodyn_core.kernels.attitude import follow_up
+from biodyn_core.kernels.attitude import follow_attitude
 from biodyn_core.kernels.chain import integrate_chain
 from biodyn_core.kernels.compiling import COMPILED
 from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual, settle
@@ -21,7 +21,7 @@ __all__ = [
     "filter_sections",
     "find_rails",
     "first_lost",
-    "follow_up",
+    "follow_attitude",
     "head_injury",
     "integrate_chain",
     "interpolate",

@@ -9,7 +9,7 @@ from biodyn_core.kernels.compiling import compiled
 
 
 @compiled
-def follow_up(rates_radps: Floats, force_mps2: Floats, step_s: float, pull: float, up: Floats) -> None:
+def follow_attitude(rates_radps: Floats, force_mps2: Floats, step_s: float, pull: float, up: Floats) -> None:
     """The direction that is up as up[0] says at the first sample, in the sensor's axes at every sample, into up (n, 3).
 
     rates_radps and force_mps2 (n, 3) in the sensor's axes. What is fixed in the world turns the other way in the

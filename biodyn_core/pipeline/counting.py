@@ -8,7 +8,7 @@ from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
 from biodyn_core.conditioning.timelines import Timelines
-from biodyn_core.exposure.exposure_store import NOTHING_LOST, KeptExposure, KeptSensor, Lost
+from biodyn_core.exposure.exposure_store import NOTHING_LOST, ExposureCheckpoint, Lost, SensorCheckpoint
 from biodyn_core.exposure.sensor_meters import SensorMeters
 from biodyn_core.pipeline.earlier_run import EarlierRun
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
@@ -75,12 +75,12 @@ class Counting:
         self._at_reset = {name: self._lost(name) for name in self._conditioners}
         self._clipping_at_reset = {name: conditioner.clipping() for name, conditioner in self._conditioners.items()}
 
-    def resume(self, kept: KeptExposure) -> None:
+    def resume(self, kept: ExposureCheckpoint) -> None:
         """Go on from an earlier run; raises InputError where its meters do not fit."""
         meters = {name: self._new_meters(name, 1.0 / one.rest.period_s) for name, one in kept.sensors.items()}
         self.earlier = EarlierRun.of(kept, self._conditioners, meters)
 
-    def kept(self) -> dict[str, KeptSensor]:
+    def kept(self) -> dict[str, SensorCheckpoint]:
         """What every sensor counted since reset, as plain data."""
         sensors = dict(self.earlier.sensors)
         for name, meters in self.meters.items():
@@ -88,7 +88,7 @@ class Counting:
             newest_ns = conditioner.newest_ns or conditioner.first_ns
             if conditioner.rest is not None and newest_ns is not None:
                 told_ns = newest_ns + round(1e9 * self._timelines.silent_s(name))
-                sensors[name] = KeptSensor(newest_ns, told_ns, self.lost(name), conditioner.rest, meters.kept())
+                sensors[name] = SensorCheckpoint(newest_ns, told_ns, self.lost(name), conditioner.rest, meters.kept())
         return sensors
 
     def _new_meters(self, sensor: str, rate_hz: float, vertical: Vector | None = None) -> SensorMeters:

@@ -11,7 +11,13 @@ import numpy as np
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.conditioner import Conditioner
-from biodyn_core.exposure.exposure_store import NOTHING_LOST, STILL_AT_REST_S, KeptExposure, KeptSensor, Lost
+from biodyn_core.exposure.exposure_store import (
+    NOTHING_LOST,
+    STILL_AT_REST_S,
+    ExposureCheckpoint,
+    Lost,
+    SensorCheckpoint,
+)
 from biodyn_core.exposure.sensor_meters import SensorMeters
 
 Samples = tuple[Integers, Floats]
@@ -29,7 +35,7 @@ class EarlierRun:
     def __init__(
         self,
         conditioners: Mapping[str, Conditioner],
-        sensors: Mapping[str, KeptSensor],
+        sensors: Mapping[str, SensorCheckpoint],
         held: Mapping[str, SensorMeters],
         beside: Mapping[str, Floats],
     ) -> None:
@@ -44,7 +50,7 @@ class EarlierRun:
 
     @classmethod
     def of(
-        cls, kept: KeptExposure, conditioners: Mapping[str, Conditioner], meters: Mapping[str, SensorMeters]
+        cls, kept: ExposureCheckpoint, conditioners: Mapping[str, Conditioner], meters: Mapping[str, SensorMeters]
     ) -> EarlierRun:
         """What was kept, with new meters of its sensors that count on from it; InputError where they do not fit."""
         for sensor, one in kept.sensors.items():

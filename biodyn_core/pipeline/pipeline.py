@@ -26,9 +26,9 @@ from biodyn_core.conditioning.conditioner import Conditioner, Mode, SettingsOf, 
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
 from biodyn_core.conditioning.timelines import Timelines
-from biodyn_core.exposure.exposure_store import KeptExposure, Lost
+from biodyn_core.exposure.exposure_store import ExposureCheckpoint, Lost
 from biodyn_core.exposure.injury import Dri, Hic
-from biodyn_core.exposure.limit_assessment import Grounds, SeatExposure, seat_exposure
+from biodyn_core.exposure.limit_assessment import DataQuality, SeatExposure, seat_exposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.exposure.sensor_meters import SensorMeters
@@ -45,7 +45,7 @@ from biodyn_core.pipeline.frames import (
 )
 from biodyn_core.pipeline.interleaving import in_turns
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
-from biodyn_core.pipeline.prediction import SeatSide
+from biodyn_core.pipeline.prediction import SeatPredictor
 
 SLICE_S: Final = 0.25
 """What sensors still hold at the end is taken from them in turns of so much."""
@@ -109,7 +109,7 @@ class Pipeline:
         }
         self._timelines = Timelines(self._conditioners, self.settings.wait_s)
         self._counting = Counting(self._conditioners, self._timelines, self.settings)
-        self._seat: SeatSide | None = None
+        self._seat: SeatPredictor | None = None
         self._whole_runs: list[tuple[str, Block]] = []
         self._early: dict[str, deque[Block]] = {name: deque() for name in SENSORS}
 
@@ -145,7 +145,7 @@ class Pipeline:
             self._seat.reset()
         self._counting.reset()
 
-    def resume(self, kept: KeptExposure) -> None:
+    def resume(self, kept: ExposureCheckpoint) -> None:
         """Go on with the exposure of a run before this one, whose first sample is still to come.
 
         Raises InputError where it does not fit.
@@ -154,11 +154,11 @@ class Pipeline:
             self._new_seat_side(1.0 / kept.sensors[SEAT].rest.period_s).resume(kept.beside, 0.0)
         self._counting.resume(kept)
 
-    def kept(self, belongs: Mapping[str, str]) -> KeptExposure | None:
-        """Exposure since reset as plain data, None while nothing was counted; belongs: see `KeptExposure`."""
+    def kept(self, belongs: Mapping[str, str]) -> ExposureCheckpoint | None:
+        """Exposure since reset as plain data, None while nothing was counted; belongs: see `ExposureCheckpoint`."""
         sensors = self._counting.kept()
         beside = self._seat.kept() if self._seat else self._counting.earlier.beside
-        return KeptExposure(belongs, sensors, beside) if sensors else None
+        return ExposureCheckpoint(belongs, sensors, beside) if sensors else None
 
     def exposure(self, rolling: bool = False) -> Exposure:
         """The figures since reset, or over the last `window_s`, in which a sensor that is silent counts nothing."""
@@ -191,7 +191,7 @@ class Pipeline:
         if meters is None:
             return None
         status = self.status(SEAT)
-        grounds = Grounds(
+        grounds = DataQuality(
             lost=self.lost(SEAT),
             silent=self._timelines.silent_s(SEAT) > 0.0,
             gravity_mps2=status.gravity_mps2,
@@ -297,8 +297,8 @@ class Pipeline:
         stamps = np.concatenate([block.stamps_ns for block in blocks])
         return Frames(PredictedFrames(stamps, np.concatenate(accel)), measured)
 
-    def _new_seat_side(self, rate_hz: float) -> SeatSide:
-        return SeatSide(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s)
+    def _new_seat_side(self, rate_hz: float) -> SeatPredictor:
+        return SeatPredictor(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s)
 
     def _compare(self, sensor: str, blocks: list[Block]) -> MeasuredFrames:
         if self._seat is None:

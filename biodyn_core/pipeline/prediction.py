@@ -28,7 +28,7 @@ BEHIND_LOSS: Final = 64
 """Samples that are predicted at once behind one that was lost."""
 
 
-class SeatSide:
+class SeatPredictor:
     """What lives on the seat's grid: the model, the doses of its predictions, and the comparison with the sensors."""
 
     def __init__(self, chain: Chain, rate_hz: float, wait_s: float, window_s: float) -> None:

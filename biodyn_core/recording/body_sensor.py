@@ -12,7 +12,13 @@ from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.alignment import Aligner
-from biodyn_core.conditioning.attitude import BLIND_S, NobodysLean, carried_over, followed_up, true_vertical_mps2
+from biodyn_core.conditioning.attitude import (
+    BLIND_S,
+    ImplausibleTilt,
+    carried_over,
+    estimated_attitude,
+    true_vertical_mps2,
+)
 from biodyn_core.conditioning.channels import Gyro, bridged
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import FILTER_ORDER, Conditioner
@@ -44,7 +50,7 @@ class Run(NamedTuple):
         return np.asarray(bridged(self.block.time_s, self.rates_radps) @ rotation.T)
 
 
-class WornSensor:
+class SensorTrack:
     """One sensor on its way into a recording: its conditioned runs, and which of their samples were not truly read."""
 
     def __init__(self, conditioner: Conditioner, with_channels: bool, keep_lean: bool) -> None:
@@ -106,7 +112,7 @@ class WornSensor:
                 raise ValueError("its gyro does not rest at the begin")
             return self._followed_from(rotation, gravity_mps2)
         except ValueError as error:
-            self.turns_too_far = isinstance(error, NobodysLean)
+            self.turns_too_far = isinstance(error, ImplausibleTilt)
             self._said.append(f"{self._conditioner.sensor}: {error}, so {AS_AT_REST}")
             return []
 
@@ -123,14 +129,14 @@ class WornSensor:
                     begin = carried_over(ups[-1][-1], before[1], rates[0], away_s)
                 else:
                     breaks_s.append(abs(away_s))
-            ups.append(followed_up(block.levelled_mps2, rates, block.rate_hz, gravity_mps2, begin))
+            ups.append(estimated_attitude(block.levelled_mps2, rates, block.rate_hz, gravity_mps2, begin))
             before = int(block.stamps_ns[-1]), rates[-1]
         if breaks_s:
             which = f"behind {counted(len(breaks_s), 'break')} of up to {max(breaks_s):.2g} s"
             self._said.append(f"{self._conditioner.sensor}: {which} {AS_AT_REST}")
         return ups
 
-    def set_upright(self, believed: bool, behind_s: float) -> None:
+    def set_level(self, believed: bool, behind_s: float) -> None:
         """Read the verticals of all runs along where up is; not where the rates of the record are not believed.
 
         Its lean is the mean of what comes later than behind_s in each.

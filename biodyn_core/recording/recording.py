@@ -25,7 +25,7 @@ from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector
-from biodyn_core.recording.body_sensor import Run, WornSensor
+from biodyn_core.recording.body_sensor import Run, SensorTrack
 from biodyn_core.recording.flags import around, stretches
 from biodyn_core.recording.heading import bend_rates_radps, headings_rad
 from biodyn_core.recording.recording_settings import RecordingSettings
@@ -105,7 +105,7 @@ class Recorder:
         given, known = verticals or {}, gravity or {}
         self._with_channels = channels
         self._sensors = {
-            sensor: WornSensor(
+            sensor: SensorTrack(
                 Conditioner(
                     sensor, settings_for(sensor, conditioning), "zero_phase", given.get(sensor), known.get(sensor)
                 ),
@@ -137,7 +137,7 @@ class Recorder:
             sensor.finish()
         believed = not any(sensor.turns_too_far for sensor in self._sensors.values())
         for sensor in self._sensors.values():
-            sensor.set_upright(believed, WARM_UP_S)
+            sensor.set_level(believed, WARM_UP_S)
         seat, others = self._sensors[SEAT], [self._sensors[name] for name in MEASURED_SEGMENTS]
         if not seat.runs:
             raise UnusableRecording(f"{self.name}: {seat.why_nothing()}")

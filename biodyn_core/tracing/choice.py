@@ -10,8 +10,8 @@ import numpy as np
 from biodyn_core.base.wording import counted
 from biodyn_core.identification.fit import at_bound
 from biodyn_core.tracing.findings import Candidate
-from biodyn_core.tracing.fitted_candidates import LIFT_OFF, Rung, WithoutEffect, left_over
-from biodyn_core.tracing.local_fit import LEVELS, Settled
+from biodyn_core.tracing.fitted_candidates import LIFT_OFF, FittedCandidate, WithoutEffect, residual_ratio
+from biodyn_core.tracing.local_fit import LEVELS, LocalFit
 from biodyn_core.tracing.nuisance_model import FREE, Background
 from biodyn_core.tracing.screen import Screening
 from biodyn_core.tracing.settings import TraceSettings
@@ -30,7 +30,7 @@ def asked(without_effect: WithoutEffect, settings: TraceSettings) -> float:
     has it gains next to nothing by any law, unless one was added: then the gap between that law and its own is left.
     """
     background = without_effect.background
-    if left_over(background, without_effect.at(LEVELS[0])) >= TELLING:
+    if residual_ratio(background, without_effect.at(LEVELS[0])) >= TELLING:
         return settings.least_gain
     if background.level == LEVELS[-1] and not background.subject.effects:
         return settings.plain_gain
@@ -39,7 +39,7 @@ def asked(without_effect: WithoutEffect, settings: TraceSettings) -> float:
 
 
 def candidate(
-    rung: Rung, background: Background, without: Settled, screening: Screening, settings: TraceSettings
+    rung: FittedCandidate, background: Background, without: LocalFit, screening: Screening, settings: TraceSettings
 ) -> Candidate:
     """A rung as it is told, with all that speaks against it."""
     against = [f"{name} ends on a bound" for name in rung.settled.at_bound]
@@ -60,7 +60,9 @@ def candidate(
     )  # fmt: skip
 
 
-def taken(told: Sequence[Candidate], rungs: Sequence[Rung], threshold: float, settings: TraceSettings) -> int | None:
+def taken(
+    told: Sequence[Candidate], rungs: Sequence[FittedCandidate], threshold: float, settings: TraceSettings
+) -> int | None:
     """Which rung is taken: the best with nothing against it, but a sensor's fault before a tissue's law as good.
 
     One that ends on a bound is taken only where it gains overwhelmingly and nothing that does not comes near: the form
@@ -87,7 +89,7 @@ def taken(told: Sequence[Candidate], rungs: Sequence[Rung], threshold: float, se
     return on_sensors[0] if on_sensors else best
 
 
-def _worse(one: Rung, than: Rung) -> bool:
+def _worse(one: FittedCandidate, than: FittedCandidate) -> bool:
     """Whether it predicts the events worse by more than their scatter."""
     apart = than.gains - one.gains
     error = apart.std(ddof=1) / np.sqrt(apart.size) if apart.size > 1 else 0.0
@@ -95,7 +97,11 @@ def _worse(one: Rung, than: Rung) -> bool:
 
 
 def rivals(
-    index: int, told: Sequence[Candidate], rungs: Sequence[Rung], screening: Screening, settings: TraceSettings
+    index: int,
+    told: Sequence[Candidate],
+    rungs: Sequence[FittedCandidate],
+    screening: Screening,
+    settings: TraceSettings,
 ) -> tuple[Candidate, ...]:
     """Others that explain about as much as what was taken, the best of each name and site; none beside lift-off.
 

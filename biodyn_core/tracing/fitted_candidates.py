@@ -10,7 +10,7 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.local_fit import LEVELS, Settled, relief, settle
+from biodyn_core.tracing.local_fit import LEVELS, LocalFit, relief, settle
 from biodyn_core.tracing.nuisance_model import Background
 from biodyn_core.tracing.screen import Screened, Screening, by_event
 from biodyn_core.tracing.settings import TraceSettings
@@ -27,13 +27,13 @@ LIFT_OFF: Final = "lift_off"
 
 
 @dataclass(frozen=True, eq=False)
-class Rung:
+class FittedCandidate:
     """A candidate, settled, and its log ratio in each event that chooses (e,), whose loading conditions are cases.
 
     spreads: how many of the usual departure's it is. against: why it is not this, where that is known.
     """
 
-    settled: Settled
+    settled: LocalFit
     gains: Floats
     cases: tuple[str, ...]
     screened: Screened
@@ -70,7 +70,7 @@ class Rung:
         return float(self.gains.mean())
 
 
-def left_over(background: Background, settled: Settled) -> float:
+def residual_ratio(background: Background, settled: LocalFit) -> float:
     """What is left in the events that choose, in multiples of what a good model misses, rms, of the median event."""
     p, left = background.choose.products, settled.left
     each = [(left[p.event == e].sum(), p.samples[p.event == e].sum()) for e in np.unique(p.event)]
@@ -82,16 +82,16 @@ class WithoutEffect:
 
     def __init__(self, background: Background) -> None:
         self.background = background
-        self._settled: dict[float, Settled] = {}
+        self._settled: dict[float, LocalFit] = {}
 
-    def at(self, level: float) -> Settled:
-        """Settled at a level."""
+    def at(self, level: float) -> LocalFit:
+        """The fit at a prior scale."""
         if level not in self._settled:
             self._settled[level] = settle(self.background.at_level(level), None)
         return self._settled[level]
 
 
-def settled_rung(without_effect: WithoutEffect, start: AppliedEffect, screened: Screened) -> Rung | None:
+def fitted_candidate(without_effect: WithoutEffect, start: AppliedEffect, screened: Screened) -> FittedCandidate | None:
     """An effect settled and weighed at the level that is likeliest without it and at that with it, by the lesser gain.
 
     None where it runs away.
@@ -106,11 +106,11 @@ def settled_rung(without_effect: WithoutEffect, start: AppliedEffect, screened: 
         if np.isfinite(again.objective):
             weighed.append(_gains(without_effect, again, settled.level))
             settled = again
-    rung = Rung(settled, min(weighed, key=np.mean), _cases(background), screened)
+    rung = FittedCandidate(settled, min(weighed, key=np.mean), _cases(background), screened)
     return dataclasses.replace(rung, spreads=background.spreads(rung.applied))
 
 
-def _gains(without_effect: WithoutEffect, settled: Settled, level: float) -> Floats:
+def _gains(without_effect: WithoutEffect, settled: LocalFit, level: float) -> Floats:
     """What an effect gains in each event that chooses, (e,), both settled at one level."""
     background, without = without_effect.background, without_effect.at(level)
     p = background.choose.products
@@ -122,7 +122,7 @@ def _cases(background: Background) -> tuple[str, ...]:
     return tuple(case.case for case in background.choose.cases)
 
 
-def unsteady_rungs(background: Background, without: Settled, screening: Screening) -> list[Rung]:
+def unsteady_candidates(background: Background, without: LocalFit, screening: Screening) -> list[FittedCandidate]:
     """Rungs of what is set anew time and again; those that were not screened, for want of a channel, are left out."""
     p, found = background.choose.products, []
     screened = {(one.tried.applied.effect.name, one.tried.applied.site): one for one in reversed(screening.ladder)}
@@ -131,5 +131,5 @@ def unsteady_rungs(background: Background, without: Settled, screening: Screenin
         if known is not None:
             settled = dataclasses.replace(without, applied=one.applied, left=one.left)
             gains = by_event(without.left, one.left[:, None], p.event, p.samples)[:, 0]
-            found.append(Rung(settled, gains, _cases(background), known, steady=False, against=one.against))
+            found.append(FittedCandidate(settled, gains, _cases(background), known, steady=False, against=one.against))
     return found

@@ -31,7 +31,7 @@ EVALUATIONS: Final = 400
 """At most so many of all cases."""
 
 
-def polished(subject: Subject, cases: Sequence[Case]) -> Subject:
+def jointly_refitted(subject: Subject, cases: Sequence[Case]) -> Subject:
     """The subject with theta and its effects' parameters where the sum of squares over all cases is least (Eq. 33)."""
     problem = _Problem(subject, cases)
     theta, phi = mapped(interior(subject.parameters.vector()), FREE)

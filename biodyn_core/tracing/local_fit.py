@@ -43,7 +43,7 @@ LEVELS: Final = (1.0, 0.56, 0.32, 0.18, 0.1)
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class LocalFit:
     """Where it ended: the subject, with the effect where there is one, and what is left.
 
     departures (k,): how much of each known column, theta's first; objective: on the fitted side, infinite where the
@@ -68,7 +68,7 @@ class Settled:
 def settle(
     background: Background, start: AppliedEffect | None, steps: int = STEPS, with_intervals: bool = False,
     enough: float = ENOUGH,
-) -> Settled:  # fmt: skip
+) -> LocalFit:  # fmt: skip
     """Fit theta, the departures and an effect from its start values; without an effect, theta and departures alone.
 
     A step that takes off less than the share enough ends it. Intervals, which take as long as a step, where they are
@@ -84,7 +84,7 @@ def settle(
         at = better
         if little:
             break
-    ran_away = Settled(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, background.choose.products.square)
+    ran_away = LocalFit(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, background.choose.products.square)
     if not np.isfinite(at.objective):
         return ran_away
     left = predicted(background.choose, at.subject).left(at.b)
@@ -94,13 +94,13 @@ def settle(
         return ran_away
     applied = problem.applied(at.psi) if start else None
     intervals = problem.intervals(at) if with_intervals else ()
-    return Settled(
+    return LocalFit(
         at.subject, applied, at.b, at.objective, problem.stretched(at), level, away, left, intervals,
         problem.at_bound(at.psi),
     )  # fmt: skip
 
 
-def relief(background: Background, without: Settled, settled: Settled) -> float:
+def relief(background: Background, without: LocalFit, settled: LocalFit) -> float:
     """By how much likelier the departures become that are left, in twice the log evidence for each counted sample.
 
     What a departure far beyond the usual would explain as well predicts no better once it is called by its name: a

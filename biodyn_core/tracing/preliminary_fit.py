@@ -1,4 +1,4 @@
-"""Glance: the whole catalogue at every site, screened and settled on the first event of each loading condition.
+"""Preliminary fits: every effect at every site, screened and fitted on the first event of each loading condition.
 
 It is the long part of a trace and says only who is in the running, so it is what can be kept and taken up again.
 """
@@ -41,7 +41,7 @@ SIZES: Final = (1.0, 3.0)
 
 
 @dataclass(frozen=True)
-class Glanced:
+class PreliminaryFit:
     """One effect at one site: what it gains in the few events that choose, and takes off those that are fitted."""
 
     gain: float
@@ -51,13 +51,13 @@ class Glanced:
 
 
 @dataclass(frozen=True, eq=False)
-class Glance:
+class PreliminaryFits:
     """Screening, and every effect at every site settled on few events."""
 
     screening: Screening
-    found: tuple[Glanced, ...]
+    found: tuple[PreliminaryFit, ...]
 
-    def running(self, count: int) -> list[Glanced]:
+    def running(self, count: int) -> list[PreliminaryFit]:
         """Those that predict best, half as many of those that fit best, and lift-off always."""
         by_gain = sorted(self.found, key=lambda one: -one.gain)[:count]
         by_fit = sorted(self.found, key=lambda one: -one.share)[: count // 2]
@@ -65,7 +65,7 @@ class Glance:
         return _distinct([*by_gain, *by_fit, *always])
 
 
-def glance(few: Background, tried: Sequence[Tried], replicates: int, seed: int, tell: Tell) -> Glance:
+def glance(few: Background, tried: Sequence[Tried], replicates: int, seed: int, tell: Tell) -> PreliminaryFits:
     """Screen all candidates on few events, and settle each effect at each site from its best shape."""
     screening = screen(few, tried, replicates, seed, lambda share: tell("screening", share))
     without, p = settle(few, None, STEPS), few.choose.products
@@ -81,12 +81,12 @@ def glance(few: Background, tried: Sequence[Tried], replicates: int, seed: int, 
         if settled.applied is not None and np.isfinite(settled.objective):
             gain = float(mean_log_ratio(without.left, settled.left[:, None], p.event, p.samples)[0])
             share = 1.0 - settled.objective / without.objective
-            found.append(Glanced(gain + relief(few, without, settled), share, settled.applied, screened))
+            found.append(PreliminaryFit(gain + relief(few, without, settled), share, settled.applied, screened))
         tell("trying", (number + 1) / len(worth))
-    return Glance(screening, tuple(found))
+    return PreliminaryFits(screening, tuple(found))
 
 
-def plain(found: Glance) -> dict[str, Any]:
+def plain(found: PreliminaryFits) -> dict[str, Any]:
     """A glance as plain lists, candidates by their place in the order they were tried in."""
     tried = found.screening.tried
     places = {id(one): i for i, one in enumerate(tried)}
@@ -102,7 +102,7 @@ def plain(found: Glance) -> dict[str, Any]:
     }
 
 
-def taken_up(kept: Mapping[str, Any], tried: Sequence[Tried]) -> Glance:
+def taken_up(kept: Mapping[str, Any], tried: Sequence[Tried]) -> PreliminaryFits:
     """A glance from its plain lists and the candidates that it tried; raises InputError for what is none of these."""
     try:
         ladder = tuple(Screened(tried[int(row[0])], *(float(x) for x in row[1:])) for row in kept["ladder"])
@@ -110,7 +110,7 @@ def taken_up(kept: Mapping[str, Any], tried: Sequence[Tried]) -> Glance:
         screening = Screening(ladder, chance, tuple(tried), along)
         by_tried = {id(one.tried): one for one in ladder}
         found = tuple(
-            Glanced(
+            PreliminaryFit(
                 float(gain), float(share),
                 dataclasses.replace(tried[int(place)].applied, values={k: float(v) for k, v in values.items()}),
                 by_tried[id(tried[int(place)])],
@@ -121,10 +121,10 @@ def taken_up(kept: Mapping[str, Any], tried: Sequence[Tried]) -> Glance:
         raise InputError(f"what was kept of a trace is damaged ({error}); remove it to start anew") from None
     if along.shape != (len(tried),) * 2 or chance.ndim != 1 or not chance.size or not np.isfinite(chance).all():
         raise InputError("what was kept of a trace is damaged; remove it to start anew")
-    return Glance(screening, found)
+    return PreliminaryFits(screening, found)
 
 
-def _distinct(given: Sequence[Glanced]) -> list[Glanced]:
+def _distinct(given: Sequence[PreliminaryFit]) -> list[PreliminaryFit]:
     """Each once, in the order given."""
     return list({id(one): one for one in given}.values())
 

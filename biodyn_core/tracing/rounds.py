@@ -16,10 +16,16 @@ from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.choice import TELLING, asked, candidate, rivals, taken
 from biodyn_core.tracing.findings import Candidate, Round
-from biodyn_core.tracing.fitted_candidates import Rung, WithoutEffect, left_over, settled_rung, unsteady_rungs
-from biodyn_core.tracing.local_fit import Settled, settle
+from biodyn_core.tracing.fitted_candidates import (
+    FittedCandidate,
+    WithoutEffect,
+    fitted_candidate,
+    residual_ratio,
+    unsteady_candidates,
+)
+from biodyn_core.tracing.local_fit import LocalFit, settle
 from biodyn_core.tracing.nuisance_model import Background
-from biodyn_core.tracing.preliminary_fit import SIZES, STEPS, Glance, Tell, glance, larger, plain, taken_up
+from biodyn_core.tracing.preliminary_fit import SIZES, STEPS, PreliminaryFits, Tell, glance, larger, plain, taken_up
 from biodyn_core.tracing.screen import Screening, Tried, candidates
 from biodyn_core.tracing.settings import TraceSettings
 
@@ -39,8 +45,8 @@ class Outcome:
 
     round: Round
     background: Background
-    without: Settled
-    taken: Settled | None
+    without: LocalFit
+    taken: LocalFit | None
 
     @property
     def carried(self) -> bool:
@@ -59,13 +65,13 @@ class Outcome:
 
     @property
     def before(self) -> float:
-        """What was left when the round began, as by `left_over`."""
-        return left_over(self.background, self.without)
+        """What was left when the round began, as by `residual_ratio`."""
+        return residual_ratio(self.background, self.without)
 
     @property
     def after(self) -> float:
         """What is left now, likewise."""
-        return left_over(self.background, self.taken or self.without)
+        return residual_ratio(self.background, self.taken or self.without)
 
 
 def one_round(
@@ -84,7 +90,7 @@ def one_round(
             f"{subject.name}: the fitted chain runs away in one of {names}; look for outliers, leave it out"
         )
     rungs = _climbed(few, glanced, without_effect, settings, tell)
-    rungs = sorted([*rungs, *unsteady_rungs(background, without, glanced.screening)], key=lambda rung: -rung.gain)
+    rungs = sorted([*rungs, *unsteady_candidates(background, without, glanced.screening)], key=lambda rung: -rung.gain)
     threshold = max(asked(without_effect, settings), float(np.quantile(glanced.screening.chance, 0.95)))
     told = [candidate(rung, background, without, glanced.screening, settings) for rung in rungs]
     ladder = (*told, *_screened_only(glanced.screening, told))
@@ -97,21 +103,21 @@ def one_round(
 
 
 def _climbed(
-    few: Background, glanced: Glance, without_effect: WithoutEffect, settings: TraceSettings, tell: Tell
-) -> list[Rung]:
+    few: Background, glanced: PreliminaryFits, without_effect: WithoutEffect, settings: TraceSettings, tell: Tell
+) -> list[FittedCandidate]:
     """Those in the running, settled on all events; what runs away is left out."""
     found = []
     running = glanced.running(settings.refined)
     for number, one in enumerate(running):
         start = _best_start(few, glanced.screening, one.applied) if number < FROM_ALL else one.applied
-        rung = settled_rung(without_effect, start, one.screened)
+        rung = fitted_candidate(without_effect, start, one.screened)
         if rung is not None:
             found.append(rung)
         tell("settling", (number + 1) / len(running))
     return found
 
 
-def _settled_anew(background: Background, rung: Rung) -> Settled:
+def _settled_anew(background: Background, rung: FittedCandidate) -> LocalFit:
     """What was taken with its intervals, and of a cause that was set time and again the share that stays."""
     chosen = rung.settled
     if not rung.steady and rung.applied.effect.name not in STEADY_SHARE:
@@ -126,13 +132,13 @@ def _likeliest(background: Background) -> Background:
     Where more is left than of a good model, something is, and departures that are small beside it tell nothing.
     """
     found = settle(background, None)
-    plain = left_over(background, found) < TELLING and np.isfinite(found.objective)
+    plain = residual_ratio(background, found) < TELLING and np.isfinite(found.objective)
     return background.at_level(found.level) if plain else background
 
 
 def _glanced(
     few: Background, tried: Sequence[Tried], settings: TraceSettings, seed: int, tell: Tell, kept: Kept | None
-) -> Glance:  # fmt: skip
+) -> PreliminaryFits:  # fmt: skip
     """The glance that was kept of these very events, theta, channels and settings, or a new one, kept."""
     cases = [*few.train.cases, *few.choose.cases]
     key = f"glance {fingerprint(cases, few.subject, seed, settings)}"

@@ -20,7 +20,7 @@ from biodyn_core.effects import AppliedEffect, Effect, EffectParameter
 from biodyn_core.effects.effect import Joint
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Surface
-from biodyn_core.tracing.local_fit import Settled, predicted
+from biodyn_core.tracing.local_fit import LocalFit, predicted
 from biodyn_core.tracing.nuisance_model import Background
 from biodyn_core.tracing.screen import mean_log_ratio
 
@@ -68,7 +68,7 @@ HAT: Final = Effect(
 SPEEDS: Final = (-1.0, 0.0, 1.0)
 
 
-def surface(background: Background, without: Settled, site: str) -> Surface:
+def surface(background: Background, without: LocalFit, site: str) -> Surface:
     """Fit the surface of one joint beside theta and the usual departures; its gain is in the events that choose."""
     joint = SEGMENTS.index(site)
     stretch, rate, linear_n = _reach(background, joint)

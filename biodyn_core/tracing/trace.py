@@ -16,7 +16,7 @@ from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import gate
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Trace
-from biodyn_core.tracing.joint_refit import polished
+from biodyn_core.tracing.joint_refit import jointly_refitted
 from biodyn_core.tracing.local_fit import LEVELS
 from biodyn_core.tracing.preliminary_fit import Tell
 from biodyn_core.tracing.results import decided, undecided
@@ -98,7 +98,7 @@ def _carried(
     """The subject with what was taken, fitted to all events; as it was if by itself it then predicts no better."""
     if outcome.taken is None or not outcome.carried:
         return subject, outcome
-    fitted = polished(outcome.taken.subject, train)
+    fitted = jointly_refitted(outcome.taken.subject, train)
     before, after = (_mean_percent(one, choose) for one in (subject, fitted))
     return (fitted, outcome) if after < before else (subject, outcome.uncarried(WORSE.format(before, after)))
 

@@ -16,7 +16,7 @@ from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.local_fit import Settled
+from biodyn_core.tracing.local_fit import LocalFit
 from biodyn_core.tracing.nuisance_model import Background
 
 LATEST_S: Final = 0.02
@@ -48,7 +48,7 @@ class SetAnew:
     against: str = ""
 
 
-def unsteady(background: Background, without: Settled) -> Iterator[SetAnew]:
+def unsteady(background: Background, without: LocalFit) -> Iterator[SetAnew]:
     """Causes that no fixed parameters follow, with what speaks against them."""
     side = background.choose
     missed = [y - known @ without.departures for known, y in zip(side.known, side.missed(without.subject), strict=True)]
@@ -70,7 +70,7 @@ def _clocks(background: Background, missed: Sequence[Floats]) -> Iterator[SetAne
         yield SetAnew(applied, np.concatenate([(left**2).sum(axis=1) for left, _ in pairs]))
 
 
-def _lines(background: Background, without: Settled, missed: Sequence[Floats]) -> Iterator[SetAnew]:
+def _lines(background: Background, without: LocalFit, missed: Sequence[Floats]) -> Iterator[SetAnew]:
     """The most prominent line of what is left, on each segment, set anew in parts of windows."""
     side = background.choose
     frequency_hz = _line_hz(background, missed)
@@ -139,7 +139,7 @@ def _line_hz(background: Background, missed: Sequence[Floats]) -> float | None:
     return float(frequency_hz[best]) if stands_out[best] > PROMINENT else None
 
 
-def _postures(background: Background, without: Settled, missed: Sequence[Floats]) -> Iterator[SetAnew]:
+def _postures(background: Background, without: LocalFit, missed: Sequence[Floats]) -> Iterator[SetAnew]:
     """Each joint with one stiffness and damping before an instant between two events, and others behind it.
 
     Found by the events that are fitted to, so that those that choose have had no say.

@@ -50,7 +50,7 @@ def subject_file(name_or_path: str | Path) -> Path:
 
 def package_directory(name: str) -> Path:
     """The directory `page` or `templates`, which lies beside the code that serves it."""
-    path = Path(__file__).parent / name
+    path = Path(__file__).parents[1] / name
     if not path.is_dir():
         raise InputError(f"the installation is incomplete: {path} is missing")
     return path
@@ -77,10 +77,10 @@ def _root() -> Path:
 def _roots() -> Iterator[Path]:
     # Resolved, because a symlinked build leads back to the source tree.
     here = Path(__file__).resolve()
-    yield here.parents[1]
+    yield here.parents[2]
     # An install keeps code and share below one prefix, be it a venv, ~/.local, /usr/local, --target or colcon's.
     # It comes before every other prefix, so that code never reads the files of another version.
-    yield from (parent / SHARE for parent in here.parents[1:])
+    yield from (parent / SHARE for parent in here.parents[2:])
     yield Path(sys.prefix) / SHARE
     yield from (Path(prefix) / SHARE for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix)
 

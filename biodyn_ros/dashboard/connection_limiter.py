@@ -31,7 +31,7 @@ HEADERS: Final = {
 }
 
 
-class Door(web.Server):
+class ConnectionLimiter(web.Server):
     """A server that lets in a bounded number of connections, each of which must soon ask for something."""
 
     def __init__(self, handler: Any, **kwargs: Any) -> None:

@@ -15,7 +15,7 @@ from aiohttp import web
 from biodyn_core.base.errors import InputError
 from biodyn_ros.base.resources import package_directory
 from biodyn_ros.base.shutdown import Shutdown
-from biodyn_ros.dashboard.connection_limiter import ANSWER_S, HEADERS, Door, check_host, check_token
+from biodyn_ros.dashboard.connection_limiter import ANSWER_S, HEADERS, ConnectionLimiter, check_host, check_token
 from biodyn_ros.dashboard.feed import SERVICES, Feed
 from biodyn_ros.dashboard.hub import Hub
 from biodyn_ros.dashboard.settings import ServingSettings, address_of, page_token
@@ -130,7 +130,7 @@ async def _serve(
     if until_input_ends:
         threading.Thread(target=_wait_for_input, daemon=True).start()
     site = Site(serving, token, hub)
-    runner = web.ServerRunner(Door(site.handle), shutdown_timeout=0.1)
+    runner = web.ServerRunner(ConnectionLimiter(site.handle), shutdown_timeout=0.1)
     await runner.setup()
     try:
         port = await _listen(runner, serving)

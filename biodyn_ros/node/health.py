@@ -22,7 +22,7 @@ from biodyn_core.conditioning.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.base.wording import MODEL, left_range
-from biodyn_ros.node.state import Keeper
+from biodyn_ros.node.state import ExposureStore
 
 SILENT_AFTER_S: Final = 0.5
 CLOCK_OFF_S: Final = 0.02
@@ -83,7 +83,7 @@ class Status:
     values: dict[str, str]
 
 
-class Growth:
+class CounterDelta:
     """By how much counts have grown over the last looks."""
 
     def __init__(self) -> None:
@@ -99,7 +99,7 @@ class Growth:
 
 @dataclass
 class SensorHealth:
-    """What the transport tells of one sensor; the callbacks note, `Watch` reads."""
+    """What the transport tells of one sensor; the callbacks note, `HealthMonitor` reads."""
 
     arrived_s: float | None = None
     messages: int = 0
@@ -112,7 +112,7 @@ class SensorHealth:
     lag_s: float | None = None
     clock: ClockComparison = field(default_factory=ClockComparison)
     drift: ClockDrift | None = None
-    growth: Growth = field(default_factory=Growth)
+    growth: CounterDelta = field(default_factory=CounterDelta)
     now: Callable[[], float] = time.monotonic
     _numbers_from: int | None = None
     _offsets_s: deque[tuple[float, float]] = field(default_factory=deque)
@@ -186,7 +186,7 @@ def is_settling(seen: SensorStatus) -> bool:
     return seen.run_s is not None and not rested and seen.run_s < SETTLING_S
 
 
-class Watch:
+class HealthMonitor:
     """Looks at model and sensors a few times a second, and judges them as they are now.
 
     health: by sensor, noted by whoever receives its messages. marks: the latest, the newest first.
@@ -194,7 +194,7 @@ class Watch:
 
     def __init__(self, pipeline: Pipeline, health: Mapping[str, SensorHealth]) -> None:
         self._pipeline, self._health = pipeline, health
-        self._divergences = Growth()
+        self._divergences = CounterDelta()
         self._marks = 0
         self.marks: deque[Mark] = deque(maxlen=MARKS_KEPT)
 
@@ -270,7 +270,7 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: fl
     return Status(name, level, message, values | {key: f"{getattr(seen, key):g}" for key in COUNTS})
 
 
-def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: Growth, mark: str) -> Status:
+def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: CounterDelta, mark: str) -> Status:
     """Judge the model, as it is now: it predicts while the seat lives. growth: of how often it left its range."""
     seen, silent = pipeline.status(SEAT), seat.silent_s
     stopped = seen.fault
@@ -299,7 +299,7 @@ def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: Growth, ma
     return Status("prediction", level, message, values)
 
 
-def keeping_status(keeper: Keeper) -> Status:
+def keeping_status(keeper: ExposureStore) -> Status:
     """Judge whether exposure would survive a restart."""
     level, message = (WARN, keeper.failed) if keeper.failed else (OK, "kept across restarts")
     values = {"state_file": str(keeper.path), "went_on": str(keeper.resumed).lower()}

@@ -40,10 +40,10 @@ from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page
 from biodyn_ros.node import params
 from biodyn_ros.node.callbacks import guarded, make_executor, spin
-from biodyn_ros.node.health import Status, Watch, keeping_status, page_status
+from biodyn_ros.node.health import HealthMonitor, Status, keeping_status, page_status
 from biodyn_ros.node.publications import Publications
-from biodyn_ros.node.snapshot_builder import Showing
-from biodyn_ros.node.state import BELIEVED, Keeper, StateFile, belongs_to, state_path
+from biodyn_ros.node.snapshot_builder import SnapshotBuilder
+from biodyn_ros.node.state import BELIEVED, ExposureStore, StateFile, belongs_to, state_path
 from biodyn_ros.node.subscriptions import Subscriptions
 from biodyn_ros.node.warmup import warm_up
 
@@ -102,7 +102,7 @@ class BiodynNode(LifecycleNode):
         params.declare(self, SETTINGS, qos | params.qos_overrides(self, samples, "publisher"))
         self.failure: str | None = None
         self.pipeline: Pipeline | None = None
-        self._keeper: Keeper | None = None
+        self._keeper: ExposureStore | None = None
         self._page: PageChild | None = None
         self._sensors: Subscriptions | None = None
         self._statuses: list[Status] = []
@@ -151,11 +151,11 @@ class BiodynNode(LifecycleNode):
         self._warn_of_slow_kernels(warm_up(subject))
         pipeline = Pipeline(subject, conditioning, settings, limits)
         self._keeper = self._new_keeper(subject)
-        self._showing = Showing(self.settings.shock_mps2)
+        self._showing = SnapshotBuilder(self.settings.shock_mps2)
         self._sensors = Subscriptions(
             self, self.settings.queue_depth, settings.window_s, self._take, lambda: pipeline.overdue
         )
-        self._watch, self._statuses = Watch(pipeline, self._sensors.health), []
+        self._watch, self._statuses = HealthMonitor(pipeline, self._sensors.health), []
         self._answers = Publications(self, self.settings.publish_measured)
         self._services_made = [
             self.create_service(Trigger, topics.RESET, self._on_reset),
@@ -267,13 +267,15 @@ class BiodynNode(LifecycleNode):
 
     # --- exposure across restarts ------------------------------------------------------------------------------------
 
-    def _new_keeper(self, subject: Subject) -> Keeper | None:
+    def _new_keeper(self, subject: Subject) -> ExposureStore | None:
         """Where exposure is kept; a place that cannot be written to is told, and costs nobody the ride."""
         mapping = {sensor: self.resolve_topic_name(topic) for sensor, topic in topics.INPUT.items()}
         belongs, s = belongs_to(subject, mapping), self.settings
         try:
             path = state_path(s.state_file, self.get_fully_qualified_name())
-            return None if path is None else Keeper(StateFile(path), belongs, s.exposure_max_age_h, s.kept_exposure)
+            return (
+                None if path is None else ExposureStore(StateFile(path), belongs, s.exposure_max_age_h, s.kept_exposure)
+            )
         except InputError as error:
             if s.state_file:
                 raise

@@ -15,7 +15,7 @@ from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import left, words
 from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
-from biodyn_ros.reports.downsampling import Bins, Strip
+from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
 from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.meter import meter_readings
 from biodyn_ros.reports.verdict import judge
@@ -29,14 +29,14 @@ ROWS: Final = (*reversed(SEGMENTS), SEAT)
 HEAD_COLUMN: Final = SENSORS.index(HEAD), SEGMENTS.index(HEAD)
 
 
-class Showing:
+class SnapshotBuilder:
     """`add` every push's frames, `gather` a few times a second, `snapshot` when somebody looks."""
 
     def __init__(self, shock_mps2: float) -> None:
         self._frames: list[Frames] = []
         self._shock_mps2 = shock_mps2
         self._shocks = Shocks(shock_mps2)
-        self._predicted, self._measured = Strip(N_SEGMENTS), Strip(N_SENSORS)
+        self._predicted, self._measured = MinMaxDownsampler(N_SEGMENTS), MinMaxDownsampler(N_SENSORS)
         self._bins: dict[str, Bins] = {}
 
     def add(self, frames: Frames) -> None:

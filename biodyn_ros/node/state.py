@@ -16,7 +16,7 @@ from typing import Any, Final, Literal
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.body.subject import Subject
-from biodyn_core.exposure.exposure_store import KeptExposure, digest
+from biodyn_core.exposure.exposure_store import ExposureCheckpoint, digest
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import __version__
 from biodyn_ros.base.files import OWNER_ALONE, is_there, make_directory, remove, state_directory, write_text
@@ -58,7 +58,7 @@ class StateFile:
         if not os.access(path.parent, os.W_OK):
             raise InputError(f"{path}: cannot be written (Permission denied)")
 
-    def read(self) -> KeptExposure | None:
+    def read(self) -> ExposureCheckpoint | None:
         """What is kept there; None where there is no file. Raises InputError, naming it, for one that is damaged."""
         if not is_there(self.path):
             return None
@@ -68,7 +68,7 @@ class StateFile:
                 raise InputError(f"schema is {str(document['schema'])[:40]}, this version reads {SCHEMA}")
             if document["digest"] != digest(document["kept"]):
                 raise InputError("is damaged, its digest is of another content")
-            return KeptExposure.from_dict(document["kept"])
+            return ExposureCheckpoint.from_dict(document["kept"])
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
 
@@ -79,7 +79,7 @@ class StateFile:
         self.path.replace(aside)
         return aside
 
-    def save(self, kept: KeptExposure) -> None:
+    def save(self, kept: ExposureCheckpoint) -> None:
         """Write in the background; left out while the last one is still being written."""
         if self._writing is None or self._writing.done():
             self._raised()
@@ -89,7 +89,7 @@ class StateFile:
         """Take away what is there, behind what is still being written."""
         self._writing = self._writer.submit(remove, self.path)
 
-    def close(self, kept: KeptExposure | None) -> None:
+    def close(self, kept: ExposureCheckpoint | None) -> None:
         """Write for the last time, and wait for it."""
         self._writer.shutdown(wait=True)
         if kept is None:
@@ -108,7 +108,7 @@ class StateFile:
         write_text(self.path, json.dumps(document, allow_nan=False) + "\n", mode=OWNER_ALONE)
 
 
-class Keeper:
+class ExposureStore:
     """Goes on from what was kept, at the first sample, and keeps what is counted from then on.
 
     belongs: of whom the exposure is; most_h: how much older, by its stamps, it may be than what comes.
@@ -183,7 +183,9 @@ def belongs_to(subject: Subject, topics: Mapping[str, str]) -> dict[str, str]:
     return {"subject": digest(person), "sensors": digest(dict(topics))}
 
 
-def refused(kept: KeptExposure, belongs: Mapping[str, str], age_h: float, most_h: float, believed: Believed) -> str:
+def refused(
+    kept: ExposureCheckpoint, belongs: Mapping[str, str], age_h: float, most_h: float, believed: Believed
+) -> str:
     """Why an exposure that was kept, so much older by its stamps, is not gone on from; empty where it is."""
     if believed == "none":
         return "kept_exposure is none"

@@ -19,7 +19,7 @@ class Bins(NamedTuple):
     high_mps2: Floats
 
 
-class Strip:
+class MinMaxDownsampler:
     """One stream: `add` blocks as they come, `take` the bins that no later sample can change.
 
     Bins are whole tenths of a second of stamp time. The newest bin is held back until a sample lies outside it. Where

@@ -30,7 +30,7 @@ from biodyn_ros.reading.provenance import role_of
 from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.trace.document import origin, provenance, trace_document
 from biodyn_ros.trace.refit import refit_document
-from biodyn_ros.work.tasks import Watch
+from biodyn_ros.work.tasks import Monitor
 
 Document = dict[str, Any]
 Bag = str | Path
@@ -139,7 +139,7 @@ class Stages:
     It hears (stage, share done).
     """
 
-    def __init__(self, watch: Watch) -> None:
+    def __init__(self, watch: Monitor) -> None:
         self._watch, self._open, self._stage = watch, ExitStack(), ""
         self._progress: OnProgress = unwatched
 

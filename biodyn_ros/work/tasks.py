@@ -14,7 +14,7 @@ from biodyn_ros.base.progress import OnProgress, Progress
 from biodyn_ros.work.checkpoint import Checkpoint
 from biodyn_ros.work.executors import as_done, result_of
 
-Watch = Callable[[str], AbstractContextManager[OnProgress]]
+Monitor = Callable[[str], AbstractContextManager[OnProgress]]
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Work:
     executor: Executor | None = None
     checkpoint: Path | None = None
     resume: bool = False
-    watch: Watch = Progress
+    watch: Monitor = Progress
 
     def run(self, problem: str) -> Run:
         """What does the tasks of this problem; raises InputError as `Checkpoint`."""
