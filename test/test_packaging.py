@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # Prints every file that resources finds; run where neither the source tree nor its tests can be seen by accident.
 FIND_ALL = """
 import biodyn_ros, biodyn_core
-from biodyn_ros import resources
+from biodyn_ros.base import resources
 from biodyn_ros.commands.table import parser
 print(biodyn_ros.__file__)
 print(biodyn_core.__file__)
@@ -90,7 +90,7 @@ def pip(tmp_path: Path, option: str) -> Installed:
     options = ["--quiet", "--no-deps", "--no-build-isolation", "--ignore-installed", option, str(prefix)]
     run([sys.executable, "-m", "pip", "install", *options, str(tree)], tmp_path)
     (package,) = prefix.rglob("biodyn_ros/base/resources.py")
-    setup = f"export PYTHONPATH={shlex.quote(str(package.parents[1]))}"
+    setup = f"export PYTHONPATH={shlex.quote(str(package.parents[2]))}"
     shutil.rmtree(tree)
     return Installed(prefix, prefix / "bin", setup)
 

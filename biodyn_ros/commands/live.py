@@ -10,7 +10,7 @@ from biodyn_ros.commands.parsing import CommandParser
 
 def _add(command: CommandParser) -> None:
     command.usage = "biodyn live [--ros-args ...]"
-    command.description += "\nIts parameters with ranges: python -m biodyn_ros.node.parameters_yaml > live.yaml"
+    command.description += "\nParameters and ranges: python -m biodyn_ros.node.parameters_yaml > live.yaml"
 
 
 def _run(options: argparse.Namespace) -> int:  # noqa: ARG001  # it has none: ROS reads them
