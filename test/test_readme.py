@@ -13,6 +13,9 @@ from biodyn_ros.base import topics
 from biodyn_ros.base.wording import typeset
 from biodyn_ros.commands.table import NAMES
 from biodyn_ros.node.live import SETTINGS
+from blind.recovery import page as recovery
+from blind.tracing import page as tracing_study
+from conformance import page as conformance
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -120,6 +123,18 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(page: Path) -> None:
 def test_the_index_lists_every_page() -> None:
     listed = set(re.findall(r"\]\((\w+\.md)\)", (ROOT / "docs" / "README.md").read_text(encoding="utf-8")))
     assert listed == {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"}
+
+
+@pytest.mark.parametrize(
+    ("name", "head"),
+    [
+        ("conformance", conformance.HEAD),
+        ("recovery", recovery.HEAD),
+        ("tracing_study", tracing_study.HEAD),
+    ],
+)
+def test_a_generated_page_begins_with_the_text_of_its_generator(name: str, head: str) -> None:
+    assert (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8").startswith(head)
 
 
 def test_the_claimed_quality_names_every_policy_of_rep_2004() -> None:
