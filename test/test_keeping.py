@@ -147,7 +147,7 @@ def test_a_sensor_that_comes_back_after_the_others_misses_those_seconds_once() -
 
 @pytest.mark.parametrize("rate_hz", [500.0, 1129.3])
 def test_a_sensor_that_comes_back_at_another_rate_looks_for_rest_and_is_read_at_its_own(rate_hz: float) -> None:
-    """docs/live_node.md: a sensor that changes its rate needs a restart."""
+    """The README: a sensor that changes its rate needs a restart."""
     before = run(noisy_streams(), in_turn(noisy_streams()), finish=False).pipeline
     at_s = np.arange(round(2.0 * rate_hz)) / rate_hz
     stamps_ns = noisy_streams()[0].stamps_ns[-1] + 10**9 + np.rint(1e9 * at_s).astype(np.int64)

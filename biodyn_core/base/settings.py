@@ -1,6 +1,6 @@
 """How a setting is described: default, unit, range and meaning in one dataclass field, once.
 
-ROS parameters, the configuration file and the table of docs/live_node.md are derived from these fields.
+ROS parameters, the configuration file and the tables of the README are derived from these fields.
 """
 
 from __future__ import annotations

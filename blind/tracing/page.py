@@ -15,20 +15,19 @@ from conformance.table import cells
 HEAD: Final = """\
 # Blind study of tracing
 
-Made by `make blind`, which ends with an error if a requirement is missed. Do not edit.
-[tracing_runs.md](tracing_runs.md) has every full run, and the reasons for missed requirements.
+Made by `make blind`, which fails if a mark is missed. Do not edit. All full runs are in
+[tracing_runs.md](tracing_runs.md).
 
-`test/world` simulates people, seats, sensors and hidden effects; the effects have other functional forms than those of
-the catalogue. Each run has a new seed. All verdicts and their hash are written before the truth is drawn again from the
-seed. The scored forms differ from those used to set thresholds.
+`test/world` simulates people, seats, sensors and hidden effects, whose functional forms differ from the catalogue's.
+Each run has a new seed. All verdicts and their hash are written before any truth is drawn again from the seed. Scored
+forms differ from those that the thresholds come from.
 
-Ratio is the rms of the change that the effect makes in the residual of the base refit, over the rms without the effect,
-each record refitted with and without; only the truth gives it. A row that depends on the ratio and has too few records
-gets further records, each batch sealed before its truth is drawn; their number depends on ratios, never on verdicts.
+Ratio is the rms of the effect's change of the base refit's residual, over the rms without the effect, each record
+refitted with and without it; it is known only with the truth. A row by ratio with too few records gets further ones in
+batches, each sealed before its truths are drawn; their number depends on ratios, never on verdicts.
 
-Requirements are judged on the point estimate; intervals are Wilson's, 95 %. A class counts as right if it is the first
-and named alone: `ambiguous` does not count. Joints 3 and 4, on either side of the unmeasured central torso, count as
-one.
+The point estimate decides a mark; intervals are Wilson's, 95 %. A class is right if it is named first and alone, so
+`ambiguous` is not right. Both joints of the central torso (3 and 4), which has no sensor, count as one.
 """
 
 
@@ -45,6 +44,15 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
     return "\n".join([HEAD, about, "", *lines]).rstrip() + "\n"
 
 
+def marks_table(found: Sequence[Mark]) -> list[str]:
+    """The lines of the table of marks."""
+    rows = [
+        (m.row, m.what, m.asked, m.said, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
+        for m in found
+    ]
+    return _table(("condition", "mark", "asked", "reached", "always the most frequent class", ""), rows)
+
+
 def _met(mark: Mark) -> str:
     few = f", as it has fewer than {mark.least} records" if mark.records < mark.least else ""
     return "met" if mark.met else f"**missed**{few}"
@@ -52,12 +60,7 @@ def _met(mark: Mark) -> str:
 
 def _marks(found: Sequence[Mark]) -> list[str]:
     met = sum(mark.met for mark in found)
-    rows = [
-        (m.row, m.what, m.asked, m.said, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
-        for m in found
-    ]
-    head = ("condition", "mark", "asked", "reached", "always the most frequent class", "")
-    return ["## Marks", "", f"{met} of {len(found)} are met.", "", *_table(head, rows), ""]
+    return ["## Marks", "", f"{met} of {len(found)} are met.", "", *marks_table(found), ""]
 
 
 def _verdicts(outcomes: Sequence[Outcome]) -> list[str]:
@@ -85,21 +88,21 @@ def _errors(outcomes: Sequence[Outcome]) -> list[str]:
     )
     # A record that could not be refitted has no ratio, and so no row: that must not go unsaid.
     without = [f"{one.score.row} {one.score.number}: {one.score.why}" for one in outcomes if one.score.why]
-    said = f"Not scored, so in no row that depends on the ratio: {'; '.join(without) or 'none'}."
+    said = f"Not scored, so in no row that goes by the ratio: {'; '.join(without) or 'none'}."
     return ["## Errors", "", words, "", *_table(("drawn as", "ratio", *columns), rows), "", said, ""]
 
 
 def _fates(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
-    """Outcomes of the true classes of a row."""
+    """What became of the true classes of a row."""
     counted = fates(row.chosen(outcomes))
     words = (
-        "The middle column counts the records in which the oracle, the catalogue's own form at the true place, closes"
-        " half or more of the gap between the squared errors before and of the floor."
+        "Among them in the middle are those in which the oracle, the catalogue's own form at the true place, takes off"
+        " half or more of what is between the squared errors before and of the floor."
     )
     rows = [(what, str(closed), str(every)) for what, (closed, every) in counted.items()]
     rows.append(("all", *(str(sum(column)) for column in zip(*counted.values(), strict=True))))
     head = ("the true class", "where the oracle closes half", "records")
-    return [f"## Outcomes: {row.name}", "", words, "", *_table(head, rows), ""]
+    return [f"## What became of them: {row.name}", "", words, "", *_table(head, rows), ""]
 
 
 def _median(values: Sequence[float | None]) -> str:
@@ -121,7 +124,7 @@ def _classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
         for one in classes
     ]  # fmt: skip
     name, share = most_frequent(chosen)
-    words = f"Naming {name} every time would be right in {100.0 * share:.1f} %."
+    words = f"To name {name} always would be right in {100.0 * share:.1f} %."
     head = ("true class", "records", "class", "family", "class and site", "in the set", "named")
     return [f"## By class: {row.name}", "", words, "", *_table(head, rows), ""]
 
