@@ -233,11 +233,11 @@ def log_tolerance_ppm(fault: Fault) -> float:
 
 
 WORDS: Final = f"""\
-A minute at {RATE_HZ:g} Hz, one fault a sensor. Messages are logged {1e3 * TRANSPORT_S:g} ms late and, exponentially
-distributed, {1e3 * DELAY_S:g} ms more. Clocks and counts are those of `biodyn info --json`, aw and VDV those of
-`exposure.json`. Tolerances: counts must be those injected; aw and VDV of the motion behind the analog Wk 0.1 %. White
-errors σ of the stamps leave a loop of τ = {CLOCK_TIME_CONSTANT_S:g} s a rate known to σ / (2 τ^1.5 √f), and a line
-through the least lags of T seconds one known to 0.35 σ √(12 / T³), a drift adding to σ: four times that and
+A minute at {RATE_HZ:g} Hz, one fault for each sensor. Messages are logged {1e3 * TRANSPORT_S:g} ms late and,
+exponentially distributed, {1e3 * DELAY_S:g} ms more. Clocks and counts are those of `biodyn info --json`, aw and VDV
+those of `exposure.json`. Tolerances: counts equal those injected; aw and VDV of the motion after the analog Wk 0.1 %.
+With white errors σ of the stamps, a loop of τ = {CLOCK_TIME_CONSTANT_S:g} s determines the rate to σ / (2 τ^1.5 √f),
+and a line through the least lags of T seconds to 0.35 σ √(12 / T³), a drift adding to σ: four times that and
 {PPM_FLOOR:g} ppm; of the offset 5 σ, the drift of the first second and {1e3 * OFFSET_FLOOR_S:g} ms."""
 
 

@@ -152,13 +152,13 @@ def mixed_rows() -> list[Row]:
 # --- sections --------------------------------------------------------------------------------------------------------
 
 DELAY_WORDS: Final = f"""\
-From the measured frames, six sines at once; lag: of the sine behind the truth at the frame's stamp. Reference: the
-4th-order Butterworth low-pass in closed form, bent by the bilinear transform, less its group delay at 0 Hz, which is
-taken off the stamps. Tolerance: {1e6 * LAG_TOLERANCE_S:g} µs and {100.0 * GAIN_TOLERANCE:g} %."""
-MIXED_WORDS: Final = "The same for sensors of different rates, read at the seat's instants."
+From the measured frames, six sines at once; lag: delay of the sine against the truth at the stamp of the frame.
+Reference: the 4th-order Butterworth low-pass in closed form, warped by the bilinear transform, less its group delay at
+0 Hz, which is subtracted from the stamps. Tolerance: {1e6 * LAG_TOLERANCE_S:g} µs and {100.0 * GAIN_TOLERANCE:g} %."""
+MIXED_WORDS: Final = "The same for sensors of different rates, interpolated to the instants of the seat."
 INTERPOLATION_WORDS: Final = f"""\
-From the measured frames: five sensors see the seat's sine of {TOP_HZ:g} Hz (100 Hz would meet few phases only), their
-clocks late by a part of a sample; largest difference from the seat's own frame, per amplitude. Tolerance:
+From the measured frames: five sensors measure the sine of the seat of {TOP_HZ:g} Hz (100 Hz would meet few phases
+only), with clocks late by a part of a sample; largest difference from the frame of the seat, per amplitude. Tolerance:
 {100.0 * INTERPOLATION_TOLERANCE:g} % at 100 Hz. Reference for the theory: Lagrange's polynomial through as many
 neighbours."""
 

@@ -160,14 +160,14 @@ def _head(modes: list[Mode], rate_hz: float, forward: float, up: float) -> dict[
 # --- sections --------------------------------------------------------------------------------------------------------
 
 DRI_WORDS: Final = """\
-From `dri`. Reference: the oscillator of Eq. 24 in closed form; a level's by its overshoot 1 + exp(-π ζ / √(1 - ζ²)).
-Tolerance: what samples at a rate f leave open, (π / T f)² / 12 for straight lines across a half-sine of length T plus
-(ω / f)² / 8 for a peak between two of them; (ω / f)² / 6 for a level."""
+From `dri`. Reference: the oscillator of Eq. 24 in closed form; that of a level by its overshoot 1 + exp(-π ζ / √(1 -
+ζ²)). Tolerance: the uncertainty of sampling at a rate f, (π / T f)² / 12 for straight lines across a half-sine of
+length T plus (ω / f)² / 8 for a peak between two of them; (ω / f)² / 6 for a level."""
 HIC_WORDS: Final = f"""\
 From `hic15` and `hic36`, levels of 60 ms. Reference: closed forms, and brute force over all windows at
-{BRUTE_RATE_HZ / 1e3:g} kHz for the decaying oscillation. A level that outlasts the window is exact. Otherwise
-tolerance is what samples at a rate f leave open, 2.5 (π / T f)² (1/12 + 1/8): straight lines across a half-sine of
-length T, and a window half a period beside the best."""
+{BRUTE_RATE_HZ / 1e3:g} kHz for the decaying oscillation. A level longer than the window is exact. Otherwise the
+tolerance is the uncertainty of sampling at a rate f, 2.5 (π / T f)² (1/12 + 1/8): straight lines across a half-sine of
+length T, and a window half a period off the best."""
 
 
 def sections() -> list[RowTable]:

@@ -23,12 +23,12 @@ INTROS: Final = {"Frequency weightings": weightings.INTRO}
 HEAD: Final = """\
 # Conformance
 
-Made by `make conformance`, which ends with an error where a row fails. Do not edit.
+Made by `make conformance`, which ends with an error if a row fails. Do not edit.
 
-Every figure below has gone the whole way: a motion becomes `sensor_msgs/Imu` messages of up to six sensors, mounted
-in six ways, in a rosbag2, which `biodyn replay` reads chunk by chunk. The figure is that of `exposure.json`, or of
-`biodyn info --json` or of the frames handed to `predicted.mcap` where it is said. References do not use the code that
-is judged: they are the constants of ISO 8041-1, closed forms and brute force.
+Every figure below passes through the complete system: a motion becomes `sensor_msgs/Imu` messages of up to six sensors,
+mounted in six ways, in a rosbag2, which `biodyn replay` reads chunk by chunk. The figure is from `exposure.json`, or,
+where stated, from `biodyn info --json` or from the frames for `predicted.mcap`. References do not use the tested code:
+they are the constants of ISO 8041-1, closed forms and brute force.
 """
 
 

@@ -66,8 +66,8 @@ def seat_rows() -> list[Row]:
 
 
 HEAD_WORDS: Final = f"""\
-NHTSA frontal impacts, dummy head, 10 kHz. Reference: the values given with the recordings, trapezoids over all
-windows of whole samples. Tolerance: {100.0 * HIC_TOLERANCE:g} %, since a window's end may lie between two samples."""
+NHTSA frontal impacts, dummy head, 10 kHz. Reference: the values given with the recordings, trapezoids over all windows
+of whole samples. Tolerance: {100.0 * HIC_TOLERANCE:g} %, because the end of a window may lie between two samples."""
 SEAT_WORDS: Final = f"""\
 Seat pulses of Yoganandan et al. 2021, digitised, sampled at 10 kHz. Reference: the oscillator integrated by DOP853
 over the digitised points. Tolerance: {100.0 * DRI_TOLERANCE:g} %, for corners between two samples."""

@@ -60,6 +60,6 @@ Six sensors at rest, gravity along six different axes from the first sample on. 
 would be {counted:.2f} m/s¹·⁷⁵. Tolerance: ten times the noise of {record.NOISE_MPS2:g} m/s² that every sensor here
 has."""
     same = """\
-One motion (5 Hz from 6 m/s², dying away with 0.4 s), seen by sensors that read gravity differently, by place, gain or
+One motion (5 Hz from 6 m/s², decaying with 0.4 s), measured by sensors that read gravity differently, by place, gain or
 bias. Reference: the analog curve in closed form. Tolerance: that of Wk."""
     return [RowTable("Rest", rest, tuple(rest_rows())), RowTable("Gravity", same, tuple(gravity_rows()))]

@@ -93,9 +93,9 @@ def sections() -> list[RowTable]:
     for rate_hz, tolerance in TOLERANCES.items():
         found = vertical(rate_hz, ALSO)
         words = f"""\
-Motions from rest, sampled at {rate_hz:g} Hz; jumps midway between two samples, nothing else is known of them.
-Reference: the analog curve's answer in closed form, by partial fractions. Tolerance: the {100.0 * tolerance:g} % that
-the weighting itself is allowed at this rate."""
+Motions from rest, sampled at {rate_hz:g} Hz; jumps lie midway between two samples. Reference: the response of the
+analog curve in closed form, by partial fractions. Tolerance: the {100.0 * tolerance:g} % of the weighting at this
+rate."""
         rows = [*found["Wk"], *horizontal(rate_hz), *(row for name in ALSO for row in found[name])]
         tables.append(RowTable(f"Transients at {rate_hz:g} Hz", words, tuple(rows)))
     return tables

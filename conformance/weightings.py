@@ -205,12 +205,12 @@ def _gain(name: str, band: int, time_s: Floats, rate_hz: float, motion: Floats, 
 # --- sections --------------------------------------------------------------------------------------------------------
 
 INTRO: Final = f"""\
-Tone bursts from rest at every third-octave band, one sensor a band, whole record. The gain (times 1000) is the
-curve's at the band's exact centre 10^(n/10) times what was printed over the figure of the same burst behind the
-analog curve. Tolerances of the curve: 0.1 % at 1129.3 Hz and 0.5 % at 500 Hz are what was asked for, and the 0.1 %
-holds for the rates around it; {100.0 * TOLERANCES[250.0]:g} % at 250 Hz, the lowest rate that is taken, where 80 Hz
-is two thirds of what samples can carry; {100.0 * MSDV_TOLERANCE:g} % for the motion sickness dose. Tolerance of the
-printed factors of ISO 2631-1, Tables 3 and 4: {TABLE_DB:g} dB, for they are rounded and lie up to 0.2 dB off the
+Tone bursts from rest at every third-octave band, one sensor for each band, whole record. The gain (times 1000) is that
+of the curve at the exact centre 10^(n/10) of the band, times the ratio of the measured figure to that of the same burst
+after the analog curve. Tolerances of the curve: 0.1 % at 1129.3 Hz and 0.5 % at 500 Hz are the requirements, and the
+0.1 % applies to the rates around it; {100.0 * TOLERANCES[250.0]:g} % at 250 Hz, the lowest accepted rate, where 80 Hz
+is two thirds of the Nyquist frequency; {100.0 * MSDV_TOLERANCE:g} % for the motion sickness dose. Tolerance of the
+printed factors of ISO 2631-1, Tables 3 and 4: {TABLE_DB:g} dB, because they are rounded and lie up to 0.2 dB off the
 formula; Wb is in neither table."""
 
 

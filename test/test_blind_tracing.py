@@ -38,7 +38,7 @@ from blind.tracing.refits import oracle, placebo
 from blind.tracing.rows import CONDITIONS, DRAWINGS, FILLING, MEASURED, Condition, Drawing
 from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
 from blind.tracing.study import BrokenSeal, Call, Run, here
-from blind.tracing.table import BEGIN, END, RUNS, About, publish, with_latest
+from blind.tracing.table import PAGE, RUNS, About, publish
 
 SUBJECT = Subject("blind", 70.0, 1.75, "segment", Parameters.from_vector(0.5 * (LOWER + UPPER)))
 
@@ -380,8 +380,6 @@ ABOUT = About("2026-01-02", "abc", 7, "f" * 64, "e" * 64, 5)
 def test_every_full_run_is_one_more_row_of_the_table(tmp_path: Path) -> None:
     records = [outcome("two", "effect", [SKIN, STOP], [SKIN, STOP])] * 40
     found = marks(records)
-    readme = tmp_path / "README.md"
-    readme.write_text(f"before\n{BEGIN}\nstale\n{END}\nafter\n")
     publish(tmp_path, ABOUT, records, found)
     first = (tmp_path / RUNS).read_text()
     publish(tmp_path, dataclasses.replace(ABOUT, seed=8), records, found)
@@ -390,14 +388,7 @@ def test_every_full_run_is_one_more_row_of_the_table(tmp_path: Path) -> None:
     (row,) = both[len(first) :].splitlines()
     assert row.startswith("| 2026-01-02 | abc | 8 | ffffffffffff | eeeeeeeeeeee | 5 | 2 of ")
     assert row.count("✗") == len(found) - 2
-    assert "seed 8" in (tmp_path / "docs/tracing.md").read_text()
-    text = readme.read_text()
-    assert text.startswith(f"before\n{BEGIN}\nRun of 2026-01-02") and text.endswith(f"{END}\nafter\n")
-    assert "stale" not in text
-
-
-def test_a_readme_without_marks_stays_as_it_is() -> None:
-    assert with_latest("nothing here\n", ["new"]) == "nothing here\n"
+    assert "seed 8" in (tmp_path / PAGE).read_text()
 
 
 def test_a_partial_run_is_not_published(

@@ -1,4 +1,4 @@
-"""The guide as a newcomer follows it: its files are written, its commands are run, in the order in which they stand."""
+"""The guide step by step: its files are written and its commands are run, in their order; other pages are parsed."""
 
 from __future__ import annotations
 
@@ -31,17 +31,11 @@ BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", GUIDE.read_text(encoding="utf-8"),
 LONGEST_S = 280.0
 
 
-def test_every_block_is_run_or_says_why_not() -> None:
+def test_every_block_is_run_or_needs_other_machines() -> None:
     assert {kind for kind, _ in BLOCKS} == {"sh", "yaml", "text"}
     for kind, text in BLOCKS:
-        if kind == "text":  # what needs a robot, or other machines
+        if kind == "text":  # needs a robot, or other machines
             assert re.match(r"(ros2|dask) ", text)
-
-
-def test_links_lead_somewhere() -> None:
-    for page in (ROOT / "docs").glob("*.md"):
-        for path in re.findall(r"\]\(([^)#:]+)[^)]*\)", page.read_text(encoding="utf-8")):
-            assert (page.parent / path).exists(), f"{page.name}: {path}"
 
 
 @pytest.fixture
@@ -63,16 +57,16 @@ def test_the_guide_can_be_followed(desk: Path) -> None:
                 (desk / name.group(1)).write_text(text)
             if kind == "sh":
                 run(text, desk, environment)
-    what_it_promises_is_there(desk)
+    check_outputs(desk)
 
 
 def run(text: str, desk: Path, environment: dict[str, str]) -> None:
-    """Run a block's lines; those that end in & go on until the block has ended."""
+    """Run the lines of a block; lines that end in & run until the end of the block."""
     behind: list[subprocess.Popen[bytes]] = []
     try:
         for line in text.strip().splitlines():
             command, _, target = line.removesuffix("&").partition(">")
-            program, *arguments = (word for part in shlex.split(command) for word in spelled_out(part, desk))
+            program, *arguments = (word for part in shlex.split(command) for word in expanded(part, desk))
             assert program == "biodyn"
             call = [sys.executable, "-m", "biodyn_ros.commands.cli", *arguments]
             if line.endswith("&"):
@@ -90,13 +84,13 @@ def run(text: str, desk: Path, environment: dict[str, str]) -> None:
             process.wait(30)
 
 
-def spelled_out(word: str, desk: Path) -> list[str]:
-    """What a shell makes of a word: the files that it stands for, or itself."""
+def expanded(word: str, desk: Path) -> list[str]:
+    """The files that a pattern matches, as a shell expands it, or the word itself."""
     return sorted(str(path.relative_to(desk)) for path in desk.glob(word)) or [word] if "*" in word else [word]
 
 
-def test_the_guide_fits_the_person_whom_it_recorded() -> None:
-    """Every person in its files has the body of the subject that its recordings are drawn of."""
+def test_the_subjects_of_the_guide_have_the_body_of_the_simulated_one() -> None:
+    """Mass and stature in the files of the guide equal those of the subject that is simulated."""
     text = "".join(block for kind, block in BLOCKS if kind == "sh")
     drawn = [load_subject(subject_file(name)) for name in re.findall(r"biodyn simulate --subject (\S+)", text)]
     bodies = {(person.body_mass_kg, person.stature_m) for person in drawn}
@@ -106,7 +100,7 @@ def test_the_guide_fits_the_person_whom_it_recorded() -> None:
     assert {(person["body_mass_kg"], person["stature_m"]) for person in persons} == bodies
 
 
-def what_it_promises_is_there(desk: Path) -> None:
+def check_outputs(desk: Path) -> None:
     assert json.loads((desk / "road_1.info.json").read_text())["topics"]
     assert (desk / "out" / "road_1" / "report.html").exists()
     exposure = json.loads((desk / "out" / "road_1" / "exposure.json").read_text())
@@ -119,24 +113,23 @@ def what_it_promises_is_there(desk: Path) -> None:
 # --- the other pages -------------------------------------------------------------------------------------------------
 
 PAGES = ["README.md", "bags/README.md", *(f"docs/{page.name}" for page in sorted((ROOT / "docs").glob("*.md")))]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def commands(page: str) -> list[str]:
-    """The lines of a page that are typed as they stand, those that go on joined, without what a shell does beside."""
+    """The commands of a page, continued lines joined, without comments and redirections."""
     text = (ROOT / page).read_text(encoding="utf-8").replace("\\\n", " ")
     lines = re.findall(r"^ {0,4}(biodyn [a-z].*)$", text, re.MULTILINE)
     return [re.split(r"\s+#|\s+&&|\s+>|\s+&$", line)[0] for line in lines]
 
 
 @pytest.mark.parametrize("line", [pytest.param(line, id=line[:60]) for page in PAGES for line in commands(page)])
-def test_every_command_of_every_page_is_one(line: str) -> None:
+def test_every_command_of_every_page_is_parsed(line: str) -> None:
     words = shlex.split(line)[1:]
     parser([words[0]]).parse_args(words if words[0] != "live" else words[:1])
 
 
 @pytest.mark.timeout(900)
-def test_a_day_of_recordings_can_be_traced_as_its_page_says(tmp_path: Path) -> None:
+def test_the_commands_of_the_tracing_protocol_run(tmp_path: Path) -> None:
     cases = ("road", "rail")
     drives = [f"{day}/{case}_{k}" for day in ("base", "null") for case in cases for k in (1, 2)]
     drives += [f"helmet/{case}_helmet_{k}" for case in cases for k in (1, 2)] + ["helmet/rail_helmet_9"]
@@ -149,18 +142,35 @@ def test_a_day_of_recordings_can_be_traced_as_its_page_says(tmp_path: Path) -> N
     (tmp_path / "p01.yaml").write_text(yaml.safe_dump(known | {"name": "p01"}))
     run("\n".join(commands("docs/recording_for_tracing.md")), tmp_path, dict(os.environ) | {"PYTHONPATH": str(ROOT)})
     for day in ("base", "null", "helmet"):
-        # So few and short ones: nothing is claimed of them.
+        # Too few and too short recordings: no verdict.
         assert json.loads((tmp_path / "out" / day / "trace.json").read_text())["verdict"] == "not_decidable"
     assert json.loads((tmp_path / "out" / "helmet_9" / "validate.json").read_text())["verdict"]
 
 
 def test_the_pages_have_commands() -> None:
-    assert {page for page in PAGES if commands(page)} >= {"README.md", "docs/guide.md", "docs/recording_for_tracing.md"}
+    with_commands = (
+        "commands",
+        "fitting",
+        "guide",
+        "import_blue_trident",
+        "live_node",
+        "recording_for_tracing",
+        "tracing",
+    )
+    assert {page for page in PAGES if commands(page)} >= {"README.md", *(f"docs/{name}.md" for name in with_commands)}
 
 
-def test_the_readme_s_python_gives_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+def block_of(page: str, kind: str) -> str:
+    """The only block of a kind on a page."""
+    (block,) = re.findall(
+        rf"^```{kind}\n(.*?)^```$", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
+    return block
+
+
+def test_the_python_example_of_the_readme_gives_the_stated_values(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    (block,) = re.findall(r"^```python\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+    block = block_of("README.md", "python")
     seat = np.sin(2 * np.pi * 4.0 * np.arange(2000) / 1129.3)
     *setup, modes, transmissibility, simulated = block.strip().splitlines()
     names = {"seat_mps2": seat}
@@ -171,11 +181,8 @@ def test_the_readme_s_python_gives_what_it_says(monkeypatch: pytest.MonkeyPatch)
     assert eval(simulated, names).shape == (2000, 6)  # noqa: S307 - our own page
 
 
-def test_the_readme_s_effects_and_campaign_are_read(tmp_path: Path) -> None:
-    effects, campaign = (
-        next(block for block in re.findall(r"^```yaml\n(.*?)^```$", README, re.MULTILINE | re.DOTALL) if key in block)
-        for key in ("effects:", "subjects:")
-    )
+def test_the_examples_of_effects_and_of_a_campaign_are_read(tmp_path: Path) -> None:
+    effects, campaign = block_of("docs/effects.md", "yaml"), block_of("docs/fitting.md", "yaml")
     known = yaml.safe_load(subject_file("subject_1").read_text(encoding="utf-8"))
     (tmp_path / "with.yaml").write_text(yaml.safe_dump(known | yaml.safe_load(effects)))
     assert len(load_subject(tmp_path / "with.yaml").effects) == 2

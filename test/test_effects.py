@@ -526,12 +526,11 @@ def test_predictions_sample_by_sample_refuse_what_needs_more(name: str) -> None:
     Pipeline(with_effects(applied("tilt", "head")))  # on a sensor: predictions are of the segment itself
 
 
-def test_the_readme_names_every_effect() -> None:
-    readme = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
-    begin = readme.index("## Effects")
-    section = readme[begin : readme.index("\n## ", begin + 1)]
-    rows = set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE))
-    assert rows == set(CATALOGUE)
+def test_the_page_of_effects_lists_every_effect_with_its_parameters() -> None:
+    page = (Path(__file__).resolve().parents[1] / "docs" / "effects.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \|.*\| ([^|]*) \| (?:yes|no|-) \|$", page, re.MULTILINE)
+    listed = {name: re.findall(r"`(\w+)`", parameters) for name, parameters in rows}
+    assert listed == {name: [parameter.name for parameter in effect.parameters] for name, effect in CATALOGUE.items()}
 
 
 RUN = """

@@ -1,4 +1,4 @@
-"""The README says what the code says: parameters, topics, commands and files that exist."""
+"""README, docs and CONTRIBUTING agree with the code and with each other: tables, links, names and files."""
 
 from __future__ import annotations
 
@@ -13,9 +13,20 @@ from biodyn_ros.base import topics
 from biodyn_ros.base.wording import typeset
 from biodyn_ros.commands.table import NAMES
 from biodyn_ros.node.live import SETTINGS
+from blind.recovery import page as recovery
+from blind.tracing import page as tracing_study
+from conformance import page as conformance
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+LIVE_NODE = (ROOT / "docs" / "live_node.md").read_text(encoding="utf-8")
+COMMANDS = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("bags/*.md"), *ROOT.glob("docs/**/*.md")])
+MOST_CHARACTERS = 12_000
+
+
+def test_the_readme_is_short() -> None:
+    assert len(README) <= MOST_CHARACTERS
 
 
 def rows() -> list[str]:
@@ -33,25 +44,36 @@ def rows() -> list[str]:
     return lines
 
 
-def table(head: str) -> list[str]:
-    """The rows of the README's table with this head."""
-    lines = README.splitlines()
+def table(page: str, head: str) -> list[str]:
+    """The rows of the table of a page with this head."""
+    lines = page.splitlines()
     at = lines.index(head) + 2
     return lines[at : next(number for number in range(at, len(lines)) if not lines[number].startswith("|"))]
 
 
-def test_the_table_of_parameters_is_the_code_s() -> None:
-    assert table("| parameter | default | range | meaning |") == rows()
+def test_the_table_of_parameters_equals_the_declared_parameters() -> None:
+    assert table(LIVE_NODE, "| parameter | default | range | meaning |") == rows()
 
 
-def test_every_command_is_described_and_none_that_is_not_there() -> None:
-    named = set(re.findall(r"^\| `biodyn ([a-z-]+)", README, re.MULTILINE))
-    assert named == set(NAMES)
+def test_the_tables_of_commands_list_the_existing_commands() -> None:
+    def listed(page: str) -> list[str]:
+        return re.findall(r"^\| `biodyn ([a-z-]+)", page, re.MULTILINE)
+
+    assert sorted(listed(COMMANDS)) == sorted(NAMES)
+    assert len(listed(README)) == 5
+    assert set(listed(README)) < set(NAMES)
 
 
-def test_the_table_of_topics_is_the_node_s() -> None:
+@pytest.mark.parametrize(
+    ("page", "head"),
+    [
+        pytest.param(README, "| topic | type | direction and content |", id="README"),
+        pytest.param(LIVE_NODE, "| topic | type | |", id="live_node"),
+    ],
+)
+def test_the_tables_of_topics_list_the_topics_of_the_node(page: str, head: str) -> None:
     """Every topic matches one name of the table, and every name some topic."""
-    names = [name for row in table("| topic | type | |") for name in re.findall(r"`([^`]*)`", row.split("|")[1])]
+    names = [name for row in table(page, head) for name in re.findall(r"`([^`]*)`", row.split("|")[1])]
     last = ""
     patterns = []
     for name in names:  # `.../aw` is the name before it, ending so
@@ -62,32 +84,69 @@ def test_the_table_of_topics_is_the_node_s() -> None:
         topics.SNAPSHOT, topics.MARKS, *(topic.replace(topics.ROLLING, topics.EXPOSURE) for topic in topics.SCALARS),
     }  # fmt: skip
     matched = {
-        pattern: {t for t in there if re.fullmatch(re.sub(r"<\w+>", "[a-z_]+", re.escape(pattern)), t)}
+        pattern: {t for t in there if re.fullmatch(as_regex(pattern), t)}
         for pattern in patterns
+        if pattern not in (topics.RESET, topics.MARK)
     }
     assert set().union(*matched.values()) == there
     assert all(matched.values()), [pattern for pattern, found in matched.items() if not found]
-    assert f"`{topics.ROLLING}/`" in README and f"`{topics.RESET}`" in README and f"`{topics.MARK}`" in README
+    assert f"`{topics.RESET}`" in page and f"`{topics.MARK}`" in page
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "QUALITY.md", "CHANGELOG.md"])
-def test_every_file_it_points_to_exists(page: str) -> None:
-    links = re.findall(r"\]\(([^)#:]+)\)", (ROOT / page).read_text(encoding="utf-8"))
-    assert links
-    for path in links:
-        assert (ROOT / path).exists(), path
+def as_regex(pattern: str) -> str:
+    """A name of the tables as a regular expression: `<sensor>` stands for one name, `...` at the end for any rest."""
+    return re.sub(r"<\w+>", "[a-z_]+", re.escape(pattern)).replace(r"\.\.\.", ".+")
 
 
-def test_the_quality_that_is_claimed_names_every_policy_of_rep_2004() -> None:
+def test_the_rolling_topics_are_described() -> None:
+    assert f"`{topics.ROLLING}/`" in LIVE_NODE
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors that GitHub gives to the headings of a page."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("`", "") for heading in headings]
+    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in plain}
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, id=str(page.relative_to(ROOT))) for page in PAGES])
+def test_every_relative_link_leads_to_a_file_and_a_heading(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if re.match(r"https?:", link):
+            continue
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+def test_the_index_lists_every_page() -> None:
+    listed = set(re.findall(r"\]\((\w+\.md)\)", (ROOT / "docs" / "README.md").read_text(encoding="utf-8")))
+    assert listed == {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"}
+
+
+@pytest.mark.parametrize(
+    ("name", "head"),
+    [
+        ("conformance", conformance.HEAD),
+        ("recovery", recovery.HEAD),
+        ("tracing_study", tracing_study.HEAD),
+    ],
+)
+def test_a_generated_page_begins_with_the_text_of_its_generator(name: str, head: str) -> None:
+    assert (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8").startswith(head)
+
+
+def test_the_claimed_quality_names_every_policy_of_rep_2004() -> None:
     text = (ROOT / "QUALITY.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([1-7])\.[iv-]+ \| ([^|]+) \| ([^|]+) \| ([^|]*) \|$", text, re.MULTILINE)
     assert {number for number, *_ in rows} == set("1234567")
-    # What is claimed to be there is shown by something; only what is not there may stand alone.
+    # Each claim has evidence; only a missing item may be without.
     assert all(shown.strip() or re.match(r"(no|none|not)\b", state) for _, _, state, shown in rows)
     assert re.search(r"\*\*Quality Level 4\*\*", text)
 
 
-def test_what_contributors_are_told_to_change_is_there() -> None:
+def test_the_names_in_contributing_exist_in_the_linked_files() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     told = {
         "cutoff_hz": "biodyn_core/conditioning/conditioning_settings.py",

@@ -20,23 +20,24 @@ Floats = NDArray[np.float64]
 HEAD: Final = f"""\
 # Recovery
 
-Made by `make blind`, which ends with an error where a mark is missed. Do not edit. But for the seconds it comes out the
-same each time on one machine with the same libraries. Between two, digits of the paper's way moved, and none of ours.
+Made by `make blind`, which ends with an error if a requirement is missed. Do not edit. Except for the seconds, the page
+is the same in each run on one machine with the same libraries. On another machine digits of the paper's way changed,
+none of ours.
 
-People are drawn evenly from the whole of Table 1, half of them under either mass matrix. Each rides through six events:
-road, pothole and rail-like shocks, {TRAINING_S:g} s each to be identified from, and once more {HELD_OUT_S:g} s each,
-held out. Seat motions are in turn made and recorded in vehicles, the held-out ones the other way round: who was
-identified on a made road is tested on a recorded one. Recordings (tram and bus 500 Hz, car 104 Hz, potholes 50 Hz) are
-raised to the rate of the truth without inventing anything above their band, and to the paper's levels with all that
-goes sideways in them.
+People are drawn uniformly from the whole of Table 1, half of them with each mass matrix. Each rides through six events:
+road, pothole and rail-like shocks, {TRAINING_S:g} s each for the fit, and once more {HELD_OUT_S:g} s each, held out.
+Seat motions are alternately synthetic and recorded in vehicles, and the held-out ones the opposite: a person who was
+fitted on a synthetic road is tested on a recorded one. Recordings (tram and bus 500 Hz, car 104 Hz, potholes 50 Hz) are
+resampled to the rate of the truth without content above their band, and scaled to the levels of the paper, their
+horizontal motion included.
 
-People, vehicles and sensors live in `test/world`, which shares no code with the package: the paper's equations
-integrated by DOP853 under a smooth seat; six IMUs askew by up to 12 degrees, noise and bias 0.05 m/s^2, sixteen bits;
-clocks off by 0.2 ms, 20 ppm and 0.02 ms of jitter (rms). Raw streams go through `Recorder`, `fit_joint` and
-`uncertainty`, all with their defaults. Answers and calls are complete before the truth is read.
+`test/world` simulates people, vehicles and sensors and shares no code with the package: the paper's equations
+integrated by DOP853 with a smooth seat motion; six IMUs tilted by up to 12 degrees, noise and bias 0.05 m/s^2, sixteen
+bits; clocks off by 0.2 ms, 20 ppm and 0.02 ms of jitter (rms). Raw streams go through `Recorder`, `fit_joint` and
+`uncertainty`, all with their defaults. Answers and their classification are complete before the truth is read.
 
-The floor is the error of the true subject through the same pipeline. m_scale cancels from accelerations and is left
-out. The world's model has the form of ours: what is missing in a model is not asked here.
+The floor is the error of the true subject through the same pipeline. m_scale cancels from accelerations and is omitted.
+The simulated model has the same form as ours, so this page does not test what the model lacks.
 """
 
 
@@ -53,7 +54,9 @@ def _table(title: str, words: str, head: Sequence[str], rows: Sequence[Sequence[
 
 def _marks(people: Sequence[Judged]) -> list[str]:
     rows = [(m.what, m.asked, m.reached, "met" if m.met else "**missed**", m.papers) for m in marks(people)]
-    words = "Behind the coverage its own 95 % interval, drawing whole people; parameters on a bound have none to count."
+    words = (
+        "After the coverage its own 95 % interval, by resampling whole people; parameters on a bound have no interval."
+    )
     return _table("Marks", words, ("mark", "asked", "reached", "", "the paper's way"), rows)
 
 
@@ -105,7 +108,8 @@ def _calls(people: Sequence[Judged]) -> list[str]:
         rows.append((call, str(len(group)), *shown, _percent(np.median(off)), _percent(off.max())))
     return _table(
         "Calls",
-        "Parameters of all people by what was said of them beforehand. Half widths and errors are relative.",
+        "Parameters of all people by their classification before the truth was read. Half widths and errors are"
+        " relative.",
         ("call", "parameters", "coverage", "half width, median", "error, median", "error, largest"),
         rows,
     )
@@ -155,9 +159,9 @@ def _torso(people: Sequence[Judged]) -> list[str]:
             )
         )
     words = (
-        "Held-out predictions beside the true motion of each segment, with the joint below it. What is not measured is"
-        " predicted as well; joints 3 and 4, on either side of it, are known only by what goes through both. The floor"
-        " is the true subject's; how far our predictions lie from its is what the fit costs."
+        "Held-out predictions against the true motion of each segment, with the joint below it. The central torso is"
+        " predicted and not measured; joints 3 and 4, on either side of it, are known only in series. The floor is that"
+        " of the true subject; the difference between our predictions and its predictions is the error of the fit."
     )
     head = ("segment", "floor, median", "ours, median", "ours over floor, worst", "from the true subject, median",
             "f_n half width", "f_n error", "zeta half width", "zeta error")  # fmt: skip

@@ -74,7 +74,7 @@ def _studied(options: argparse.Namespace) -> int:
 def commit() -> str:
     """The commit of the checkout, with a plus where files that it tracks, pages left aside, have been changed."""
     head = _git("rev-parse", "--short=12", "HEAD")
-    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs", ":!README.md")
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
     return f"{head or 'unknown'}{'+' if changed else ''}"
 
 

@@ -13,22 +13,21 @@ from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
 from conformance.table import cells
 
 HEAD: Final = """\
-# Tracing
+# Blind study of tracing
 
-Made by `make blind`, which ends with an error where a mark is missed. Do not edit; every full run so far, good or bad,
-is in [tracing_runs.md](tracing_runs.md).
+Made by `make blind`, which fails if a mark is missed. Do not edit. All full runs are in
+[tracing_runs.md](tracing_runs.md).
 
-People, seats, sensors and what they hide come from `test/world`, whose effects have other functional forms than the
-catalogue's. A seed is fresh for each run. All verdicts and their hash are written before any truth is drawn again from
-the seed. The forms that are scored are other ones than those that thresholds may come from.
+`test/world` simulates people, seats, sensors and hidden effects, whose functional forms differ from the catalogue's.
+Each run has a new seed. All verdicts and their hash are written before any truth is drawn again from the seed. Scored
+forms differ from those that the thresholds come from.
 
-Ratio is the rms of what the effect changes in the base refit's residual, over the rms without the effect, each record
-refitted with and without; it is known with the truth alone. A row that goes by it and has too few records is filled up
-with further ones, each batch sealed before any truth of it is drawn; how many goes by ratios, never by verdicts.
+Ratio is the rms of the effect's change of the base refit's residual, over the rms without the effect, each record
+refitted with and without it; it is known only with the truth. A row by ratio with too few records gets further ones in
+batches, each sealed before its truths are drawn; their number depends on ratios, never on verdicts.
 
-Marks are judged on the point estimate; intervals are Wilson's, 95 %. A class counts as right where it is the first that
-is named alone: `ambiguous` is not. Joints 3 and 4, on either side of the central torso that is not measured, count as
-one.
+The point estimate decides a mark; intervals are Wilson's, 95 %. A class is right if it is named first and alone, so
+`ambiguous` is not right. Both joints of the central torso (3 and 4), which has no sensor, count as one.
 """
 
 

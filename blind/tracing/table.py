@@ -1,4 +1,4 @@
-"""Publishes a run: its row in the table of all full runs, the page of the latest, and its lines in the README."""
+"""Publishes a run: its row in the table of all full runs, and the page of the latest."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ from typing import Final
 
 from blind.tracing.marks import Mark
 from blind.tracing.outcome import Outcome
-from blind.tracing.page import marks_table, rendered
+from blind.tracing.page import rendered
 from conformance.table import cells
 
 RUNS: Final = Path("docs/tracing_runs.md")
-PAGE: Final = Path("docs/tracing.md")
-README: Final = Path("README.md")
-BEGIN: Final = "<!-- tracing: the latest full run, written by make blind -->"
-END: Final = "<!-- tracing: end -->"
+PAGE: Final = Path("docs/tracing_study.md")
 
 HEAD: Final = """\
-# All full runs of the blind study of tracing
+# Runs of the blind study of tracing
 
-A row each, appended by `make blind`, bad ones too. Do not edit. A mark that is missed has a cross.
+## All full runs
+
+Each run of `make blind` appends a row, also a bad one; do not edit the rows. A cross marks a missed requirement.
 
 """
 
@@ -47,14 +46,9 @@ class About:
 
 
 def publish(root: Path, about: About, outcomes: Sequence[Outcome], found: Sequence[Mark]) -> None:
-    """Append the run to the table, and make page and README say what it says."""
+    """Append the run to the table, and write its page."""
     append(root / RUNS, about, found)
     (root / PAGE).write_text(rendered(outcomes, found, about.said), encoding="utf-8")
-    readme = root / README
-    if readme.exists():
-        readme.write_text(
-            with_latest(readme.read_text(encoding="utf-8"), [about.said, "", *marks_table(found)]), encoding="utf-8"
-        )
 
 
 def append(path: Path, about: About, found: Sequence[Mark]) -> None:
@@ -70,15 +64,6 @@ def append(path: Path, about: About, found: Sequence[Mark]) -> None:
     )  # fmt: skip
     with path.open("a", encoding="utf-8") as file:
         file.write(f"{row}\n")
-
-
-def with_latest(readme: str, lines: Sequence[str]) -> str:
-    """A README with these lines between the two marks, as it is where it has none."""
-    before, begin, rest = readme.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        return readme
-    return "\n".join([before + begin, *lines, end + after])
 
 
 def _short(mark: Mark) -> str:
