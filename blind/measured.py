@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from world import measured, seats
 
-from biodyn_core.tracing import pairs, transfers
+from blind import pairs, transfers
 
 Floats = NDArray[np.float64]
 

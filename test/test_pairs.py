@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import interpolate, signal
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.tracing import pairs
+from blind import pairs
 
 Floats = NDArray[np.float64]
 

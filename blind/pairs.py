@@ -19,9 +19,9 @@ from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.base.wording import counted
-from biodyn_core.tracing.faults import WAYS, Tried, all_tried, by_chance, tried_by, wandering, weights
 from biodyn_core.tracing.findings import NAMING, Verdict
-from biodyn_core.tracing.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
+from blind.faults import WAYS, Tried, all_tried, by_chance, tried_by, wandering, weights
+from blind.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
 
 MENDING: Final = 20
 """Turns until what is put in the place of clipped samples has settled."""

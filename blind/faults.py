@@ -12,7 +12,7 @@ from scipy import optimize
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.tracing.transfers import Shape, Stretch, across, window_sums
+from blind.transfers import Shape, Stretch, across, window_sums
 
 Map = Callable[[Floats], Floats]
 
