@@ -16,7 +16,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.nuisance_model import Background
+from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.settings import BASE
 
 Floats = NDArray[np.float64]
@@ -181,15 +181,15 @@ def _events(change: Change, law: Law) -> tuple[Case, ...]:
 
 def fitted(change: Change = nothing, law: Law = plain) -> Subject:
     """The body fitted to the first three events as if nothing were hidden."""
-    return _background(change, law).subject
+    return _nuisance(change, law).subject
 
 
-def background(change: Change = nothing, law: Law = plain) -> Background:
+def nuisance(change: Change = nothing, law: Law = plain) -> NuisanceModel:
     """Three events that are fitted to and three that choose, about the body fitted to the first three."""
-    return _background(change, law)
+    return _nuisance(change, law)
 
 
 @cache
-def _background(change: Change, law: Law) -> Background:
+def _nuisance(change: Change, law: Law) -> NuisanceModel:
     cases = events(6, change, law)
-    return Background.of(fit_joint(cases[:3], TRUTH, 1, BASE).subject, cases[:3], cases[3:])
+    return NuisanceModel.of(fit_joint(cases[:3], TRUTH, 1, BASE).subject, cases[:3], cases[3:])

@@ -26,7 +26,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case, Errors
-from biodyn_core.tracing.findings import Candidate, ComparedEvent, Round, Trace
+from biodyn_core.tracing.findings import ComparedEvent, RankedCandidate, Round, Trace
 from blind.tracing import __main__ as command
 from blind.tracing import refits, score, streams, study
 from blind.tracing.answer import answered
@@ -327,8 +327,8 @@ def a_trace(known: Record) -> Trace:
     applied = AppliedEffect(skin, "head", {p.name: p.size for p in skin.parameters})
     after = dataclasses.replace(known.subject, effects=(applied,))
     late = AppliedEffect(CATALOGUE["clock"], "head", {p.name: p.size for p in CATALOGUE["clock"].parameters})
-    linear = Candidate(applied, 0.4, False, 0.1, 0.0, 0)
-    best = Candidate(late, 0.3, True, 0.1, 0.0, 1, ("helps in 1 of 2 events",))
+    linear = RankedCandidate(applied, 0.4, False, 0.1, 0.0, 0)
+    best = RankedCandidate(late, 0.3, True, 0.1, 0.0, 1, ("helps in 1 of 2 events",))
     blank = np.zeros((1, 5))
     events = tuple(
         ComparedEvent(use, "road", use, 1.0, blank, blank, blank, _error(before), _error(before / 2.0))

@@ -12,9 +12,11 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.diagnose import bracket, coherent, diagnose, peeling
-from biodyn_core.tracing.nuisance_model import Background
+from biodyn_core.tracing.nuisance_model import NuisanceModel
+from biodyn_core.tracing.settings import DiagnosticSettings
 
 RATE_HZ = fitting.RATE_HZ
+FAILING = DiagnosticSettings().failing
 QUIET = 0.05
 """A share of the seat at which the true body's own stiffening does nothing."""
 
@@ -31,12 +33,12 @@ def with_channels(number: int) -> Case:
 def test_a_channel_that_drives_the_residual_is_named_with_its_segment_and_share() -> None:
     """0.3 of a channel of unit power beside as much noise power of its own: half the power is its."""
     rng, cases = np.random.default_rng(9), [with_channels(number) for number in range(3)]
-    missed = []
+    residuals = []
     for case in cases:
-        left = 0.3 * fitting.low_passed(rng.standard_normal((len(case.seat_mps2), 5)))
-        left[:, hiding.HEAD] += 0.3 * case.channels["seat.x"]
-        missed.append(left)
-    found = coherent(cases, missed)
+        residual = 0.3 * fitting.low_passed(rng.standard_normal((len(case.seat_mps2), 5)))
+        residual[:, hiding.HEAD] += 0.3 * case.channels["seat.x"]
+        residuals.append(residual)
+    found = coherent(cases, residuals)
     assert set(found) == {"seat.z", "seat.x", "seat.y"}
     assert found["seat.x"][0] == "head" and found["seat.x"][1] == pytest.approx(0.5, abs=0.15)
     assert found["seat.z"][1] < 0.15 and found["seat.y"][1] < 0.15
@@ -44,8 +46,8 @@ def test_a_channel_that_drives_the_residual_is_named_with_its_segment_and_share(
 
 def test_a_louder_sensor_goes_with_the_seat() -> None:
     cases = list(hiding.events(6, hiding.louder)[:3])
-    missed = [np.where(c.compared, c.measured_mps2 - answer(hiding.TRUTH, c), 0.0) for c in cases]
-    segment, share = coherent(cases, missed)["seat.z"]
+    residuals = [np.where(c.compared, c.measured_mps2 - answer(hiding.TRUTH, c), 0.0) for c in cases]
+    segment, share = coherent(cases, residuals)["seat.z"]
     assert segment == "neck" and share > 0.4
 
 
@@ -80,7 +82,7 @@ def test_a_true_chain_holds_from_the_head_to_the_seat() -> None:
     found = peeling(hiding.TRUTH, quiet(""))
     assert list(found) == ["neck", "upper_torso", "lower_torso", "pelvis", "seat"]
     assert max(found.values()) < 12.0  # 3 s, the ends of which no window follows
-    assert bracket(found) == ()
+    assert bracket(found, FAILING) == ()
 
 
 def test_joints_of_another_size_are_refitted_and_hold() -> None:
@@ -105,7 +107,7 @@ def test_joints_far_stiffer_than_the_subjects_are_looked_for_within_reach() -> N
 )
 def test_the_joint_that_a_linear_chain_cannot_be_is_bracketed(joint: str, expected: tuple[str, ...]) -> None:
     found = peeling(hiding.TRUTH, quiet(joint))
-    assert bracket(found) == expected
+    assert bracket(found, FAILING) == expected
 
 
 @pytest.mark.parametrize(
@@ -120,7 +122,7 @@ def test_the_joint_that_a_linear_chain_cannot_be_is_bracketed(joint: str, expect
 )
 def test_the_bracket_lies_where_sub_chains_begin_to_fail(percent: tuple, expected: tuple[str, ...]) -> None:
     nodes = ("neck", "upper_torso", "lower_torso", "pelvis", "seat")
-    assert bracket(dict(zip(nodes, percent, strict=True))) == expected
+    assert bracket(dict(zip(nodes, percent, strict=True)), FAILING) == expected
 
 
 def without(case: Case, column: int) -> Case:
@@ -133,16 +135,16 @@ def without(case: Case, column: int) -> Case:
 def test_a_sensor_that_is_missing_is_no_joint_that_fails() -> None:
     """Nobody measures below the joint above it: that sub-chain cannot be told, and must not fail."""
     cases = [without(case, MEASURED_SEGMENTS.index("lower_torso")) for case in quiet("")]
-    assert bracket(peeling(hiding.TRUTH, cases)) == ()
+    assert bracket(peeling(hiding.TRUTH, cases), FAILING) == ()
 
 
-def background(cases: list[Case]) -> Background:
-    return Background.of(hiding.TRUTH, cases, cases[:1])
+def nuisance(cases: list[Case]) -> NuisanceModel:
+    return NuisanceModel.of(hiding.TRUTH, cases, cases[:1])
 
 
 def test_a_sensor_that_is_missing_leaves_nothing_that_goes_with_the_seat() -> None:
     cases = [without(case, hiding.HEAD) for case in hiding.events(6)[:3]]
-    _, share = diagnose(hiding.TRUTH, background(cases)).coherent["seat.z"]
+    _, share = diagnose(hiding.TRUTH, nuisance(cases)).coherent["seat.z"]
     assert share < 0.2
 
 
@@ -165,31 +167,31 @@ def loud_by(power: float, lengths: tuple[int, ...]) -> list[Case]:
 @pytest.mark.parametrize("power", [-0.5, 0.0, 0.5])
 def test_the_level_slope_is_how_the_relative_residual_grows(power: float) -> None:
     cases = loud_by(power, (3000, 3000, 3000, 3000))
-    found = diagnose(hiding.TRUTH, background(cases)).level_slope
+    found = diagnose(hiding.TRUTH, nuisance(cases)).level_slope
     assert found == pytest.approx(power, abs=0.1)
 
 
 def test_longer_events_have_no_larger_relative_residual() -> None:
     cases = loud_by(0.0, (1500, 1800, 2400, 3000))
-    assert diagnose(hiding.TRUTH, background(cases)).level_slope == pytest.approx(0.0, abs=0.1)
+    assert diagnose(hiding.TRUTH, nuisance(cases)).level_slope == pytest.approx(0.0, abs=0.1)
 
 
 def test_events_of_one_level_have_no_slope() -> None:
     case = hiding.events(6)[0]
-    assert diagnose(hiding.TRUTH, background([case, case, case])).level_slope is None
+    assert diagnose(hiding.TRUTH, nuisance([case, case, case])).level_slope is None
 
 
 def test_the_event_from_which_on_more_is_missed_is_named() -> None:
     """A sensor comes loose before the fourth event: it rings from there on."""
     before, after = hiding.events(6), hiding.events(6, loose)
     cases = [*before[:3], *after[3:]]
-    found = diagnose(hiding.TRUTH, background(cases)).jump
+    found = diagnose(hiding.TRUTH, nuisance(cases)).jump
     assert found is not None and found[1] < 0.05
     assert found[0] == cases[3].name
 
 
 def test_nothing_that_jumps_is_likely_chance() -> None:
-    found = diagnose(hiding.TRUTH, background(list(hiding.events(6)))).jump
+    found = diagnose(hiding.TRUTH, nuisance(list(hiding.events(6)))).jump
     assert found is not None and found[1] > 0.05
 
 
@@ -199,7 +201,7 @@ def loose(measured: np.ndarray) -> np.ndarray:
 
 def test_a_whole_look_at_a_true_body_finds_it_as_it_is() -> None:
     cases = list(hiding.events(6)[:3])
-    found = diagnose(hiding.TRUTH, background(cases))
+    found = diagnose(hiding.TRUTH, nuisance(cases))
     assert found.pinned == () and found.pulled_down > 1.0  # a rail of 6 g throws everybody
     assert set(found.amplitude_transfer) == set(hiding.KINDS)
     for quiet_alone, everything in found.amplitude_transfer.values():
@@ -208,9 +210,9 @@ def test_a_whole_look_at_a_true_body_finds_it_as_it_is() -> None:
 
 
 def test_theta_of_the_quiet_events_misses_the_loud_ones_where_a_law_is_hidden() -> None:
-    hidden = diagnose(hiding.fitted(hiding.nothing, hiding.orifice), hiding.background(hiding.nothing, hiding.orifice))
-    plain = diagnose(hiding.fitted(), hiding.background())
+    hidden = diagnose(hiding.fitted(hiding.nothing, hiding.orifice), hiding.nuisance(hiding.nothing, hiding.orifice))
+    plain = diagnose(hiding.fitted(), hiding.nuisance())
     apart = {name: both[0] / both[1] for name, both in hidden.amplitude_transfer.items()}
-    usual = {name: both[0] / both[1] for name, both in plain.amplitude_transfer.items()}
-    assert apart["rail"] > 1.5 * usual["rail"]
+    typical = {name: both[0] / both[1] for name, both in plain.amplitude_transfer.items()}
+    assert apart["rail"] > 1.5 * typical["rail"]
     assert max(hidden.drift.values()) > 1.5 * max(plain.drift.values())

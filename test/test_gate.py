@@ -10,7 +10,7 @@ from hiding import applied
 from streams import subject
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.gate import FloorSettings, cleaned, contents, missing, needs, pulled_down, same
+from biodyn_core.tracing.gate import FloorSettings, cleaned, contents, missing, needs, same, seat_tension
 
 RATE_HZ = fitting.RATE_HZ
 SUBJECT = subject()
@@ -109,7 +109,7 @@ def test_a_seat_that_would_have_to_hold_somebody_down_is_seen() -> None:
     accel = naive.chain_response(theta, SUBJECT.body_mass_kg, "segment", seat, RATE_HZ)
     made = fitting.ready(seat, accel, "rail")
     # All that pushes the six segments comes from the seat, but for the Rayleigh part, which holds on to nothing.
-    found = pulled_down(SUBJECT, made)
+    found = seat_tension(SUBJECT, made)
     rayleigh = SUBJECT.parameters.rayleigh_rad_per_s
     relative = np.cumsum(accel - seat[:, None], axis=0) / RATE_HZ
     tension = -(accel @ np.diag(M) + rayleigh * relative @ np.diag(M))
@@ -120,8 +120,8 @@ def test_a_seat_that_would_have_to_hold_somebody_down_is_seen() -> None:
 def test_a_quiet_road_lifts_nobody_and_lift_off_is_no_omission_twice() -> None:
     seat = 0.1 * fitting.seat_motion("road", 6.0, 1)
     quiet = dataclasses.replace(fitting.true_cases("segment")[0], seat_mps2=seat)
-    assert 0.0 < pulled_down(SUBJECT, quiet) < 0.5
-    assert pulled_down(dataclasses.replace(SUBJECT, effects=(applied("lift_off"),)), quiet) == 0.0
+    assert 0.0 < seat_tension(SUBJECT, quiet) < 0.5
+    assert seat_tension(dataclasses.replace(SUBJECT, effects=(applied("lift_off"),)), quiet) == 0.0
 
 
 def masked(share: float, column: int, one: Case) -> Case:

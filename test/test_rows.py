@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.nuisance_parameters import UsualSettings
+from biodyn_core.tracing.nuisance_parameters import TypicalSettings
 from biodyn_core.tracing.rows import Products, Rows, WeightSettings
 
 RATE_HZ = fitting.RATE_HZ  # thinned to 300 Hz
-USUAL = UsualSettings()
+USUAL = TypicalSettings()
 LOUD = 10.0
 
 
@@ -124,7 +124,7 @@ def test_what_is_missed_is_the_measurement_less_the_answer() -> None:
     answer = np.random.default_rng(1).standard_normal(one.measured_mps2.shape)
     rows = rows_of(one, answer)
     left = np.where(one.compared, one.measured_mps2 - answer, 0.0)
-    np.testing.assert_allclose(rows.missed(answer), rows(left[:, :, None])[:, :, 0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(rows.residual(answer), rows(left[:, :, None])[:, :, 0], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("late_s", [[0.001] * 3, [0.001, -0.001, 0.001]])
@@ -137,7 +137,7 @@ def test_a_clock_set_for_one_segment_leaves_the_others_and_says_how_late_it_was_
     measured = one.measured_mps2.copy()
     measured[:, 2] = np.where(one.compared[:, 2], late, 0.0)
     rows = Rows(dataclasses.replace(one, measured_mps2=measured), answer, WeightSettings(), USUAL)
-    left = rows.missed(answer)
+    left = rows.residual(answer)
     on_time, said_s = rows.on_time(left, 2)
     assert np.linalg.norm(on_time) < 0.05 * np.linalg.norm(left)
     np.testing.assert_allclose(said_s, late_s, rtol=0.05)
@@ -157,5 +157,5 @@ def test_what_columns_leave_is_the_sum_of_squares_window_by_window() -> None:
         for e in range(2)
         for w in range(len(missed[e]))
     ]
-    np.testing.assert_allclose(products.left(b), slow, rtol=1e-10)
+    np.testing.assert_allclose(products.residual_square(b), slow, rtol=1e-10)
     assert products.event.tolist() == [0, 0, 1, 1, 1] and products.samples.tolist() == [20.0] * 5

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from biodyn_core.tracing.findings import Surface
-from biodyn_core.tracing.local_fit import settle
-from biodyn_core.tracing.nuisance_model import Background
+from biodyn_core.tracing.local_fit import fit_locally
+from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.surface import force, surface
 
 SEEN = 0.12
@@ -22,8 +22,8 @@ def found(law=hiding.plain, change=hiding.nothing, site: str = "pelvis") -> Surf
 
 @cache
 def _found(law, change, site: str) -> Surface:
-    background = hiding.background(change, law)
-    return surface(background, settle(background, None), site)
+    nuisance = hiding.nuisance(change, law)
+    return surface(nuisance, fit_locally(nuisance, None), site)
 
 
 def at_no_rate(one: Surface) -> np.ndarray:
@@ -34,17 +34,17 @@ def at_no_rate(one: Surface) -> np.ndarray:
 def test_a_stiffening_joint_is_seen_to_stiffen() -> None:
     """On roads, about the true body, so that no frequency has taken its share."""
     roads = hiding.events(9, hiding.nothing, hiding.stiffening)[::3]
-    background = Background.of(hiding.TRUTH, roads[:2], roads[2:])
-    push = at_no_rate(surface(background, settle(background, None), "pelvis"))
+    nuisance = NuisanceModel.of(hiding.TRUTH, roads[:2], roads[2:])
+    push = at_no_rate(surface(nuisance, fit_locally(nuisance, None), "pelvis"))
     # Theta has its own say on what is linear: of a cubic, f(1) - 2 f(1/2) keeps three quarters.
     assert push[4] - push[0] - 2.0 * (push[3] - push[1]) > 0.0
 
 
 def test_a_surface_without_any_height_gains_nothing() -> None:
-    background = hiding.background(hiding.nothing, hiding.one_sided)
-    flat = mock.patch("biodyn_core.tracing.surface._heights", lambda background, hats: np.zeros(len(hats)))
+    nuisance = hiding.nuisance(hiding.nothing, hiding.one_sided)
+    flat = mock.patch("biodyn_core.tracing.surface._heights", lambda nuisance, hats: np.zeros(len(hats)))
     with flat:
-        assert surface(background, settle(background, None), "pelvis").gain == pytest.approx(0.0, abs=0.02)
+        assert surface(nuisance, fit_locally(nuisance, None), "pelvis").gain == pytest.approx(0.0, abs=0.02)
 
 
 def test_a_joint_that_is_stiffer_in_compression_alone_bends_downwards() -> None:

@@ -27,12 +27,12 @@ from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.identification.problem import Errors
 from biodyn_core.tracing.findings import (
-    Candidate,
     ComparedEvent,
-    Departure,
     Diagnostics,
     Interval,
     Need,
+    NuisanceValue,
+    RankedCandidate,
     Round,
     SensorFinding,
     Surface,
@@ -153,11 +153,11 @@ def diagnostics() -> Diagnostics:
 def found(verdict: Verdict = "effect", **changed: Any) -> Trace:
     """A whole trace of one verdict; whatever a verdict would not have is left out."""
     added = verdict in ("effect", "ambiguous")
-    ladder = (
-        Candidate(STOP, 0.81, True, 0.001, 0.35, 3),
-        Candidate(ASYMMETRY, 0.62, True, 0.01, 0.5, 3, ("a parameter ends on its bound",)),
-        Candidate(applied("clock", "head"), 0.02, False, 0.7, 0.9, 1),
-        Candidate(applied("pitch", "seat"), NAN, False, 1.0, 0.1, 0),
+    ranking = (
+        RankedCandidate(STOP, 0.81, True, 0.001, 0.35, 3),
+        RankedCandidate(ASYMMETRY, 0.62, True, 0.01, 0.5, 3, ("a parameter ends on its bound",)),
+        RankedCandidate(applied("clock", "head"), 0.02, False, 0.7, 0.9, 1),
+        RankedCandidate(applied("pitch", "seat"), NAN, False, 1.0, 0.1, 0),
     )
     surface = Surface(
         "pelvis", np.array([-0.02, -0.01, 0.0]), np.array([-0.1, 0.1]),
@@ -175,8 +175,8 @@ def found(verdict: Verdict = "effect", **changed: Any) -> Trace:
         family="stiffening" if added else "",
         experiment=EXPERIMENTS.get(verdict, ""),
         events=EVENTS,
-        rounds=(Round(ladder, 0.05, ladder[0] if added else None, ladder[1:2] if verdict == "ambiguous" else ()),),
-        departures=(Departure("gain of the head's sensor", -0.4), Departure("clock of the neck's sensor", 3.1)),
+        rounds=(Round(ranking, 0.05, ranking[0] if added else None, ranking[1:2] if verdict == "ambiguous" else ()),),
+        nuisance=(NuisanceValue("gain of the head's sensor", -0.4), NuisanceValue("clock of the neck's sensor", 3.1)),
         diagnostics=diagnostics(),
         surface=surface if verdict == "unexplained" else None,
         floor_percent=0.9,
@@ -195,7 +195,7 @@ def found(verdict: Verdict = "effect", **changed: Any) -> Trace:
 def nothing() -> Trace:
     """What is left where the gate already stops."""
     return found(
-        "not_decidable", events=(), rounds=(), departures=(), diagnostics=None, floor_percent=None, p_value=None,
+        "not_decidable", events=(), rounds=(), nuisance=(), diagnostics=None, floor_percent=None, p_value=None,
         threshold=None, calibrated="not", reasons=(), untestable=(), left_out=(),
     )  # fmt: skip
 
@@ -249,7 +249,7 @@ def test_scores_and_moves_are_as_said() -> None:
     document = trace_document(found())
     assert [each["score"] for each in document["candidates"]] == pytest.approx([3.0, 2.0, -math.log10(0.7), 0.0])
     assert document["candidates"][3]["gain"] is None
-    impossible = dataclasses.replace(found().rounds[0].ladder[0], p_value=0.0)
+    impossible = dataclasses.replace(found().rounds[0].ranking[0], p_value=0.0)
     (only,) = trace_document(found(rounds=(Round((impossible,), NAN, None, ()),)))["candidates"]
     assert only["score"] is None
     moves = document["parameters_moved"]
@@ -437,8 +437,10 @@ def test_findings_about_sensors_stand_beside_the_verdict() -> None:
 
 
 def test_what_is_set_anew_claims_no_gain_in_other_events_nor_a_chance() -> None:
-    anew = Candidate(applied("clock", "head"), 0.8, True, 0.005, 0.2, 6, steady=False)
-    document = trace_document(found(rounds=(Round((anew, Candidate(STOP, 0.3, True, 0.01, 0.2, 6)), 0.1, anew, ()),)))
+    anew = RankedCandidate(applied("clock", "head"), 0.8, True, 0.005, 0.2, 6, steady=False)
+    document = trace_document(
+        found(rounds=(Round((anew, RankedCandidate(STOP, 0.3, True, 0.01, 0.2, 6)), 0.1, anew, ()),))
+    )
     (first, second) = document["candidates"]
     assert (first["p_value"], first["score"], first["steady"]) == (None, None, False)
     assert second["p_value"] == 0.01 and second["steady"]
@@ -469,7 +471,7 @@ def test_the_page_shows_numbers_before_and_after() -> None:
     for expected in (
         "pelvis 15.0 2.50 15.0 5.00 16.0 3.00", "all 19.0 3.50 15.0 5.00 20.0 3.50", "natural frequency, pelvis",
         "F -= k_s max(0, -stretch - d0)", "0.0120 (0.0115 to 0.0126) m", "rail_2 rail held out 3.0 50.0 25.0 5.00",
-        "Dealt by turns.", "-50.0 +0.0", "+0.0 -10.0", "+0.0 -25.0", "0.810, taken", "screened only", "gap 0.0120",
+        "Dealt by turns.", "-50.0 +0.0", "+0.0 -10.0", "+0.0 -25.0", "0.810, chosen", "screened only", "gap 0.0120",
         "asymmetry in the joint between seat and pelvis: a parameter ends on its bound",
         "Noise of the sensors alone leaves 0.900 %",
     ):  # fmt: skip
@@ -549,7 +551,7 @@ def test_names_from_outside_are_text_and_nothing_else() -> None:
     hostile = [dataclasses.replace(each, name=NASTY, case="<b>x</b>") for each in EVENTS]
     jumped = dataclasses.replace(diagnostics(), jump=(NASTY, 0.01))
     _, page = page_of(
-        found(events=tuple(hostile), diagnostics=jumped, left_out=(NASTY,), departures=(Departure(NASTY, 1.0),)),
+        found(events=tuple(hostile), diagnostics=jumped, left_out=(NASTY,), nuisance=(NuisanceValue(NASTY, 1.0),)),
         warnings=[NASTY], dealt=NASTY,
     )  # fmt: skip
     assert page.text.count("<script>") >= 5 and "<b>x</b>" in page.text
@@ -599,11 +601,13 @@ def heard(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """A method that finds the stop whatever it is given, and what it was given."""
     given: dict[str, Any] = {}
 
-    def trace(train: Any, held_out: Any, subject: Any, settings: Any, seed: int, tell: Any, kept: Any) -> Trace:
+    def trace(
+        train: Any, held_out: Any, subject: Any, settings: Any, seed: int, on_stage: Any, checkpoint: Any
+    ) -> Trace:
         given.update(train=train, held_out=held_out, subject=subject, settings=settings, seed=seed)
-        tell("screening", 0.0)
-        tell("screening", 1.0)
-        tell("refitting", 0.5)
+        on_stage("screening", 0.0)
+        on_stage("screening", 1.0)
+        on_stage("refitting", 0.5)
         named = [
             dataclasses.replace(EVENTS[{"train": 0, "choose": 2, "held_out": 3}[use]], name=case.name, case=case.case)
             for use, cases in (("train", train), ("choose", held_out[:-1]), ("held_out", held_out[-1:]))

@@ -15,10 +15,10 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case, Errors
 from biodyn_core.tracing.findings import (
-    Candidate,
     ComparedEvent,
     Diagnostics,
     Interval,
+    RankedCandidate,
     Round,
     SensorFinding,
     Surface,
@@ -42,7 +42,7 @@ PROOF: Final = (
 
 def trace_document(trace: Trace) -> Document:
     """All that a trace finds; the bags and the seconds it took are `trace_bags`' to add."""
-    first = trace.rounds[0].ladder if trace.rounds else ()
+    first = trace.rounds[0].ranking if trace.rounds else ()
     return {
         "subject": trace.before.name,
         "verdict": trace.verdict,
@@ -64,7 +64,7 @@ def trace_document(trace: Trace) -> Document:
         "candidates": [_candidate(candidate) for candidate in first],
         "rounds": [_round(each) for each in trace.rounds],
         "diagnostics": _diagnostics(trace.diagnostics) if trace.diagnostics else {},
-        "departures": [{"name": each.name, "times_usual": finite(each.times_usual)} for each in trace.departures],
+        "departures": [{"name": each.name, "times_usual": finite(each.typical_multiple)} for each in trace.nuisance],
         "parameters_moved": parameters_moved(trace),
         "subject_written": "with_effect" if trace.adds else "as_given",
         "surface": _surface(trace.surface) if trace.surface else None,
@@ -141,7 +141,7 @@ def _sensor(found: SensorFinding) -> Document:
         "limit": limit.limit,
         "limit_source": limit.source,
         "within_limit": within_limits(found.fault),
-        "told_by": found.told_by,
+        "told_by": found.source,
         "gain": _known(found.gain),
         "explains": found.explains,
     }
@@ -152,7 +152,7 @@ def _interval(interval: Interval) -> Document:
     return {"value": value, "unit": interval.unit, "lower": lower, "upper": upper}
 
 
-def _candidate(candidate: Candidate) -> Document:
+def _candidate(candidate: RankedCandidate) -> Document:
     return _site(candidate.applied) | {
         "parameters": dict(candidate.applied.values),
         "gain": finite(candidate.gain),
@@ -174,9 +174,9 @@ def _score(p_value: float) -> float | None:
 def _round(found: Round) -> Document:
     return {
         "threshold": finite(found.threshold),
-        "taken": _site(found.taken.applied) if found.taken else None,
+        "taken": _site(found.chosen.applied) if found.chosen else None,
         "ambiguous_with": [_site(candidate.applied) for candidate in found.ambiguous_with],
-        "candidates": [_candidate(candidate) for candidate in found.ladder],
+        "candidates": [_candidate(candidate) for candidate in found.ranking],
     }
 
 

@@ -11,7 +11,7 @@ from biodyn_ros.base.wording import number, parameter_name, told_apart
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import event_document
-from biodyn_ros.trace.drawings import RUNGS, ladder, surface_map
+from biodyn_ros.trace.drawings import SHOWN, ranking, surface_map
 from biodyn_ros.trace.refit import outside, refitted_beside
 from biodyn_ros.trace.text import USES, known_use
 from biodyn_ros.trace.wording import (
@@ -65,7 +65,7 @@ def trace_page(document: Document, trace: Trace) -> str:
         drawn=len(of_one_rate(compared)),
         time_svg=over_time(worst) if worst is not None else None,
         spectra_svg=over_frequency(compared),
-        ladders=[(ladder(each), _objections(each)) for each in trace.rounds if each.ladder],
+        ladders=[(ranking(each), _objections(each)) for each in trace.rounds if each.ranking],
         surface_svg=surface_map(trace.surface) if trace.surface is not None else None,
     )
 
@@ -94,8 +94,8 @@ def _added(effect: Document) -> Document:
 
 def _objections(found: Round) -> list[str]:
     """What speaks against each candidate that is drawn, where anything does."""
-    rungs = [(rung.applied, rung.against) for rung in found.ladder[:RUNGS] if rung.against]
-    return [f"{effect_name(applied.effect.name, applied.site)}: {', '.join(against)}" for applied, against in rungs]
+    rows = [row for row in found.ranking[:SHOWN] if row.against]
+    return [f"{effect_name(*row.key)}: {', '.join(row.against)}" for row in rows]
 
 
 def _largest(document: Document) -> float:

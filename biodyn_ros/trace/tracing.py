@@ -90,7 +90,7 @@ def trace_bags(
     for line in _uses(fitted, spare, by_name=bool(o.held_out)):
         say(line)
     with Stages(Progress) as stages:
-        found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, tell=stages, kept=kept)
+        found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, on_stage=stages, checkpoint=kept)
     document = trace_document(found) | {
         "bags": [origin(event, case, found) for event, case in prepared],
         "dealt": None if o.held_out else _dealt(prepared),

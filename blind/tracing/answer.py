@@ -12,7 +12,7 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.findings import Candidate, Trace
+from biodyn_core.tracing.findings import RankedCandidate, Trace
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace
 from blind.tracing.outcome import FAILED, Answer, Cause
@@ -68,12 +68,12 @@ def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> A
     )  # fmt: skip
 
 
-def _best(found: Trace) -> Candidate | None:
-    """What was taken first, or else gained most."""
+def _best(found: Trace) -> RankedCandidate | None:
+    """The chosen candidate of the first round, or else the one with the largest gain."""
     if not found.rounds:
         return None
     first = found.rounds[0]
-    return first.taken or next((one for one in first.ladder if one.refitted), None)
+    return first.chosen or next((one for one in first.ranking if one.refitted), None)
 
 
 def _without(row: str, number: int, begin: float, verdict: str, why: str) -> Answer:

@@ -9,8 +9,8 @@ import pytest
 from hiding import applied
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.tracing.local_fit import LEVELS, LocalFit, predicted, relief, settle
-from biodyn_core.tracing.nuisance_model import N_THETA, Background, Side
+from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, evidence_gain, fit_locally, simulated_products
+from biodyn_core.tracing.nuisance_model import N_THETA, EventSet, NuisanceModel
 from biodyn_core.tracing.rows import Rows
 
 SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
@@ -18,7 +18,7 @@ SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
 
 @cache
 def without(change, law=hiding.plain) -> LocalFit:
-    return settle(hiding.background(change, law), None)
+    return fit_locally(hiding.nuisance(change, law), None)
 
 
 def assert_theta_is_true(found: LocalFit, rel: float) -> None:
@@ -40,8 +40,8 @@ def assert_theta_is_true(found: LocalFit, rel: float) -> None:
 def test_theta_and_what_was_hidden_come_back_together(
     change, law, name: str, site: str, truth: dict, less: float
 ) -> None:
-    background = hiding.background(change, law)
-    found = settle(background, applied(name, site), with_intervals=True)
+    nuisance = hiding.nuisance(change, law)
+    found = fit_locally(nuisance, applied(name, site), with_intervals=True)
     assert found.applied is not None and set(truth) <= set(found.applied.values)
     for parameter, value in truth.items():
         # A share of it may stay with a usual departure of the same law.
@@ -50,51 +50,53 @@ def test_theta_and_what_was_hidden_come_back_together(
     assert_theta_is_true(found, 0.02)
     assert found.at_bound == () and len(found.intervals) == len(found.applied.effect.parameters)
     assert found.objective < 0.7 * without(change, law).objective
-    assert found.left.sum() < less * without(change, law).left.sum()
+    assert found.residual_square.sum() < less * without(change, law).residual_square.sum()
 
 
 def test_the_interval_is_around_the_size_and_narrower_where_more_is_fitted_to() -> None:
-    background = hiding.background(hiding.louder)
-    found = settle(background, applied("gain", "neck"), with_intervals=True)
+    nuisance = hiding.nuisance(hiding.louder)
+    found = fit_locally(nuisance, applied("gain", "neck"), with_intervals=True)
     ((low, high),) = found.intervals
     assert low < 0.1 < high and high - low < 0.15
-    fewer = dataclasses.replace(background, weight=0.25 * background.weight)
-    ((wide_low, wide_high),) = settle(fewer, applied("gain", "neck"), with_intervals=True).intervals
+    fewer = dataclasses.replace(nuisance, weight=0.25 * nuisance.weight)
+    ((wide_low, wide_high),) = fit_locally(fewer, applied("gain", "neck"), with_intervals=True).intervals
     assert wide_high - wide_low > 1.1 * (high - low)
 
 
 def test_without_an_effect_it_lowers_what_is_left_and_leaves_the_subject_without() -> None:
-    background, found = hiding.background(hiding.louder), without(hiding.louder)
-    p = background.train.products
-    before = float(background.weight @ p.square)
+    nuisance, found = hiding.nuisance(hiding.louder), without(hiding.louder)
+    p = nuisance.train.products
+    before = float(nuisance.weight @ p.square)
     assert found.applied is None and found.subject.effects == () and found.intervals == ()
     assert 0.0 < found.objective < 0.9 * before
-    usual = dict(zip(background.names, found.departures[N_THETA:], strict=True))
+    usual = dict(zip(nuisance.names, found.coefficients[N_THETA:], strict=True))
     assert max(usual, key=lambda name: abs(usual[name])) == "gain of neck" and usual["gain of neck"] > 1.0
 
 
 def test_where_it_ends_is_what_it_leaves() -> None:
     """The squares left are those of a simulation of the settled subject less its departures."""
-    background, found = hiding.background(hiding.louder), settle(hiding.background(hiding.louder), None)
+    nuisance, found = hiding.nuisance(hiding.louder), fit_locally(hiding.nuisance(hiding.louder), None)
     slow = []
     for rows, known, missed in zip(
-        background.choose.rows, background.choose.known, background.choose.missed(found.subject), strict=True
+        nuisance.choose.rows, nuisance.choose.known, nuisance.choose.residuals(found.subject), strict=True
     ):
-        slow += [((missed[w] - known[w] @ found.departures) ** 2).sum() for w in range(rows.windows)]
-    np.testing.assert_allclose(found.left, slow, rtol=1e-6)
-    np.testing.assert_allclose(predicted(background.choose, found.subject).left(found.departures), slow, rtol=1e-6)
+        slow += [((missed[w] - known[w] @ found.coefficients) ** 2).sum() for w in range(rows.windows)]
+    np.testing.assert_allclose(found.residual_square, slow, rtol=1e-6)
+    np.testing.assert_allclose(
+        simulated_products(nuisance.choose, found.subject).residual_square(found.coefficients), slow, rtol=1e-6
+    )
 
 
 def test_more_steps_leave_no_more() -> None:
-    background = hiding.background(hiding.on_skin)
-    objectives = [settle(background, applied("skin", "head"), steps).objective for steps in (0, 1, 4, 12)]
+    nuisance = hiding.nuisance(hiding.on_skin)
+    objectives = [fit_locally(nuisance, applied("skin", "head"), steps).objective for steps in (0, 1, 4, 12)]
     assert objectives == sorted(objectives, reverse=True) and objectives[3] < 0.5 * objectives[0]
 
 
 def test_what_ends_on_a_bound_is_named() -> None:
     """A sensor that shows 60 % more than the range of a gain, 30 %, lets it have."""
-    background = hiding.background(hiding.far_louder)
-    found = settle(background, applied("gain", "neck"))
+    nuisance = hiding.nuisance(hiding.far_louder)
+    found = fit_locally(nuisance, applied("gain", "neck"))
     assert found.applied is not None and found.applied.values["gain"] > 0.29
     assert found.at_bound == ("gain",)
 
@@ -105,11 +107,11 @@ def test_a_start_that_runs_away_is_infinite_and_no_crash() -> None:
         CATALOGUE["cubic"], parameters=(dataclasses.replace(parameter, lower=-1e12, upper=-1e9, start=-1e10),)
     )
     start = AppliedEffect(softer, "pelvis", {parameter.name: -1e10})
-    background = hiding.background(hiding.louder)
-    found = settle(background, start)
+    nuisance = hiding.nuisance(hiding.louder)
+    found = fit_locally(nuisance, start)
     assert found.objective == np.inf and found.applied is start
-    assert np.isfinite(found.left).all() and np.isfinite(found.departures).all()
-    np.testing.assert_array_equal(found.left, background.choose.products.square)
+    assert np.isfinite(found.residual_square).all() and np.isfinite(found.coefficients).all()
+    np.testing.assert_array_equal(found.residual_square, nuisance.choose.products.square)
 
 
 def test_next_to_running_away_the_slope_is_told_from_the_side_that_holds() -> None:
@@ -118,7 +120,7 @@ def test_next_to_running_away_the_slope_is_told_from_the_side_that_holds() -> No
     wider = dataclasses.replace(
         CATALOGUE["asymmetry"], parameters=(dataclasses.replace(parameter, lower=-20_000.0, upper=20_000.0),)
     )
-    background = hiding.background(hiding.louder)
+    nuisance = hiding.nuisance(hiding.louder)
 
     def at(value: float) -> AppliedEffect:
         return AppliedEffect(wider, "pelvis", {parameter.name: value})
@@ -126,10 +128,10 @@ def test_next_to_running_away_the_slope_is_told_from_the_side_that_holds() -> No
     holds, runs_away = 0.0, 1000.0
     while runs_away - holds > 1.0:  # a nudge of settling is 100 here
         middle = 0.5 * (holds + runs_away)
-        stays = np.isfinite(settle(background, at(middle), steps=0).objective)
+        stays = np.isfinite(fit_locally(nuisance, at(middle), steps=0).objective)
         holds, runs_away = (middle, runs_away) if stays else (holds, middle)
-    start, found = settle(background, at(holds), steps=0), settle(background, at(holds))
-    assert np.isfinite(start.away) and np.isfinite(relief(background, without(hiding.louder), start))
+    start, found = fit_locally(nuisance, at(holds), steps=0), fit_locally(nuisance, at(holds))
+    assert np.isfinite(start.penalty) and np.isfinite(evidence_gain(nuisance, without(hiding.louder), start))
     assert found.objective < 0.6 * start.objective and found.applied is not None
     assert abs(found.applied.values[parameter.name]) < 10.0, "nothing of the kind is hidden"
 
@@ -141,41 +143,41 @@ class _Departing(Rows):
         self.__dict__ |= rows.__dict__
         self._more = more
 
-    def missed(self, answer: np.ndarray) -> np.ndarray:
-        return super().missed(answer) + self._more
+    def residual(self, answer: np.ndarray) -> np.ndarray:
+        return super().residual(answer) + self._more
 
 
-def departing(background: Background, departures: np.ndarray) -> Background:
+def departing(nuisance: NuisanceModel, departures: np.ndarray) -> NuisanceModel:
     """The same events of a body and of sensors that depart so far, in usual spreads, beside what they miss."""
     b = np.concatenate([np.zeros(N_THETA), departures])
 
-    def of(side: Side) -> Side:
-        rows = tuple(_Departing(one, known @ b) for one, known in zip(side.rows, side.known, strict=True))
-        apart = dataclasses.replace(side, rows=rows)
-        return dataclasses.replace(apart, products=apart.of(apart.missed(background.subject)))
+    def of(events: EventSet) -> EventSet:
+        rows = tuple(_Departing(one, known @ b) for one, known in zip(events.rows, events.known, strict=True))
+        apart = dataclasses.replace(events, rows=rows)
+        return dataclasses.replace(apart, products=apart.products_of(apart.residuals(nuisance.subject)))
 
-    return dataclasses.replace(background, train=of(background.train), choose=of(background.choose)).reweighted()
+    return dataclasses.replace(nuisance, train=of(nuisance.train), choose=of(nuisance.choose)).reweighted()
 
 
 @pytest.mark.parametrize("seed", [0, 3])
 def test_how_far_a_body_departs_is_told_by_how_far_it_was_drawn(seed: int) -> None:
     """One that is as the model has it departs as little as can be told, one drawn at the usual spread about so far."""
-    background = hiding.background()
-    drawn = np.random.default_rng(seed).standard_normal(len(background.names))
-    as_modelled, a_little, as_usual = (settle(departing(background, size * drawn), None) for size in (0.0, 0.3, 1.0))
-    assert as_modelled.level == LEVELS[-1] and a_little.level <= 0.32 and as_usual.level >= 0.56
-    assert as_modelled.stretched < 0.01 and 5.0 < as_usual.stretched < len(drawn)
+    nuisance = hiding.nuisance()
+    drawn = np.random.default_rng(seed).standard_normal(len(nuisance.names))
+    as_modelled, a_little, as_usual = (fit_locally(departing(nuisance, size * drawn), None) for size in (0.0, 0.3, 1.0))
+    assert as_modelled.prior_scale == PRIOR_SCALES[-1] and a_little.prior_scale <= 0.32 and as_usual.prior_scale >= 0.56
+    assert as_modelled.nuisance_square < 0.01 and 5.0 < as_usual.nuisance_square < len(drawn)
 
 
 @pytest.mark.parametrize(("size", "level"), [(0.1, 0.1), (0.7, 0.32), (2.0, 1.0)])
 def test_the_likeliest_level_is_that_of_the_evidence_of_a_linear_model(size: float, level: float) -> None:
     """Where nothing is simulated anew, what is missed is normal, its covariance theta's and that of departures."""
-    drawn = np.random.default_rng(0).standard_normal(len(hiding.background().names))
-    background = departing(hiding.background(), size * drawn)
-    found = settle(background, None, 0)
-    weight = np.repeat(background.weight, background.train.known[0].shape[1])
-    rows = np.concatenate([known.reshape(-1, known.shape[2]) for known in background.train.known])
-    missed = np.concatenate([one.ravel() for one in background.train.missed(background.subject)])
+    drawn = np.random.default_rng(0).standard_normal(len(hiding.nuisance().names))
+    nuisance = departing(hiding.nuisance(), size * drawn)
+    found = fit_locally(nuisance, None, 0)
+    weight = np.repeat(nuisance.weight, nuisance.train.known[0].shape[1])
+    rows = np.concatenate([known.reshape(-1, known.shape[2]) for known in nuisance.train.known])
+    missed = np.concatenate([one.ravel() for one in nuisance.train.residuals(nuisance.subject)])
     scaled, y = rows * np.sqrt(weight)[:, None], missed * np.sqrt(weight)
     theta, own = scaled[:, :N_THETA], scaled[:, N_THETA:]
 
@@ -187,17 +189,19 @@ def test_the_likeliest_level_is_that_of_the_evidence_of_a_linear_model(size: flo
         small = np.eye(spread.shape[1]) + spread.T @ spread
         return float(y @ y - (y @ spread) @ np.linalg.solve(small, spread.T @ y) + volume)
 
-    assert found.level == min(LEVELS, key=cost) == level
+    assert found.prior_scale == min(PRIOR_SCALES, key=cost) == level
 
 
 def test_an_effect_that_takes_the_place_of_a_large_departure_is_a_relief_and_another_is_not() -> None:
     """Without it the seat's joint is damped by more than the usual, with it the body is as the model has it."""
-    background = hiding.background(hiding.nothing, hiding.orifice)
+    nuisance = hiding.nuisance(hiding.nothing, hiding.orifice)
     bent = without(hiding.nothing, hiding.orifice)
-    orifice, gain = (settle(background, applied(*one)) for one in (("quadratic_damping", "pelvis"), ("gain", "head")))
-    assert bent.level > orifice.level == LEVELS[-1] and gain.level == bent.level
-    assert relief(background, bent, orifice) > 0.25  # where departures are dear it is more: see the next
-    dear = background.at_level(LEVELS[-1])
-    assert relief(dear, settle(dear, None), settle(dear, applied("quadratic_damping", "pelvis"))) > 1.0
-    assert abs(relief(background, bent, gain)) < 0.05
-    assert relief(background, bent, bent) == 0.0
+    orifice, gain = (
+        fit_locally(nuisance, applied(*one)) for one in (("quadratic_damping", "pelvis"), ("gain", "head"))
+    )
+    assert bent.prior_scale > orifice.prior_scale == PRIOR_SCALES[-1] and gain.prior_scale == bent.prior_scale
+    assert evidence_gain(nuisance, bent, orifice) > 0.25  # where departures are dear it is more: see the next
+    dear = nuisance.at_scale(PRIOR_SCALES[-1])
+    assert evidence_gain(dear, fit_locally(dear, None), fit_locally(dear, applied("quadratic_damping", "pelvis"))) > 1.0
+    assert abs(evidence_gain(nuisance, bent, gain)) < 0.05
+    assert evidence_gain(nuisance, bent, bent) == 0.0

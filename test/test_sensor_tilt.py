@@ -9,11 +9,11 @@ import pytest
 from hiding import applied
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.nuisance_parameters import UsualSettings
+from biodyn_core.tracing.nuisance_parameters import TypicalSettings
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
-from biodyn_core.tracing.sensor_tilt import lean_deg, leaning
+from biodyn_core.tracing.sensor_tilt import sensor_tilts, tilt_deg
 
-USUAL = UsualSettings().usual_lean
+USUAL = TypicalSettings().usual_lean
 
 
 @cache
@@ -30,15 +30,15 @@ def leans(**degrees: tuple[float, float]) -> Case:
 
 def named(*cases: Case, plain: bool = False) -> dict[str, float]:
     """Sensor by sensor, how far it leans."""
-    return {one.site: lean_deg(one) for one in leaning(cases, USUAL, plain)}
+    return {one.site: tilt_deg(one) for one in sensor_tilts(cases, USUAL, plain)}
 
 
 def test_a_sensor_that_leans_is_named_with_its_lean() -> None:
-    (found,) = leaning([leans(neck=(6.0, -2.0), head=(0.5, 0.0))] * 2, USUAL, plain=False)
+    (found,) = sensor_tilts([leans(neck=(6.0, -2.0), head=(0.5, 0.0))] * 2, USUAL, plain=False)
     assert (found.effect.name, found.site) == ("tilt", "neck")
     assert found.values["lean_x"] == pytest.approx(np.sin(np.deg2rad(6.0)))
     assert found.values["lean_y"] == pytest.approx(-np.sin(np.deg2rad(2.0)))
-    assert lean_deg(found) == pytest.approx(6.32, abs=0.02)
+    assert tilt_deg(found) == pytest.approx(6.32, abs=0.02)
 
 
 def test_what_is_usual_is_named_of_a_plain_body_only() -> None:
@@ -63,7 +63,7 @@ def test_the_seat_is_nobodys_sensor() -> None:
 
 
 def test_a_lean_beyond_the_range_of_a_tilt_ends_on_it() -> None:
-    (found,) = leaning([leans(head=(40.0, 0.0))], USUAL, plain=False)
+    (found,) = sensor_tilts([leans(head=(40.0, 0.0))], USUAL, plain=False)
     assert found.values["lean_x"] == 0.4
 
 

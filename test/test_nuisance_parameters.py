@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.local_fit import LEVELS, settle
-from biodyn_core.tracing.nuisance_model import N_THETA, Background, BackgroundSettings
-from biodyn_core.tracing.nuisance_parameters import UsualSettings, directions
+from biodyn_core.tracing.local_fit import PRIOR_SCALES, fit_locally
+from biodyn_core.tracing.nuisance_model import N_THETA, NuisanceModel, NuisanceSettings
+from biodyn_core.tracing.nuisance_parameters import TypicalSettings, nuisance_parameters
 
 LEAK = 0.012
 
@@ -29,10 +29,10 @@ def cases() -> list[Case]:
 
 def settled_by(cases: list[Case], rest_lean: float) -> tuple[dict[str, float], float]:
     """How far each departure went, in its spread, and what is left, for the calmest of bodies."""
-    usual = BackgroundSettings(usual=UsualSettings(rest_lean=rest_lean))
-    background = Background.of(hiding.fitted(), cases[:3], cases[3:], usual).at_level(LEVELS[-1])
-    found = settle(background, None)
-    return dict(zip(background.names, found.departures[N_THETA:], strict=True)), float(found.left.sum())
+    settings = NuisanceSettings(typical=TypicalSettings(rest_lean=rest_lean))
+    nuisance = NuisanceModel.of(hiding.fitted(), cases[:3], cases[3:], settings).at_scale(PRIOR_SCALES[-1])
+    found = fit_locally(nuisance, None)
+    return dict(zip(nuisance.names, found.coefficients[N_THETA:], strict=True)), float(found.residual_square.sum())
 
 
 def test_a_seat_that_leans_at_rest_is_seen_by_the_whole_body_and_taken_on_at_the_least_level(cases) -> None:
@@ -44,13 +44,13 @@ def test_a_seat_that_leans_at_rest_is_seen_by_the_whole_body_and_taken_on_at_the
 
 
 def test_what_every_sensor_has_is_no_smaller_in_a_body_that_departs_in_nothing(cases) -> None:
-    background = Background.of(hiding.fitted(), cases[:3], cases[3:])
-    spread = dict(zip(background.names, background.precision_at(0.1)[N_THETA:] ** -0.5, strict=True))
+    nuisance = NuisanceModel.of(hiding.fitted(), cases[:3], cases[3:])
+    spread = dict(zip(nuisance.names, nuisance.precision_at(0.1)[N_THETA:] ** -0.5, strict=True))
     assert spread["lean of seat (x)"] == spread["lean of seat (y)"] == 1.0
     assert spread["gain of head"] == spread["mass of neck"] == pytest.approx(0.1)
-    assert background.precision_at(1.0) == pytest.approx(background.usual)
+    assert nuisance.precision_at(1.0) == pytest.approx(nuisance.unit_precision)
 
 
 def test_without_horizontal_axes_no_seat_leans() -> None:
     plain = hiding.events(3)
-    assert not any("lean" in one.name for one in directions(hiding.fitted(), plain))
+    assert not any("lean" in one.name for one in nuisance_parameters(hiding.fitted(), plain))
