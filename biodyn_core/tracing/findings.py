@@ -210,6 +210,16 @@ class Trace:
         return self.before is not self.given
 
     @property
+    def added(self) -> tuple[AppliedEffect, ...]:
+        """The found effects that the subject after has."""
+        return tuple(one for one in self.effects if one in self.after.effects)
+
+    @property
+    def not_added(self) -> tuple[AppliedEffect, ...]:
+        """The found effects that no subject can carry."""
+        return tuple(one for one in self.effects if one not in self.after.effects)
+
+    @property
     def adds(self) -> bool:
         """Whether the subject after has a further effect."""
         return len(self.after.effects) > len(self.before.effects)

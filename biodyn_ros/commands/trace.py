@@ -86,7 +86,7 @@ def _run(options: argparse.Namespace) -> None:
             print(f"biodyn trace: {kept.path} keeps what is done; the same command goes on from there", file=sys.stderr)
         raise
     write_traced(traced, directory, not options.no_report, given_yaml)
-    show(options, traced.document, text_of(traced.document))
+    show(options, traced.document, text_of(traced.report))
 
 
 def _kept_beside(directory: Path) -> Path:
