@@ -37,7 +37,7 @@ from blind.tracing.records import Record, causes, record, sittings
 from blind.tracing.refits import oracle, placebo
 from blind.tracing.rows import CONDITIONS, DRAWINGS, FILLING, MEASURED, Condition, Drawing
 from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
-from blind.tracing.study import BrokenSeal, Call, Run, here
+from blind.tracing.study import BrokenSeal, Call, Run, in_sequence
 from blind.tracing.table import BEGIN, END, RUNS, About, publish, with_latest
 
 SUBJECT = Subject("blind", 70.0, 1.75, "segment", Parameters.from_vector(0.5 * (LOWER + UPPER)))
@@ -187,7 +187,7 @@ def test_verdicts_are_sealed_before_any_truth_is_drawn(tmp_path: Path) -> None:
         return scores(drawing, given, seed, split)
 
     outcomes = study.run(
-        what, here, answer, score, lambda text: happened.append("sealed") if "sealed" in text else None
+        what, in_sequence, answer, score, lambda text: happened.append("sealed") if "sealed" in text else None
     )
     assert happened == ["answers"] * 2 + ["sealed"] + ["truths"] * 2  # a row at a time
     assert [(one.answer.row, one.answer.number) for one in outcomes] == [(d.name, n) for d, n in what.tasks]
@@ -211,7 +211,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert not (tmp_path / study.SEAL).exists()
     assert done == [("nothing", 0), ("nothing", 1), ("strong", 0), ("strong", 1), ("strong", 2)]
     done.clear()
-    assert len(study.run(what, here, answers, scores)) == 5
+    assert len(study.run(what, in_sequence, answers, scores)) == 5
     assert len((tmp_path / study.ANSWERS).read_text().splitlines()) == 5
 
     def nothing_left(calls: Sequence[Call]) -> Iterator[Any]:
@@ -223,20 +223,20 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
 
 def test_answers_that_change_behind_the_seal_are_seen(tmp_path: Path) -> None:
     what = Run(5, FEW, tmp_path)
-    study.run(what, here, answers, scores)
+    study.run(what, in_sequence, answers, scores)
     path = tmp_path / study.ANSWERS
     lines = path.read_text().splitlines()
     path.write_text("\n".join(reversed(lines)) + "\n")
-    study.run(what, here, answers, scores)  # the order is that in which they were done
+    study.run(what, in_sequence, answers, scores)  # the order is that in which they were done
     path.write_text("\n".join(lines).replace('"verdict": "effect"', '"verdict": "none"', 1) + "\n")
     with pytest.raises(BrokenSeal, match="have been changed"):
-        study.run(what, here, answers, scores)
+        study.run(what, in_sequence, answers, scores)
     path.write_text("\n".join(lines[1:]) + "\n")
-    with pytest.raises(BrokenSeal, match="the truth has been looked at"):
-        study.run(what, here, answers, scores)
+    with pytest.raises(BrokenSeal, match="the truths have been drawn"):
+        study.run(what, in_sequence, answers, scores)
     for other in (dataclasses.replace(what, commit="later"), dataclasses.replace(what, drawings=FEW[:1])):
         with pytest.raises(BrokenSeal, match="of another run"):
-            study.run(other, here, answers, scores)
+            study.run(other, in_sequence, answers, scores)
 
 
 def ratios(of: Callable[[int], float]) -> study.Scoring:
@@ -271,7 +271,7 @@ def test_a_row_that_is_short_is_filled_up_behind_a_seal_of_its_own(tmp_path: Pat
     with pytest.raises(KeyboardInterrupt):
         study.run(what, interrupted, answers, score)
     assert len(study.seals(what)) == 1
-    outcomes = study.run(what, here, answers, score)
+    outcomes = study.run(what, in_sequence, answers, score)
     # Of three one has the ratio, three are missing, so nine are drawn, of which three have it.
     assert seen == [
         (1, "nothing", [0, 1]),
@@ -285,8 +285,8 @@ def test_a_row_that_is_short_is_filled_up_behind_a_seal_of_its_own(tmp_path: Pat
     assert first == study.seal(what, what.tasks, 1) != whole == study.seal(what, [*what.tasks, *_more(9)], 2)
     lines = (tmp_path / study.ANSWERS).read_text().splitlines()
     (tmp_path / study.ANSWERS).write_text("\n".join(lines[:-1]) + "\n")
-    with pytest.raises(BrokenSeal, match="the truth has been looked at"):
-        study.run(what, here, answers, score)
+    with pytest.raises(BrokenSeal, match="the truths have been drawn"):
+        study.run(what, in_sequence, answers, score)
 
 
 def _at_once(begin: int, end: int) -> list[list[int]]:
@@ -307,7 +307,7 @@ def test_how_many_are_drawn_goes_by_ratios_alone_and_comes_to_an_end(tmp_path: P
             return [dataclasses.replace(an_answer(drawing, number), verdict=said) for number in numbers]
 
         what = Run(5, FEW, tmp_path / verdict, filled=FILLED)
-        drawn[verdict] = len(study.run(what, here, answer, ratios(lambda number: 0.1)))
+        drawn[verdict] = len(study.run(what, in_sequence, answer, ratios(lambda number: 0.1)))
         assert len(study.seals(what)) == study.MOST_BATCHES
     assert drawn["effect"] == drawn["none"] == 2 + 3 + 3 * 4 * (study.MOST_BATCHES - 1)
 
@@ -405,7 +405,7 @@ def test_a_partial_run_is_not_published(
 ) -> None:
     monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
     monkeypatch.setattr(command, "publish", lambda *given: pytest.fail("published"))
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, answers, scores))
+    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, in_sequence, answers, scores))
     given = ["--rows", "strong", "--count", "2", "--split", "development", "--out", str(tmp_path)]
     assert command.main([*given, "--seed", "11"]) == 1
     assert "seed 11, a partial run" in capsys.readouterr().out
@@ -424,7 +424,7 @@ def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(command, "publish", lambda root, about, outcomes, found: published.append(about))
     monkeypatch.setattr(command, "thresholds", lambda: "0" * 64)
     monkeypatch.setattr(command.streams, "outcomes", lambda seed: [])
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, answers, scores))
+    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, in_sequence, answers, scores))
     assert command.main(["--out", str(tmp_path), "--seed", "3"]) == 1
     (about,) = published
     weak = next(one.count for one in DRAWINGS if one.name == "weak")

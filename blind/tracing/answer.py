@@ -1,4 +1,4 @@
-"""Asks the tracer: the only place that knows how it is called."""
+"""Answers: the only module that calls the tracer."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ TRACE_SEED: Final = 0
 
 
 def traced(known: Record) -> Trace:
-    """What the package's tracer says of a record, with its defaults."""
+    """The trace of a record by the package, with default settings."""
     return trace(known.train, known.held_out, known.subject, TraceSettings(), TRACE_SEED)
 
 
 def thresholds() -> str:
-    """A hash of all that decides: the tracer's settings, whose defaults hold every threshold."""
+    """A hash of the default settings, which have every threshold."""
     return hashlib.sha256(repr(dataclasses.asdict(TraceSettings())).encode()).hexdigest()
 
 
@@ -40,7 +40,7 @@ def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> A
         found = tracer(known)
     except InputError as error:
         return _without(row, number, begin, "not_decidable", str(error))
-    except Exception as error:  # noqa: BLE001 - one bad record counts as wrong; it must not cost a night of others
+    except Exception as error:  # noqa: BLE001 - one failing record counts as wrong and does not stop the run
         return _without(row, number, begin, FAILED, f"{type(error).__name__}: {error}")
     held_out = [event for event in found.events if event.use == "held_out"]
     before, after = (

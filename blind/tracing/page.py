@@ -48,7 +48,7 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
 def marks_table(found: Sequence[Mark]) -> list[str]:
     """The lines of the table of marks."""
     rows = [
-        (m.row, m.what, m.asked, m.said, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
+        (m.row, m.what, m.asked, m.text, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
         for m in found
     ]
     return _table(("condition", "mark", "asked", "reached", "always the most frequent class", ""), rows)

@@ -1,4 +1,4 @@
-"""Publishes a run: its row in the table of all full runs, the page of the latest, and its lines in the README."""
+"""Publication of a run: its row in the table of all full runs, the page of the latest, and its lines in the README."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ A row each, appended by `make blind`, bad ones too. Do not edit. A mark that is 
 
 @dataclass(frozen=True)
 class About:
-    """Which run: day, commit, seed, hash of the thresholds, hash of the sealed answers, and how many records."""
+    """A run: day, commit, seed, hash of the thresholds, hash of the sealed answers, and number of records."""
 
     date: str
     commit: str
@@ -38,8 +38,8 @@ class About:
     records: int
 
     @property
-    def said(self) -> str:
-        """In words."""
+    def text(self) -> str:
+        """The run as text."""
         return (
             f"Run of {self.date}, commit {self.commit}, seed {self.seed}, {self.records} records, thresholds"
             f" {self.thresholds[:12]}, answers sealed as {self.sealed[:12]}."
@@ -47,18 +47,18 @@ class About:
 
 
 def publish(root: Path, about: About, outcomes: Sequence[Outcome], found: Sequence[Mark]) -> None:
-    """Append the run to the table, and make page and README say what it says."""
+    """Append the run to the table, and write its results into page and README."""
     append(root / RUNS, about, found)
-    (root / PAGE).write_text(rendered(outcomes, found, about.said), encoding="utf-8")
+    (root / PAGE).write_text(rendered(outcomes, found, about.text), encoding="utf-8")
     readme = root / README
     if readme.exists():
         readme.write_text(
-            with_latest(readme.read_text(encoding="utf-8"), [about.said, "", *marks_table(found)]), encoding="utf-8"
+            with_latest(readme.read_text(encoding="utf-8"), [about.text, "", *marks_table(found)]), encoding="utf-8"
         )
 
 
 def append(path: Path, about: About, found: Sequence[Mark]) -> None:
-    """Append one row; the table is begun where there is none. Rows that are there stay as they are."""
+    """Append one row to the table, which is created if missing; earlier rows do not change."""
     head = ("date", "commit", "seed", "thresholds", "answers", "records", "met", "marks")
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -73,7 +73,7 @@ def append(path: Path, about: About, found: Sequence[Mark]) -> None:
 
 
 def with_latest(readme: str, lines: Sequence[str]) -> str:
-    """A README with these lines between the two marks, as it is where it has none."""
+    """A README with these lines between its two marks; unchanged without marks."""
     before, begin, rest = readme.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:
@@ -82,4 +82,4 @@ def with_latest(readme: str, lines: Sequence[str]) -> str:
 
 
 def _short(mark: Mark) -> str:
-    return f"{'' if mark.met else '✗ '}{mark.row}: {mark.what} {mark.said}, {mark.asked}"
+    return f"{'' if mark.met else '✗ '}{mark.row}: {mark.what} {mark.text}, {mark.asked}"
