@@ -49,11 +49,11 @@ def test_wilson_is_as_published(hits: int, of: int, low: float, high: float) -> 
         ("pitch", "seat", "seat", 0),
     ],
 )
-def test_sites_are_so_far_apart(name: str, site: str, other: str, away: int) -> None:
+def test_distances_of_sites(name: str, site: str, other: str, away: int) -> None:
     assert site_distance(name, site, other) == away == site_distance(name, other, site)
 
 
-def test_a_class_is_right_where_it_is_named_alone_and_first() -> None:
+def test_a_class_is_right_if_it_is_named_first_and_alone() -> None:
     right = outcome("strong", "effect", [SKIN], [SKIN])
     unsure = outcome("strong", "ambiguous", [SKIN], [SKIN], [CLOCK])
     wrong = outcome("strong", "effect", [CLOCK], [SKIN])
@@ -82,7 +82,7 @@ def test_a_class_is_right_where_it_is_named_alone_and_first() -> None:
         ("unexplained", None, SKIN, 1.0, (), "... as it removed too little"),
     ],
 )
-def test_what_became_of_a_true_class_is_told(
+def test_fates_of_a_true_class(
     verdict: str, said: Cause | None, best: Cause | None, gain: float | None, against: tuple[str, ...], fate: str
 ) -> None:
     plain = outcome("strong", verdict, [said] if said else [], [SKIN], before_percent=4.0, floor_percent=2.0)
@@ -108,7 +108,7 @@ def test_false_alarms_are_counted_in_both_kinds_of_noise() -> None:
     assert (mark.met, mark.text) == (False, "5.9 % (2.8 to 12.4) of 101")
 
 
-def test_background_alone_counts_what_is_named_and_what_is_added() -> None:
+def test_background_alone_counts_named_and_added_effects() -> None:
     kept = [outcome("background", "none")] * 17 + [outcome("background", "ambiguous", [SKIN], [], [CLOCK])]
     both = judged("background only, nothing hidden", [*kept, *[outcome("background", "effect", [SKIN])] * 2])
     assert both["a single cause named"].reached == pytest.approx(0.1) and both["a single cause named"].met
@@ -131,7 +131,7 @@ def test_sensor_noise_counts_class_site_and_error() -> None:
     assert [mark.met for mark in found.values()] == [True, False, False, True]  # 20, 17 and 19 of 21
 
 
-def test_ratios_of_the_scorer_part_the_background_rows_wherever_a_record_was_drawn() -> None:
+def test_background_rows_go_by_the_ratio_of_the_score() -> None:
     records = [
         outcome("strong", "effect", [SKIN], [SKIN], ratio=0.81, recovered=0.9),
         outcome("weak", "ambiguous", [CLOCK], [SKIN], [STOP], ratio=0.8),
@@ -160,7 +160,7 @@ def test_energy_recovered_is_a_median_with_zeros_for_the_wrong() -> None:
     assert (mark.records, mark.text) == (6, "0.70 of 5")
 
 
-def test_what_is_outside_may_be_unexplained_or_of_its_family() -> None:
+def test_an_effect_outside_the_catalogue_may_be_unexplained_or_of_its_family() -> None:
     breath = Cause("outside", "", "memory")
     records = [
         *[outcome("outside", "unexplained", [], [breath], ratio=1.0)] * 7,
@@ -183,13 +183,13 @@ def test_two_effects_are_found_both_or_one() -> None:
     assert [(mark.reached, mark.met) for mark in found.values()] == [(0.6, True), (0.9, True)]
 
 
-def test_a_row_with_too_few_records_meets_nothing() -> None:
+def test_a_row_with_too_few_records_misses_its_marks() -> None:
     records = [outcome("two", "effect", [SKIN, STOP], [SKIN, STOP])] * 39
     assert not any(mark.met for mark in judged("two effects", records, least=40).values())
     assert not any(mark.met for mark in judged("two effects", [], least=0).values())
 
 
-def test_every_condition_finds_its_drawings_and_enough_of_them() -> None:
+def test_every_condition_has_enough_drawings() -> None:
     counts = {one.name: one.count for one in DRAWINGS}
     for row in CONDITIONS:
         assert sum(counts[name] for name in row.drawings) >= row.least

@@ -1,4 +1,4 @@
-"""Theta and an effect settled together come back as another hand put them in."""
+"""Local fit: theta and an effect are recovered together from data of another integrator."""
 
 import dataclasses
 from functools import cache
@@ -32,19 +32,19 @@ def assert_theta_is_true(found: LocalFit, rel: float) -> None:
         (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}, 0.8),
         (hiding.later, hiding.plain, "clock", "head", {"delay_s": 0.004}, 0.8),
         (hiding.on_skin, hiding.plain, "skin", "head", SKIN, 0.8),
-        # Usual friction behind its bristle takes a share of it, too.
+        # Typical friction explains a share of it.
         (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}, 0.85),
         (hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}, 0.8),
     ],
 )
-def test_theta_and_what_was_hidden_come_back_together(
+def test_theta_and_a_hidden_effect_are_recovered_together(
     change, law, name: str, site: str, truth: dict, less: float
 ) -> None:
     nuisance = hiding.nuisance(change, law)
     found = fit_locally(nuisance, applied(name, site), with_intervals=True)
     assert found.applied is not None and set(truth) <= set(found.applied.values)
     for parameter, value in truth.items():
-        # A share of it may stay with a usual departure of the same law.
+        # A share of it may stay with the nuisance parameter of the same law.
         assert found.applied.values[parameter] == pytest.approx(value, rel=0.08)
     assert found.subject.effects == (found.applied,)
     assert_theta_is_true(found, 0.02)
@@ -53,7 +53,7 @@ def test_theta_and_what_was_hidden_come_back_together(
     assert found.residual_square.sum() < less * without(change, law).residual_square.sum()
 
 
-def test_the_interval_is_around_the_size_and_narrower_where_more_is_fitted_to() -> None:
+def test_the_interval_contains_the_size_and_narrows_with_more_data() -> None:
     nuisance = hiding.nuisance(hiding.louder)
     found = fit_locally(nuisance, applied("gain", "neck"), with_intervals=True)
     ((low, high),) = found.intervals
@@ -63,7 +63,7 @@ def test_the_interval_is_around_the_size_and_narrower_where_more_is_fitted_to() 
     assert wide_high - wide_low > 1.1 * (high - low)
 
 
-def test_without_an_effect_it_lowers_what_is_left_and_leaves_the_subject_without() -> None:
+def test_a_fit_without_an_effect_reduces_the_residual_and_adds_no_effect() -> None:
     nuisance, found = hiding.nuisance(hiding.louder), without(hiding.louder)
     p = nuisance.train.products
     before = float(nuisance.weight @ p.square)
@@ -73,8 +73,8 @@ def test_without_an_effect_it_lowers_what_is_left_and_leaves_the_subject_without
     assert max(usual, key=lambda name: abs(usual[name])) == "gain of neck" and usual["gain of neck"] > 1.0
 
 
-def test_where_it_ends_is_what_it_leaves() -> None:
-    """The squares left are those of a simulation of the settled subject less its departures."""
+def test_the_residual_is_that_of_the_fitted_subject() -> None:
+    """The squares are those of a simulation of the fitted subject with its nuisance parameters."""
     nuisance, found = hiding.nuisance(hiding.louder), fit_locally(hiding.nuisance(hiding.louder), None)
     slow = []
     for rows, known, missed in zip(
@@ -87,21 +87,21 @@ def test_where_it_ends_is_what_it_leaves() -> None:
     )
 
 
-def test_more_steps_leave_no_more() -> None:
+def test_more_steps_do_not_increase_the_objective() -> None:
     nuisance = hiding.nuisance(hiding.on_skin)
     objectives = [fit_locally(nuisance, applied("skin", "head"), steps).objective for steps in (0, 1, 4, 12)]
     assert objectives == sorted(objectives, reverse=True) and objectives[3] < 0.5 * objectives[0]
 
 
-def test_what_ends_on_a_bound_is_named() -> None:
-    """A sensor that shows 60 % more than the range of a gain, 30 %, lets it have."""
+def test_parameters_on_a_bound_are_named() -> None:
+    """A sensor with a gain of 60 %; the range of the effect is 30 %."""
     nuisance = hiding.nuisance(hiding.far_louder)
     found = fit_locally(nuisance, applied("gain", "neck"))
     assert found.applied is not None and found.applied.values["gain"] > 0.29
     assert found.at_bound == ("gain",)
 
 
-def test_a_start_that_runs_away_is_infinite_and_no_crash() -> None:
+def test_an_unstable_start_has_an_infinite_objective() -> None:
     (parameter,) = CATALOGUE["cubic"].parameters
     softer = dataclasses.replace(
         CATALOGUE["cubic"], parameters=(dataclasses.replace(parameter, lower=-1e12, upper=-1e9, start=-1e10),)
@@ -114,8 +114,8 @@ def test_a_start_that_runs_away_is_infinite_and_no_crash() -> None:
     np.testing.assert_array_equal(found.residual_square, nuisance.choose.products.square)
 
 
-def test_next_to_running_away_the_slope_is_told_from_the_side_that_holds() -> None:
-    """With a little more of it the chain runs away: what it gains is a number still, and the way back is found."""
+def test_derivatives_near_instability_use_the_stable_side() -> None:
+    """A slightly larger value is unstable; the gain is finite, and the fit returns to small values."""
     (parameter,) = CATALOGUE["asymmetry"].parameters
     wider = dataclasses.replace(
         CATALOGUE["asymmetry"], parameters=(dataclasses.replace(parameter, lower=-20_000.0, upper=20_000.0),)
@@ -136,8 +136,8 @@ def test_next_to_running_away_the_slope_is_told_from_the_side_that_holds() -> No
     assert abs(found.applied.values[parameter.name]) < 10.0, "nothing of the kind is hidden"
 
 
-class _Departing(Rows):
-    """Rows that miss by so much more, whatever the answer."""
+class _Shifted(Rows):
+    """Rows with an additional residual."""
 
     def __init__(self, rows: Rows, more: np.ndarray) -> None:
         self.__dict__ |= rows.__dict__
@@ -147,12 +147,12 @@ class _Departing(Rows):
         return super().residual(answer) + self._more
 
 
-def departing(nuisance: NuisanceModel, departures: np.ndarray) -> NuisanceModel:
-    """The same events of a body and of sensors that depart so far, in usual spreads, beside what they miss."""
-    b = np.concatenate([np.zeros(N_THETA), departures])
+def deviating(nuisance: NuisanceModel, deviations: np.ndarray) -> NuisanceModel:
+    """The same events of a body and sensors with these deviations, in typical spreads."""
+    b = np.concatenate([np.zeros(N_THETA), deviations])
 
     def of(events: EventSet) -> EventSet:
-        rows = tuple(_Departing(one, known @ b) for one, known in zip(events.rows, events.known, strict=True))
+        rows = tuple(_Shifted(one, known @ b) for one, known in zip(events.rows, events.known, strict=True))
         apart = dataclasses.replace(events, rows=rows)
         return dataclasses.replace(apart, products=apart.products_of(apart.residuals(nuisance.subject)))
 
@@ -160,20 +160,20 @@ def departing(nuisance: NuisanceModel, departures: np.ndarray) -> NuisanceModel:
 
 
 @pytest.mark.parametrize("seed", [0, 3])
-def test_how_far_a_body_departs_is_told_by_how_far_it_was_drawn(seed: int) -> None:
-    """One that is as the model has it departs as little as can be told, one drawn at the usual spread about so far."""
+def test_the_prior_scale_follows_the_drawn_deviations(seed: int) -> None:
+    """Without deviations the scale is the least; with typical ones it is about 1."""
     nuisance = hiding.nuisance()
     drawn = np.random.default_rng(seed).standard_normal(len(nuisance.names))
-    as_modelled, a_little, as_usual = (fit_locally(departing(nuisance, size * drawn), None) for size in (0.0, 0.3, 1.0))
+    as_modelled, a_little, as_usual = (fit_locally(deviating(nuisance, size * drawn), None) for size in (0.0, 0.3, 1.0))
     assert as_modelled.prior_scale == PRIOR_SCALES[-1] and a_little.prior_scale <= 0.32 and as_usual.prior_scale >= 0.56
     assert as_modelled.nuisance_square < 0.01 and 5.0 < as_usual.nuisance_square < len(drawn)
 
 
 @pytest.mark.parametrize(("size", "level"), [(0.1, 0.1), (0.7, 0.32), (2.0, 1.0)])
-def test_the_likeliest_level_is_that_of_the_evidence_of_a_linear_model(size: float, level: float) -> None:
-    """Where nothing is simulated anew, what is missed is normal, its covariance theta's and that of departures."""
+def test_the_prior_scale_maximises_the_evidence_of_a_linear_model(size: float, level: float) -> None:
+    """In a linear model the residual is normal with the covariance of theta and nuisance parameters."""
     drawn = np.random.default_rng(0).standard_normal(len(hiding.nuisance().names))
-    nuisance = departing(hiding.nuisance(), size * drawn)
+    nuisance = deviating(hiding.nuisance(), size * drawn)
     found = fit_locally(nuisance, None, 0)
     weight = np.repeat(nuisance.weight, nuisance.train.known[0].shape[1])
     rows = np.concatenate([known.reshape(-1, known.shape[2]) for known in nuisance.train.known])
@@ -192,8 +192,8 @@ def test_the_likeliest_level_is_that_of_the_evidence_of_a_linear_model(size: flo
     assert found.prior_scale == min(PRIOR_SCALES, key=cost) == level
 
 
-def test_an_effect_that_takes_the_place_of_a_large_departure_is_a_relief_and_another_is_not() -> None:
-    """Without it the seat's joint is damped by more than the usual, with it the body is as the model has it."""
+def test_an_effect_that_replaces_a_large_nuisance_parameter_gains_evidence_and_another_does_not() -> None:
+    """Without it the seat's joint has an atypical damping, with it the body has no deviations."""
     nuisance = hiding.nuisance(hiding.nothing, hiding.orifice)
     bent = without(hiding.nothing, hiding.orifice)
     orifice, gain = (

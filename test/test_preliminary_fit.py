@@ -26,13 +26,13 @@ def found() -> PreliminaryFits:
     return preliminary_fits(hiding.nuisance(hiding.louder, hiding.plain), tried(), 30, 0, lambda stage, share: None)
 
 
-def test_what_is_hidden_is_in_the_running_and_so_is_lift_off() -> None:
+def test_the_shortlist_has_the_hidden_effect_and_lift_off() -> None:
     names = [one.key for one in found().shortlist(1)]
     assert names[0] == ("gain", "neck") and ("lift_off", "pelvis") in names
     assert len(names) == len(set(names))
 
 
-def test_what_fits_next_to_nothing_is_left_out_but_never_lift_off() -> None:
+def test_candidates_with_a_small_decrease_are_left_out_except_lift_off() -> None:
     ranking = found().screening.ranking
     fits = {one.start.site: one.screened.decrease for one in ranking if one.strength == "gain"}
     (held,) = [one for one in ranking if one.start.effect.name == "lift_off"]
@@ -44,7 +44,7 @@ def test_what_fits_next_to_nothing_is_left_out_but_never_lift_off() -> None:
     assert left_out and left_out == {site for site, one in fits.items() if one < LEAST_FIT * most}
 
 
-def test_what_a_candidate_fits_is_what_it_takes_off_the_squares() -> None:
+def test_the_decrease_is_that_of_the_squares_by_least_squares() -> None:
     """To first order, by least squares of all the known columns and the candidate's own."""
     nuisance = hiding.nuisance(hiding.louder, hiding.plain)
     best = max(found().screening.ranking, key=lambda one: one.screened.decrease)
@@ -64,7 +64,7 @@ def test_what_a_candidate_fits_is_what_it_takes_off_the_squares() -> None:
     assert best.screened.decrease == pytest.approx(before - after, rel=1e-6)
 
 
-def test_it_comes_back_from_json_as_it_was() -> None:
+def test_a_checkpoint_is_read_as_it_was_written() -> None:
     again = from_checkpoint(json.loads(json.dumps(to_checkpoint(found()))), tried())
     for one, same in zip(again.candidates, found().candidates, strict=True):
         assert one.tried.gain == same.tried.gain and one.tried.applied.values == same.tried.applied.values
@@ -89,11 +89,11 @@ def test_it_comes_back_from_json_as_it_was() -> None:
         {"fits": 3},
     ],
 )
-def test_a_damaged_one_is_refused(damage: dict) -> None:
+def test_a_damaged_checkpoint_is_refused(damage: dict) -> None:
     with pytest.raises(InputError):
         from_checkpoint(to_checkpoint(found()) | damage, tried())
 
 
-def test_one_of_other_candidates_is_refused() -> None:
+def test_a_checkpoint_of_other_candidates_is_refused() -> None:
     with pytest.raises(InputError):
         from_checkpoint(to_checkpoint(found()), tried()[:3])

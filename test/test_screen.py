@@ -1,4 +1,4 @@
-"""Screening finds what was done to data that another integrator made, and little where nothing was."""
+"""Screening of data from another integrator, with and without a hidden effect."""
 
 import dataclasses
 from functools import cache
@@ -33,11 +33,11 @@ def screening(change=hiding.nothing, law=hiding.plain) -> Screening:
         (hiding.louder, hiding.plain, "gain", "neck", 0.3, 2.0),
         (hiding.later, hiding.plain, "clock", "head", 0.3, 2.0),
         (hiding.on_skin, hiding.plain, "skin", "head", 0.3, 2.0),
-        # Theta has taken most of it, and friction behind its bristle, as usual, half of the rest.
+        # Theta explains most of it, and typical friction half of the rest.
         (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", 0.01, 1.5),
     ],
 )
-def test_what_was_hidden_comes_first(change, law, name: str, site: str, least: float, times: float) -> None:
+def test_a_hidden_effect_ranks_first(change, law, name: str, site: str, least: float, times: float) -> None:
     found = screening(change, law)
     best = found.ranking[0]
     assert best.key == (name, site)
@@ -45,14 +45,14 @@ def test_what_was_hidden_comes_first(change, law, name: str, site: str, least: f
     assert best.screened.gain > times * next(one.screened.gain for one in found.ranking if one.start.site != site)
 
 
-def test_the_size_is_that_of_the_truth() -> None:
+def test_the_size_is_the_true_one() -> None:
     best = screening(hiding.louder).ranking[0]
     assert best.screened.size * best.start.values["gain"] == pytest.approx(0.1, rel=0.1)
     best = screening(hiding.later).ranking[0]
     assert best.screened.size * best.start.values["delay_s"] == pytest.approx(0.004, rel=0.1)
 
 
-def test_nothing_hidden_leaves_little_to_gain() -> None:
+def test_gains_are_small_without_a_hidden_effect() -> None:
     found = screening()
     assert found.ranking[0].screened.gain < 0.02 and found.ranking[0].screened.p_value > 0.05
     assert all(0.0 <= one.screened.absorbed <= 1.0 + 1e-9 for one in found.ranking)
@@ -61,7 +61,7 @@ def test_nothing_hidden_leaves_little_to_gain() -> None:
     )
 
 
-def test_the_same_seed_draws_the_same_chance_and_another_one_does_not() -> None:
+def test_random_draws_repeat_with_the_seed() -> None:
     tried = of_names(("gain",))
     first, second, other = (screen(hiding.nuisance(hiding.louder), tried, 30, seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.chance, second.chance)
@@ -69,7 +69,7 @@ def test_the_same_seed_draws_the_same_chance_and_another_one_does_not() -> None:
     assert (first.chance != other.chance).any() and (np.diff(first.chance) >= 0.0).all()
 
 
-def test_a_gain_looks_like_itself_turned_round_and_not_like_another_sensors() -> None:
+def test_a_gain_is_similar_to_its_negative_and_not_to_that_of_another_sensor() -> None:
     tried = [
         Candidate(applied("gain", site, gain=gain), "gain")
         for site, gain in (("neck", 0.05), ("neck", -0.02), ("pelvis", 0.05))
@@ -81,14 +81,14 @@ def test_a_gain_looks_like_itself_turned_round_and_not_like_another_sensors() ->
     assert down.screened.size == pytest.approx(-2.5 * up.screened.size, rel=1e-6)
 
 
-def test_what_theta_can_do_itself_it_absorbs_and_a_sensors_gain_it_does_not() -> None:
+def test_theta_absorbs_a_mass_and_not_a_sensor_gain() -> None:
     """A mass on the head shifts the modes as frequencies and dampings do."""
     tried = [Candidate(applied("added_mass", "head"), ""), Candidate(applied("gain", "pelvis"), "gain")]
     mass, gain = screen(hiding.nuisance(), tried, 20, 0).candidates
     assert mass.screened.absorbed > 0.8 and gain.screened.absorbed < 0.6
 
 
-def test_a_candidate_that_runs_away_is_not_seen_and_spoils_no_other() -> None:
+def test_an_unstable_candidate_has_no_gain_and_does_not_change_others() -> None:
     (parameter,) = CATALOGUE["cubic"].parameters
     softer = dataclasses.replace(CATALOGUE["cubic"], parameters=(dataclasses.replace(parameter, lower=-1e12),))
     values = {parameter.name: -1e10}
@@ -114,7 +114,7 @@ class _Drawn(Rows):
 
 
 def drawn(events: EventSet, rng: np.random.Generator) -> EventSet:
-    """Coloured residuals that are loud where the motion is, and nothing hidden in them."""
+    """Coloured residuals that follow the motion, without a hidden effect."""
     residuals = []
     for known in events.known:
         windows, each = known.shape[:2]
@@ -125,8 +125,8 @@ def drawn(events: EventSet, rng: np.random.Generator) -> EventSet:
     return dataclasses.replace(events, rows=rows, products=events.products_of(residuals))
 
 
-def test_chance_is_right_about_as_often_as_it_says() -> None:
-    """Every gain and clock of five sensors, nothing hidden."""
+def test_p_values_are_uniform_without_a_hidden_effect() -> None:
+    """Every gain and clock of five sensors, without a hidden effect."""
     rng, nuisance, tried = np.random.default_rng(8), hiding.nuisance(), of_names(("gain", "clock"))
     p_values = []
     for number in range(40):
@@ -137,7 +137,7 @@ def test_chance_is_right_about_as_often_as_it_says() -> None:
     assert 0.35 < np.mean(p_values) < 0.65
 
 
-def test_the_mean_log_ratio_is_over_windows_first_and_events_then() -> None:
+def test_the_mean_log_ratio_averages_windows_then_events() -> None:
     before, event = np.array([8.0, 8.0, 8.0, 8.0, 8.0]), np.array([0, 0, 0, 1, 1])
     after = np.array([[8.0], [4.0], [2.0], [1.0], [8.0]])
     samples = np.array([100.0, 100.0, 100.0, 100.0, 10.0])  # the last window is too short to count
@@ -145,7 +145,7 @@ def test_the_mean_log_ratio_is_over_windows_first_and_events_then() -> None:
     np.testing.assert_allclose(mean_log_ratio(before, after, event, samples), [0.5 * (ln2 + 3.0 * ln2)])
 
 
-def test_what_cannot_be_tested_is_named_not_passed_over() -> None:
+def test_untestable_effects_are_listed() -> None:
     made = hiding.events(6)
     tried, untestable = all_candidates(made)
     assert {name.split(" at ")[0] for name in untestable} == {"bending", "cross_axis", "pitch", "tilt"}
@@ -156,13 +156,13 @@ def test_what_cannot_be_tested_is_named_not_passed_over() -> None:
     tried, untestable = all_candidates(full)
     assert {name.split(" at ")[0] for name in untestable} == {"tilt"}
     assert ("tilt", "head", "lean_x") in {(*one.key, one.strength) for one in tried}
-    # A channel that one event lacks is not there.
+    # A channel has to be in every event.
     assert {name.split(" at ")[0] for name in all_candidates([*full, made[0]])[1]} == {
         "bending", "cross_axis", "pitch", "tilt",
     }  # fmt: skip
 
 
-def test_what_is_there_already_is_no_candidate() -> None:
+def test_a_present_effect_is_no_candidate() -> None:
     made = hiding.events(6)
     there = applied("stop", "pelvis")
     every, left = ([one.key for one in all_candidates(made, has)[0]] for has in ((), [there]))

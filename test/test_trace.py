@@ -1,4 +1,4 @@
-"""A whole trace: from events that another integrator made to a verdict, and the errors of events kept aside."""
+"""A whole trace: from events of another integrator to a verdict and the errors of held-out events."""
 
 import dataclasses
 from functools import cache
@@ -38,13 +38,13 @@ FEW = ("gain", "clock", "skin", "quadratic_damping", "friction", "lift_off")
 
 
 def few(cases, present=()):
-    """The catalogue cut short."""
+    """Candidates of few effects."""
     tried, untestable = all_candidates(cases, present)
     return [one for one in tried if one.start.effect.name in FEW], untestable
 
 
 def traced(change=hiding.nothing, law=hiding.plain) -> Trace:
-    """Three events to fit to, three to choose by and three kept aside."""
+    """Three events for fitting, three for choosing and three held out."""
     return _traced(change, law)
 
 
@@ -55,7 +55,7 @@ def _traced(change, law) -> Trace:
         return trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
 
 
-def kept_aside(found: Trace) -> list:
+def held_out_events(found: Trace) -> list:
     return [event for event in found.events if event.use == "held_out"]
 
 
@@ -67,7 +67,7 @@ def kept_aside(found: Trace) -> list:
         (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}),
     ],
 )
-def test_what_was_hidden_is_named_with_its_site_and_size(change, law, name: str, site: str, truth: dict) -> None:
+def test_a_hidden_effect_is_named_with_site_and_size(change, law, name: str, site: str, truth: dict) -> None:
     found = traced(change, law)
     assert found.verdict == "effect" and found.lacking == ()
     (effect,) = found.effects
@@ -83,10 +83,10 @@ def test_what_was_hidden_is_named_with_its_site_and_size(change, law, name: str,
 @pytest.mark.parametrize(
     ("change", "law"), [(hiding.louder, hiding.plain), (hiding.on_skin, hiding.plain), (hiding.nothing, hiding.orifice)]
 )
-def test_events_kept_aside_are_missed_by_less_with_it(change, law) -> None:
+def test_the_effect_reduces_the_error_of_held_out_events(change, law) -> None:
     found = traced(change, law)
-    assert len(kept_aside(found)) == 3
-    for event in kept_aside(found):
+    assert len(held_out_events(found)) == 3
+    for event in held_out_events(found):
         assert event.after.mean_percent < 0.6 * event.before.mean_percent
 
 
@@ -104,11 +104,11 @@ def test_errors_are_those_of_the_subjects_before_and_after() -> None:
             np.testing.assert_array_equal(shown, np.where(case.compared, whole, np.nan))
 
 
-def test_events_kept_aside_have_no_say_and_the_same_seed_says_the_same() -> None:
-    """Spoiled, they change their own errors and nothing else."""
+def test_held_out_events_do_not_influence_the_result_and_a_seed_repeats_it() -> None:
+    """Changed held-out events change their own errors alone."""
     cases, spoiled = hiding.events(9, hiding.louder), hiding.events(9, hiding.on_skin)
     same = traced(hiding.louder)
-    aside = {event.name for event in kept_aside(same)}
+    aside = {event.name for event in held_out_events(same)}
     held_out = [spoiled[i] if cases[i].name in aside else cases[i] for i in range(3, 9)]
     with mock.patch.object(rounds, "all_candidates", few):
         found = trace(cases[:3], held_out, hiding.TRUTH, SHORT, 1)
@@ -116,11 +116,11 @@ def test_events_kept_aside_have_no_say_and_the_same_seed_says_the_same() -> None
     assert [one.gain for one in found.rounds[0].ranking] == [one.gain for one in same.rounds[0].ranking]
     np.testing.assert_array_equal(found.after.parameters.vector(), same.after.parameters.vector())
     assert (found.reasons, found.p_value) == (same.reasons, same.p_value)
-    for ours, theirs in zip(kept_aside(found), kept_aside(same), strict=True):
+    for ours, theirs in zip(held_out_events(found), held_out_events(same), strict=True):
         assert ours.after.mean_percent > 1.5 * theirs.after.mean_percent
 
 
-def test_a_subject_that_predicts_worse_with_the_effect_does_not_get_it() -> None:
+def test_an_effect_that_worsens_the_prediction_is_not_added() -> None:
     def worse(subject: Subject, cases: list[Case]) -> Subject:
         return dataclasses.replace(subject, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
 
@@ -142,23 +142,23 @@ def test_nothing_hidden_is_no_effect() -> None:
     assert found.diagnostics is not None and found.seed == 1
 
 
-def test_the_noise_that_was_put_in_is_the_floor() -> None:
-    """0.02 m/s^2 before a low-pass at 100 of 300 Hz: 0.0115 of it is left."""
+def test_the_floor_is_the_simulated_noise() -> None:
+    """0.02 m/s^2 before a low-pass at 100 of 300 Hz: 0.0115 of it remains."""
     found = traced()
-    aside = [case for case in hiding.events(9) if case.name in {event.name for event in kept_aside(found)}]
+    aside = [case for case in hiding.events(9) if case.name in {event.name for event in held_out_events(found)}]
     rms = [np.sqrt(case.energy / case.compared.sum(axis=0)) for case in aside]
     noise = hiding.NOISE_MPS2 * np.sqrt(100.0 / 300.0)
     assert found.floor_percent == pytest.approx(100.0 * np.mean([noise / one for one in rms]), rel=0.25)
 
 
-def test_events_are_used_as_they_were_dealt() -> None:
+def test_events_have_the_uses_of_dealt() -> None:
     cases, found = hiding.events(9, hiding.louder), traced(hiding.louder)
     choose, report = dealt(cases[3:])
     for use, expected in (("train", cases[:3]), ("choose", choose), ("held_out", report)):
         assert [event.name for event in found.events if event.use == use] == [case.name for case in expected]
 
 
-def test_every_condition_is_dealt_in_turn() -> None:
+def test_held_out_events_of_each_condition_alternate() -> None:
     base = hiding.events(6)[0]
     kinds = ("road", "road", "pothole", "road", "pothole", "rail", "road")
     cases = [dataclasses.replace(base, name=str(i), case=kind) for i, kind in enumerate(kinds)]
@@ -168,7 +168,7 @@ def test_every_condition_is_dealt_in_turn() -> None:
     assert dealt([]) == ([], [])
 
 
-def test_what_cannot_be_tested_is_not_said_to_be_absent() -> None:
+def test_untestable_effects_are_listed_and_not_ranked() -> None:
     for found in (traced(), traced(hiding.louder)):
         assert {name.split(" at ")[0] for name in found.untestable} == {"bending", "cross_axis", "pitch", "tilt"}
         tested = {one.applied.effect.name for one in found.rounds[0].ranking}
@@ -183,8 +183,8 @@ def undecided(train: list[Case], held_out: list[Case], settings: TraceSettings =
     return found
 
 
-def test_the_subject_that_was_given_is_kept_beside_the_refitted_one() -> None:
-    """Its errors are those of its own parameters, nothing refitted."""
+def test_the_given_subject_is_in_the_result() -> None:
+    """Its errors are those of its own parameters."""
     cases = hiding.events(9)
     off = dataclasses.replace(hiding.TRUTH, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
     found = trace(cases[3:6], cases[:3], off, TraceSettings(), 1)
@@ -200,7 +200,7 @@ def test_the_subject_that_was_given_is_kept_beside_the_refitted_one() -> None:
     assert {event.given for event in trace(cases[3:5], [], unfitted, TraceSettings(), 1).events} == {None}
 
 
-def test_short_events_are_not_decided_with_a_line_for_each_that_lacks() -> None:
+def test_short_events_give_a_line_for_each_missing_amount() -> None:
     cases = list(hiding.events(9, hiding.louder))
     found = undecided(cases[:3], cases[3:], TraceSettings())
     for role in ("to fit", "held out"):
@@ -209,26 +209,26 @@ def test_short_events_are_not_decided_with_a_line_for_each_that_lacks() -> None:
     assert {event.use for event in found.events} == {"train", "choose", "held_out"}
 
 
-def test_one_loading_condition_is_not_decided() -> None:
+def test_one_loading_condition_is_not_decidable() -> None:
     cases = hiding.events(9, hiding.louder)
     found = undecided([cases[2], cases[5]], list(cases[6:]))
     assert any("rail" in line and "two loading conditions" in line for line in found.lacking)
 
 
-def test_an_event_on_both_sides_is_not_decided() -> None:
+def test_an_event_for_fitting_and_held_out_is_not_decidable() -> None:
     cases = list(hiding.events(9, hiding.louder))
     found = undecided(cases[:4], cases[3:])
     assert [line for line in found.lacking if "also fitted" in line] == ["held out: road 3 is also fitted to"]
 
 
 @pytest.mark.parametrize("held_out", [(), (2,)])
-def test_nothing_kept_aside_is_not_decided_and_says_so(held_out: tuple[int, ...]) -> None:
+def test_without_held_out_events_it_is_not_decidable(held_out: tuple[int, ...]) -> None:
     cases = hiding.events(9, hiding.louder)
     found = undecided(list(cases[3:6]), [cases[i] for i in held_out])
     assert found.lacking != () and any("held out" in line for line in found.lacking)
 
 
-def test_a_sensor_that_clips_is_left_out_and_named() -> None:
+def test_a_clipping_sensor_is_left_out_and_named() -> None:
     cases = list(hiding.events(9, hiding.louder))
     compared, measured = cases[0].compared.copy(), cases[0].measured_mps2.copy()
     compared[1500:1800, hiding.HEAD], measured[1500:1800, hiding.HEAD] = False, 0.0
@@ -260,14 +260,14 @@ def always(nuisance: NuisanceModel, fit: LocalFit) -> WithoutEffect:
     return without_effect
 
 
-def test_more_is_asked_of_a_body_that_departs_further() -> None:
+def test_the_required_gain_grows_with_the_prior_scale() -> None:
     nuisance, settings = hiding.nuisance(), TraceSettings()
     least = [required_gain(always(nuisance.at_scale(scale), without()), settings) for scale in sorted(PRIOR_SCALES)]
     assert least[0] == settings.plain_gain and (np.diff(least) > 0.0).all()
     assert least[-1] == pytest.approx((1.0 + settings.departing) * settings.least_gain)
 
 
-def test_what_a_law_that_was_added_leaves_is_no_plain_body() -> None:
+def test_the_required_gain_is_larger_after_an_added_effect() -> None:
     nuisance, settings = hiding.nuisance().at_scale(PRIOR_SCALES[-1]), TraceSettings()
     added = dataclasses.replace(
         nuisance, subject=dataclasses.replace(nuisance.subject, effects=(applied("cubic", "pelvis"),))
@@ -276,7 +276,7 @@ def test_what_a_law_that_was_added_leaves_is_no_plain_body() -> None:
     assert required_gain(always(added, without()), settings) == pytest.approx(settings.least_gain)
 
 
-def test_what_is_set_anew_and_gains_little_is_usual() -> None:
+def test_a_small_gain_of_an_unsteady_cause_is_typical() -> None:
     settings = TraceSettings()
     for gain, steady, expected in ((0.2, False, True), (0.3, False, False), (0.2, True, False)):
         local = dataclasses.replace(without(), applied=applied("clock", "head"), prior_scale=PRIOR_SCALES[-1])
@@ -284,7 +284,7 @@ def test_what_is_set_anew_and_gains_little_is_usual() -> None:
         assert bool(fit.why_typical(settings)) == expected
 
 
-def test_the_least_will_do_where_more_is_left_than_of_a_good_model() -> None:
+def test_the_least_gain_is_required_for_a_large_residual() -> None:
     nuisance, settings = hiding.nuisance(), TraceSettings()
     times = 2.0 * GOOD_FIT / residual_ratio(nuisance, without())
     much = dataclasses.replace(without(), residual_square=times**2 * without().residual_square)
@@ -294,7 +294,7 @@ def test_the_least_will_do_where_more_is_left_than_of_a_good_model() -> None:
     ] * 5
 
 
-def test_a_law_of_usual_size_is_no_cause_in_a_body_that_departs_and_one_in_a_body_that_does_not() -> None:
+def test_a_law_of_typical_size_is_a_cause_only_in_a_body_without_deviations() -> None:
     nuisance, settings = hiding.nuisance(), TraceSettings()
     (typical,) = [one for one in nuisance.parameters if one.name == "friction of pelvis"]
     assert typical.applied is not None
@@ -315,14 +315,14 @@ def test_a_law_of_usual_size_is_no_cause_in_a_body_that_departs_and_one_in_a_bod
     assert why == "its size is 0.9 times the typical one, 1 is required"
 
 
-def test_a_clock_that_drifts_counts_by_how_late_it_is_amid_an_event() -> None:
+def test_a_drifting_clock_counts_by_its_delay_in_the_middle_of_an_event() -> None:
     nuisance = hiding.nuisance()
     half_ms = applied("clock", "head", delay_s=0.0003, drift=0.0004 / 5.0)
     assert nuisance.typical_multiple(half_ms) == pytest.approx(1.0)
     assert nuisance.typical_multiple(applied("clock", "head", delay_s=0.0, drift=-0.0003)) == pytest.approx(3.0)
 
 
-def test_a_stop_is_as_usual_as_it_bends_the_joint_where_that_goes_farthest() -> None:
+def test_a_stop_counts_by_its_force_at_the_reach_of_the_joint() -> None:
     nuisance = hiding.nuisance()
     (bent,) = [one for one in nuisance.parameters if one.name == "asymmetry of pelvis"]
     stop = applied("stop", "pelvis", stiffness_ratio=0.3, gap_m=0.5 * bent.reach_m)
@@ -333,7 +333,7 @@ def test_a_stop_is_as_usual_as_it_bends_the_joint_where_that_goes_farthest() -> 
     assert nuisance.typical_multiple(applied("relaxation", "pelvis")) == np.inf
 
 
-def test_a_small_lean_is_named_only_of_a_body_that_is_else_as_the_model_has_it() -> None:
+def test_a_small_tilt_is_reported_only_for_a_body_without_deviations() -> None:
     settings, stop = TraceSettings(), RankedCandidate(applied("stop", "pelvis"), 0.4, True, 0.005, 0.1, 6)
     cases = [dataclasses.replace(hiding.events(6)[0], leans={"neck": (float(np.sin(np.deg2rad(2.0))), 0.0)})]
     plain = hiding.nuisance().at_scale(PRIOR_SCALES[-1])
@@ -343,8 +343,8 @@ def test_a_small_lean_is_named_only_of_a_body_that_is_else_as_the_model_has_it()
     assert _tilts(beside, cases, settings) == ()
 
 
-def test_a_sensor_that_leans_stands_beside_the_verdict_and_is_no_cause() -> None:
-    """1.8 deg on the mean, by the gyro; recordings set it upright, so it explains nothing of what is left."""
+def test_a_sensor_tilt_is_reported_and_is_no_cause() -> None:
+    """1.8 deg on the mean, by the gyro; recordings correct it, so it does not explain the residual."""
     lean = {"neck": (float(np.sin(np.deg2rad(1.8))), 0.0)}
     cases = [dataclasses.replace(case, leans=lean) for case in hiding.events(9)]
     with mock.patch.object(rounds, "all_candidates", few):
@@ -357,11 +357,11 @@ def test_a_sensor_that_leans_stands_beside_the_verdict_and_is_no_cause() -> None
     assert found.reasons == same.reasons and found.threshold == same.threshold and same.sensors == ()
 
 
-def test_a_sensor_that_leans_farther_than_a_data_sheet_allows_is_named() -> None:
+def test_a_sensor_tilt_beyond_the_data_sheet_is_named() -> None:
     """6 deg, where 4.01 are allowed."""
     lean = {"neck": (float(np.sin(np.deg2rad(6.0))), 0.0)}
     cases = [dataclasses.replace(case, leans=lean) for case in hiding.events(6)]
-    outcome = dataclasses.replace(taken_as(applied("gain", "neck", gain=0.01), 0.4), chosen=None)
+    outcome = dataclasses.replace(round_with(applied("gain", "neck", gain=0.01), 0.4), chosen=None)
     outcome = dataclasses.replace(outcome, round=dataclasses.replace(outcome.round, chosen=None))
     subject = hiding.nuisance().subject
     found = build_result(subject, subject, subject, [outcome], (cases[:3], cases[3:], ()), TraceSettings(), (), 1)
@@ -370,13 +370,13 @@ def test_a_sensor_that_leans_farther_than_a_data_sheet_allows_is_named() -> None
     assert any("a mean tilt of 6.0 deg" in line for line in found.reasons)
 
 
-def taken_as(effect: AppliedEffect, left: float) -> rounds.Outcome:
-    """A round that took an effect where so many times what a good model misses was left, and left a tenth of it."""
+def round_with(effect: AppliedEffect, before_ratio: float) -> rounds.Outcome:
+    """A round with a chosen effect: the residual ratio before it, and a tenth of it after."""
     nuisance, ratio = hiding.nuisance(), residual_ratio(hiding.nuisance(), without())
     one = RankedCandidate(effect, 0.8, True, 0.005, 0.1, 6)
     before, after = (
         dataclasses.replace(without(), residual_square=(times / ratio) ** 2 * without().residual_square)
-        for times in (left, 0.1 * left)
+        for times in (before_ratio, 0.1 * before_ratio)
     )
     return rounds.Outcome(Round((one,), 0.2, one, ()), nuisance, before, after)
 
@@ -393,10 +393,10 @@ def taken_as(effect: AppliedEffect, left: float) -> rounds.Outcome:
         (applied("stop", "neck"), 0.4, "effect"),  # no sensor's fault
     ],
 )
-def test_a_fault_within_the_data_sheet_is_a_cause_only_where_it_explains_the_residual(
+def test_a_fault_within_the_data_sheet_is_a_cause_only_if_it_explains_the_residual(
     effect: AppliedEffect, left: float, verdict: str
 ) -> None:
-    outcome = taken_as(effect, left)
+    outcome = round_with(effect, left)
     said, _ = verdict_of([outcome], None, (), TraceSettings())
     assert said == verdict
     beside = _sensors([outcome], (), verdict == "effect")
@@ -404,15 +404,15 @@ def test_a_fault_within_the_data_sheet_is_a_cause_only_where_it_explains_the_res
 
 
 def test_a_fault_within_the_data_sheet_does_not_hide_a_cause_of_another_round() -> None:
-    outcomes = [taken_as(applied("gain", "neck", gain=0.01), 0.4), taken_as(applied("stop", "head"), 0.2)]
+    outcomes = [round_with(applied("gain", "neck", gain=0.01), 0.4), round_with(applied("stop", "head"), 0.2)]
     assert verdict_of(outcomes, None, (), TraceSettings())[0] == "effect"
 
 
-def test_a_lean_that_a_round_took_explains_the_residual() -> None:
+def test_a_chosen_tilt_explains_the_residual() -> None:
     tilt = applied("tilt", "neck", lean_x=0.1)
-    (found,) = _sensors([taken_as(tilt, 1.1)], (tilt,), True)
+    (found,) = _sensors([round_with(tilt, 1.1)], (tilt,), True)
     assert found.explains and found.gain == 0.8
-    (found,) = _sensors([taken_as(applied("stop", "head"), 1.1)], (tilt,), True)
+    (found,) = _sensors([round_with(applied("stop", "head"), 1.1)], (tilt,), True)
     assert not found.explains and found.gain is None
 
 
@@ -424,7 +424,7 @@ def test_a_lean_that_a_round_took_explains_the_residual() -> None:
         ("posture", False, "in events that its size was not fitted to"),
     ],
 )
-def test_a_gain_is_said_to_be_of_the_events_that_it_is_of(name: str, steady: bool, where: str) -> None:
+def test_the_reason_names_the_events_of_the_gain(name: str, steady: bool, where: str) -> None:
     one = RankedCandidate(applied(name, "head"), 0.8, True, 0.005, 0.1, 6, steady=steady)
     outcome = rounds.Outcome(Round((one,), 0.2, one, ()), hiding.nuisance(), without(), without())
     said, reasons = verdict_of([outcome], None, (), dataclasses.replace(TraceSettings(), least_closed=0.0))
@@ -434,18 +434,18 @@ def test_a_gain_is_said_to_be_of_the_events_that_it_is_of(name: str, steady: boo
 
 
 @pytest.mark.parametrize(("typical", "verdict"), [(True, "none"), (False, "unexplained")])
-def test_what_is_refused_for_its_usual_size_leaves_nothing_unexplained(typical: bool, verdict: str) -> None:
+def test_a_candidate_of_typical_size_does_not_make_the_residual_unexplained(typical: bool, verdict: str) -> None:
     one = RankedCandidate(applied("friction", "pelvis"), 0.4, True, 0.005, 0.1, 6, ("a reason",), typical=typical)
     outcome = rounds.Outcome(Round((one,), 0.2, None, ()), hiding.nuisance(), without(), None)
     said, reasons = verdict_of([outcome], None, (), TraceSettings())
     assert said == verdict and reasons[-1] == "friction at pelvis gains 0.40, but a reason"
-    # A sensor that leans is a cause by itself, but does not explain what something else was refused for.
+    # A sensor tilt is a cause by itself, but does not explain the residual of a refused candidate.
     with_tilt, _ = verdict_of([outcome], None, [applied("tilt", "neck", lean_x=0.1)], TraceSettings())
     assert with_tilt == ("effect" if typical else "unexplained")
 
 
 def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped: int = 6) -> int | None:
-    """Which of (name, site, gain, whether on a bound) is taken, the best first; each helps in so many of six events."""
+    """The index of the chosen one of (name, site, gain, on a bound), best first; each improves some of six events."""
     ranking, candidates = [], []
     for place, (name, site, gain, on_bound) in enumerate(given):
         effect = applied(name, site)
@@ -458,20 +458,20 @@ def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped
     return chosen(ranking, candidates, threshold, TraceSettings())
 
 
-def test_what_ends_on_a_bound_is_taken_only_where_it_gains_overwhelmingly() -> None:
+def test_a_candidate_on_a_bound_is_chosen_only_with_an_overwhelming_gain() -> None:
     cubic, bent = ("cubic", "pelvis"), ("asymmetry", "neck")
     enough = TraceSettings().overwhelming * 0.2
     assert weighed((*cubic, 0.9 * enough, False)) == 0
     assert weighed((*cubic, 0.9 * enough, True)) is None
     assert weighed((*cubic, 1.1 * enough, True)) == 0
-    # ... nor where it helps next to nowhere, or one with nothing against it comes near.
+    # ... and not if it improves few events, or another one without objections comes near.
     assert weighed((*cubic, 1.1 * enough, True), helped=2) is None
     assert weighed((*cubic, 1.1 * enough, True), (*bent, 0.9 * enough, False)) == 1
     assert weighed((*cubic, 1.1 * enough, True), (*bent, 0.5 * enough, False)) == 0
     assert weighed((*cubic, 0.9 * enough, True), (*bent, 0.5 * enough, False)) == 1
 
 
-def test_a_sensors_fault_is_taken_before_a_law_of_tissue_that_gains_as_much_and_nothing_below_what_is_asked() -> None:
+def test_a_sensor_fault_is_chosen_before_an_equal_tissue_law_and_nothing_below_the_threshold() -> None:
     cubic, clock = ("cubic", "pelvis"), ("clock", "head")
     assert weighed((*cubic, 0.4, False), (*clock, 0.38, False)) == 1
     assert weighed((*cubic, 0.4, False), (*clock, 0.25, False)) == 0

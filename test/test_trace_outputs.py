@@ -1,4 +1,4 @@
-"""What a trace says outward: its document, its lines, its page, its command; the method itself is tested elsewhere."""
+"""Outputs of a trace: document, terminal, page and command; other files test the method."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def found(verdict: Verdict = "effect", **changed: Any) -> Trace:
 
 
 def nothing() -> Trace:
-    """What is left where the gate already stops."""
+    """A trace without events."""
     return found(
         "not_decidable", events=(), rounds=(), nuisance=(), diagnostics=None, floor_percent=None, p_value=None,
         threshold=None, calibrated="not", reasons=(), untestable=(), left_out=(),
@@ -210,7 +210,7 @@ def drawn(verdict: Verdict) -> tuple[str, Page]:
 # --- document --------------------------------------------------------------------------------------------------------
 
 
-def test_the_document_has_what_scripts_read() -> None:
+def test_the_document_has_its_keys() -> None:
     document = json.loads(json.dumps(trace_document(found()), allow_nan=False))
     least = {
         "verdict", "effects", "ambiguous_with", "separating_experiment", "error", "floor", "p_value", "threshold",
@@ -241,7 +241,7 @@ def test_errors_are_means_over_the_events_of_a_use() -> None:
     assert set(without["held_out"]) == {*MEASURED_SEGMENTS, "all"} and set(without["held_out"].values()) == {None}
 
 
-def test_scores_and_moves_are_as_said() -> None:
+def test_scores_and_parameter_changes() -> None:
     document = trace_document(found())
     assert [each["score"] for each in document["candidates"]] == pytest.approx([3.0, 2.0, -math.log10(0.7), 0.0])
     assert document["candidates"][3]["gain"] is None
@@ -263,7 +263,7 @@ def test_a_parameter_that_was_zero_has_no_percent() -> None:
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
-def test_no_document_holds_what_json_does_not_know(verdict: Verdict) -> None:
+def test_documents_have_no_nan(verdict: Verdict) -> None:
     lost = dataclasses.replace(
         diagnostics(), amplitude_transfer={"road": (NAN, math.inf)}, coherent={"seat": ("pelvis", NAN)},
         peeling={"head": NAN}, level_slope=NAN, jump=("rail_1", NAN), drift={"mass_scale": math.inf}, pulled_down=NAN,
@@ -291,7 +291,7 @@ def test_every_effect_has_a_name_at_each_of_its_sites() -> None:
     assert effect_name("pitch", "seat") == "pitch of the seat"
 
 
-def test_each_verdict_says_something_else() -> None:
+def test_each_verdict_has_its_own_sentences() -> None:
     traces = [found(verdict) for verdict in VERDICTS]
     assert len({headline(trace) for trace in traces}) == len(VERDICTS) == 5
     assert len({belief(trace) for trace in traces}) == 5
@@ -324,7 +324,7 @@ def test_diagnostics_are_sentences_with_numbers() -> None:
     assert diagnosed(None) == []
 
 
-def test_the_terminal_says_the_verdict_first_and_all_that_counts() -> None:
+def test_the_terminal_has_the_verdict_first() -> None:
     text = text_of(Report(found("ambiguous"), dealt="by turns", warnings=("road: loose",)))
     lines, text = text.splitlines(), " ".join(text.split())
     assert max(map(len, lines)) <= 120
@@ -343,8 +343,8 @@ def test_the_terminal_says_the_verdict_first_and_all_that_counts() -> None:
     assert text_of(Report(nothing())).splitlines()[0].startswith("These recordings have too little data")
 
 
-def test_without_a_verdict_one_list_says_what_to_record() -> None:
-    """The list stands once, the lines it is made of are the reasons, and sections without content are left out."""
+def test_without_a_verdict_one_list_has_the_missing_recordings() -> None:
+    """The list appears once, its parts are the reasons, and empty sections are left out."""
     undecided = found("not_decidable", reasons=("too little", *found("not_decidable").lacking))
     document = trace_document(undecided)
     assert (
@@ -379,8 +379,8 @@ def test_every_verdict_has_a_page(verdict: Verdict) -> None:
     assert ("missing force, N" in page.text) is (verdict == "unexplained")
 
 
-def test_what_no_subject_carries_is_named_and_not_added() -> None:
-    """A wandering line is never twice the same."""
+def test_an_unsteady_effect_is_found_and_not_added() -> None:
+    """A wandering line varies with time."""
     line = applied("periodic", "head")
     alone = found(effects=(line,), intervals=((),), after=SUBJECT)
     document = trace_document(alone)
@@ -408,7 +408,7 @@ LATE = SensorFinding(AppliedEffect(CATALOGUE["clock"], "neck", {"delay_s": -6e-4
 LOUD = SensorFinding(AppliedEffect(CATALOGUE["gain"], "neck", {"gain": 0.01}), "fit", 0.09, True)
 
 
-def test_findings_about_sensors_stand_beside_the_verdict() -> None:
+def test_sensor_findings_are_independent_of_the_verdict() -> None:
     quiet = found("none", sensors=(LEAN, LATE))
     document = trace_document(quiet)
     assert headline(quiet) == headline(found("none")) and document["effects"] == []
@@ -435,7 +435,7 @@ def test_findings_about_sensors_stand_beside_the_verdict() -> None:
     )
 
 
-def test_what_is_set_anew_claims_no_gain_in_other_events_nor_a_chance() -> None:
+def test_an_unsteady_candidate_has_no_p_value() -> None:
     anew = RankedCandidate(applied("clock", "head"), 0.8, True, 0.005, 0.2, 6, steady=False)
     document = trace_document(
         found(rounds=(Round((anew, RankedCandidate(STOP, 0.3, True, 0.01, 0.2, 6)), 0.1, anew, ()),))
@@ -445,26 +445,26 @@ def test_what_is_set_anew_claims_no_gain_in_other_events_nor_a_chance() -> None:
     assert second["p_value"] == 0.01 and second["steady"]
 
 
-def test_ambiguous_is_between_what_was_taken_and_its_rivals_alone() -> None:
+def test_ambiguous_names_the_chosen_effect_and_its_rivals() -> None:
     line = applied("periodic", "head")
     said = headline(found("ambiguous", effects=(line, STOP), intervals=((), found().intervals[0])))
     assert "one of these: stop or asymmetry or cubic in the joint between seat and pelvis." in said
     assert said.endswith("Also found: periodic on the head.")
 
 
-def test_none_claims_no_more_than_that_less_was_gained_than_asked() -> None:
+def test_none_names_the_largest_gain() -> None:
     trace = found("none")
     assert "exceeds the required gain and the typical deviations of bodies" in headline(trace)
-    assert "the gain 0.810 of stop in the joint between seat and pelvis" in belief(trace)
+    assert "a gain of 0.810 (stop in the joint between seat and pelvis) in 0.1 % of random draws" in belief(trace)
 
 
-def test_green_is_only_what_helps_where_it_had_no_say() -> None:
+def test_green_needs_a_smaller_held_out_error() -> None:
     assert tone(Report(found())) == "good"
     worse = tuple(dataclasses.replace(each, before=each.after, after=each.before) for each in EVENTS)
     assert tone(Report(found(events=worse))) == "warn"
 
 
-def test_the_page_shows_numbers_before_and_after() -> None:
+def test_the_page_has_numbers_before_and_after() -> None:
     _, page = drawn("effect")
     for expected in (
         "pelvis 15.0 2.50 15.0 5.00 16.0 3.00", "all 19.0 3.50 15.0 5.00 20.0 3.50", "natural frequency, pelvis",
@@ -503,7 +503,7 @@ def refit_as_json(subject: Subject, *hashes: str) -> dict[str, Any]:
     return refit_document(refit(subject, *hashes))
 
 
-def test_a_refit_out_of_the_given_intervals_says_why() -> None:
+def test_a_refit_outside_the_given_intervals_has_its_reason() -> None:
     """Head's damping, 0.151, stays in 0.14 to 0.16."""
     document = refit_as_json(given(SUBJECT), "a", "b", "x", "y", "z", "z")
     assert document["outside_intervals"] == ["stiffening_scale"] and document["recordings"] == 5
@@ -521,7 +521,7 @@ def test_a_refit_out_of_the_given_intervals_says_why() -> None:
     assert document["text"][1:] in page and "outside, 0.217" in page
 
 
-def test_of_several_that_leave_their_intervals_the_one_that_moves_most_is_named() -> None:
+def test_the_largest_change_outside_its_interval_is_named() -> None:
     """Head's damping by 5 %, many half-widths of a narrow interval; stiffening by 50 %."""
     head = SUBJECT.parameters.damping_ratio[5]
     narrow = {"damping_ratio[head]": [1.01 * head, 1.011 * head], "stiffening_scale": [0.412, 0.477]}
@@ -530,7 +530,7 @@ def test_of_several_that_leave_their_intervals_the_one_that_moves_most_is_named(
     assert "stiffening scale goes from" in document["text"] and ", and 1 more leaves its own:" in document["text"]
 
 
-def test_what_a_refit_cannot_be_compared_with_is_said() -> None:
+def test_missing_facts_of_the_given_fit_are_named() -> None:
     assert "every parameter stays in" in refit(given(SUBJECT, intervals={"damping_ratio[head]": [0.14, 0.16]})).text
     assert "no intervals to compare with" in refit(given(SUBJECT, intervals={})).text
     assert "its file does not name" in refit(given(SUBJECT, fitted=[])).text
@@ -540,13 +540,13 @@ def test_what_a_refit_cannot_be_compared_with_is_said() -> None:
     assert refit_of(same, ()) is None
 
 
-def test_the_page_needs_no_network_and_is_the_same_again() -> None:
+def test_the_page_is_self_contained_and_repeats() -> None:
     source, _ = drawn("unexplained")
     assert_self_contained(source)
     assert page_of(found("unexplained"), dealt="dealt by turns")[0] == source
 
 
-def test_names_from_outside_are_text_and_nothing_else() -> None:
+def test_names_from_outside_are_escaped() -> None:
     hostile = [dataclasses.replace(each, name=NASTY, case="<b>x</b>") for each in EVENTS]
     jumped = dataclasses.replace(diagnostics(), jump=(NASTY, 0.01))
     _, page = page_of(
@@ -557,7 +557,7 @@ def test_names_from_outside_are_text_and_nothing_else() -> None:
     assert not {"script", "img"} & set(page.tags)
 
 
-def test_a_trace_that_the_gate_stopped_has_a_page() -> None:
+def test_a_trace_without_events_has_a_page() -> None:
     source, _ = page_of(nothing())
     assert "<svg" not in source
     assert re.findall(r"<h2>(.*?)</h2>", source) == ["Parameters of the body"]
@@ -596,8 +596,8 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.fixture
-def heard(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """A method that finds the stop whatever it is given, and what it was given."""
+def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A trace that always finds the stop, and its arguments."""
     given: dict[str, Any] = {}
 
     def trace(
@@ -620,7 +620,7 @@ def heard(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return given
 
 
-def test_bags_are_dealt_by_turns_within_their_condition() -> None:
+def test_every_second_bag_of_a_condition_is_held_out() -> None:
     def held_out(**cases: str) -> list[str]:
         events = [
             (BagEvent(bag, bag, types.SimpleNamespace(), False), types.SimpleNamespace(case=case))  # type: ignore[arg-type]
@@ -640,11 +640,11 @@ def test_bags_are_dealt_by_turns_within_their_condition() -> None:
     assert held_out(**bags | {"own": "road"}) == ["rail_2", "own"]
 
 
-def test_bags_become_cases_with_channels_and_their_roles(bags: dict[str, Path], heard: dict[str, Any]) -> None:
+def test_bags_become_cases_with_channels_and_their_roles(bags: dict[str, Path], calls: dict[str, Any]) -> None:
     traced = trace_bags(list(bags.values()), SUBJECT, TraceOptions(seed=3))
-    assert [case.case for case in heard["train"]] == ["rail", "road"]
-    assert [case.name for case in heard["held_out"]] == [str(bags["rail_2"])]
-    assert "seat.x" in heard["train"][0].channels and heard["seed"] == 3
+    assert [case.case for case in calls["train"]] == ["rail", "road"]
+    assert [case.name for case in calls["held_out"]] == [str(bags["rail_2"])]
+    assert "seat.x" in calls["train"][0].channels and calls["seed"] == 3
     assert [(Path(of["bag"]).name, of["use"]) for of in traced.document["bags"]] == [
         ("rail_1.mcap", "train"), ("road.mcap", "train"), ("rail_2.mcap", "held_out"),
     ]  # fmt: skip
@@ -658,13 +658,13 @@ def test_bags_become_cases_with_channels_and_their_roles(bags: dict[str, Path], 
     assert tone(dataclasses.replace(traced.report, trace=unexplained)) == "bad"
     assert_listed("trace.json", traced.document)
     alone = trace_bags([bags["road"]], SUBJECT)
-    assert "nothing is held out" in alone.document["dealt"] and heard["held_out"] == []
+    assert "nothing is held out" in alone.document["dealt"] and calls["held_out"] == []
     named = trace_bags([bags["rail_1"]], SUBJECT, TraceOptions(held_out=(str(bags["road"]),)))
-    assert named.document["dealt"] is None and len(heard["held_out"]) == 1
+    assert named.document["dealt"] is None and len(calls["held_out"]) == 1
 
 
-def test_what_is_written_is_whole_and_remembers_its_bags(
-    bags: dict[str, Path], heard: dict[str, Any], tmp_path: Path
+def test_written_files_are_complete_and_have_the_bags(
+    bags: dict[str, Path], calls: dict[str, Any], tmp_path: Path
 ) -> None:
     traced = trace_bags(list(bags.values()), SUBJECT)
     out = tmp_path / "new" / "out"
@@ -678,7 +678,7 @@ def test_what_is_written_is_whole_and_remembers_its_bags(
     assert written.provenance["fitted"][0]["nrmse_rms_percent"] == 3.0
     assert written.provenance["error"]["before"] == {"train": 14.0, "held_out": 15.0}
     assert written.provenance["effects"] == {"stop at pelvis": {"gap_m": [0.0115, 0.0126]}}
-    # Whoever traces on from here has not got new bags, and what chose the first effect stays known.
+    # These bags are not new for a further trace, and the origin of the first effect stays in the file.
     again = trace_bags([bags["rail_2"]], written, TraceOptions(held_out=(str(bags["road"]),)))
     assert any("had been fitted to it" in line for line in again.document["warnings"])
     assert role_of(again.subject, bag_sha256(bags["rail_1"])) == "fitted"
@@ -686,19 +686,19 @@ def test_what_is_written_is_whole_and_remembers_its_bags(
 
 @pytest.mark.parametrize("verdict", ["none", "unexplained", "not_decidable"])
 def test_without_an_added_effect_the_subject_is_the_given_one(
-    verdict: str, bags: dict[str, Path], heard: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    verdict: str, bags: dict[str, Path], calls: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """To the byte, in the place of what an earlier trace had written there; a file without parameters gets none."""
+    """Byte by byte, in place of the file of an earlier trace; a file without parameters gets none."""
     fitted = "# Anna\n" + dataclasses.replace(SUBJECT, provenance={"made_by": "biodyn fit"}).to_yaml()
     unfitted = "schema: 1\nname: anna\nbody_mass_kg: 60\nstature_m: 1.7\nmass_matrix: segment\n"
     out, anna = tmp_path / "out", tmp_path / "anna.yaml"
     command = ["trace", *map(str, bags.values()), "--subject", str(anna), "-o", str(out), "--no-report"]
     for text in (fitted, unfitted):
         anna.write_text(text, encoding="utf-8")
-        heard.pop("verdict", None)
+        calls.pop("verdict", None)
         assert main(command) == 0
         assert load_subject(out / "subject.yaml").effects[0].effect.name == "stop"
-        heard["verdict"] = verdict
+        calls["verdict"] = verdict
         capsys.readouterr()
         assert main(command) == 0
         assert (out / "subject.yaml").read_text(encoding="utf-8") == text
@@ -708,9 +708,7 @@ def test_without_an_added_effect_the_subject_is_the_given_one(
     assert traced.subject is SUBJECT
 
 
-def test_no_subject_of_an_earlier_trace_stands_beside_a_new_verdict(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_subject_is_written_before_the_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An interruption between both files leaves the old verdict or the new subject, never the other way round."""
     monkeypatch.setattr(tracing, "write_json", lambda path, document: {}["interrupted"])
     (tmp_path / "subject.yaml").write_text("of the trace before")
@@ -719,8 +717,8 @@ def test_no_subject_of_an_earlier_trace_stands_beside_a_new_verdict(
     assert load_subject(tmp_path / "subject.yaml").name == SUBJECT.name
 
 
-def test_the_use_of_each_bag_is_said_before_the_computation(
-    bags: dict[str, Path], heard: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+def test_the_use_of_each_bag_is_printed_before_the_computation(
+    bags: dict[str, Path], calls: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     begun: list[str] = []
@@ -747,7 +745,7 @@ def test_the_use_of_each_bag_is_said_before_the_computation(
     ]
 
 
-def test_a_bag_that_chose_the_effect_is_no_longer_new(bags: dict[str, Path], heard: dict[str, Any]) -> None:
+def test_a_bag_for_choosing_counts_as_fitted(bags: dict[str, Path], calls: dict[str, Any]) -> None:
     spare = (str(bags["rail_2"]), str(bags["road"]))
     traced = trace_bags([bags["rail_1"]], SUBJECT, TraceOptions(held_out=spare))
     assert [of["use"] for of in traced.document["bags"]] == ["train", "choose", "held_out"]
@@ -755,8 +753,8 @@ def test_a_bag_that_chose_the_effect_is_no_longer_new(bags: dict[str, Path], hea
     assert role_of(traced.subject, bag_sha256(bags["road"])) == "held_out"
 
 
-def test_validate_refuses_to_agree_on_a_bag_that_was_traced(
-    bags: dict[str, Path], heard: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_validate_reports_a_bag_that_the_trace_was_fitted_to(
+    bags: dict[str, Path], calls: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_traced(trace_bags(list(bags.values()), SUBJECT), tmp_path / "out", report=False)
     assert not (tmp_path / "out" / "trace.html").exists()
@@ -766,15 +764,15 @@ def test_validate_refuses_to_agree_on_a_bag_that_was_traced(
         assert ("fitted_to" in {finding["what"] for finding in document["findings"]}) is expected
 
 
-def test_a_page_that_cannot_be_made_costs_no_result(tmp_path: Path) -> None:
-    trace = found(verdict="unheard of")
+def test_a_failing_page_keeps_the_other_files(tmp_path: Path) -> None:
+    trace = found(verdict="uncalls of")
     (tmp_path / "trace.html").write_text("of the trace before")
     with pytest.raises(InputError, match=r"trace\.html: cannot be drawn \(KeyError"):
         write_traced(Traced({"verdict": "effect"}, trace.after, Report(trace)), tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["subject.yaml", "trace.json"]
 
 
-def test_each_stage_is_shown_by_itself() -> None:
+def test_each_stage_has_its_line() -> None:
     seen: list[str] = []
 
     class Line:
@@ -795,16 +793,16 @@ def test_each_stage_is_shown_by_itself() -> None:
 
 
 def test_the_command_traces_and_prints(
-    bags: dict[str, Path], heard: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    bags: dict[str, Path], calls: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["trace", str(bags["rail_1"]), "--hold-out", str(bags["road"]), "--subject", "subject_1", "--seed", "5"]
     assert main([*command, "-o", str(tmp_path / "a"), "--json", "--no-report"]) == 0
-    assert json.loads(capsys.readouterr().out)["seed"] == heard["seed"] == 5
+    assert json.loads(capsys.readouterr().out)["seed"] == calls["seed"] == 5
     assert main([*command, "-o", str(tmp_path / "b"), "--case", f"{bags['road']}=gravel"]) == 0
     assert capsys.readouterr().out.startswith("Missing in the model: stop")
-    assert heard["held_out"][0].case == "gravel"
+    assert calls["held_out"][0].case == "gravel"
     assert main([*command, "-o", str(tmp_path / "c"), "--no-report", "--shocks", "2", "--most-effects", "1"]) == 0
-    assert (heard["settings"].floor.shocks, heard["settings"].most_effects) == (2, 1)
+    assert (calls["settings"].floor.shocks, calls["settings"].most_effects) == (2, 1)
     assert (tmp_path / "b" / "trace.html").exists() and not (tmp_path / "c" / "trace.html").exists()
 
 
@@ -823,7 +821,7 @@ def test_the_command_traces_and_prints(
     ],
 )
 def test_bad_input_is_one_line(
-    arguments: list[str], said: str, bags: dict[str, Path], heard: dict[str, Any], tmp_path: Path,
+    arguments: list[str], said: str, bags: dict[str, Path], calls: dict[str, Any], tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     names = {name: str(path) for name, path in bags.items()}
@@ -832,10 +830,10 @@ def test_bad_input_is_one_line(
     assert main(["trace", *given, "-o", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
-    assert not (tmp_path / "out").exists() and not heard
+    assert not (tmp_path / "out").exists() and not calls
 
 
-def test_a_place_that_cannot_be_written_to_is_said_before_the_work(
+def test_an_output_that_is_a_file_is_refused_before_the_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").touch()

@@ -1,4 +1,4 @@
-"""What no fixed parameters follow is told by what it is and where: hidden in events, and found."""
+"""Unsteady causes hidden in events are found with their site."""
 
 import dataclasses
 from functools import cache
@@ -93,7 +93,7 @@ def nothing_in_order() -> tuple[Case, ...]:
 
 @cache
 def by_turns(cases: tuple[Case, ...]) -> NuisanceModel:
-    """Every other event is fitted to, those between choose."""
+    """Alternate events for fitting and for choosing."""
     return NuisanceModel.of(fit_joint(cases[::2], hiding.TRUTH, 1, BASE).subject, cases[::2], cases[1::2])
 
 
@@ -112,13 +112,13 @@ def found(nuisance: NuisanceModel) -> Found:
 
 
 def gains(nuisance: NuisanceModel) -> dict[tuple[str, str], float]:
-    """The mean log ratio of what is left without and with it; all windows are as long."""
+    """The mean log ratio of the residual without and with it; all windows have one length."""
     before = without(nuisance).residual_square
     return {name: float(np.log(before / one.residual_square).mean()) for name, one in found(nuisance).items()}
 
 
 def assert_found(nuisance: NuisanceModel, name: str, site: str, least: float, times: float) -> AppliedEffect:
-    """It gains so much, and so many times as much as anything else."""
+    """Its gain is at least this, and this multiple of every other gain."""
     gained, causes = gains(nuisance), found(nuisance)
     others = {key: gain for key, gain in gained.items() if key != (name, site)}
     assert gained[name, site] > least and gained[name, site] > times * max(others.values()), gained
@@ -128,13 +128,13 @@ def assert_found(nuisance: NuisanceModel, name: str, site: str, least: float, ti
 
 
 @pytest.mark.parametrize("sensor", ["upper_torso", "head"])
-def test_a_clock_that_jumps_is_told_and_whose(sensor: str) -> None:
+def test_a_jumping_clock_is_found_with_its_sensor(sensor: str) -> None:
     clock = assert_found(hiding.nuisance(jumping(sensor)), "clock", sensor, 0.3, 3.0)
     assert clock.values == {"delay_s": pytest.approx(0.002, rel=0.25), "drift": 0.0}  # two windows of three
 
 
 @pytest.mark.parametrize("segment", ["central_torso", "head"])  # one has no sensor
-def test_a_line_that_wanders_is_told_and_where_it_pushes(segment: str) -> None:
+def test_a_wandering_line_is_found_with_its_segment(segment: str) -> None:
     line = assert_found(hiding.nuisance(wandering(segment)), "periodic", segment, 1.0, 1.5)
     assert line.values["frequency_hz"] == pytest.approx(LINE_HZ, abs=1.0)
     assert line.values["cosine_mps2"] == pytest.approx(LINE_MPS2, rel=0.15) and line.values["sine_mps2"] == 0.0
@@ -142,7 +142,7 @@ def test_a_line_that_wanders_is_told_and_where_it_pushes(segment: str) -> None:
 
 @cache
 def trembling(segment: str) -> hiding.Change:
-    """A force on one segment at a fixed frequency that grows with how much the body moves: no engine's."""
+    """A force on one segment at a constant frequency that grows with the motion, unlike an engine's."""
 
     def change(measured: np.ndarray) -> np.ndarray:
         time = np.arange(len(measured)) / fitting.RATE_HZ
@@ -153,28 +153,28 @@ def trembling(segment: str) -> hiding.Change:
     return change
 
 
-def test_a_line_that_grows_with_the_motion_is_no_engine() -> None:
-    """It stands out as one does, and explains as much: only that it follows what moves speaks against it."""
+def test_a_line_that_grows_with_the_motion_has_an_objection() -> None:
+    """It is as prominent and gains as much as an engine line; the objection is its growth with the motion."""
     nuisance = hiding.nuisance(trembling("head"))
     lines = {site: one for (name, site), one in found(nuisance).items() if name == "periodic"}
     assert gains(nuisance)["periodic", "head"] > 0.3
     assert all("grows" in one.objection for one in lines.values())
 
 
-def test_a_joint_that_stiffens_between_two_events_is_told() -> None:
+def test_a_joint_that_stiffens_between_two_events_is_found() -> None:
     posture = assert_found(by_turns(stiffening()), "posture", JOINT, 0.5, 2.0)
     assert posture.values == {"jump": pytest.approx(STIFFER, rel=0.15), "at_s": 0.0}
 
 
-def test_with_nothing_hidden_nothing_gains() -> None:
-    """Clocks are not even set anew: none is off by more than is usual."""
+def test_gains_are_small_without_a_hidden_cause() -> None:
+    """No clock is fitted, because no offset is atypical."""
     assert gains(hiding.nuisance()) == {}  # all of one stamp
     gained = gains(by_turns(nothing_in_order()))
     assert {name for name, _ in gained} == {"posture"} and len(gained) == len(SEGMENTS)
     assert max(gained.values()) < 0.05, gained
 
 
-def test_no_line_is_tried_where_none_stands_out() -> None:
+def test_no_line_is_tried_without_a_prominent_one() -> None:
     for nuisance in (hiding.nuisance(), by_turns(nothing_in_order())):
         assert "periodic" not in names(nuisance)
     assert "periodic" in names(hiding.nuisance(wandering("head")))
@@ -184,10 +184,10 @@ def test_events_of_one_stamp_have_no_posture() -> None:
     nuisance = by_turns(stiffening())
     assert "posture" in names(nuisance)
     assert "posture" not in names(stamped(nuisance, [7] * 5, [7] * 4))
-    assert "posture" not in names(stamped(nuisance, [7] * 5, [1, 2, 8, 9]))  # those that choose have no say
+    assert "posture" not in names(stamped(nuisance, [7] * 5, [1, 2, 8, 9]))  # events for choosing do not matter
 
 
-def test_the_order_of_stamps_counts_and_not_that_of_the_events() -> None:
+def test_postures_depend_on_the_order_of_stamps_and_not_of_events() -> None:
     nuisance = by_turns(stiffening())
     train, choose = nuisance.train.cases, nuisance.choose.cases
     shuffled = NuisanceModel.of(nuisance.subject, [train[i] for i in (3, 0, 4, 2, 1)], choose)
@@ -196,8 +196,8 @@ def test_the_order_of_stamps_counts_and_not_that_of_the_events() -> None:
         np.testing.assert_allclose(one.residual_square, found(nuisance)[name].residual_square, rtol=1e-4)
 
 
-def test_only_events_that_are_fitted_to_say_when_and_how_a_posture_changed() -> None:
-    """Others choose: none of them stiffens, or all are said to lie before, and the postures stay as they were."""
+def test_only_events_for_fitting_determine_a_posture() -> None:
+    """Other events for choosing, without the change or all before it, give the same postures."""
     nuisance = by_turns(stiffening())
     steady = NuisanceModel.of(nuisance.subject, nuisance.train.cases, nothing_in_order()[1::2])
     all_before = stamped(nuisance, [2, 4, 6, 8, 10], [1, 1, 1, 1])
@@ -206,18 +206,18 @@ def test_only_events_that_are_fitted_to_say_when_and_how_a_posture_changed() -> 
         assert gains(other)["posture", JOINT] < 0.5 * gains(nuisance)["posture", JOINT]
 
 
-def test_a_joint_that_was_stiffer_before_softens() -> None:
-    """Time runs backwards, and what was behind is before; none that chooses lies between those around the change."""
+def test_reversed_time_softens_the_joint() -> None:
+    """Time is reversed; no event for choosing lies between those around the change."""
     nuisance = by_turns(stiffening())
     other = stamped(nuisance, [9, 7, 5, 3, 1], [8, 6, 5, 2])
     stiffer, softer = (found(one)["posture", JOINT].applied.values["jump"] for one in (nuisance, other))
     assert (1.0 + stiffer) * (1.0 + softer) == pytest.approx(1.0, abs=1e-6) and softer < -0.15
-    # Of an event between those around the change nothing is said, and one way there is one.
+    # One direction has an event between those around the change, which does not count.
     assert gains(other)["posture", JOINT] == pytest.approx(gains(nuisance)["posture", JOINT], rel=0.15)
 
 
 def names(nuisance: NuisanceModel) -> set[str]:
-    """Of the effects that are told."""
+    """The names of the found effects."""
     return {name for name, _ in found(nuisance)}
 
 
@@ -237,7 +237,7 @@ def assert_same_postures(one: NuisanceModel, other: NuisanceModel) -> None:
         assert jump == pytest.approx(expected, rel=1e-4)
 
 
-def test_a_short_event_is_no_hindrance() -> None:
+def test_a_short_event_is_accepted() -> None:
     cases, samples = hiding.events(6), round(2.7 * fitting.RATE_HZ)
     measured = cases[4].measured_mps2[:samples]
     short = dataclasses.replace(

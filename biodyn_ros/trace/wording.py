@@ -217,12 +217,17 @@ def _chance(trace: Trace) -> str:
         return "the probability of this gain by chance is not known"
     tried = trace.rounds[0].ranking if trace.rounds else ()
     best = trace.chosen or next((one for one in tried if one.refitted and one.steady), None)
-    gain = f"the gain {number(finite(best.gain))} of {effect_name(*best.key)}" if best else "this gain"
+    gain = f"a gain of {number(finite(best.gain))} ({effect_name(*best.key)})" if best else "this gain"
     return (
-        f"a residual with this spectrum and no missing effect reaches {gain} in {100.0 * p_value:.2g} % of random"
+        f"a residual with this spectrum and no missing effect reaches {gain} in {_percent(p_value)} of random"
         f" draws, which lack errors that repeat in every event; the required gain of {number(threshold)} is"
         f" {CALIBRATED[trace.calibrated]}"
     )
+
+
+def _percent(share: float) -> str:
+    """A share in percent with two significant digits."""
+    return f"{float(f'{100.0 * share:.2g}'):g} %"
 
 
 # --- diagnostics -----------------------------------------------------------------------------------------------------
@@ -275,7 +280,7 @@ def _jump(found: Diagnostics) -> list[str]:
         return []
     event, p_value = found.jump
     line = f"in the given order the residual changes most at {event}"
-    return [f"{line}; by chance such a change occurs in {100 * p_value:.2g} % of shuffled orders"]
+    return [f"{line}; by chance such a change occurs in {_percent(p_value)} of shuffled orders"]
 
 
 def _seat(found: Diagnostics) -> list[str]:
