@@ -37,7 +37,7 @@ from blind.tracing.records import Record, causes, record, sittings
 from blind.tracing.refits import oracle, placebo
 from blind.tracing.rows import CONDITIONS, DRAWINGS, FILLING, MEASURED, Condition, Drawing
 from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
-from blind.tracing.study import BrokenSeal, Call, Run, in_sequence
+from blind.tracing.study import BrokenSeal, Call, Run
 from blind.tracing.table import BEGIN, END, RUNS, About, publish, with_latest
 
 SUBJECT = Subject("blind", 70.0, 1.75, "segment", Parameters.from_vector(0.5 * (LOWER + UPPER)))
@@ -162,6 +162,12 @@ def answers(drawing: Drawing, numbers: Sequence[int], seed: int, split: str) -> 
 
 def scores(drawing: Drawing, given: Sequence[Answer], seed: int, split: str) -> list[Score]:
     return [a_score(drawing, answer) for answer in given]
+
+
+def in_sequence(calls: Sequence[Call]) -> Iterator[Any]:
+    """Execute calls one after the other."""
+    for function, arguments in calls:
+        yield from function(*arguments)
 
 
 def test_lines_are_read_as_they_were_written() -> None:

@@ -11,7 +11,7 @@ from hiding import applied
 
 from biodyn_core.body.parameters import UNFITTED, Parameters
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import AppliedEffect
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import rounds
 from biodyn_core.tracing import trace as trace_module
@@ -246,6 +246,26 @@ GOOD_FIT = EvidenceSettings().good_fit
 
 def screened(effect: AppliedEffect, gain: float) -> Candidate:
     return Candidate(effect, "", 0, ScreeningResult(gain, 1.0, 1.0, 0.1, 0.005))
+
+
+@pytest.mark.parametrize(
+    ("declared", "names"),
+    [("known_omission", {"lift_off"}), ("constant_part", {"clock"}), ("sized_by_training", {"posture"})],
+)
+def test_effects_declare_their_exceptions(declared: str, names: set[str]) -> None:
+    assert {effect.name for effect in CATALOGUE.values() if getattr(effect, declared)} == names
+
+
+@pytest.mark.parametrize("is_omission", [False, True])
+def test_a_known_omission_needs_one_improved_event(is_omission: bool) -> None:
+    """Any other effect needs three events, or two loading conditions."""
+    name = "lift_off" if is_omission else "cubic"
+    local = dataclasses.replace(without(), applied=applied(name, "pelvis"))
+    settings = EvidenceSettings()
+    one, two = (CandidateFit(local, np.array([0.1, *gains]), ("road",) * 3) for gains in ((-1.0, -1.0), (0.1, -1.0)))
+    assert one.improves_enough(settings) is two.improves_enough(settings) is is_omission
+    assert two.improves_enough(dataclasses.replace(settings, least_events=2))
+    assert dataclasses.replace(two, conditions=("road", "rail", "rail")).improves_enough(settings)
 
 
 @cache

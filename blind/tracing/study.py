@@ -208,12 +208,6 @@ def _together(left: Sequence[tuple[Drawing, T]]) -> list[tuple[Drawing, list[T]]
     return found
 
 
-def in_sequence(calls: Sequence[Call]) -> Iterator[Any]:
-    """Execute calls one after the other."""
-    for function, arguments in calls:
-        yield from function(*arguments)
-
-
 def in_processes(calls: Sequence[Call]) -> Iterator[Any]:
     """Execute calls in two processes with linear algebra on one thread each, and yield results when they are ready.
 
