@@ -51,7 +51,7 @@ def to_record(needs: Sequence[Need], settings: FloorSettings) -> str:
 
 
 def listed(need: Need, settings: FloorSettings) -> str:
-    """What to record for one use."""
+    """The recordings of one need."""
     amounts = list(_amounts(need, settings))
     if amounts:
         return ", ".join([*amounts, need.use, *(f"in {how}" for how in need.how)])

@@ -216,7 +216,7 @@ class Trace:
 
     @property
     def not_added(self) -> tuple[AppliedEffect, ...]:
-        """The found effects that no subject can carry."""
+        """The found effects that cannot be stored in a subject."""
         return tuple(one for one in self.effects if one not in self.after.effects)
 
     @property

@@ -32,7 +32,7 @@ class Contents:
 
 
 def seat_tension(subject: Subject, case: Case) -> float:
-    """The largest tension of the seat's joint in a prediction, over the weight it carries.
+    """The largest tension of the seat's joint in a prediction, over the weight above it.
 
     A seat carries no tension: above 1 the body must lift off, which is a known omission of the base chain. 0 for a
     subject with that effect.
@@ -48,7 +48,7 @@ def seat_tension(subject: Subject, case: Case) -> float:
 
 
 def contents(cases: Sequence[Case], settings: FloorSettings | None = None) -> Contents:
-    """Count what events hold, behind their warm-up."""
+    """Count the contents of events after their warm-up."""
     s = settings or FloorSettings()
     road_s, shocks, hard = 0.0, 0, 0
     for case in cases:

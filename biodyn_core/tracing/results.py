@@ -51,22 +51,22 @@ def build_result(
     tilts = _tilts(first, [*train, *choose], s)  # events for reporting do not influence the verdict
     beyond = [one for one in tilts if not within_limits(one)]
     verdict, reasons = verdict_of(outcomes, law, beyond, s)
-    not_carried = _not_carried(outcomes) if explained else ()
+    not_storable = _not_storable(outcomes) if explained else ()
     added = after.effects[len(before.effects) :]
     tilted = tuple(beyond) if verdict in NAMING else ()
     rivals = tuple(one.applied for one in first.round.ambiguous_with) if explained else ()
     best = first.round.chosen or next((one for one in first.round.ranking if one.steady), None)
     return Trace(
         verdict=verdict,
-        reasons=(*reasons, *map(_varies, not_carried), *map(_is_tilted, tilted), *_on_bounds(added)),
+        reasons=(*reasons, *map(_varies, not_storable), *map(_is_tilted, tilted), *_on_bounds(added)),
         given=given,
         before=before,
         after=after,
-        effects=(*tilted, *added, *not_carried),
-        intervals=(*(() for _ in tilted), *_intervals(outcomes, added), *(() for _ in not_carried)),
+        effects=(*tilted, *added, *not_storable),
+        intervals=(*(() for _ in tilted), *_intervals(outcomes, added), *(() for _ in not_storable)),
         ambiguous_with=rivals,
-        family=_family([*(added or not_carried or tilted)[:1], *rivals]),
-        experiment=separating([one.effect for one in (*(added or not_carried)[:1], *rivals)]),
+        family=_family([*(added or not_storable or tilted)[:1], *rivals]),
+        experiment=separating([one.effect for one in (*(added or not_storable)[:1], *rivals)]),
         events=_events(given, before, after, train, choose, report),
         rounds=tuple(outcome.round for outcome in outcomes),
         nuisance=_nuisance(outcomes[-1]),
@@ -95,9 +95,9 @@ def _is_tilted(one: AppliedEffect) -> str:
     )
 
 
-def _not_carried(outcomes: Sequence[Outcome]) -> tuple[AppliedEffect, ...]:
-    """The chosen effects that no subject carries."""
-    fits = [outcome.chosen for outcome in outcomes if not outcome.is_carried]
+def _not_storable(outcomes: Sequence[Outcome]) -> tuple[AppliedEffect, ...]:
+    """The chosen effects that cannot be stored in a subject."""
+    fits = [outcome.chosen for outcome in outcomes if not outcome.adds_effect]
     return tuple(one.applied for one in fits if one is not None and one.applied is not None)
 
 
@@ -184,7 +184,7 @@ def _event(case: Case, use: Use, given: Subject, before: Subject, after: Subject
 
 def _intervals(outcomes: Sequence[Outcome], added: Sequence[AppliedEffect]) -> list[tuple[Interval, ...]]:
     """The values of each added effect in the subject, with intervals as wide as those of its local fit."""
-    fits = [outcome.chosen for outcome in outcomes if outcome.is_carried and outcome.chosen is not None]
+    fits = [outcome.chosen for outcome in outcomes if outcome.adds_effect and outcome.chosen is not None]
     return [
         tuple(
             _interval(p, one.values[p.name], *limits)

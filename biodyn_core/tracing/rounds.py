@@ -46,18 +46,18 @@ class Outcome:
     chosen: LocalFit | None
 
     @property
-    def is_carried(self) -> bool:
+    def adds_effect(self) -> bool:
         """Whether the subject of the chosen fit has the effect; one that varies with time cannot be stored in it."""
         return self.chosen is not None and len(self.chosen.subject.effects) > len(self.nuisance.subject.effects)
 
-    def not_carried(self, why: str) -> Outcome:
-        """The round if no subject carries its effect: only a cause that varies with time stays chosen."""
+    def refused(self, why: str) -> Outcome:
+        """The round with its effect refused for the subject; a cause that varies with time stays chosen."""
         candidate, fit = self.round.chosen, self.chosen
         assert candidate is not None and fit is not None
         if not candidate.steady:
             return dataclasses.replace(self, chosen=dataclasses.replace(fit, subject=self.nuisance.subject))
-        refused = dataclasses.replace(candidate, against=(*candidate.against, why))
-        ranking = tuple(refused if one is candidate else one for one in self.round.ranking)
+        objected = dataclasses.replace(candidate, against=(*candidate.against, why))
+        ranking = tuple(objected if one is candidate else one for one in self.round.ranking)
         return dataclasses.replace(self, round=Round(ranking, self.round.threshold, None, ()), chosen=None)
 
     @property

@@ -85,7 +85,7 @@ def _rounds(
     found: list[tuple[Subject, Outcome]] = []
     for number in range(s.most_effects):
         outcome = one_round(subject, train, choose, s, seed + number, on_stage, checkpoint)
-        subject, outcome = _carried(subject, outcome, train, choose)
+        subject, outcome = _with_joint_refit(subject, outcome, train, choose)
         found.append((subject, outcome))
         best = outcome.round.chosen
         if best is None or not best.steady:  # another round would find the same cause again
@@ -96,15 +96,15 @@ def _rounds(
     return found
 
 
-def _carried(
+def _with_joint_refit(
     subject: Subject, outcome: Outcome, train: Sequence[Case], choose: Sequence[Case]
 ) -> tuple[Subject, Outcome]:
     """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better."""
-    if outcome.chosen is None or not outcome.is_carried:
+    if outcome.chosen is None or not outcome.adds_effect:
         return subject, outcome
     fitted = jointly_refitted(outcome.chosen.subject, train)
     before, after = (_mean_percent(one, choose) for one in (subject, fitted))
-    return (fitted, outcome) if after < before else (subject, outcome.not_carried(WORSE.format(before, after)))
+    return (fitted, outcome) if after < before else (subject, outcome.refused(WORSE.format(before, after)))
 
 
 def _mean_percent(subject: Subject, cases: Sequence[Case]) -> float:

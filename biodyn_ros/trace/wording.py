@@ -28,7 +28,7 @@ CALIBRATED: Final = {
 
 
 def headline(trace: Trace) -> str:
-    """The verdict in one sentence; without a verdict, what to record."""
+    """The verdict in one sentence; without a verdict, the missing recordings."""
     before, after = _held_out(trace, "before"), _held_out(trace, "after")
     if trace.verdict == "effect":
         return _found(trace, before, after)

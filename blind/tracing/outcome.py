@@ -68,7 +68,7 @@ class Answer:
 
     @classmethod
     def of(cls, line: str) -> Answer:
-        """Read what `line_of` wrote."""
+        """Read a line of `line_of`."""
         data = json.loads(line)
         data["best"] = Cause(**data["best"]) if data.get("best") else None
         for key in ("effects", "ambiguous_with"):
@@ -103,7 +103,7 @@ class Score:
 
     @classmethod
     def of(cls, line: str) -> Score:
-        """Read what `line_of` wrote."""
+        """Read a line of `line_of`."""
         data = json.loads(line)
         data["causes"] = tuple(Cause(**one) for one in data["causes"])
         return cls(**data)
