@@ -82,7 +82,7 @@ class CandidateFit:
             return f"a gain up to {s.evidence.unsteady_gain:g} is typical of a cause that varies with time"
         farthest = s.farthest if self.local.prior_scale > PRIOR_SCALES[-1] else 1.0
         if self.typical_multiple < farthest:
-            return f"its size is {self.typical_multiple:.1f} times the typical one, {farthest:g} is required"
+            return f"its size is {self.typical_multiple:.3g} times the typical one, less than {farthest:g}"
         return ""
 
 

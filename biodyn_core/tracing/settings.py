@@ -174,7 +174,11 @@ class TraceSettings:
     )
     least_lift_off: float = setting(0.05, "required gain of lift-off from the seat", "", 0.0, 5.0)
     overwhelming: float = setting(
-        2.5, "multiple of the required gain from which an effect with a parameter on its bound is taken", "", 1.0, 100.0
+        2.5,
+        "multiple of the required gain from which an effect with a parameter on its bound is chosen",
+        "",
+        1.0,
+        100.0,
     )
     replicates: int = setting(200, "random draws of the largest gain", "", 20, 100_000)
     refined: int = setting(12, "candidates that are fitted to all events", "", 1, 1000)
