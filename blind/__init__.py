@@ -1,7 +1,7 @@
-"""The blind studies: what only the world knows of people and of what is hidden in their records, told and looked up."""
+"""Blind studies: answers of the package about simulated people, compared with truths that only the simulation knows."""
 
 import sys
 from pathlib import Path
 
-# The world shares nothing with the package, so it lives with the tests.
+# The simulation (world) shares no code with the package, so it is beside the tests.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))

@@ -1,4 +1,4 @@
-"""`python -m blind [recovery | tracing ...]`: one of the blind studies, or both; 1 where a mark is missed."""
+"""`python -m blind [recovery | tracing ...]`: one of the blind studies, or both; exit code 1 if a mark is missed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from blind.tracing import __main__ as tracing
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the study that is named first, with what comes behind, or one after the other; the worse status of both."""
+    """Run the named study with its options, or both; the larger exit code."""
     if not arguments:
         return max(recovery.main(), tracing.main([]))
     name, *rest = arguments
@@ -18,7 +18,9 @@ def main(arguments: Sequence[str]) -> int:
         return recovery.main()
     if name == "tracing":
         return tracing.main(rest)
-    print(f"blind: {' '.join(arguments)!r} is no study: recovery, or tracing with its options", file=sys.stderr)
+    print(
+        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and tracing with its options", file=sys.stderr
+    )
     return 2
 
 

@@ -1,6 +1,6 @@
-"""Measured streams: what pairs of recorded channels say of themselves, and faults that a second program hid in them.
+"""Measured streams: sensor checks of pairs of recorded channels, as recorded and with hidden faults.
 
-`python -m blind.measured [SEED ...]` prints both tables; verdicts are written before any truth is looked at.
+`python -m blind.measured [SEED ...]` prints both tables; verdicts are computed before any truth is used.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 from world import measured, seats
 
-from biodyn_core.tracing import pairs, transfers
+from blind import pairs, transfers
 
 Floats = NDArray[np.float64]
 
 RECORDS: Final = 100
 SEED: Final = 77
 RATIOS: Final = (0.4, 0.8)
-"""Hidden change over background: below the first only `unexplained` is honest, above the second a name is asked for."""
+"""Hidden change over background: below the first `unexplained` is correct, above the second a name is required."""
 
 PIECE_S: Final = 12.0
-"""Of a recording on its own, so much teaches and so much is predicted."""
+"""Length of the earlier and of the later stretch of a recording without hidden faults."""
 
 
 @dataclass(frozen=True, eq=False)
 class Alone:
-    """One recorded pair with nothing hidden: percent with gain 1 and no delay, with a transfer, and what tracing says.
+    """One recorded pair without a hidden fault, and its check.
 
-    still_percent is NaN where the reference has no axis of the same kind.
+    still_percent: difference to the reference's nearest axis without a transfer, NaN if it has none of the same kind.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Alone:
 
 @dataclass(frozen=True, eq=False)
 class Graded:
-    """One record: what was found, and beside it what had been hidden; ratio of its change to the background."""
+    """One record: the check, the hidden fault, and the ratio of its change to the background."""
 
     name: str
     found: pairs.PairTrace
@@ -51,12 +51,12 @@ class Graded:
 
     @property
     def named(self) -> bool:
-        """Whether the one fault that was hidden is the one that is named."""
+        """Whether the hidden fault is named."""
         return self.found.verdict == "effect" and self.found.name == self.fault
 
     @property
     def within(self) -> bool:
-        """Whether it is among those that are."""
+        """Whether the hidden fault is among the reported ones."""
         return self.fault in (self.found.name, *self.found.ambiguous_with)
 
 
@@ -66,7 +66,7 @@ def _pair(pair: measured.Pair) -> pairs.Pair:
 
 
 def alone() -> list[Alone]:
-    """Every recorded pair as it is, first half against second, at most `PIECE_S` each."""
+    """Every recorded pair as it is, the second half checked against the first, at most `PIECE_S` each."""
     found = []
     for pair in measured.pairs():
         length = min(round(PIECE_S * pair.rate_hz), len(pair.reference) // 2)
@@ -77,7 +77,7 @@ def alone() -> list[Alone]:
 
 
 def _still(pair: measured.Pair) -> float:
-    """Percent that is left, in band, with the reference's most alike axis taken as it is."""
+    """Difference in band to the reference's nearest axis, percent."""
     if not pair.turns:
         return float("nan")
     s = pairs.PairSettings()
@@ -88,13 +88,13 @@ def _still(pair: measured.Pair) -> float:
 
 
 def run(count: int = RECORDS, seed: int = SEED, said: Callable[[str], None] = lambda text: None) -> list[Graded]:
-    """Draw records, trace every one, and only then look at what was hidden."""
+    """Draw records, check every one, and only then read the hidden faults."""
     records, truths = measured.records(count, seed)
     answers = []
     for number, record in enumerate(records):
         answers.append(pairs.trace(_pair(record.later), _pair(record.earlier), seed=number))
         said(f"record {number + 1} of {count}")
-    # Nothing has looked at the truth so far.
+    # The truths are used only after this line.
     return [
         Graded(record.name, answer, truth.fault, truth.size, _ratio(record, truth))
         for record, answer, truth in zip(records, answers, truths, strict=True)
@@ -104,7 +104,7 @@ def run(count: int = RECORDS, seed: int = SEED, said: Callable[[str], None] = la
 def _ratio(record: measured.Record, truth: measured.Truth) -> float:
     """Rms of the hidden change over that of the background's residual, both in the band that is compared.
 
-    The transfer comes from the earlier stretch, so nothing is refitted that could take the change on itself.
+    The transfer comes from the earlier stretch, so no refit can compensate the change.
     """
     s, later = pairs.PairSettings(), _pair(record.later)
     clean = pairs.Pair(later.rate_hz, later.reference, truth.clean_mps2)
@@ -116,7 +116,7 @@ def _ratio(record: measured.Record, truth: measured.Truth) -> float:
 
 @dataclass(frozen=True)
 class Count:
-    """Records of one hidden fault within two ratios, by what was said: wrong are those where only others are named."""
+    """Records of one hidden fault within two ratios, by answer; wrong: only other faults are named."""
 
     fault: str
     ratios: tuple[float, float]
@@ -130,7 +130,7 @@ class Count:
 
 
 def counts(graded: Sequence[Graded]) -> list[Count]:
-    """By hidden fault and ratio, then of any fault, then of none, where every name is a false alarm: `wrong`."""
+    """Counts by hidden fault and ratio, then of any fault, then of none, where every name is a false alarm: `wrong`."""
     steps = ((0.0, RATIOS[0]), RATIOS, (RATIOS[1], np.inf))
     found = [
         _count(fault, (low, high), [g for g in graded if g.fault == fault and low <= g.ratio < high])
@@ -143,14 +143,14 @@ def counts(graded: Sequence[Graded]) -> list[Count]:
 
 
 def _count(fault: str, ratios: tuple[float, float], graded: Sequence[Graded]) -> Count:
-    among, said = sum(g.within for g in graded), [g.found.verdict for g in graded]
-    declared = said.count("effect") + said.count("ambiguous")
-    rest = (said.count("none"), said.count("unexplained"), said.count("not_decidable"))
+    among, verdicts = sum(g.within for g in graded), [g.found.verdict for g in graded]
+    declared = verdicts.count("effect") + verdicts.count("ambiguous")
+    rest = tuple(map(verdicts.count, ("none", "unexplained", "not_decidable")))
     return Count(fault, ratios, len(graded), sum(g.named for g in graded), among, declared - among, *rest)
 
 
 def table(graded: Sequence[Graded]) -> list[str]:
-    """The counts, a line each."""
+    """The counts as lines."""
     heads = ("of", "named", "among", "wrong", "none", "unexpl.", "undec.")
     return [f"{'hidden':12} {'ratio':>9} " + " ".join(f"{head:>7}" for head in heads)] + [
         f"{c.fault:12} {f'{c.ratios[0]:g}-{c.ratios[1]:g}':>9} "
@@ -159,8 +159,8 @@ def table(graded: Sequence[Graded]) -> list[str]:
     ]
 
 
-def _said(f: pairs.PairTrace) -> str:
-    """One verdict, for a line."""
+def _line(f: pairs.PairTrace) -> str:
+    """One check as a line."""
     best = max((f.gains or {"": 0.0}).values())
     return (
         f"{f.verdict:13} {f.name:10} {f.size:10.4g} {f.unit:5} gain {best:6.3f} of {f.threshold:6.3f}, background"
@@ -170,16 +170,16 @@ def _said(f: pairs.PairTrace) -> str:
 
 
 def main() -> int:
-    """Print both tables; 2 where the recordings are not there."""
+    """Print both tables; exit code 2 without the recordings."""
     if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: say where they are with BIODYN_DATA", file=sys.stderr)
+        print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
         return 2
     for one in alone():
-        print(f"{one.name:32} as it is {one.still_percent:5.1f} %  {_said(one.found)}")
+        print(f"{one.name:32} as it is {one.still_percent:5.1f} %  {_line(one.found)}")
     seeds = [int(text) for text in sys.argv[1:]] or [SEED]
     graded = [one for seed in seeds for one in run(seed=seed)]
     for g in graded:
-        print(f"{g.name:46} {g.fault:10} {g.size:10.4g} ratio {g.ratio:5.2f}  {_said(g.found)}")
+        print(f"{g.name:46} {g.fault:10} {g.size:10.4g} ratio {g.ratio:5.2f}  {_line(g.found)}")
     print("\n".join(table(graded)))
     return 0
 

@@ -1,4 +1,4 @@
-"""Events with something hidden in them, integrated by DOP853 from full matrices, all events of a body at once."""
+"""Events with a hidden effect, integrated by DOP853 from full matrices, all events of a body at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.nuisance_model import Background
+from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.settings import BASE
 
 Floats = NDArray[np.float64]
@@ -130,7 +130,7 @@ def one_sided(stretch: Floats, rate: Floats) -> Floats:
 
 
 def thrown(stretch: Floats, rate: Floats) -> Floats:
-    """A seat that cannot hold down: its joint in all carries no more than the weight."""
+    """A seat without tension: the total force of its joint is at most the weight."""
     M, _, _, k, alpha = matrices()
     d, r, b = stretch[:, 0], rate[:, 0], stiffness_and_damping()[1]
     whole = k[0] * d * (1.0 + alpha[0] * np.abs(d)) + b[0] * r
@@ -180,16 +180,16 @@ def _events(change: Change, law: Law) -> tuple[Case, ...]:
 
 
 def fitted(change: Change = nothing, law: Law = plain) -> Subject:
-    """The body fitted to the first three events as if nothing were hidden."""
-    return _background(change, law).subject
+    """The body fitted to the first three events without an effect."""
+    return _nuisance(change, law).subject
 
 
-def background(change: Change = nothing, law: Law = plain) -> Background:
-    """Three events that are fitted to and three that choose, about the body fitted to the first three."""
-    return _background(change, law)
+def nuisance(change: Change = nothing, law: Law = plain) -> NuisanceModel:
+    """The nuisance model of three events for fitting and three for choosing, about the body fitted to the first."""
+    return _nuisance(change, law)
 
 
 @cache
-def _background(change: Change, law: Law) -> Background:
+def _nuisance(change: Change, law: Law) -> NuisanceModel:
     cases = events(6, change, law)
-    return Background.of(fit_joint(cases[:3], TRUTH, 1, BASE).subject, cases[:3], cases[3:])
+    return NuisanceModel.of(fit_joint(cases[:3], TRUTH, 1, BASE).subject, cases[:3], cases[3:])

@@ -1,4 +1,4 @@
-"""Outcomes of blind traces as a test wants them: what was said, what was true, and how well it did."""
+"""Outcomes of blind traces for tests: answer, truth and score."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import pytest
 from outcomes import CLOCK, ROWS, SKIN, STOP, outcome
 
 from blind.tracing.marks import Mark, by_class, fates, marks, most_frequent, wilson
-from blind.tracing.outcome import Cause, Outcome, places_away
+from blind.tracing.outcome import Cause, Outcome, site_distance
 from blind.tracing.rows import CONDITIONS, DRAWINGS, drawings
 
 
@@ -49,11 +49,11 @@ def test_wilson_is_as_published(hits: int, of: int, low: float, high: float) -> 
         ("pitch", "seat", "seat", 0),
     ],
 )
-def test_sites_are_so_far_apart(name: str, site: str, other: str, away: int) -> None:
-    assert places_away(name, site, other) == away == places_away(name, other, site)
+def test_distances_of_sites(name: str, site: str, other: str, away: int) -> None:
+    assert site_distance(name, site, other) == away == site_distance(name, other, site)
 
 
-def test_a_class_is_right_where_it_is_named_alone_and_first() -> None:
+def test_a_class_is_right_if_it_is_named_first_and_alone() -> None:
     right = outcome("strong", "effect", [SKIN], [SKIN])
     unsure = outcome("strong", "ambiguous", [SKIN], [SKIN], [CLOCK])
     wrong = outcome("strong", "effect", [CLOCK], [SKIN])
@@ -65,7 +65,7 @@ def test_a_class_is_right_where_it_is_named_alone_and_first() -> None:
     assert [one.wrong_single for one in every] == [False, False, True, True, False]
     assert [one.in_set for one in every] == [True, True, False, True, False]
     assert [one.set_size for one in every] == [1, 2, 1, 2, 0]
-    assert [one.away for one in every] == [0, None, None, 0, None]
+    assert [one.site_distance for one in every] == [0, None, None, 0, None]
     assert [one.named for one in every] == ["skin", "ambiguous", "clock", "skin", "unexplained"]
 
 
@@ -75,14 +75,14 @@ def test_a_class_is_right_where_it_is_named_alone_and_first() -> None:
         ("effect", SKIN, SKIN, 1.0, (), "named"),
         ("effect", CLOCK, CLOCK, 1.0, (), "another class named"),
         ("ambiguous", SKIN, SKIN, 1.0, (), "several named as possible"),
-        ("none", None, CLOCK, 0.1, (), "another class was the best, and refused"),
-        ("not_decidable", None, None, None, (), "another class was the best, and refused"),
-        ("unexplained", None, SKIN, 1.0, ("f_n ends on a bound",), "the true class was the best, and refused for what"),
-        ("none", None, SKIN, 0.1, (), "... as it gained less"),
-        ("unexplained", None, SKIN, 1.0, (), "... as it left most of the gap"),
+        ("none", None, CLOCK, 0.1, (), "another class had the largest gain"),
+        ("not_decidable", None, None, None, (), "another class had the largest gain"),
+        ("unexplained", None, SKIN, 1.0, ("f_n ends on a bound",), "the true class had the largest gain"),
+        ("none", None, SKIN, 0.1, (), "... as its gain was too small"),
+        ("unexplained", None, SKIN, 1.0, (), "... as it removed too little"),
     ],
 )
-def test_what_became_of_a_true_class_is_told(
+def test_fates_of_a_true_class(
     verdict: str, said: Cause | None, best: Cause | None, gain: float | None, against: tuple[str, ...], fate: str
 ) -> None:
     plain = outcome("strong", verdict, [said] if said else [], [SKIN], before_percent=4.0, floor_percent=2.0)
@@ -105,10 +105,10 @@ def test_false_alarms_are_counted_in_both_kinds_of_noise() -> None:
     mark = judged(row, quiet + loud * 2 + beside)["false alarms"]  # 4 of 99
     assert (mark.records, mark.met, mark.reached) == (99, True, pytest.approx(4 / 99))
     mark = judged(row, quiet + loud * 3)["false alarms"]  # 6 of 101
-    assert (mark.met, mark.said) == (False, "5.9 % (2.8 to 12.4) of 101")
+    assert (mark.met, mark.text) == (False, "5.9 % (2.8 to 12.4) of 101")
 
 
-def test_background_alone_counts_what_is_named_and_what_is_added() -> None:
+def test_background_alone_counts_named_and_added_effects() -> None:
     kept = [outcome("background", "none")] * 17 + [outcome("background", "ambiguous", [SKIN], [], [CLOCK])]
     both = judged("background only, nothing hidden", [*kept, *[outcome("background", "effect", [SKIN])] * 2])
     assert both["a single cause named"].reached == pytest.approx(0.1) and both["a single cause named"].met
@@ -131,7 +131,7 @@ def test_sensor_noise_counts_class_site_and_error() -> None:
     assert [mark.met for mark in found.values()] == [True, False, False, True]  # 20, 17 and 19 of 21
 
 
-def test_ratios_of_the_scorer_part_the_background_rows_wherever_a_record_was_drawn() -> None:
+def test_background_rows_go_by_the_ratio_of_the_score() -> None:
     records = [
         outcome("strong", "effect", [SKIN], [SKIN], ratio=0.81, recovered=0.9),
         outcome("weak", "ambiguous", [CLOCK], [SKIN], [STOP], ratio=0.8),
@@ -157,10 +157,10 @@ def test_energy_recovered_is_a_median_with_zeros_for_the_wrong() -> None:
     # A record of which even the oracle takes off nothing has no such value, and is not counted among them.
     records.append(outcome("strong", "effect", [SKIN], [SKIN], ratio=2.0, recovered=None))
     mark = judged("with background, ratio > 0.8", records)["energy recovered, median"]
-    assert (mark.records, mark.said) == (6, "0.70 of 5")
+    assert (mark.records, mark.text) == (6, "0.70 of 5")
 
 
-def test_what_is_outside_may_be_unexplained_or_of_its_family() -> None:
+def test_an_effect_outside_the_catalogue_may_be_unexplained_or_of_its_family() -> None:
     breath = Cause("outside", "", "memory")
     records = [
         *[outcome("outside", "unexplained", [], [breath], ratio=1.0)] * 7,
@@ -183,13 +183,13 @@ def test_two_effects_are_found_both_or_one() -> None:
     assert [(mark.reached, mark.met) for mark in found.values()] == [(0.6, True), (0.9, True)]
 
 
-def test_a_row_with_too_few_records_meets_nothing() -> None:
+def test_a_row_with_too_few_records_misses_its_marks() -> None:
     records = [outcome("two", "effect", [SKIN, STOP], [SKIN, STOP])] * 39
     assert not any(mark.met for mark in judged("two effects", records, least=40).values())
     assert not any(mark.met for mark in judged("two effects", [], least=0).values())
 
 
-def test_every_condition_finds_its_drawings_and_enough_of_them() -> None:
+def test_every_condition_has_enough_drawings() -> None:
     counts = {one.name: one.count for one in DRAWINGS}
     for row in CONDITIONS:
         assert sum(counts[name] for name in row.drawings) >= row.least

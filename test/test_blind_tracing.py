@@ -26,7 +26,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case, Errors
-from biodyn_core.tracing.findings import Candidate, ComparedEvent, Round, Trace
+from biodyn_core.tracing.findings import ComparedEvent, RankedCandidate, Round, Trace
 from blind.tracing import __main__ as command
 from blind.tracing import refits, score, streams, study
 from blind.tracing.answer import answered
@@ -106,14 +106,14 @@ def test_refits_tell_ratio_oracle_placebo_and_generic(
     assert math.isfinite(generic_percent(fits[0], hidden))
 
 
-def test_what_runs_away_leaves_infinitely_much_whether_or_not_clocks_can_be_looked_for() -> None:
+def test_an_unstable_simulation_has_infinite_squares() -> None:
     quiet = event(SUBJECT, 0)
     for factor in (1e5, 1e160):
         wild = dataclasses.replace(quiet, seat_mps2=factor * quiet.seat_mps2)
         assert sum_of_squares(SUBJECT, [quiet]) < 0.01 < sum_of_squares(SUBJECT, [quiet, wild]) == math.inf
 
 
-def test_the_error_of_an_oracle_that_runs_away_is_infinite(
+def test_the_error_of_an_unstable_oracle_is_infinite(
     backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, hidden = backrest
@@ -130,7 +130,7 @@ def test_the_error_of_an_oracle_that_runs_away_is_infinite(
 # --- truths ----------------------------------------------------------------------------------------------------------
 
 
-def test_truths_are_told_in_the_catalogues_words() -> None:
+def test_truths_have_the_names_of_the_catalogue() -> None:
     def said(kind: str, family: str, site: int) -> Cause:
         (found,) = causes([SimpleNamespace(kind=kind, family=family, site=site)])
         return found
@@ -164,7 +164,13 @@ def scores(drawing: Drawing, given: Sequence[Answer], seed: int, split: str) -> 
     return [a_score(drawing, answer) for answer in given]
 
 
-def test_lines_come_back_as_they_were() -> None:
+def in_sequence(calls: Sequence[Call]) -> Iterator[Any]:
+    """Execute calls one after the other."""
+    for function, arguments in calls:
+        yield from function(*arguments)
+
+
+def test_lines_are_read_as_they_were_written() -> None:
     answer = an_answer(FEW[1], 2)
     assert Answer.of(line_of(answer)) == answer
     score = a_score(FEW[1], answer)
@@ -187,14 +193,14 @@ def test_verdicts_are_sealed_before_any_truth_is_drawn(tmp_path: Path) -> None:
         return scores(drawing, given, seed, split)
 
     outcomes = study.run(
-        what, here, answer, score, lambda text: happened.append("sealed") if "sealed" in text else None
+        what, in_sequence, answer, score, lambda text: happened.append("sealed") if "sealed" in text else None
     )
     assert happened == ["answers"] * 2 + ["sealed"] + ["truths"] * 2  # a row at a time
     assert [(one.answer.row, one.answer.number) for one in outcomes] == [(d.name, n) for d, n in what.tasks]
     assert all(one.answer.row == one.score.row and one.answer.number == one.score.number for one in outcomes)
 
 
-def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_an_interrupted_run_continues(tmp_path: Path) -> None:
     what, done = Run(5, FEW, tmp_path), []
 
     def interrupted(calls: Sequence[Call]) -> Iterator[Any]:
@@ -211,7 +217,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert not (tmp_path / study.SEAL).exists()
     assert done == [("nothing", 0), ("nothing", 1), ("strong", 0), ("strong", 1), ("strong", 2)]
     done.clear()
-    assert len(study.run(what, here, answers, scores)) == 5
+    assert len(study.run(what, in_sequence, answers, scores)) == 5
     assert len((tmp_path / study.ANSWERS).read_text().splitlines()) == 5
 
     def nothing_left(calls: Sequence[Call]) -> Iterator[Any]:
@@ -221,22 +227,22 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert len(study.run(what, nothing_left, answers, scores)) == 5
 
 
-def test_answers_that_change_behind_the_seal_are_seen(tmp_path: Path) -> None:
+def test_changed_answers_break_the_seal(tmp_path: Path) -> None:
     what = Run(5, FEW, tmp_path)
-    study.run(what, here, answers, scores)
+    study.run(what, in_sequence, answers, scores)
     path = tmp_path / study.ANSWERS
     lines = path.read_text().splitlines()
     path.write_text("\n".join(reversed(lines)) + "\n")
-    study.run(what, here, answers, scores)  # the order is that in which they were done
+    study.run(what, in_sequence, answers, scores)  # the order is that in which they were done
     path.write_text("\n".join(lines).replace('"verdict": "effect"', '"verdict": "none"', 1) + "\n")
     with pytest.raises(BrokenSeal, match="have been changed"):
-        study.run(what, here, answers, scores)
+        study.run(what, in_sequence, answers, scores)
     path.write_text("\n".join(lines[1:]) + "\n")
-    with pytest.raises(BrokenSeal, match="the truth has been looked at"):
-        study.run(what, here, answers, scores)
+    with pytest.raises(BrokenSeal, match="the truths have been drawn"):
+        study.run(what, in_sequence, answers, scores)
     for other in (dataclasses.replace(what, commit="later"), dataclasses.replace(what, drawings=FEW[:1])):
         with pytest.raises(BrokenSeal, match="of another run"):
-            study.run(other, here, answers, scores)
+            study.run(other, in_sequence, answers, scores)
 
 
 def ratios(of: Callable[[int], float]) -> study.Scoring:
@@ -254,7 +260,7 @@ FILLED = (
 )
 
 
-def test_a_row_that_is_short_is_filled_up_behind_a_seal_of_its_own(tmp_path: Path) -> None:
+def test_further_records_have_their_own_seal(tmp_path: Path) -> None:
     what, seen = Run(5, FEW, tmp_path, filled=FILLED), []
     scored = ratios(lambda number: 1.0 if number % 3 == 0 else 0.5)
 
@@ -271,7 +277,7 @@ def test_a_row_that_is_short_is_filled_up_behind_a_seal_of_its_own(tmp_path: Pat
     with pytest.raises(KeyboardInterrupt):
         study.run(what, interrupted, answers, score)
     assert len(study.seals(what)) == 1
-    outcomes = study.run(what, here, answers, score)
+    outcomes = study.run(what, in_sequence, answers, score)
     # Of three one has the ratio, three are missing, so nine are drawn, of which three have it.
     assert seen == [
         (1, "nothing", [0, 1]),
@@ -285,8 +291,8 @@ def test_a_row_that_is_short_is_filled_up_behind_a_seal_of_its_own(tmp_path: Pat
     assert first == study.seal(what, what.tasks, 1) != whole == study.seal(what, [*what.tasks, *_more(9)], 2)
     lines = (tmp_path / study.ANSWERS).read_text().splitlines()
     (tmp_path / study.ANSWERS).write_text("\n".join(lines[:-1]) + "\n")
-    with pytest.raises(BrokenSeal, match="the truth has been looked at"):
-        study.run(what, here, answers, score)
+    with pytest.raises(BrokenSeal, match="the truths have been drawn"):
+        study.run(what, in_sequence, answers, score)
 
 
 def _at_once(begin: int, end: int) -> list[list[int]]:
@@ -297,7 +303,7 @@ def _more(count: int) -> list[tuple[Drawing, int]]:
     return [(FEW[1], 3 + number) for number in range(count)]
 
 
-def test_how_many_are_drawn_goes_by_ratios_alone_and_comes_to_an_end(tmp_path: Path) -> None:
+def test_the_number_of_records_depends_on_ratios_alone_and_is_limited(tmp_path: Path) -> None:
     drawn = {}
     for verdict in ("effect", "none"):
 
@@ -307,7 +313,7 @@ def test_how_many_are_drawn_goes_by_ratios_alone_and_comes_to_an_end(tmp_path: P
             return [dataclasses.replace(an_answer(drawing, number), verdict=said) for number in numbers]
 
         what = Run(5, FEW, tmp_path / verdict, filled=FILLED)
-        drawn[verdict] = len(study.run(what, here, answer, ratios(lambda number: 0.1)))
+        drawn[verdict] = len(study.run(what, in_sequence, answer, ratios(lambda number: 0.1)))
         assert len(study.seals(what)) == study.MOST_BATCHES
     assert drawn["effect"] == drawn["none"] == 2 + 3 + 3 * 4 * (study.MOST_BATCHES - 1)
 
@@ -327,8 +333,8 @@ def a_trace(known: Record) -> Trace:
     applied = AppliedEffect(skin, "head", {p.name: p.size for p in skin.parameters})
     after = dataclasses.replace(known.subject, effects=(applied,))
     late = AppliedEffect(CATALOGUE["clock"], "head", {p.name: p.size for p in CATALOGUE["clock"].parameters})
-    linear = Candidate(applied, 0.4, False, 0.1, 0.0, 0)
-    best = Candidate(late, 0.3, True, 0.1, 0.0, 1, ("helps in 1 of 2 events",))
+    linear = RankedCandidate(applied, 0.4, False, 0.1, 0.0, 0)
+    best = RankedCandidate(late, 0.3, True, 0.1, 0.0, 1, ("helps in 1 of 2 events",))
     blank = np.zeros((1, 5))
     events = tuple(
         ComparedEvent(use, "road", use, 1.0, blank, blank, blank, _error(before), _error(before / 2.0))
@@ -357,7 +363,7 @@ def test_a_trace_becomes_plain_data() -> None:
     assert answer.why == "it helps; nothing else does"
 
 
-def test_a_tracer_that_fails_is_wrong_and_costs_one_record() -> None:
+def test_a_failing_trace_is_one_wrong_record() -> None:
     def refusing(known: Record) -> Trace:
         raise InputError("too short")
 
@@ -377,7 +383,7 @@ def test_a_tracer_that_fails_is_wrong_and_costs_one_record() -> None:
 ABOUT = About("2026-01-02", "abc", 7, "f" * 64, "e" * 64, 5)
 
 
-def test_every_full_run_is_one_more_row_of_the_table(tmp_path: Path) -> None:
+def test_every_full_run_adds_a_row_to_the_table(tmp_path: Path) -> None:
     records = [outcome("two", "effect", [SKIN, STOP], [SKIN, STOP])] * 40
     found = marks(records)
     publish(tmp_path, ABOUT, records, found)
@@ -396,7 +402,7 @@ def test_a_partial_run_is_not_published(
 ) -> None:
     monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
     monkeypatch.setattr(command, "publish", lambda *given: pytest.fail("published"))
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, answers, scores))
+    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, in_sequence, answers, scores))
     given = ["--rows", "strong", "--count", "2", "--split", "development", "--out", str(tmp_path)]
     assert command.main([*given, "--seed", "11"]) == 1
     assert "seed 11, a partial run" in capsys.readouterr().out
@@ -415,7 +421,7 @@ def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(command, "publish", lambda root, about, outcomes, found: published.append(about))
     monkeypatch.setattr(command, "thresholds", lambda: "0" * 64)
     monkeypatch.setattr(command.streams, "outcomes", lambda seed: [])
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, here, answers, scores))
+    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, in_sequence, answers, scores))
     assert command.main(["--out", str(tmp_path), "--seed", "3"]) == 1
     (about,) = published
     weak = next(one.count for one in DRAWINGS if one.name == "weak")
@@ -441,7 +447,7 @@ def test_the_page_has_every_mark_and_class() -> None:
     assert "| another class named | 0 | 1 |" in text
 
 
-def test_measured_streams_are_judged_as_the_background_rows() -> None:
+def test_measured_streams_have_the_marks_of_the_background_rows() -> None:
     def graded(fault: str, size: float, verdict: str, name: str, *beside: str) -> Outcome:
         found = SimpleNamespace(verdict=verdict, name=name, ambiguous_with=beside)
         return streams.outcome(0, SimpleNamespace(found=found, fault=fault, ratio=size))
@@ -494,7 +500,7 @@ def test_a_sitting_becomes_a_record_with_noise_that_does_not_follow_the_seat(sho
         assert np.sqrt((added**2).mean(axis=0)) == pytest.approx(0.3, rel=0.35)
 
 
-def test_a_sitting_is_the_same_by_itself_and_among_others() -> None:
+def test_a_sitting_is_the_same_alone_and_among_others() -> None:
     plan = Plan(counts=(1, 0, 0), seconds=(1.0, 0.0, 0.0), uses=("fit",), recorded=False)
     drawn = partial(sittings_drawn, seed=3, effects=0, plan=plan)
     _, second = drawn(2)
@@ -503,7 +509,7 @@ def test_a_sitting_is_the_same_by_itself_and_among_others() -> None:
     assert np.array_equal(alone.streams(0)["head"][1], second.streams(0)["head"][1])
 
 
-def test_events_that_cannot_be_read_are_told(short_sitting: Sitting) -> None:
+def test_unreadable_events_are_reported(short_sitting: Sitting) -> None:
     streams_of = {name: tuple(part[:40] for part in stream) for name, stream in short_sitting.streams(0).items()}
     cut = SimpleNamespace(
         events=short_sitting.events, streams=lambda index, with_effects: streams_of, seed=0,
@@ -516,7 +522,7 @@ def test_events_that_cannot_be_read_are_told(short_sitting: Sitting) -> None:
     assert "held/road_1: " in answer.why
 
 
-def test_the_forms_that_are_scored_are_named_nowhere() -> None:
+def test_scored_forms_are_not_named_in_the_package() -> None:
     root = Path(blind.__file__).parent
     assert not [path for path in root.rglob("*.py") if "blind_forms" in path.read_text(encoding="utf-8")]
 
@@ -528,7 +534,7 @@ def answered_but_one(drawing: Drawing, numbers: list[int]) -> list[int]:
     return numbers
 
 
-def test_a_record_that_fails_does_not_end_the_others_and_is_raised_behind_them() -> None:
+def test_a_failing_record_is_raised_after_the_others() -> None:
     came: list[int] = []
 
     def take_all() -> None:

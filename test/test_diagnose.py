@@ -1,4 +1,4 @@
-"""What a residual says by itself, against what was put into it."""
+"""Diagnostics of a residual with a known cause."""
 
 import dataclasses
 from functools import cache
@@ -12,9 +12,11 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.diagnose import bracket, coherent, diagnose, peeling
-from biodyn_core.tracing.nuisance_model import Background
+from biodyn_core.tracing.nuisance_model import NuisanceModel
+from biodyn_core.tracing.settings import DiagnosticSettings
 
 RATE_HZ = fitting.RATE_HZ
+FAILING = DiagnosticSettings().failing
 QUIET = 0.05
 """A share of the seat at which the true body's own stiffening does nothing."""
 
@@ -28,24 +30,24 @@ def with_channels(number: int) -> Case:
     )
 
 
-def test_a_channel_that_drives_the_residual_is_named_with_its_segment_and_share() -> None:
+def test_a_coherent_channel_has_its_segment_and_share() -> None:
     """0.3 of a channel of unit power beside as much noise power of its own: half the power is its."""
     rng, cases = np.random.default_rng(9), [with_channels(number) for number in range(3)]
-    missed = []
+    residuals = []
     for case in cases:
-        left = 0.3 * fitting.low_passed(rng.standard_normal((len(case.seat_mps2), 5)))
-        left[:, hiding.HEAD] += 0.3 * case.channels["seat.x"]
-        missed.append(left)
-    found = coherent(cases, missed)
+        residual = 0.3 * fitting.low_passed(rng.standard_normal((len(case.seat_mps2), 5)))
+        residual[:, hiding.HEAD] += 0.3 * case.channels["seat.x"]
+        residuals.append(residual)
+    found = coherent(cases, residuals)
     assert set(found) == {"seat.z", "seat.x", "seat.y"}
     assert found["seat.x"][0] == "head" and found["seat.x"][1] == pytest.approx(0.5, abs=0.15)
     assert found["seat.z"][1] < 0.15 and found["seat.y"][1] < 0.15
 
 
-def test_a_louder_sensor_goes_with_the_seat() -> None:
+def test_a_sensor_gain_is_coherent_with_the_seat() -> None:
     cases = list(hiding.events(6, hiding.louder)[:3])
-    missed = [np.where(c.compared, c.measured_mps2 - answer(hiding.TRUTH, c), 0.0) for c in cases]
-    segment, share = coherent(cases, missed)["seat.z"]
+    residuals = [np.where(c.compared, c.measured_mps2 - answer(hiding.TRUTH, c), 0.0) for c in cases]
+    segment, share = coherent(cases, residuals)["seat.z"]
     assert segment == "neck" and share > 0.4
 
 
@@ -76,14 +78,14 @@ def quiet(joint: str) -> list[Case]:
     return [fitting.ready(seat, one, kind) for seat, one, kind in zip(seats, accel, hiding.KINDS, strict=False)]
 
 
-def test_a_true_chain_holds_from_the_head_to_the_seat() -> None:
+def test_no_sub_chain_of_a_true_chain_fails() -> None:
     found = peeling(hiding.TRUTH, quiet(""))
     assert list(found) == ["neck", "upper_torso", "lower_torso", "pelvis", "seat"]
     assert max(found.values()) < 12.0  # 3 s, the ends of which no window follows
-    assert bracket(found) == ()
+    assert bracket(found, FAILING) == ()
 
 
-def test_joints_of_another_size_are_refitted_and_hold() -> None:
+def test_joints_of_another_size_are_refitted() -> None:
     theta = hiding.TRUTH.parameters.vector()
     theta[:6] *= 1.1
     wrong = dataclasses.replace(hiding.TRUTH, parameters=type(hiding.TRUTH.parameters).from_vector(theta))
@@ -91,8 +93,8 @@ def test_joints_of_another_size_are_refitted_and_hold() -> None:
     np.testing.assert_allclose(list(found.values()), list(true.values()), rtol=1e-2)
 
 
-def test_joints_far_stiffer_than_the_subjects_are_looked_for_within_reach() -> None:
-    """A body that moves with the seat as one has joints without end: unbounded, the search left one of them by 85 %."""
+def test_much_stiffer_joints_are_bounded() -> None:
+    """A rigid body has infinitely stiff joints: an unbounded search had an error of 85 % at one of them."""
     rigid = [
         dataclasses.replace(case, measured_mps2=np.repeat(case.seat_mps2[:, None], 5, axis=1)) for case in quiet("")
     ]
@@ -103,9 +105,9 @@ def test_joints_far_stiffer_than_the_subjects_are_looked_for_within_reach() -> N
     ("joint", "expected"),
     [("pelvis", ("pelvis",)), ("central_torso", ("central_torso", "upper_torso")), ("neck", ("neck",))],
 )
-def test_the_joint_that_a_linear_chain_cannot_be_is_bracketed(joint: str, expected: tuple[str, ...]) -> None:
+def test_a_nonlinear_joint_is_bracketed(joint: str, expected: tuple[str, ...]) -> None:
     found = peeling(hiding.TRUTH, quiet(joint))
-    assert bracket(found) == expected
+    assert bracket(found, FAILING) == expected
 
 
 @pytest.mark.parametrize(
@@ -118,9 +120,9 @@ def test_the_joint_that_a_linear_chain_cannot_be_is_bracketed(joint: str, expect
         ((9.0, 1.0, 1.0, 1.0, 1.0), ("head",)),
     ],
 )
-def test_the_bracket_lies_where_sub_chains_begin_to_fail(percent: tuple, expected: tuple[str, ...]) -> None:
+def test_the_bracket_is_at_the_first_failing_sub_chain(percent: tuple, expected: tuple[str, ...]) -> None:
     nodes = ("neck", "upper_torso", "lower_torso", "pelvis", "seat")
-    assert bracket(dict(zip(nodes, percent, strict=True))) == expected
+    assert bracket(dict(zip(nodes, percent, strict=True)), FAILING) == expected
 
 
 def without(case: Case, column: int) -> Case:
@@ -130,19 +132,19 @@ def without(case: Case, column: int) -> Case:
     return dataclasses.replace(case, measured_mps2=measured, compared=compared, energy=energy)
 
 
-def test_a_sensor_that_is_missing_is_no_joint_that_fails() -> None:
-    """Nobody measures below the joint above it: that sub-chain cannot be told, and must not fail."""
+def test_a_missing_sensor_makes_no_sub_chain_fail() -> None:
+    """The sub-chain above a missing sensor has no drive and must not fail."""
     cases = [without(case, MEASURED_SEGMENTS.index("lower_torso")) for case in quiet("")]
-    assert bracket(peeling(hiding.TRUTH, cases)) == ()
+    assert bracket(peeling(hiding.TRUTH, cases), FAILING) == ()
 
 
-def background(cases: list[Case]) -> Background:
-    return Background.of(hiding.TRUTH, cases, cases[:1])
+def nuisance(cases: list[Case]) -> NuisanceModel:
+    return NuisanceModel.of(hiding.TRUTH, cases, cases[:1])
 
 
-def test_a_sensor_that_is_missing_leaves_nothing_that_goes_with_the_seat() -> None:
+def test_a_missing_sensor_has_no_coherent_residual() -> None:
     cases = [without(case, hiding.HEAD) for case in hiding.events(6)[:3]]
-    _, share = diagnose(hiding.TRUTH, background(cases)).coherent["seat.z"]
+    _, share = diagnose(hiding.TRUTH, nuisance(cases)).coherent["seat.z"]
     assert share < 0.2
 
 
@@ -163,33 +165,33 @@ def loud_by(power: float, lengths: tuple[int, ...]) -> list[Case]:
 
 
 @pytest.mark.parametrize("power", [-0.5, 0.0, 0.5])
-def test_the_level_slope_is_how_the_relative_residual_grows(power: float) -> None:
+def test_the_slope_is_the_power_of_the_relative_residual(power: float) -> None:
     cases = loud_by(power, (3000, 3000, 3000, 3000))
-    found = diagnose(hiding.TRUTH, background(cases)).level_slope
+    found = diagnose(hiding.TRUTH, nuisance(cases)).level_slope
     assert found == pytest.approx(power, abs=0.1)
 
 
 def test_longer_events_have_no_larger_relative_residual() -> None:
     cases = loud_by(0.0, (1500, 1800, 2400, 3000))
-    assert diagnose(hiding.TRUTH, background(cases)).level_slope == pytest.approx(0.0, abs=0.1)
+    assert diagnose(hiding.TRUTH, nuisance(cases)).level_slope == pytest.approx(0.0, abs=0.1)
 
 
-def test_events_of_one_level_have_no_slope() -> None:
+def test_equal_peaks_have_no_slope() -> None:
     case = hiding.events(6)[0]
-    assert diagnose(hiding.TRUTH, background([case, case, case])).level_slope is None
+    assert diagnose(hiding.TRUTH, nuisance([case, case, case])).level_slope is None
 
 
-def test_the_event_from_which_on_more_is_missed_is_named() -> None:
+def test_the_event_of_a_jump_of_the_residual_is_named() -> None:
     """A sensor comes loose before the fourth event: it rings from there on."""
     before, after = hiding.events(6), hiding.events(6, loose)
     cases = [*before[:3], *after[3:]]
-    found = diagnose(hiding.TRUTH, background(cases)).jump
+    found = diagnose(hiding.TRUTH, nuisance(cases)).jump
     assert found is not None and found[1] < 0.05
     assert found[0] == cases[3].name
 
 
-def test_nothing_that_jumps_is_likely_chance() -> None:
-    found = diagnose(hiding.TRUTH, background(list(hiding.events(6)))).jump
+def test_the_p_value_is_large_without_a_jump() -> None:
+    found = diagnose(hiding.TRUTH, nuisance(list(hiding.events(6)))).jump
     assert found is not None and found[1] > 0.05
 
 
@@ -197,20 +199,20 @@ def loose(measured: np.ndarray) -> np.ndarray:
     return hiding.on_skin(hiding.later(measured))
 
 
-def test_a_whole_look_at_a_true_body_finds_it_as_it_is() -> None:
+def test_diagnostics_of_a_true_body() -> None:
     cases = list(hiding.events(6)[:3])
-    found = diagnose(hiding.TRUTH, background(cases))
-    assert found.pinned == () and found.pulled_down > 1.0  # a rail of 6 g throws everybody
+    found = diagnose(hiding.TRUTH, nuisance(cases))
+    assert found.pinned == () and found.pulled_down > 1.0  # a rail of 6 g lifts the body off
     assert set(found.amplitude_transfer) == set(hiding.KINDS)
     for quiet_alone, everything in found.amplitude_transfer.values():
         assert 0.0 < everything < 1.5 and quiet_alone < 2.0
     assert all(apart < 0.2 for name, apart in found.drift.items() if name.startswith("f_n"))
 
 
-def test_theta_of_the_quiet_events_misses_the_loud_ones_where_a_law_is_hidden() -> None:
-    hidden = diagnose(hiding.fitted(hiding.nothing, hiding.orifice), hiding.background(hiding.nothing, hiding.orifice))
-    plain = diagnose(hiding.fitted(), hiding.background())
+def test_theta_of_quiet_events_has_a_larger_residual_in_loud_ones_with_a_hidden_law() -> None:
+    hidden = diagnose(hiding.fitted(hiding.nothing, hiding.orifice), hiding.nuisance(hiding.nothing, hiding.orifice))
+    plain = diagnose(hiding.fitted(), hiding.nuisance())
     apart = {name: both[0] / both[1] for name, both in hidden.amplitude_transfer.items()}
-    usual = {name: both[0] / both[1] for name, both in plain.amplitude_transfer.items()}
-    assert apart["rail"] > 1.5 * usual["rail"]
+    typical = {name: both[0] / both[1] for name, both in plain.amplitude_transfer.items()}
+    assert apart["rail"] > 1.5 * typical["rail"]
     assert max(hidden.drift.values()) > 1.5 * max(plain.drift.values())

@@ -1,4 +1,4 @@
-"""What to record next depends on what is to be told apart."""
+"""Experiments that separate effects, and lists of missing recordings."""
 
 import dataclasses
 
@@ -30,8 +30,8 @@ def test_experiments_that_separate(names: tuple[str, ...], said: str) -> None:
     assert separating([CATALOGUE[name] for name in names]) == said
 
 
-def test_every_family_has_its_own_and_a_new_one_is_not_left_without() -> None:
-    """Two levels of one road are asked for where the law itself is in question, and where nothing else is known."""
+def test_every_family_has_an_experiment() -> None:
+    """Two levels of one road separate laws, and are the default for unknown families."""
     pairs = {effect.name: (effect, dataclasses.replace(effect, name="beside")) for effect in CATALOGUE.values()}
     assert {name for name, pair in pairs.items() if separating(pair) == LEVELS} == {
         "relaxation", "viscera", "reflex", "quadratic_damping", "friction", "hysteresis", "cushion",
@@ -53,7 +53,7 @@ def test_every_family_has_its_own_and_a_new_one_is_not_left_without() -> None:
         (("held out", 0.0, 0, 0, ("a further recording of rail",)), "a further recording of rail, held out"),
     ],
 )  # fmt: skip
-def test_all_that_lacks_is_one_list(need: tuple, said: str) -> None:
+def test_missing_recordings_are_one_list(need: tuple, said: str) -> None:
     assert to_record([Need(*need)], FloorSettings()) == said
     twice = to_record([Need("to fit", 5.0, 0, 0), Need(*need)], FloorSettings())
     assert twice == f"5 s more road, to fit; {said}"

@@ -1,4 +1,4 @@
-"""What the data can carry, and what no seat can."""
+"""Checks before a trace: amount of data, sensors, and tension of the seat."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from hiding import applied
 from streams import subject
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.gate import FloorSettings, cleaned, contents, missing, needs, pulled_down, same
+from biodyn_core.tracing.gate import FloorSettings, cleaned, contents, missing, needs, same, seat_tension
 
 RATE_HZ = fitting.RATE_HZ
 SUBJECT = subject()
@@ -33,7 +33,7 @@ def test_shocks_are_counted_by_their_peaks() -> None:
     assert found.road_s == pytest.approx(36.0 - 4.0, abs=0.1)  # 2 s of warm-up in each
 
 
-def test_what_is_a_shock_and_what_a_hard_one_is_a_setting() -> None:
+def test_peaks_of_shocks_are_settings() -> None:
     s = FloorSettings(shock_g=2.0, hard_shock_g=3.0)
     found = contents([case([0.5, 1.5, 2.9, 3.2])], s)
     assert (found.shocks, found.hard_shocks) == (2, 1)
@@ -51,7 +51,7 @@ def test_two_axles_are_one_shock() -> None:
     assert contents([case([1.5, 2.0], apart_s=1.5)]).shocks == 2
 
 
-def test_what_is_missing_is_said_and_enough_is_enough() -> None:
+def test_missing_amounts_are_listed() -> None:
     assert missing([case([1.5])], "to fit") == [
         "to fit: 17 s without shocks, 30 are needed",
         "to fit: 1 shock of 0.8 g and more, 6 are needed",
@@ -83,7 +83,7 @@ def test_a_need_is_the_difference_to_the_floor_for_each_use() -> None:
     assert (held_out.road_s, held_out.shocks, held_out.hard_shocks) == (pytest.approx(7.0, abs=0.1), 2, 1)
 
 
-def test_one_recording_is_named_once_though_it_serves_several_needs() -> None:
+def test_a_need_lists_each_condition_once() -> None:
     s = FloorSettings(road_s=30.0, shocks=2, hard_shocks=0)
     road, again = motion("road", [1.0, 1.1]), motion("road", [1.2, 1.3])
     to_fit, held_out = needs([road, again], [road], s)
@@ -95,13 +95,13 @@ def test_one_recording_is_named_once_though_it_serves_several_needs() -> None:
     assert needs([], [road], s)[1].how == ("a further recording of road",)
 
 
-def test_the_papers_windows_carry_no_verdict() -> None:
+def test_the_papers_windows_are_too_short_for_a_verdict() -> None:
     """4 to 6 s less 2 of warm-up, three of a kind."""
     windows = [case([1.5], seconds=6.0)] * 3
     assert any("without shocks" in line for line in missing(windows, "to fit"))
 
 
-def test_a_seat_that_would_have_to_hold_somebody_down_is_seen() -> None:
+def test_the_tension_of_the_seat_is_that_of_the_papers_matrices() -> None:
     """Against the force from the paper's matrices, by another integrator."""
     seat = fitting.seat_motion("rail", 4.0, 2)
     theta = SUBJECT.parameters.vector()
@@ -109,7 +109,7 @@ def test_a_seat_that_would_have_to_hold_somebody_down_is_seen() -> None:
     accel = naive.chain_response(theta, SUBJECT.body_mass_kg, "segment", seat, RATE_HZ)
     made = fitting.ready(seat, accel, "rail")
     # All that pushes the six segments comes from the seat, but for the Rayleigh part, which holds on to nothing.
-    found = pulled_down(SUBJECT, made)
+    found = seat_tension(SUBJECT, made)
     rayleigh = SUBJECT.parameters.rayleigh_rad_per_s
     relative = np.cumsum(accel - seat[:, None], axis=0) / RATE_HZ
     tension = -(accel @ np.diag(M) + rayleigh * relative @ np.diag(M))
@@ -117,11 +117,11 @@ def test_a_seat_that_would_have_to_hold_somebody_down_is_seen() -> None:
     assert found > 1.0
 
 
-def test_a_quiet_road_lifts_nobody_and_lift_off_is_no_omission_twice() -> None:
+def test_the_tension_is_small_on_a_quiet_road_and_zero_with_lift_off() -> None:
     seat = 0.1 * fitting.seat_motion("road", 6.0, 1)
     quiet = dataclasses.replace(fitting.true_cases("segment")[0], seat_mps2=seat)
-    assert 0.0 < pulled_down(SUBJECT, quiet) < 0.5
-    assert pulled_down(dataclasses.replace(SUBJECT, effects=(applied("lift_off"),)), quiet) == 0.0
+    assert 0.0 < seat_tension(SUBJECT, quiet) < 0.5
+    assert seat_tension(dataclasses.replace(SUBJECT, effects=(applied("lift_off"),)), quiet) == 0.0
 
 
 def masked(share: float, column: int, one: Case) -> Case:
@@ -133,7 +133,7 @@ def masked(share: float, column: int, one: Case) -> Case:
     return dataclasses.replace(one, compared=compared, measured_mps2=measured, energy=(measured**2).sum(axis=0))
 
 
-def test_a_sensor_that_clips_is_left_out_of_its_event_alone() -> None:
+def test_a_clipping_sensor_is_left_out_of_its_event_alone() -> None:
     one = masked(0.1, 3, fitting.true_cases("segment")[0])
     found, (line,) = cleaned(one)
     assert line.startswith("road: neck, 10 % ")
@@ -143,7 +143,7 @@ def test_a_sensor_that_clips_is_left_out_of_its_event_alone() -> None:
     np.testing.assert_array_equal(found.energy[others], one.energy[others])
 
 
-def test_a_few_samples_masked_or_all_sensors_alike_leave_every_sensor_in() -> None:
+def test_few_masked_samples_or_equal_masks_leave_no_sensor_out() -> None:
     whole = fitting.true_cases("segment")[0]
     few, alike = masked(0.01, 3, whole), whole
     for column in range(5):
@@ -153,14 +153,14 @@ def test_a_few_samples_masked_or_all_sensors_alike_leave_every_sensor_in() -> No
         assert found is one and said == []
 
 
-def test_a_sensor_that_was_never_there_is_not_said_to_clip() -> None:
+def test_an_absent_sensor_is_not_reported_as_clipping() -> None:
     whole = fitting.true_cases("segment")[0]
     compared, energy = whole.compared.copy(), whole.energy.copy()
     compared[:, 1], energy[1] = False, 0.0
     assert cleaned(dataclasses.replace(whole, compared=compared, energy=energy))[1] == []
 
 
-def test_the_same_seat_is_the_same_motion_whatever_it_is_called() -> None:
+def test_equal_seats_are_the_same_motion() -> None:
     road, pothole = fitting.true_cases("segment")[:2]
     renamed = dataclasses.replace(road, name="other", case="rail", measured_mps2=pothole.measured_mps2)
     shorter = dataclasses.replace(road, seat_mps2=road.seat_mps2[:-1])

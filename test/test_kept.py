@@ -46,10 +46,11 @@ def test_the_latest_are_kept(tmp_path: Path) -> None:
     assert len(kept) == MOST and "glance 2" not in kept and f"glance {MOST + 2}" in kept
 
 
-def test_parts_of_another_version_are_not_taken_up(tmp_path: Path) -> None:
+@pytest.mark.parametrize("other", [{"version": "0.0.0"}, {"schema": 1}])
+def test_parts_of_another_version_or_schema_are_not_read(tmp_path: Path, other: dict[str, object]) -> None:
     path = tmp_path / "out.kept.json"
     Kept(path)["theta a"] = [1.0]
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"version": "0.0.0"}))
+    path.write_text(json.dumps(json.loads(path.read_text()) | other))
     assert dict(Kept(path)) == {}
 
 

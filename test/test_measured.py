@@ -23,11 +23,11 @@ def hidden(pair: measured.Pair, fault: measured.Fault, seed: int = 0) -> tuple[m
     return measured.faulty(pair, fault, len(pair.reference) // 2, np.random.default_rng(seed))
 
 
-def test_the_world_knows_nothing_of_the_package() -> None:
+def test_the_simulation_does_not_import_the_package() -> None:
     assert "biodyn" not in Path(str(measured.__file__)).read_text(encoding="utf-8")
 
 
-def test_recordings_are_what_their_notes_say(legs: measured.Pair) -> None:
+def test_recordings_match_their_notes(legs: measured.Pair) -> None:
     assert legs.rate_hz == 250.0
     assert legs.under_test.shape[0] / legs.rate_hz == pytest.approx(17.3, abs=0.1)
     # SOURCE.txt: running, low-g peaks of 146 m/s^2; gravity right on low-g.
@@ -39,16 +39,14 @@ def test_recordings_are_what_their_notes_say(legs: measured.Pair) -> None:
         assert len(pair.reference) == len(pair.under_test)
 
 
-def test_nothing_hidden_is_the_stream_itself(legs: measured.Pair) -> None:
+def test_without_a_fault_the_stream_is_unchanged(legs: measured.Pair) -> None:
     pair, size = hidden(legs, "none")
     assert size == 0.0
     np.testing.assert_array_equal(pair.under_test, legs.under_test)
 
 
 @pytest.mark.parametrize("fault", measured.FAULTS)
-def test_a_fault_leaves_the_reference_alone_and_is_of_a_size_that_is_drawn(
-    legs: measured.Pair, fault: measured.Fault
-) -> None:
+def test_a_fault_of_a_drawn_size_does_not_change_the_reference(legs: measured.Pair, fault: measured.Fault) -> None:
     limits = {
         "clock": measured.OFFSET_S, "drift": measured.DRIFT, "gain": measured.GAIN,
         "tilt": tuple(np.deg2rad(measured.TILT_DEG)), "skin": measured.POLE_HZ, "saturation": (9.0, 150.0),
@@ -63,7 +61,7 @@ def test_a_fault_leaves_the_reference_alone_and_is_of_a_size_that_is_drawn(
         np.testing.assert_array_equal(again.under_test, pair.under_test)
 
 
-def test_each_fault_does_what_it_says() -> None:
+def test_each_fault_matches_its_definition() -> None:
     rate_hz, time_s = 250.0, np.arange(2500) / 250.0
     tone = np.column_stack([np.sin(2.0 * np.pi * f * time_s) for f in (3.0, 5.0, 8.0)])
     inner = slice(250, -250)
@@ -86,7 +84,7 @@ def test_each_fault_does_what_it_says() -> None:
     np.testing.assert_array_equal(measured.clipped(tone, 0.5), np.clip(tone, -0.5, 0.5))
 
 
-def test_records_are_the_same_for_a_seed_and_keep_the_truth_apart() -> None:
+def test_records_repeat_with_the_seed_without_the_truth() -> None:
     records, truths = measured.records(20, 5)
     again, same = measured.records(20, 5)
     assert sum(truth.fault == "none" for truth in truths) == 6
@@ -100,7 +98,7 @@ def test_records_are_the_same_for_a_seed_and_keep_the_truth_apart() -> None:
         assert len(one.earlier.reference) / one.earlier.rate_hz >= measured.STRETCH_S[0] - 0.01
 
 
-def test_the_study_names_most_of_what_is_larger_than_the_background() -> None:
+def test_most_faults_above_the_background_are_named() -> None:
     graded = study.run(24, 3)
     large = [one for one in graded if one.fault != "none" and one.ratio >= study.RATIOS[1]]
     assert len(large) >= 3

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import interpolate, signal
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.tracing import pairs
+from blind import pairs
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def traced(seed: int, change: Callable[[pairs.Pair], Floats], keep_own: bool = T
     return pairs.trace(changed, before, seed=seed)
 
 
-def test_nothing_hidden_is_nothing_found() -> None:
+def test_nothing_is_found_without_a_fault() -> None:
     found = [traced(seed, lambda pair: pair.under_test) for seed in range(8)]
     assert [one.verdict for one in found].count("none") >= 7
     for one in found:
@@ -68,7 +68,7 @@ def test_nothing_hidden_is_nothing_found() -> None:
 
 
 @pytest.mark.parametrize("gain", [-0.08, 0.06])
-def test_a_gain_is_sized_within_a_few_percent_of_itself(gain: float) -> None:
+def test_the_size_of_a_gain_is_within_a_few_percent(gain: float) -> None:
     found = traced(1, lambda pair: (1.0 + gain) * pair.under_test)
     assert (found.verdict, found.name, found.unit) == ("effect", "gain", "")
     assert found.size == pytest.approx(gain, abs=0.006)
@@ -84,13 +84,13 @@ def test_a_clock_is_found_to_a_fifth_of_a_millisecond(late_s: float) -> None:
     assert found.size == pytest.approx(late_s, abs=0.0002)
 
 
-def test_a_clock_that_drifts_is_told_from_one_that_is_off() -> None:
+def test_a_drift_is_distinguished_from_a_clock_offset() -> None:
     found = traced(3, lambda pair: late(pair.under_test, 2.5e-4 * np.arange(pair.under_test.size) / RATE_HZ))
     assert (found.name, found.unit) == ("drift", "s/s")
     assert found.size == pytest.approx(2.5e-4, abs=3e-5)
 
 
-def test_a_lean_is_found_where_the_sensor_has_axes_of_its_own() -> None:
+def test_a_tilt_is_found_with_the_other_axes_of_the_sensor() -> None:
     def lean(pair: pairs.Pair) -> Floats:
         assert pair.own is not None
         return pair.under_test * np.cos(0.12) + np.sin(0.12) * pair.own[:, 0]
@@ -104,7 +104,7 @@ def test_a_lean_is_found_where_the_sensor_has_axes_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("pole_hz", [20.0, 45.0])
-def test_a_skin_of_first_order_is_found_by_the_catalogue_s_creeping_one(pole_hz: float) -> None:
+def test_a_first_order_skin_is_found_by_the_overdamped_one(pole_hz: float) -> None:
     def soft(pair: pairs.Pair) -> Floats:
         b, a = signal.bilinear([1.0], [1.0 / (2.0 * np.pi * pole_hz), 1.0], RATE_HZ)
         return np.asarray(signal.lfilter(b, a, pair.under_test - 9.81)) + 9.81
@@ -114,13 +114,13 @@ def test_a_skin_of_first_order_is_found_by_the_catalogue_s_creeping_one(pole_hz:
     assert found.size == pytest.approx(1.0 / (2.0 * np.pi * pole_hz), rel=0.15)
 
 
-def test_clipping_is_seen_on_raw_samples_and_masked() -> None:
+def test_clipping_is_found_in_raw_samples_and_masked() -> None:
     found = traced(6, lambda pair: np.clip(pair.under_test, -14.0, 14.0))
     assert (found.verdict, found.name, found.size, found.unit) == ("effect", "saturation", 14.0, "m/s^2")
     assert found.after_percent < 0.5 * found.before_percent
 
 
-def test_only_a_limit_that_is_visited_often_is_clipping() -> None:
+def test_only_a_limit_reached_often_is_clipping() -> None:
     rng = np.random.default_rng(0)
     smooth = coloured(5000, rng)[:, 0]
     assert not pairs.clipped_samples(smooth).any()
@@ -130,18 +130,18 @@ def test_only_a_limit_that_is_visited_often_is_clipping() -> None:
     np.testing.assert_array_equal(pairs.clipped_samples(limited), limited == 5.0)
 
 
-def test_without_an_earlier_stretch_only_what_changes_with_time_is_told() -> None:
+def test_without_an_earlier_stretch_only_a_drift_is_found() -> None:
     _, later = two_stretches(7)
     scaled = pairs.trace(dataclasses.replace(later, under_test=1.1 * later.under_test))
     assert scaled.verdict == "not_decidable"
-    assert "part of what was learnt" in scaled.reason
+    assert "are part of the transfer" in scaled.reason
     drifting = late(later.under_test, 4e-4 * np.arange(later.under_test.size) / RATE_HZ)
     found = pairs.trace(dataclasses.replace(later, under_test=drifting))
     assert (found.verdict, found.name) == ("ambiguous", "drift")
     assert found.size == pytest.approx(4e-4, abs=8e-5)
 
 
-def test_a_structure_that_is_another_is_unexplained_and_a_stranger_is_not_decidable() -> None:
+def test_a_changed_structure_is_unexplained_and_an_unrelated_one_not_decidable() -> None:
     earlier, later = two_stretches(8)
     rng = np.random.default_rng(8)
     other = coloured(later.under_test.size, rng)[:, 0]
@@ -151,7 +151,7 @@ def test_a_structure_that_is_another_is_unexplained_and_a_stranger_is_not_decida
     assert pairs.trace(later, strange).verdict == "not_decidable"
 
 
-def test_too_little_is_not_decidable_and_what_does_not_fit_is_refused() -> None:
+def test_short_stretches_are_not_decidable_and_other_channels_are_refused() -> None:
     earlier, later = two_stretches(9)
     short = pairs.Pair(RATE_HZ, later.reference[:500], later.under_test[:500])
     assert pairs.trace(short, earlier).verdict == "not_decidable"
@@ -163,7 +163,7 @@ def test_too_little_is_not_decidable_and_what_does_not_fit_is_refused() -> None:
         pairs.Pair(RATE_HZ, later.reference * np.nan, later.under_test)
 
 
-def test_a_channel_that_died_or_lies_at_its_limit_all_along_is_not_explained_away() -> None:
+def test_a_dead_or_saturated_channel_is_not_explained() -> None:
     earlier, later = two_stretches(10)
     dead = pairs.trace(dataclasses.replace(later, under_test=np.full_like(later.under_test, 9.81)), earlier)
     assert (dead.verdict, dead.name) == ("unexplained", "")
@@ -175,6 +175,6 @@ def test_a_channel_that_died_or_lies_at_its_limit_all_along_is_not_explained_awa
     assert pairs.trace(short, earlier).name == "saturation"
 
 
-def test_the_verdict_is_the_same_each_time() -> None:
+def test_the_verdict_repeats() -> None:
     one, other = (traced(1, lambda pair: 1.06 * pair.under_test) for _ in range(2))
     assert dataclasses.asdict(one) == dataclasses.asdict(other)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.nuisance_parameters import UsualSettings
+from biodyn_core.tracing.nuisance_parameters import TypicalSettings
 from biodyn_core.tracing.rows import Products, Rows, WeightSettings
 
 RATE_HZ = fitting.RATE_HZ  # thinned to 300 Hz
-USUAL = UsualSettings()
+USUAL = TypicalSettings()
 LOUD = 10.0
 
 
@@ -33,7 +33,7 @@ def case(measured: np.ndarray, rate_hz: float = RATE_HZ) -> Case:
 
 
 def steady(seconds: float, rate_hz: float = RATE_HZ) -> np.ndarray:
-    """(n,) as loud at every sample, so that all weigh the same."""
+    """(n,) of constant size, so that all samples have one weight."""
     return np.full(round((2.0 + seconds) * rate_hz), LOUD)
 
 
@@ -55,7 +55,7 @@ def test_rows_are_thinned_and_cut_into_whole_windows(rate_hz: float, kept_hz: fl
     np.testing.assert_array_equal(rows.samples, np.full(3, 5.0 * each))
 
 
-def test_a_sample_stands_in_its_window_and_its_column() -> None:
+def test_a_sample_is_in_its_window_and_column() -> None:
     one = case(steady(3.0))
     values = np.zeros((len(one.seat_mps2), 5, 1))
     at = round(2.0 * RATE_HZ) + 2 * 310  # the 11th row of the second window
@@ -66,7 +66,7 @@ def test_a_sample_stands_in_its_window_and_its_column() -> None:
     assert (found[:, :, [0, 1, 2, 4]] == 0.0).all()
 
 
-def test_a_quiet_place_in_a_loud_event_weighs_more_and_a_mask_nothing() -> None:
+def test_quiet_samples_have_a_larger_weight_and_masked_ones_none() -> None:
     measured = steady(3.0)
     measured[round(3.5 * RATE_HZ) :] = 0.1
     one = case(measured)
@@ -82,7 +82,7 @@ def test_a_quiet_place_in_a_loud_event_weighs_more_and_a_mask_nothing() -> None:
     assert (size[0, 150:180, 4] == 0.0).all() and rows.samples.tolist() == [1470.0, 1500.0, 1500.0]
 
 
-def test_a_level_is_taken_off_but_for_what_its_prior_holds_back() -> None:
+def test_a_level_is_removed_up_to_its_prior() -> None:
     one = case(steady(3.0))
     found, s = rows_of(one)(np.ones((len(one.seat_mps2), 5, 1)))[:, :, 0], WeightSettings()
     held = 1.0 / (1.0 + USUAL.usual_level_mps2**2 * 900 * weight(s) ** 2)
@@ -90,7 +90,7 @@ def test_a_level_is_taken_off_but_for_what_its_prior_holds_back() -> None:
     assert held < 0.03
 
 
-def test_a_level_that_grows_is_taken_off_too_and_a_motion_is_not() -> None:
+def test_a_linear_level_is_removed_and_a_motion_is_not() -> None:
     one = case(steady(3.0))
     n, begin = len(one.seat_mps2), round(2.0 * RATE_HZ)
     rows, time = rows_of(one), (np.arange(n) - begin) / RATE_HZ
@@ -104,8 +104,8 @@ def test_a_level_that_grows_is_taken_off_too_and_a_motion_is_not() -> None:
 
 
 @pytest.mark.parametrize("independent", [1e-3, 1.0])
-def test_a_late_clock_is_taken_off_as_its_prior_allows(independent: float) -> None:
-    """An answer A sin(wt) late by d is off by -d A w cos(wt): of it 1 / (1 + spread^2 sum of squares) is left."""
+def test_a_clock_offset_is_removed_up_to_its_prior(independent: float) -> None:
+    """An answer A sin(wt) late by d is off by -d A w cos(wt): 1 / (1 + spread^2 sum of squares) of it remains."""
     s = WeightSettings(independent=independent)
     n, omega, late_s = len(steady(3.0)), 2.0 * np.pi * 5.0, 1e-4
     time = np.arange(n) / RATE_HZ
@@ -119,16 +119,16 @@ def test_a_late_clock_is_taken_off_as_its_prior_allows(independent: float) -> No
     assert np.linalg.norm(found) / np.linalg.norm(whole) == pytest.approx(expected, rel=0.03, abs=2e-3)
 
 
-def test_what_is_missed_is_the_measurement_less_the_answer() -> None:
+def test_the_residual_is_the_measurement_minus_the_answer() -> None:
     one = hiding.events(6)[1]
     answer = np.random.default_rng(1).standard_normal(one.measured_mps2.shape)
     rows = rows_of(one, answer)
     left = np.where(one.compared, one.measured_mps2 - answer, 0.0)
-    np.testing.assert_allclose(rows.missed(answer), rows(left[:, :, None])[:, :, 0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(rows.residual(answer), rows(left[:, :, None])[:, :, 0], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("late_s", [[0.001] * 3, [0.001, -0.001, 0.001]])
-def test_a_clock_set_for_one_segment_leaves_the_others_and_says_how_late_it_was_in_each_window(late_s: list) -> None:
+def test_a_clock_fitted_by_window_changes_one_segment_and_gives_its_delays(late_s: list) -> None:
     time = np.arange(len(steady(3.0))) / RATE_HZ
     window = np.clip(time.astype(int) - 2, 0, 2)  # of a second, behind the warm-up
     motion, late = (LOUD * np.sin(2.0 * np.pi * 5.0 * (time - d)) for d in (0.0, np.array(late_s)[window]))
@@ -137,7 +137,7 @@ def test_a_clock_set_for_one_segment_leaves_the_others_and_says_how_late_it_was_
     measured = one.measured_mps2.copy()
     measured[:, 2] = np.where(one.compared[:, 2], late, 0.0)
     rows = Rows(dataclasses.replace(one, measured_mps2=measured), answer, WeightSettings(), USUAL)
-    left = rows.missed(answer)
+    left = rows.residual(answer)
     on_time, said_s = rows.on_time(left, 2)
     assert np.linalg.norm(on_time) < 0.05 * np.linalg.norm(left)
     np.testing.assert_allclose(said_s, late_s, rtol=0.05)
@@ -146,7 +146,7 @@ def test_a_clock_set_for_one_segment_leaves_the_others_and_says_how_late_it_was_
     assert np.abs(said_s).max() < 1e-8
 
 
-def test_what_columns_leave_is_the_sum_of_squares_window_by_window() -> None:
+def test_the_residual_square_is_the_sum_by_window() -> None:
     rng = np.random.default_rng(3)
     columns = [rng.standard_normal((w, 20, 4)) for w in (2, 3)]
     missed = [rng.standard_normal((w, 20)) for w in (2, 3)]
@@ -157,5 +157,5 @@ def test_what_columns_leave_is_the_sum_of_squares_window_by_window() -> None:
         for e in range(2)
         for w in range(len(missed[e]))
     ]
-    np.testing.assert_allclose(products.left(b), slow, rtol=1e-10)
+    np.testing.assert_allclose(products.residual_square(b), slow, rtol=1e-10)
     assert products.event.tolist() == [0, 0, 1, 1, 1] and products.samples.tolist() == [20.0] * 5

@@ -1,4 +1,4 @@
-"""Screening finds what was done to data that another integrator made, and little where nothing was."""
+"""Screening of data from another integrator, with and without a hidden effect."""
 
 import dataclasses
 from functools import cache
@@ -10,20 +10,21 @@ from hiding import applied
 from scipy import signal
 
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.tracing.nuisance_model import Background, Side
+from biodyn_core.tracing.candidate import Candidate
+from biodyn_core.tracing.nuisance_model import EventSet, NuisanceModel
 from biodyn_core.tracing.rows import Rows
-from biodyn_core.tracing.screen import Screening, Tried, candidates, mean_log_ratio, screen
+from biodyn_core.tracing.screen import Screening, all_candidates, mean_log_ratio, screen
 
 FEW = ("gain", "clock", "skin", "asymmetry", "quadratic_damping", "relaxation", "friction")
 
 
-def of_names(names: tuple[str, ...]) -> list[Tried]:
-    return [one for one in candidates(hiding.events(6))[0] if one.applied.effect.name in names]
+def of_names(names: tuple[str, ...]) -> list[Candidate]:
+    return [one for one in all_candidates(hiding.events(6))[0] if one.start.effect.name in names]
 
 
 @cache
 def screening(change=hiding.nothing, law=hiding.plain) -> Screening:
-    return screen(hiding.background(change, law), of_names(FEW), 200, 0)
+    return screen(hiding.nuisance(change, law), of_names(FEW), 200, 0)
 
 
 @pytest.mark.parametrize(
@@ -32,108 +33,111 @@ def screening(change=hiding.nothing, law=hiding.plain) -> Screening:
         (hiding.louder, hiding.plain, "gain", "neck", 0.3, 2.0),
         (hiding.later, hiding.plain, "clock", "head", 0.3, 2.0),
         (hiding.on_skin, hiding.plain, "skin", "head", 0.3, 2.0),
-        # Theta has taken most of it, and friction behind its bristle, as usual, half of the rest.
+        # Theta explains most of it, and typical friction half of the rest.
         (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", 0.01, 1.5),
     ],
 )
-def test_what_was_hidden_comes_first(change, law, name: str, site: str, least: float, times: float) -> None:
+def test_a_hidden_effect_ranks_first(change, law, name: str, site: str, least: float, times: float) -> None:
     found = screening(change, law)
-    best = found.ladder[0]
-    assert (best.tried.applied.effect.name, best.tried.applied.site) == (name, site)
-    assert best.gain > least and best.p_value < 0.05
-    assert best.gain > times * next(one.gain for one in found.ladder if one.tried.applied.site != site)
+    best = found.ranking[0]
+    assert best.key == (name, site)
+    assert best.screened.gain > least and best.screened.p_value < 0.05
+    assert best.screened.gain > times * next(one.screened.gain for one in found.ranking if one.start.site != site)
 
 
-def test_the_size_is_that_of_the_truth() -> None:
-    best = screening(hiding.louder).ladder[0]
-    assert best.size * best.tried.applied.values["gain"] == pytest.approx(0.1, rel=0.1)
-    best = screening(hiding.later).ladder[0]
-    assert best.size * best.tried.applied.values["delay_s"] == pytest.approx(0.004, rel=0.1)
+def test_the_size_is_the_true_one() -> None:
+    best = screening(hiding.louder).ranking[0]
+    assert best.screened.size * best.start.values["gain"] == pytest.approx(0.1, rel=0.1)
+    best = screening(hiding.later).ranking[0]
+    assert best.screened.size * best.start.values["delay_s"] == pytest.approx(0.004, rel=0.1)
 
 
-def test_nothing_hidden_leaves_little_to_gain() -> None:
+def test_gains_are_small_without_a_hidden_effect() -> None:
     found = screening()
-    assert found.ladder[0].gain < 0.02 and found.ladder[0].p_value > 0.05
-    assert all(0.0 <= one.absorbed <= 1.0 + 1e-9 for one in found.ladder)
-    assert [one.gain for one in found.ladder] == sorted((one.gain for one in found.ladder), reverse=True)
+    assert found.ranking[0].screened.gain < 0.02 and found.ranking[0].screened.p_value > 0.05
+    assert all(0.0 <= one.screened.absorbed <= 1.0 + 1e-9 for one in found.ranking)
+    assert [one.screened.gain for one in found.ranking] == sorted(
+        (one.screened.gain for one in found.ranking), reverse=True
+    )
 
 
-def test_the_same_seed_draws_the_same_chance_and_another_one_does_not() -> None:
+def test_random_draws_repeat_with_the_seed() -> None:
     tried = of_names(("gain",))
-    first, second, other = (screen(hiding.background(hiding.louder), tried, 30, seed) for seed in (3, 3, 4))
+    first, second, other = (screen(hiding.nuisance(hiding.louder), tried, 30, seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.chance, second.chance)
-    assert [one.gain for one in first.ladder] == [one.gain for one in second.ladder]
+    assert [one.screened.gain for one in first.ranking] == [one.screened.gain for one in second.ranking]
     assert (first.chance != other.chance).any() and (np.diff(first.chance) >= 0.0).all()
 
 
-def test_a_gain_looks_like_itself_turned_round_and_not_like_another_sensors() -> None:
-    up, down, other = (
-        Tried(applied("gain", site, gain=gain), "gain")
+def test_a_gain_is_similar_to_its_negative_and_not_to_that_of_another_sensor() -> None:
+    tried = [
+        Candidate(applied("gain", site, gain=gain), "gain")
         for site, gain in (("neck", 0.05), ("neck", -0.02), ("pelvis", 0.05))
-    )
-    found = screen(hiding.background(hiding.louder), [up, down, other], 20, 0)
+    ]
+    found = screen(hiding.nuisance(hiding.louder), tried, 20, 0)
+    up, down, other = found.candidates
     assert found.cosine(up, down) == pytest.approx(1.0, abs=1e-4) and found.cosine(up, other) < 0.5
-    by_tried = {one.tried.applied.values["gain"] * (1 + (one.tried is other)): one for one in found.ladder}
-    assert by_tried[-0.02].gain == pytest.approx(by_tried[0.05].gain, rel=1e-6)
-    assert by_tried[-0.02].size == pytest.approx(-2.5 * by_tried[0.05].size, rel=1e-6)
+    assert down.screened.gain == pytest.approx(up.screened.gain, rel=1e-6)
+    assert down.screened.size == pytest.approx(-2.5 * up.screened.size, rel=1e-6)
 
 
-def test_what_theta_can_do_itself_it_absorbs_and_a_sensors_gain_it_does_not() -> None:
+def test_theta_absorbs_a_mass_and_not_a_sensor_gain() -> None:
     """A mass on the head shifts the modes as frequencies and dampings do."""
-    mass, gain = Tried(applied("added_mass", "head"), ""), Tried(applied("gain", "pelvis"), "gain")
-    ladder = screen(hiding.background(), [mass, gain], 20, 0).ladder
-    absorbed = [next(one.absorbed for one in ladder if one.tried is tried) for tried in (mass, gain)]
-    assert absorbed[0] > 0.8 and absorbed[1] < 0.6
+    tried = [Candidate(applied("added_mass", "head"), ""), Candidate(applied("gain", "pelvis"), "gain")]
+    mass, gain = screen(hiding.nuisance(), tried, 20, 0).candidates
+    assert mass.screened.absorbed > 0.8 and gain.screened.absorbed < 0.6
 
 
-def test_a_candidate_that_runs_away_is_not_seen_and_spoils_no_other() -> None:
+def test_an_unstable_candidate_has_no_gain_and_does_not_change_others() -> None:
     (parameter,) = CATALOGUE["cubic"].parameters
     softer = dataclasses.replace(CATALOGUE["cubic"], parameters=(dataclasses.replace(parameter, lower=-1e12),))
     values = {parameter.name: -1e10}
-    wild = Tried(dataclasses.replace(applied("cubic", "pelvis"), effect=softer, values=values), parameter.name)
-    gain = Tried(applied("gain", "neck"), "gain")
-    background = hiding.background(hiding.louder)
-    (alone,), both = (screen(background, tried, 20, 0).ladder for tried in ([gain], [wild, gain]))
-    assert both[0].tried is gain and both[0].gain == pytest.approx(alone.gain, rel=1e-9)
-    assert (both[1].gain, both[1].p_value, both[1].absorbed) == (0.0, 1.0, 1.0)
+    wild = Candidate(dataclasses.replace(applied("cubic", "pelvis"), effect=softer, values=values), parameter.name)
+    gain = Candidate(applied("gain", "neck"), "gain")
+    nuisance = hiding.nuisance(hiding.louder)
+    (alone,), both = (screen(nuisance, tried, 20, 0).ranking for tried in ([gain], [wild, gain]))
+    assert both[0].start is gain.start
+    assert both[0].screened.gain == pytest.approx(alone.screened.gain, rel=1e-9)
+    unseen = both[1].screened
+    assert (unseen.gain, unseen.p_value, unseen.absorbed) == (0.0, 1.0, 1.0)
 
 
 class _Drawn(Rows):
-    """Rows of which what is missed has been drawn."""
+    """Rows with a random residual."""
 
     def __init__(self, rows: Rows, drawn: np.ndarray) -> None:
         self.__dict__ |= rows.__dict__
         self._drawn = drawn
 
-    def missed(self, answer: np.ndarray) -> np.ndarray:
+    def residual(self, answer: np.ndarray) -> np.ndarray:
         return self._drawn
 
 
-def drawn(side: Side, rng: np.random.Generator) -> Side:
-    """Coloured residuals that are loud where the motion is, and nothing hidden in them."""
-    missed = []
-    for known in side.known:
+def drawn(events: EventSet, rng: np.random.Generator) -> EventSet:
+    """Coloured residuals that follow the motion, without a hidden effect."""
+    residuals = []
+    for known in events.known:
         windows, each = known.shape[:2]
         noise = signal.lfilter([1.0], [1.0, -0.9], rng.standard_normal((windows, each // 5, 5)), axis=1)
         loud = np.exp(rng.standard_normal((windows, 1, 1)))
-        missed.append((loud * noise).reshape(windows, each))
-    rows = tuple(_Drawn(one, y) for one, y in zip(side.rows, missed, strict=True))
-    return dataclasses.replace(side, rows=rows, products=side.of(missed))
+        residuals.append((loud * noise).reshape(windows, each))
+    rows = tuple(_Drawn(one, y) for one, y in zip(events.rows, residuals, strict=True))
+    return dataclasses.replace(events, rows=rows, products=events.products_of(residuals))
 
 
-def test_chance_is_right_about_as_often_as_it_says() -> None:
-    """Every gain and clock of five sensors, nothing hidden."""
-    rng, background, tried = np.random.default_rng(8), hiding.background(), of_names(("gain", "clock"))
+def test_p_values_are_uniform_without_a_hidden_effect() -> None:
+    """Every gain and clock of five sensors, without a hidden effect."""
+    rng, nuisance, tried = np.random.default_rng(8), hiding.nuisance(), of_names(("gain", "clock"))
     p_values = []
     for number in range(40):
-        sides = {name: drawn(getattr(background, name), rng) for name in ("train", "choose")}
-        alike: Background = dataclasses.replace(background, **sides).reweighted()
-        p_values.append(screen(alike, tried, 60, number).ladder[0].p_value)
+        event_sets = {name: drawn(getattr(nuisance, name), rng) for name in ("train", "choose")}
+        alike: NuisanceModel = dataclasses.replace(nuisance, **event_sets).reweighted()
+        p_values.append(screen(alike, tried, 60, number).ranking[0].screened.p_value)
     assert np.count_nonzero(np.array(p_values) <= 0.05) <= 7  # 2 are expected
     assert 0.35 < np.mean(p_values) < 0.65
 
 
-def test_the_mean_log_ratio_is_over_windows_first_and_events_then() -> None:
+def test_the_mean_log_ratio_averages_windows_then_events() -> None:
     before, event = np.array([8.0, 8.0, 8.0, 8.0, 8.0]), np.array([0, 0, 0, 1, 1])
     after = np.array([[8.0], [4.0], [2.0], [1.0], [8.0]])
     samples = np.array([100.0, 100.0, 100.0, 100.0, 10.0])  # the last window is too short to count
@@ -141,28 +145,26 @@ def test_the_mean_log_ratio_is_over_windows_first_and_events_then() -> None:
     np.testing.assert_allclose(mean_log_ratio(before, after, event, samples), [0.5 * (ln2 + 3.0 * ln2)])
 
 
-def test_what_cannot_be_tested_is_named_not_passed_over() -> None:
+def test_untestable_effects_are_listed() -> None:
     made = hiding.events(6)
-    tried, untestable = candidates(made)
+    tried, untestable = all_candidates(made)
     assert {name.split(" at ")[0] for name in untestable} == {"bending", "cross_axis", "pitch", "tilt"}
-    assert not {one.applied.effect.name for one in tried} & {"bending", "cross_axis", "pitch", "tilt"}
+    assert not {one.start.effect.name for one in tried} & {"bending", "cross_axis", "pitch", "tilt"}
     names = ["seat.x", "seat.y", "seat.rate_x", "seat.rate_y", "head.x", "head.y"]
     names += [f"{upper}.bend_rate_{axis}" for upper in ("neck", "head") for axis in "xy"]
     full = [dataclasses.replace(case, channels=dict.fromkeys(names, case.seat_mps2)) for case in made]
-    tried, untestable = candidates(full)
+    tried, untestable = all_candidates(full)
     assert {name.split(" at ")[0] for name in untestable} == {"tilt"}
-    assert "tilt at head (lean_x)" in {one.name for one in tried}
-    # A channel that one event lacks is not there.
-    assert {name.split(" at ")[0] for name in candidates([*full, made[0]])[1]} == {
+    assert ("tilt", "head", "lean_x") in {(*one.key, one.strength) for one in tried}
+    # A channel has to be in every event.
+    assert {name.split(" at ")[0] for name in all_candidates([*full, made[0]])[1]} == {
         "bending", "cross_axis", "pitch", "tilt",
     }  # fmt: skip
 
 
-def test_what_is_there_already_is_no_candidate() -> None:
+def test_a_present_effect_is_no_candidate() -> None:
     made = hiding.events(6)
     there = applied("stop", "pelvis")
-    every, left = (
-        [(one.applied.effect.name, one.applied.site) for one in candidates(made, has)[0]] for has in ((), [there])
-    )
+    every, left = ([one.key for one in all_candidates(made, has)[0]] for has in ((), [there]))
     assert ("stop", "pelvis") in every
     assert left == [one for one in every if one != ("stop", "pelvis")]

@@ -1,4 +1,4 @@
-"""The force that a joint lacks, seen in what another integrator made of it."""
+"""The missing force of a joint, in data of another integrator."""
 
 from functools import cache
 from unittest import mock
@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from biodyn_core.tracing.findings import Surface
-from biodyn_core.tracing.local_fit import settle
-from biodyn_core.tracing.nuisance_model import Background
+from biodyn_core.tracing.local_fit import fit_locally
+from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.surface import force, surface
 
 SEEN = 0.12
-"""What a gain must exceed to be believed."""
+"""The required gain."""
 
 
 def found(law=hiding.plain, change=hiding.nothing, site: str = "pelvis") -> Surface:
@@ -22,8 +22,8 @@ def found(law=hiding.plain, change=hiding.nothing, site: str = "pelvis") -> Surf
 
 @cache
 def _found(law, change, site: str) -> Surface:
-    background = hiding.background(change, law)
-    return surface(background, settle(background, None), site)
+    nuisance = hiding.nuisance(change, law)
+    return surface(nuisance, fit_locally(nuisance, None), site)
 
 
 def at_no_rate(one: Surface) -> np.ndarray:
@@ -31,30 +31,30 @@ def at_no_rate(one: Surface) -> np.ndarray:
     return one.force_n[1]
 
 
-def test_a_stiffening_joint_is_seen_to_stiffen() -> None:
-    """On roads, about the true body, so that no frequency has taken its share."""
+def test_the_surface_of_a_stiffening_joint_stiffens() -> None:
+    """On roads, about the true body, so that theta explains nothing of it."""
     roads = hiding.events(9, hiding.nothing, hiding.stiffening)[::3]
-    background = Background.of(hiding.TRUTH, roads[:2], roads[2:])
-    push = at_no_rate(surface(background, settle(background, None), "pelvis"))
-    # Theta has its own say on what is linear: of a cubic, f(1) - 2 f(1/2) keeps three quarters.
+    nuisance = NuisanceModel.of(hiding.TRUTH, roads[:2], roads[2:])
+    push = at_no_rate(surface(nuisance, fit_locally(nuisance, None), "pelvis"))
+    # Theta explains the linear part: of a cubic, f(1) - 2 f(1/2) keeps three quarters.
     assert push[4] - push[0] - 2.0 * (push[3] - push[1]) > 0.0
 
 
-def test_a_surface_without_any_height_gains_nothing() -> None:
-    background = hiding.background(hiding.nothing, hiding.one_sided)
-    flat = mock.patch("biodyn_core.tracing.surface._heights", lambda background, hats: np.zeros(len(hats)))
+def test_a_flat_surface_gains_nothing() -> None:
+    nuisance = hiding.nuisance(hiding.nothing, hiding.one_sided)
+    flat = mock.patch("biodyn_core.tracing.surface._heights", lambda nuisance, hats: np.zeros(len(hats)))
     with flat:
-        assert surface(background, settle(background, None), "pelvis").gain == pytest.approx(0.0, abs=0.02)
+        assert surface(nuisance, fit_locally(nuisance, None), "pelvis").gain == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_joint_that_is_stiffer_in_compression_alone_bends_downwards() -> None:
+def test_the_surface_of_a_joint_stiffer_in_compression_bends_down() -> None:
     one = found(hiding.one_sided)
     push = at_no_rate(one)
     assert one.gain > SEEN
     assert push[0] + push[4] - 2.0 * push[2] < 0.0
 
 
-def test_the_stretch_is_where_the_joint_has_been() -> None:
+def test_the_surface_covers_the_reach_of_the_joint() -> None:
     one = found(hiding.one_sided)
     assert one.force_n.shape == (3, 5) == (one.rate_mps.size, one.stretch_m.size)
     np.testing.assert_allclose(one.stretch_m / one.stretch_m[-1], [-1.0, -0.5, 0.0, 0.5, 1.0])
@@ -71,7 +71,7 @@ def test_nothing_hidden_is_no_law_of_a_joint() -> None:
     assert abs(found().gain) < SEEN
 
 
-def test_the_law_of_one_joint_is_seen_there_and_not_as_well_elsewhere() -> None:
+def test_the_surface_gains_most_at_the_joint_of_the_law() -> None:
     assert found(hiding.one_sided).gain > 2.0 * found(hiding.one_sided, hiding.nothing, "head").gain
 
 

@@ -1,4 +1,4 @@
-"""What no fixed parameters follow is told by what it is and where: hidden in events, and found."""
+"""Unsteady causes hidden in events are found with their site."""
 
 import dataclasses
 from functools import cache
@@ -14,16 +14,16 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS,
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.local_fit import LocalFit, settle
-from biodyn_core.tracing.nuisance_model import Background, Side
-from biodyn_core.tracing.settings import BASE
-from biodyn_core.tracing.unsteady import SetAnew, unsteady
+from biodyn_core.tracing.local_fit import LocalFit, fit_locally
+from biodyn_core.tracing.nuisance_model import EventSet, NuisanceModel
+from biodyn_core.tracing.settings import BASE, UnsteadySettings
+from biodyn_core.tracing.unsteady import UnsteadyCause, unsteady_causes
 
 LINE_HZ, LINE_MPS2 = 24.0, 0.5
 JOINT, STIFFER, CHANGED = "central_torso", 0.3, 6
 """A joint that is stiffer by so much from that event on."""
 
-Found = dict[tuple[str, str], SetAnew]
+Found = dict[tuple[str, str], UnsteadyCause]
 
 
 @cache
@@ -92,56 +92,57 @@ def nothing_in_order() -> tuple[Case, ...]:
 
 
 @cache
-def by_turns(cases: tuple[Case, ...]) -> Background:
-    """Every other event is fitted to, those between choose."""
-    return Background.of(fit_joint(cases[::2], hiding.TRUTH, 1, BASE).subject, cases[::2], cases[1::2])
+def by_turns(cases: tuple[Case, ...]) -> NuisanceModel:
+    """Alternate events for fitting and for choosing."""
+    return NuisanceModel.of(fit_joint(cases[::2], hiding.TRUTH, 1, BASE).subject, cases[::2], cases[1::2])
 
 
 @cache
-def without(background: Background) -> LocalFit:
-    return settle(background, None)
+def without(nuisance: NuisanceModel) -> LocalFit:
+    return fit_locally(nuisance, None)
 
 
 @cache
-def found(background: Background) -> Found:
-    told = {(one.applied.effect.name, one.applied.site): one for one in unsteady(background, without(background))}
-    windows = len(background.choose.products.square)
-    assert all(one.left.shape == (windows,) and (one.left >= 0.0).all() for one in told.values())
-    return told
+def found(nuisance: NuisanceModel) -> Found:
+    causes = unsteady_causes(nuisance, without(nuisance), UnsteadySettings())
+    found = {(one.applied.effect.name, one.applied.site): one for one in causes}
+    windows = len(nuisance.choose.products.square)
+    assert all(one.residual_square.shape == (windows,) and (one.residual_square >= 0.0).all() for one in found.values())
+    return found
 
 
-def gains(background: Background) -> dict[tuple[str, str], float]:
-    """The mean log ratio of what is left without and with it; all windows are as long."""
-    before = without(background).left
-    return {name: float(np.log(before / one.left).mean()) for name, one in found(background).items()}
+def gains(nuisance: NuisanceModel) -> dict[tuple[str, str], float]:
+    """The mean log ratio of the residual without and with it; all windows have one length."""
+    before = without(nuisance).residual_square
+    return {name: float(np.log(before / one.residual_square).mean()) for name, one in found(nuisance).items()}
 
 
-def assert_found(background: Background, name: str, site: str, least: float, times: float) -> AppliedEffect:
-    """It gains so much, and so many times as much as anything else."""
-    gained, told = gains(background), found(background)
+def assert_found(nuisance: NuisanceModel, name: str, site: str, least: float, times: float) -> AppliedEffect:
+    """Its gain is at least this, and this multiple of every other gain."""
+    gained, causes = gains(nuisance), found(nuisance)
     others = {key: gain for key, gain in gained.items() if key != (name, site)}
     assert gained[name, site] > least and gained[name, site] > times * max(others.values()), gained
-    assert min(told, key=lambda key: told[key].left.sum()) == (name, site)
-    assert told[name, site].against == ""
-    return told[name, site].applied
+    assert min(causes, key=lambda key: causes[key].residual_square.sum()) == (name, site)
+    assert causes[name, site].objection == ""
+    return causes[name, site].applied
 
 
 @pytest.mark.parametrize("sensor", ["upper_torso", "head"])
-def test_a_clock_that_jumps_is_told_and_whose(sensor: str) -> None:
-    clock = assert_found(hiding.background(jumping(sensor)), "clock", sensor, 0.3, 3.0)
+def test_a_jumping_clock_is_found_with_its_sensor(sensor: str) -> None:
+    clock = assert_found(hiding.nuisance(jumping(sensor)), "clock", sensor, 0.3, 3.0)
     assert clock.values == {"delay_s": pytest.approx(0.002, rel=0.25), "drift": 0.0}  # two windows of three
 
 
 @pytest.mark.parametrize("segment", ["central_torso", "head"])  # one has no sensor
-def test_a_line_that_wanders_is_told_and_where_it_pushes(segment: str) -> None:
-    line = assert_found(hiding.background(wandering(segment)), "periodic", segment, 1.0, 1.5)
+def test_a_wandering_line_is_found_with_its_segment(segment: str) -> None:
+    line = assert_found(hiding.nuisance(wandering(segment)), "periodic", segment, 1.0, 1.5)
     assert line.values["frequency_hz"] == pytest.approx(LINE_HZ, abs=1.0)
     assert line.values["cosine_mps2"] == pytest.approx(LINE_MPS2, rel=0.15) and line.values["sine_mps2"] == 0.0
 
 
 @cache
 def trembling(segment: str) -> hiding.Change:
-    """A force on one segment at a fixed frequency that grows with how much the body moves: no engine's."""
+    """A force on one segment at a constant frequency that grows with the motion, unlike an engine's."""
 
     def change(measured: np.ndarray) -> np.ndarray:
         time = np.arange(len(measured)) / fitting.RATE_HZ
@@ -152,91 +153,91 @@ def trembling(segment: str) -> hiding.Change:
     return change
 
 
-def test_a_line_that_grows_with_the_motion_is_no_engine() -> None:
-    """It stands out as one does, and explains as much: only that it follows what moves speaks against it."""
-    background = hiding.background(trembling("head"))
-    lines = {site: one for (name, site), one in found(background).items() if name == "periodic"}
-    assert gains(background)["periodic", "head"] > 0.3
-    assert all("grows" in one.against for one in lines.values())
+def test_a_line_that_grows_with_the_motion_has_an_objection() -> None:
+    """It is as prominent and gains as much as an engine line; the objection is its growth with the motion."""
+    nuisance = hiding.nuisance(trembling("head"))
+    lines = {site: one for (name, site), one in found(nuisance).items() if name == "periodic"}
+    assert gains(nuisance)["periodic", "head"] > 0.3
+    assert all("grows" in one.objection for one in lines.values())
 
 
-def test_a_joint_that_stiffens_between_two_events_is_told() -> None:
+def test_a_joint_that_stiffens_between_two_events_is_found() -> None:
     posture = assert_found(by_turns(stiffening()), "posture", JOINT, 0.5, 2.0)
     assert posture.values == {"jump": pytest.approx(STIFFER, rel=0.15), "at_s": 0.0}
 
 
-def test_with_nothing_hidden_nothing_gains() -> None:
-    """Clocks are not even set anew: none is off by more than is usual."""
-    assert gains(hiding.background()) == {}  # all of one stamp
+def test_gains_are_small_without_a_hidden_cause() -> None:
+    """No clock is fitted, because no offset is atypical."""
+    assert gains(hiding.nuisance()) == {}  # all of one stamp
     gained = gains(by_turns(nothing_in_order()))
     assert {name for name, _ in gained} == {"posture"} and len(gained) == len(SEGMENTS)
     assert max(gained.values()) < 0.05, gained
 
 
-def test_no_line_is_tried_where_none_stands_out() -> None:
-    for background in (hiding.background(), by_turns(nothing_in_order())):
-        assert "periodic" not in names(background)
-    assert "periodic" in names(hiding.background(wandering("head")))
+def test_no_line_is_tried_without_a_prominent_one() -> None:
+    for nuisance in (hiding.nuisance(), by_turns(nothing_in_order())):
+        assert "periodic" not in names(nuisance)
+    assert "periodic" in names(hiding.nuisance(wandering("head")))
 
 
 def test_events_of_one_stamp_have_no_posture() -> None:
-    background = by_turns(stiffening())
-    assert "posture" in names(background)
-    assert "posture" not in names(stamped(background, [7] * 5, [7] * 4))
-    assert "posture" not in names(stamped(background, [7] * 5, [1, 2, 8, 9]))  # those that choose have no say
+    nuisance = by_turns(stiffening())
+    assert "posture" in names(nuisance)
+    assert "posture" not in names(stamped(nuisance, [7] * 5, [7] * 4))
+    assert "posture" not in names(stamped(nuisance, [7] * 5, [1, 2, 8, 9]))  # events for choosing do not matter
 
 
-def test_the_order_of_stamps_counts_and_not_that_of_the_events() -> None:
-    background = by_turns(stiffening())
-    train, choose = background.train.cases, background.choose.cases
-    shuffled = Background.of(background.subject, [train[i] for i in (3, 0, 4, 2, 1)], choose)
-    assert_same_postures(shuffled, background)
+def test_postures_depend_on_the_order_of_stamps_and_not_of_events() -> None:
+    nuisance = by_turns(stiffening())
+    train, choose = nuisance.train.cases, nuisance.choose.cases
+    shuffled = NuisanceModel.of(nuisance.subject, [train[i] for i in (3, 0, 4, 2, 1)], choose)
+    assert_same_postures(shuffled, nuisance)
     for name, one in found(shuffled).items():
-        np.testing.assert_allclose(one.left, found(background)[name].left, rtol=1e-4)
+        np.testing.assert_allclose(one.residual_square, found(nuisance)[name].residual_square, rtol=1e-4)
 
 
-def test_only_events_that_are_fitted_to_say_when_and_how_a_posture_changed() -> None:
-    """Others choose: none of them stiffens, or all are said to lie before, and the postures stay as they were."""
-    background = by_turns(stiffening())
-    steady = Background.of(background.subject, background.train.cases, nothing_in_order()[1::2])
-    all_before = stamped(background, [2, 4, 6, 8, 10], [1, 1, 1, 1])
+def test_only_events_for_fitting_determine_a_posture() -> None:
+    """Other events for choosing, without the change or all before it, give the same postures."""
+    nuisance = by_turns(stiffening())
+    steady = NuisanceModel.of(nuisance.subject, nuisance.train.cases, nothing_in_order()[1::2])
+    all_before = stamped(nuisance, [2, 4, 6, 8, 10], [1, 1, 1, 1])
     for other in (steady, all_before):
-        assert_same_postures(other, background)
-        assert gains(other)["posture", JOINT] < 0.5 * gains(background)["posture", JOINT]
+        assert_same_postures(other, nuisance)
+        assert gains(other)["posture", JOINT] < 0.5 * gains(nuisance)["posture", JOINT]
 
 
-def test_a_joint_that_was_stiffer_before_softens() -> None:
-    """Time runs backwards, and what was behind is before; none that chooses lies between those around the change."""
-    background = by_turns(stiffening())
-    other = stamped(background, [9, 7, 5, 3, 1], [8, 6, 5, 2])
-    stiffer, softer = (found(one)["posture", JOINT].applied.values["jump"] for one in (background, other))
+def test_reversed_time_softens_the_joint() -> None:
+    """Time is reversed; no event for choosing lies between those around the change."""
+    nuisance = by_turns(stiffening())
+    other = stamped(nuisance, [9, 7, 5, 3, 1], [8, 6, 5, 2])
+    stiffer, softer = (found(one)["posture", JOINT].applied.values["jump"] for one in (nuisance, other))
     assert (1.0 + stiffer) * (1.0 + softer) == pytest.approx(1.0, abs=1e-6) and softer < -0.15
-    # Of an event between those around the change nothing is said, and one way there is one.
-    assert gains(other)["posture", JOINT] == pytest.approx(gains(background)["posture", JOINT], rel=0.15)
+    # One direction has an event between those around the change, which does not count.
+    assert gains(other)["posture", JOINT] == pytest.approx(gains(nuisance)["posture", JOINT], rel=0.15)
 
 
-def names(background: Background) -> set[str]:
-    """Of the effects that are told."""
-    return {name for name, _ in found(background)}
+def names(nuisance: NuisanceModel) -> set[str]:
+    """The names of the found effects."""
+    return {name for name, _ in found(nuisance)}
 
 
-def stamped(background: Background, train: list[int], choose: list[int]) -> Background:
+def stamped(nuisance: NuisanceModel, train: list[int], choose: list[int]) -> NuisanceModel:
     """The same events, begun at other instants."""
 
-    def of(side: Side, stamps: list[int]) -> Side:
-        cases = zip(side.cases, stamps, strict=True)
-        return dataclasses.replace(side, cases=tuple(dataclasses.replace(case, begins_ns=at) for case, at in cases))
+    def of(events: EventSet, stamps: list[int]) -> EventSet:
+        cases = zip(events.cases, stamps, strict=True)
+        return dataclasses.replace(events, cases=tuple(dataclasses.replace(case, begins_ns=at) for case, at in cases))
 
-    return dataclasses.replace(background, train=of(background.train, train), choose=of(background.choose, choose))
+    return dataclasses.replace(nuisance, train=of(nuisance.train, train), choose=of(nuisance.choose, choose))
 
 
-def assert_same_postures(one: Background, other: Background) -> None:
+def assert_same_postures(one: NuisanceModel, other: NuisanceModel) -> None:
     for site in SEGMENTS:
-        jump, expected = (found(background)["posture", site].applied.values["jump"] for background in (one, other))
+        jump, expected = (found(nuisance)["posture", site].applied.values["jump"] for nuisance in (one, other))
         assert jump == pytest.approx(expected, rel=1e-4)
 
 
-def test_a_short_event_is_no_hindrance() -> None:
+def test_a_short_event_is_accepted() -> None:
     cases, samples = hiding.events(6), round(2.7 * fitting.RATE_HZ)
     measured = cases[4].measured_mps2[:samples]
     short = dataclasses.replace(
@@ -246,5 +247,5 @@ def test_a_short_event_is_no_hindrance() -> None:
         compared=cases[4].compared[:samples],
         energy=(measured**2).sum(axis=0),
     )
-    background = Background.of(hiding.background().subject, cases[:3], (cases[3], short, cases[5]))
-    assert list(unsteady(background, settle(background, None))) == []
+    nuisance = NuisanceModel.of(hiding.nuisance().subject, cases[:3], (cases[3], short, cases[5]))
+    assert list(unsteady_causes(nuisance, fit_locally(nuisance, None), UnsteadySettings())) == []

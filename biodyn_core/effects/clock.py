@@ -33,4 +33,5 @@ EFFECT = Effect(
     ),
     sites=MEASURED_SEGMENTS,
     measured=_measured,
+    constant_part=True,
 )

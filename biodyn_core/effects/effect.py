@@ -135,6 +135,10 @@ class Effect:
     own states; the integrator's step is chosen by both. delay: the parameter, in s, that says how far it looks back.
     channels: what has to be measured beside the seat's vertical, such as `seat.x`, `own.` for the site's; without it
     the effect can be neither run nor tested.
+
+    Read by tracing alone. known_omission: the base chain is known to lack it, so it is always fitted, accepted if one
+    event improves, and chosen before any other law. constant_part: if it varies from window to window, a subject can
+    carry its constant part. sized_by_training: if it varies between events, only the events for fitting set its size.
     """
 
     name: str
@@ -154,6 +158,9 @@ class Effect:
     measured: Callable[[Floats, float, Mapping[str, Floats], Mapping[str, float]], Floats] | None = None
     delay: str | None = None
     channels: tuple[str, ...] = ()
+    known_omission: bool = False
+    constant_part: bool = False
+    sized_by_training: bool = False
 
     @property
     def strengths(self) -> tuple[str, ...]:

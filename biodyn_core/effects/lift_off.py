@@ -27,4 +27,5 @@ EFFECT = Effect(
     sites=("pelvis",),
     constants=_constants,
     limit=limit,
+    known_omission=True,
 )

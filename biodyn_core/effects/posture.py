@@ -34,4 +34,5 @@ EFFECT = Effect(
     force=force,
     stiffens=_stiffens,
     states=1,
+    sized_by_training=True,
 )

@@ -1,4 +1,4 @@
-"""Answers of a subject, with more effects, to the seat of a case."""
+"""Answers: accelerations that sensors show of a subject on the seat of a case."""
 
 from __future__ import annotations
 
@@ -16,46 +16,47 @@ from biodyn_core.effects import AppliedEffect, felt, shown
 from biodyn_core.identification.problem import Case
 
 RUNAWAY_MPS2: Final = 1e5
-"""No body is accelerated so: a joint that a candidate makes softer than nothing has run away."""
+"""A larger acceleration means that the simulation is unstable."""
 
 
 def answer(subject: Subject, case: Case, effects: Sequence[AppliedEffect] = (), plain: Floats | None = None) -> Floats:
-    """Accelerations (n, 5) that sensors show of a subject with effects added; with plain, that where it runs away.
+    """Accelerations (n, 5) that sensors show of a subject with effects added.
 
-    plain (n, 5), the answer without, also saves the integration where all that is added is on sensors.
+    plain (n, 5): the answer without them. It is returned if the simulation is unstable, and it saves the simulation if
+    all effects are on sensors.
     """
     if plain is not None and effects and all(one.effect.measured is not None for one in effects):
         whole = np.zeros((len(plain), N_SEGMENTS))
         whole[:, MEASURED_SEGMENT_INDEX] = plain
         return shown(effects, whole, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
     (found,) = answers(dataclasses.replace(subject, effects=(*subject.effects, *effects)), [case])
-    runs_away = not np.abs(found).max() < RUNAWAY_MPS2  # NaN runs away too
-    return plain if runs_away and plain is not None else found
+    unstable = not np.abs(found).max() < RUNAWAY_MPS2  # also for NaN
+    return plain if unstable and plain is not None else found
 
 
 def answers(subject: Subject, cases: Sequence[Case]) -> list[Floats]:
-    """Accelerations (n, 5) that sensors show of a subject in each case; NaN throughout where it runs away."""
-    return sensed(subject, cases, moved(subject, cases))
+    """Accelerations (n, 5) that sensors show of a subject in each case; all NaN if the simulation is unstable."""
+    return sensed(subject, cases, accelerations(subject, cases))
 
 
-def moved(subject: Subject, cases: Sequence[Case]) -> list[Floats]:
-    """Accelerations (n, 6) of a subject's segments in each case, whatever its sensors show of them."""
+def accelerations(subject: Subject, cases: Sequence[Case]) -> list[Floats]:
+    """Accelerations (n, 6) of a subject's segments in each case, without the effects on sensors."""
     chain = Chain.of(subject)
-    with np.errstate(all="ignore"):  # what is not finite is told by its number
-        return [_moved(subject, chain, case) for case in cases]
+    with np.errstate(all="ignore"):  # callers check for values that are not finite
+        return [_simulated(subject, chain, case) for case in cases]
 
 
-def sensed(subject: Subject, cases: Sequence[Case], moved: Sequence[Floats]) -> list[Floats]:
-    """What the subject's sensors show (n, 5) of segments that move so (n, 6) in each case; NaN of what has run away."""
-    return [_sensed(subject, case, accel) for case, accel in zip(cases, moved, strict=True)]
+def sensed(subject: Subject, cases: Sequence[Case], accel: Sequence[Floats]) -> list[Floats]:
+    """Accelerations (n, 5) that sensors show of segments (n, 6) in each case; all NaN if these are not finite."""
+    return [_sensed(subject, case, one) for case, one in zip(cases, accel, strict=True)]
 
 
-def _moved(subject: Subject, chain: Chain, case: Case) -> Floats:
+def _simulated(subject: Subject, chain: Chain, case: Case) -> Floats:
     seat = felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels)
     return Stepper(chain, case.rate_hz, chain.substeps(case.rate_hz)).push(seat, channels=case.channels)
 
 
 def _sensed(subject: Subject, case: Case, accel: Floats) -> Floats:
-    if not np.isfinite(accel).all():  # no sensor shows what has run away
+    if not np.isfinite(accel).all():
         return np.full((len(accel), len(MEASURED_SEGMENT_INDEX)), np.nan)
     return shown(subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]

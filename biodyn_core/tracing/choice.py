@@ -1,123 +1,123 @@
-"""Choice: what is asked of a gain, what speaks against a rung, which rung is taken, and what explains as much."""
+"""Choice: the required gain, the objections to a candidate, the chosen candidate, and its rivals."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
 from biodyn_core.base.wording import counted
 from biodyn_core.identification.fit import at_bound
-from biodyn_core.tracing.findings import Candidate
-from biodyn_core.tracing.fitted_candidates import LIFT_OFF, FittedCandidate, WithoutEffect, residual_ratio
-from biodyn_core.tracing.local_fit import LEVELS, LocalFit
-from biodyn_core.tracing.nuisance_model import FREE, Background
+from biodyn_core.tracing.candidate import Candidate, CandidateFit
+from biodyn_core.tracing.findings import RankedCandidate
+from biodyn_core.tracing.fitted_candidates import WithoutEffect, residual_ratio
+from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit
+from biodyn_core.tracing.nuisance_model import FREE, NuisanceModel
 from biodyn_core.tracing.screen import Screening
 from biodyn_core.tracing.settings import TraceSettings
 
-TELLING: Final = 0.9
-"""With less left than so many times what a good model misses, it is told how far a body departs."""
 
-NEXT_TO: Final = 0.1
-"""A parameter of theta so near its bound without an effect, in shares of its range, is not moved there by it."""
+def required_gain(without_effect: WithoutEffect, settings: TraceSettings) -> float:
+    """The gain that a candidate has to exceed; it grows with the typical deviations of the body.
 
-
-def asked(without_effect: WithoutEffect, settings: TraceSettings) -> float:
-    """What a gain must exceed: more of a body that departs as far as usual than of one that is as the model has it.
-
-    Where more is left than of a good model, something is missing, and the least will do. A body that is as the model
-    has it gains next to nothing by any law, unless one was added: then the gap between that law and its own is left.
+    A residual above a good model's shows that something is missing, so the least gain suffices. A body without
+    deviations gains next to nothing by any law, unless an effect was added whose form differs from the body's.
     """
-    background = without_effect.background
-    if residual_ratio(background, without_effect.at(LEVELS[0])) >= TELLING:
+    nuisance = without_effect.nuisance
+    if residual_ratio(nuisance, without_effect.at(PRIOR_SCALES[0])) >= settings.evidence.good_fit:
         return settings.least_gain
-    if background.level == LEVELS[-1] and not background.subject.effects:
+    if nuisance.prior_scale == PRIOR_SCALES[-1] and not nuisance.subject.effects:
         return settings.plain_gain
-    decades = 1.0 + float(np.log10(background.level))
+    decades = 1.0 + float(np.log10(nuisance.prior_scale))
     return settings.least_gain * (1.0 + settings.departing * decades)
 
 
-def candidate(
-    rung: FittedCandidate, background: Background, without: LocalFit, screening: Screening, settings: TraceSettings
-) -> Candidate:
-    """A rung as it is told, with all that speaks against it."""
-    against = [f"{name} ends on a bound" for name in rung.settled.at_bound]
-    if not rung.helps:
-        against.append(f"helps in {np.count_nonzero(rung.gains > 0.0)} of {counted(rung.gains.size, 'event')}")
-    usual = rung.usual(settings)
-    against += [why for why in (rung.against, usual) if why]
-    before = {
-        name
-        for subject in (background.subject, without.subject)
-        for name in at_bound(subject.parameters.vector(), FREE, NEXT_TO)
-    }
-    after = at_bound(rung.settled.subject.parameters.vector(), FREE)
-    against += [f"{name} moves onto its bound" for name in after if name not in before]
-    return Candidate(
-        rung.applied, rung.gain, True, screening.p_value(rung.gain), rung.screened.absorbed,
-        int(np.count_nonzero(rung.gains > 0.0)), tuple(against), rung.steady, bool(usual),
+def ranked(
+    one: Candidate, nuisance: NuisanceModel, without: LocalFit, screening: Screening, settings: TraceSettings
+) -> RankedCandidate:
+    """A candidate as it is published: with its objections if it is fitted to all events, else as it is screened."""
+    of = one.screened
+    if one.fit is None:
+        return RankedCandidate(one.start, of.gain, False, of.p_value, of.absorbed, 0)
+    return RankedCandidate(
+        one.fit.applied, one.fit.gain, True, screening.p_value(one.fit.gain), of.absorbed, one.fit.improved_events,
+        tuple(_objections(one.fit, nuisance, without, settings)), one.fit.steady, bool(one.fit.why_typical(settings)),
     )  # fmt: skip
 
 
-def taken(
-    told: Sequence[Candidate], rungs: Sequence[FittedCandidate], threshold: float, settings: TraceSettings
-) -> int | None:
-    """Which rung is taken: the best with nothing against it, but a sensor's fault before a tissue's law as good.
+def _objections(fit: CandidateFit, nuisance: NuisanceModel, without: LocalFit, settings: TraceSettings) -> list[str]:
+    """The reasons against a candidate, a line each."""
+    found = [f"{name} ends on a bound" for name in fit.local.at_bound]
+    if not fit.improves_enough(settings.evidence):
+        found.append(f"improves only {fit.improved_events} of {counted(fit.gains.size, 'event')}")
+    found += [why for why in (fit.objection, fit.why_typical(settings)) if why]
+    before = {
+        name
+        for subject in (nuisance.subject, without.subject)
+        for name in at_bound(subject.parameters.vector(), FREE, settings.evidence.near_bound)
+    }
+    after = at_bound(fit.local.subject.parameters.vector(), FREE)
+    return [*found, *(f"{name} moves to its bound" for name in after if name not in before)]
 
-    One that ends on a bound is taken only where it gains overwhelmingly and nothing that does not comes near: the form
-    of its law is then not quite the body's.
+
+def chosen(
+    ranking: Sequence[RankedCandidate], candidates: Sequence[Candidate], threshold: float, settings: TraceSettings
+) -> int | None:
+    """The index of the chosen candidate: the best without objections, but a sensor's fault before an equal tissue law.
+
+    A known omission comes before any law. A candidate with a parameter on its bound is chosen only if its gain is
+    overwhelming and no other one comes near: the form of its law then differs from the body's.
     """
-    for i, one in enumerate(told):  # a seat that holds nobody down is a known omission, before any law of a joint
-        if one.applied.effect.name == LIFT_OFF and one.gain > settings.least_lift_off and rungs[i].helps:
+    fits = [one.fitted for one in candidates]
+    enough = [fit.improves_enough(settings.evidence) for fit in fits]
+    for i, one in enumerate(ranking):
+        if one.applied.effect.known_omission and one.gain > settings.least_lift_off and enough[i]:
             return i
-    good = [i for i, one in enumerate(told) if one.gain > threshold and not one.against]
+    good = [i for i, one in enumerate(ranking) if one.gain > threshold and not one.against]
     rough = [
         i
-        for i, one in enumerate(told)
-        if one.gain > settings.overwhelming * threshold
-        and rungs[i].helps
-        and not (rungs[i].against or rungs[i].usual(settings))
+        for i, one in enumerate(ranking)
+        if one.gain > settings.overwhelming * threshold and enough[i] and not (fits[i].objection or one.typical)
     ]
-    if rough and (not good or told[good[0]].gain < settings.near_alike * told[rough[0]].gain):
+    if rough and (not good or ranking[good[0]].gain < settings.near_alike * ranking[rough[0]].gain):
         return rough[0]
     if not good:
         return None
     best = good[0]
-    close = [i for i in good if told[i].gain >= settings.near * told[best].gain and not _worse(rungs[i], rungs[best])]
-    on_sensors = [i for i in close if told[i].applied.effect.measured is not None]
+    least = settings.near * ranking[best].gain
+    close = [i for i in good if ranking[i].gain >= least and not _worse(fits[i], fits[best])]
+    on_sensors = [i for i in close if ranking[i].applied.effect.measured is not None]
     return on_sensors[0] if on_sensors else best
 
 
-def _worse(one: FittedCandidate, than: FittedCandidate) -> bool:
-    """Whether it predicts the events worse by more than their scatter."""
-    apart = than.gains - one.gains
-    error = apart.std(ddof=1) / np.sqrt(apart.size) if apart.size > 1 else 0.0
-    return bool(apart.mean() > 2.0 * error)
+def _worse(one: CandidateFit, than: CandidateFit) -> bool:
+    """Whether its gain is smaller by more than twice the standard error over the events."""
+    difference = than.gains - one.gains
+    error = difference.std(ddof=1) / np.sqrt(difference.size) if difference.size > 1 else 0.0
+    return bool(difference.mean() > 2.0 * error)
 
 
 def rivals(
     index: int,
-    told: Sequence[Candidate],
-    rungs: Sequence[FittedCandidate],
+    ranking: Sequence[RankedCandidate],
+    candidates: Sequence[Candidate],
     screening: Screening,
     settings: TraceSettings,
-) -> tuple[Candidate, ...]:
-    """Others that explain about as much as what was taken, the best of each name and site; none beside lift-off.
+) -> tuple[RankedCandidate, ...]:
+    """Other candidates that explain about as much as the chosen one, one for each name and site.
 
-    That is a known omission: what explains more, or as much, is for the next round.
+    A known omission has none: the next round tests all other candidates beside it.
     """
-    taken, found = told[index], []
-    if taken.applied.effect.name == LIFT_OFF:
+    best, found = ranking[index], []
+    if best.applied.effect.known_omission:
         return ()
-    seen = {(taken.applied.effect.name, taken.applied.site)}
-    for i, one in enumerate(told):
-        key = (one.applied.effect.name, one.applied.site)
-        if key in seen or one.gain <= 0.0:
+    seen = {candidates[index].key}
+    for i, one in enumerate(ranking):
+        if candidates[i].key in seen or one.gain <= 0.0:
             continue
-        close = one.gain >= settings.near * taken.gain and not _worse(rungs[i], rungs[index])
-        alike = screening.cosine(rungs[i].screened.tried, rungs[index].screened.tried) > settings.alike
-        if close or (alike and one.gain >= settings.near_alike * taken.gain):
-            seen.add(key)
+        near = one.gain >= settings.near * best.gain and not _worse(candidates[i].fitted, candidates[index].fitted)
+        alike = screening.cosine(candidates[i], candidates[index]) > settings.alike
+        if near or (alike and one.gain >= settings.near_alike * best.gain):
+            seen.add(candidates[i].key)
             found.append(one)
     return tuple(found)

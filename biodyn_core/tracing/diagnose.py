@@ -1,4 +1,4 @@
-"""Diagnostics: what the residual says after the refit of theta, before any candidate is tried (tracing, A)."""
+"""Diagnostics of the residual after the refit of theta, before any candidate is tried."""
 
 from __future__ import annotations
 
@@ -18,48 +18,47 @@ from biodyn_core.identification.fit import at_bound
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Diagnostics
-from biodyn_core.tracing.gate import pulled_down
-from biodyn_core.tracing.nuisance_model import FREE, N_THETA, Background
+from biodyn_core.tracing.gate import seat_tension
+from biodyn_core.tracing.nuisance_model import FREE, N_THETA, NuisanceModel
 from biodyn_core.tracing.rows import Products
+from biodyn_core.tracing.settings import DiagnosticSettings
 
 BAND_HZ: Final = (0.5, 60.0)
 COHERENCE_S: Final = 2.0
-"""Windows of the coherence."""
+"""Length of the windows of the coherence."""
 
 REACH: Final = float(np.log(100.0))
-"""A joint of a sub-chain is looked for so far from the subject's own, in ln of stiffness and damping."""
-
-FAILS: Final = 2.0
-"""A sub-chain fails whose error is so many times that of the best one."""
+"""Range of a sub-chain's joints around the subject's own, in ln of stiffness and damping."""
 
 
-def diagnose(subject: Subject, background: Background) -> Diagnostics:
-    """Look at what a fitted subject leaves in the events it was fitted to."""
-    cases = background.train.cases
-    missed = [np.where(case.compared, case.measured_mps2 - answer(subject, case), 0.0) for case in cases]
+def diagnose(subject: Subject, nuisance: NuisanceModel, settings: DiagnosticSettings | None = None) -> Diagnostics:
+    """Diagnostics of the residual of a fitted subject in the events for fitting."""
+    s = settings or DiagnosticSettings()
+    cases = nuisance.train.cases
+    residuals = [np.where(case.compared, case.measured_mps2 - answer(subject, case), 0.0) for case in cases]
     peeled = peeling(subject, cases)
     return Diagnostics(
-        amplitude_transfer=_amplitude_transfer(background),
-        coherent=coherent(cases, missed),
+        amplitude_transfer=_amplitude_transfer(nuisance),
+        coherent=coherent(cases, residuals),
         peeling=peeled,
-        bracket=bracket(peeled),
-        level_slope=_level_slope(cases, missed),
-        jump=_jump(background),
+        bracket=bracket(peeled, s.failing),
+        level_slope=_level_slope(cases, residuals),
+        jump=_jump(nuisance),
         pinned=at_bound(subject.parameters.vector(), FREE),
-        drift=_drift(background),
-        pulled_down=max(pulled_down(subject, case) for case in cases),
+        drift=_drift(nuisance),
+        pulled_down=max(seat_tension(subject, case) for case in cases),
     )
 
 
-def coherent(cases: Sequence[Case], missed: Sequence[Floats]) -> Mapping[str, tuple[str, float]]:
-    """Per channel, the segment whose residual goes most with it, and the share of power, less what chance gives.
+def coherent(cases: Sequence[Case], residuals: Sequence[Floats]) -> Mapping[str, tuple[str, float]]:
+    """Per channel, the segment with the most coherent residual, and its coherent share of power above chance.
 
-    Chance: the same with the channel shifted by half its length.
+    Chance is the share for the channel shifted by half its length.
     """
     names = sorted(set.intersection(*(set(case.channels) for case in cases)))
     channels = {f"{SEAT}.z": [case.seat_mps2 for case in cases]}
     channels |= {name: [case.channels[name] for case in cases] for name in names}
-    windowed = [_windowed(one, case) for one, case in zip(missed, cases, strict=True)]
+    windowed = [_windowed(one, case) for one, case in zip(residuals, cases, strict=True)]
     found = {}
     for name, columns in channels.items():
         shifted = [np.roll(column, len(column) // 2) for column in columns]
@@ -83,7 +82,7 @@ def _windowed(values: Floats, case: Case) -> Complexes:
 
 
 def _share(drive: Sequence[Complexes], residual: Sequence[Complexes]) -> Floats:
-    """The share of each segment's power (5,) that goes linearly with a channel, over all events."""
+    """The share of each segment's power (5,) that is coherent with a channel, over all events."""
     grid = min(part.shape[1] for part in drive)
     x = np.concatenate([part[:, :grid] for part in drive])
     y = np.concatenate([part[:, :grid] for part in residual])
@@ -93,10 +92,10 @@ def _share(drive: Sequence[Complexes], residual: Sequence[Complexes]) -> Floats:
 
 
 def peeling(subject: Subject, cases: Sequence[Case]) -> dict[str, float]:
-    """Error (% of rms) of the top of each sub-chain, driven by what was measured below it and its own joints refitted.
+    """Error (% of rms) of the segments above each sensor, driven by its measurement, with their joints refitted.
 
     From the head down: the head on the neck, the head on the upper torso, ... on the seat. Linear, in the frequency
-    domain, about the subject's own joints; the central torso, which nobody measures, moves as the chain has it.
+    domain, around the subject's own joints; the central torso has no sensor and follows the chain.
     """
     chain = Chain.of(subject)
     spectra = [_spectra(case) for case in cases]
@@ -108,20 +107,23 @@ def peeling(subject: Subject, cases: Sequence[Case]) -> dict[str, float]:
         node = SEAT if below == 0 else MEASURED_SEGMENTS[below - 1]
         driven = [one for one in spectra if below == 0 or one[2][below - 1] > 0.0]
         seen = [(f, spectrum[:, below], spectrum[:, below + 1 :], weight) for f, spectrum, weight in driven]
-        told = sum(int((weight[below:] > 0.0).sum()) for _, _, weight in driven)
-        if not told:  # nothing is measured above or below
+        compared = sum(int((weight[below:] > 0.0).sum()) for _, _, weight in driven)
+        if not compared:
             continue
         sub = _SubChain(bottom, chain.inertia_kg[bottom:], chain.rayleigh_rad_per_s, seen)
-        best = optimize.least_squares(sub.missed, start, bounds=(start - REACH, start + REACH), max_nfev=12)
-        found[node] = float(100.0 * np.sqrt(2.0 * best.cost / told))
+        best = optimize.least_squares(sub.residual, start, bounds=(start - REACH, start + REACH), max_nfev=12)
+        found[node] = float(100.0 * np.sqrt(2.0 * best.cost / compared))
     return found
 
 
-def bracket(peeled: Mapping[str, float]) -> tuple[str, ...]:
-    """The joints between the last sub-chain that holds, from the head down, and the first that fails; () where none."""
+def bracket(peeled: Mapping[str, float], failing: float) -> tuple[str, ...]:
+    """The joints between the last good sub-chain, from the head down, and the first failing one; () if none fails.
+
+    failing: a sub-chain fails if its error exceeds that of the best one by this factor.
+    """
     nodes = list(peeled)
     errors = np.array([peeled[node] for node in nodes])
-    fails = np.flatnonzero(errors > FAILS * errors.min())
+    fails = np.flatnonzero(errors > failing * errors.min())
     fails = fails[fails > int(np.argmin(errors))] if fails.size and fails[0] > int(np.argmin(errors)) else fails
     if fails.size == 0:
         return ()
@@ -133,15 +135,15 @@ def bracket(peeled: Mapping[str, float]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _SubChain:
-    """The masses from `bottom` up, driven by what was measured below; seen: frequencies, drive, above and weights."""
+    """The masses from `bottom` up, driven by the sensor below; seen: frequencies, drive, spectra above, and weights."""
 
     bottom: int
     inertia_kg: Floats
     alpha_r: float
     seen: Sequence[tuple[Floats, Complexes, Complexes, Floats]]
 
-    def missed(self, point: Floats) -> Floats:
-        """What the sub-chain misses for logarithms of its stiffnesses and dampings (2 n,)."""
+    def residual(self, point: Floats) -> Floats:
+        """The residual of the sub-chain for logarithms of its stiffnesses and dampings (2 n,)."""
         k, b = np.exp(np.split(point, 2))
         at = MEASURED_SEGMENT_INDEX[self.bottom <= MEASURED_SEGMENT_INDEX] - self.bottom
         parts = []
@@ -153,7 +155,7 @@ class _SubChain:
 
 
 def _spectra(case: Case) -> tuple[Floats, Complexes, Floats]:
-    """Frequencies (f,), spectra (f, 6) of the seat and the five sensors, and weights (5,), one over a sensor's size."""
+    """Frequencies (f,), spectra (f, 6) of the seat and the five sensors, and weights (5,), one over a sensor's rms."""
     used = np.where(case.energy > 0.0, case.measured_mps2, 0.0)
     whole = np.column_stack([case.seat_mps2, used])[case.begin :]
     spectrum = np.fft.rfft(whole * signal.windows.tukey(len(whole), 0.1)[:, None], axis=0)
@@ -177,72 +179,72 @@ def _transmitted(frequency_hz: Floats, k: Floats, b: Floats, inertia_kg: Floats,
             matrix[:, i, i] += joint[:, i + 1]
             matrix[:, i, i + 1] -= joint[:, i + 1]
             matrix[:, i + 1, i] -= joint[:, i + 1]
-    # Relative to what is below: M u'' + C u' + K u = -M a, T = 1 - omega^2 u / a.
+    # Relative to the drive: M u'' + C u' + K u = -M a, T = 1 - omega^2 u / a.
     load = np.broadcast_to(-inertia_kg[:, None].astype(np.complex128), (len(omega), n, 1))
     return np.asarray(1.0 - omega[:, None] ** 2 * np.linalg.solve(matrix, load)[:, :, 0])
 
 
-def _by_case(background: Background) -> dict[str, Flags]:
-    """Which windows of the fitted side are of which loading condition."""
-    cases, event = background.train.cases, background.train.products.event
+def _by_case(nuisance: NuisanceModel) -> dict[str, Flags]:
+    """The windows for fitting by loading condition."""
+    cases, event = nuisance.train.cases, nuisance.train.products.event
     names = list(dict.fromkeys(case.case for case in cases))
     return {name: np.isin(event, [i for i, case in enumerate(cases) if case.case == name]) for name in names}
 
 
-def _theta_of(background: Background, windows: Flags) -> Floats:
-    """The linear step of theta (14,) that these windows alone ask for."""
-    p, weight = background.train.products, np.where(windows, background.weight, 0.0)
+def _theta_of(nuisance: NuisanceModel, windows: Flags) -> Floats:
+    """The linear step of theta (14,) by these windows alone."""
+    p, weight = nuisance.train.products, np.where(windows, nuisance.weight, 0.0)
     normal = np.einsum("w,wij->ij", weight, p.columns[:, :N_THETA, :N_THETA])
-    return np.linalg.solve(normal + np.diag(background.precision[:N_THETA]), weight @ p.miss[:, :N_THETA])
+    return np.linalg.solve(normal + np.diag(nuisance.precision[:N_THETA]), weight @ p.cross[:, :N_THETA])
 
 
-def _left_by(p: Products, windows: Flags, theta: Floats) -> float:
-    b = np.concatenate([theta, np.zeros(p.miss.shape[1] - N_THETA)])
-    return float(np.sqrt(p.left(b)[windows].sum() / max(p.samples[windows].sum(), 1.0)))
+def _residual_with(p: Products, windows: Flags, theta: Floats) -> float:
+    b = np.concatenate([theta, np.zeros(p.cross.shape[1] - N_THETA)])
+    return float(np.sqrt(p.residual_square(b)[windows].sum() / max(p.samples[windows].sum(), 1.0)))
 
 
-def _amplitude_transfer(background: Background) -> dict[str, tuple[float, float]]:
-    """Per condition, what theta of the quietest alone leaves, and theta of all, in what a good model misses."""
-    by_case, p = _by_case(background), background.train.products
+def _amplitude_transfer(nuisance: NuisanceModel) -> dict[str, tuple[float, float]]:
+    """Per condition, the residual with theta of the quietest one and of all, in multiples of a good model's."""
+    by_case, p = _by_case(nuisance), nuisance.train.products
     loud = {
-        name: np.mean([np.abs(case.seat_mps2).max() for case in background.train.cases if case.case == name])
+        name: np.mean([np.abs(case.seat_mps2).max() for case in nuisance.train.cases if case.case == name])
         for name in by_case
     }
-    quiet = _theta_of(background, by_case[min(loud, key=lambda name: loud[name])])
-    everything = _theta_of(background, np.ones(p.square.size, dtype=bool))
-    return {name: (_left_by(p, w, quiet), _left_by(p, w, everything)) for name, w in by_case.items()}
+    quiet = _theta_of(nuisance, by_case[min(loud, key=lambda name: loud[name])])
+    everything = _theta_of(nuisance, np.ones(p.square.size, dtype=bool))
+    return {name: (_residual_with(p, w, quiet), _residual_with(p, w, everything)) for name, w in by_case.items()}
 
 
-def _drift(background: Background) -> dict[str, float]:
-    """Per parameter, how far its values by the conditions alone are apart, ln of the largest over the smallest."""
-    found = np.array([_theta_of(background, windows) for windows in _by_case(background).values()])
+def _drift(nuisance: NuisanceModel) -> dict[str, float]:
+    """Per parameter, ln of the largest over the smallest value among fits to single conditions."""
+    found = np.array([_theta_of(nuisance, windows) for windows in _by_case(nuisance).values()])
     names = [p.name for p, free in zip(PARAMETERS, FREE, strict=True) if free]
     return dict(zip(names, (found.max(axis=0) - found.min(axis=0)).tolist(), strict=True))
 
 
-def _level_slope(cases: Sequence[Case], missed: Sequence[Floats]) -> float | None:
-    """Slope of ln(relative residual) over ln(peak of the seat) of the events; None where the peaks are alike."""
+def _level_slope(cases: Sequence[Case], residuals: Sequence[Floats]) -> float | None:
+    """Slope of ln(relative residual) over ln(peak of the seat) of the events; None if the peaks are similar."""
     peak = np.log([np.abs(case.seat_mps2).max() for case in cases])
     size = [
         np.sqrt((one[case.compared] ** 2).sum() / max(case.energy.sum(), 1e-9))
-        for case, one in zip(cases, missed, strict=True)
+        for case, one in zip(cases, residuals, strict=True)
     ]
     if len(cases) < 3 or np.ptp(peak) < 0.3:
         return None
     return float(np.polyfit(peak, np.log(np.maximum(size, 1e-12)), 1)[0])
 
 
-def _jump(background: Background) -> tuple[str, float] | None:
-    """Where the residual's size changes most (CUSUM of log squares over windows), and how often a shuffle does more."""
-    p = background.train.products
+def _jump(nuisance: NuisanceModel) -> tuple[str, float] | None:
+    """The event at which the residual changes most (CUSUM of log squares by window), and its p-value by shuffling."""
+    p = nuisance.train.products
     if p.square.size < 8:
         return None
-    score = np.log(np.maximum(p.left(background.solved(p)), 1e-12) / np.maximum(p.samples, 1.0))
+    score = np.log(np.maximum(p.residual_square(nuisance.solution(p)), 1e-12) / np.maximum(p.samples, 1.0))
     score = score - score.mean()
     walk = np.abs(np.cumsum(score))
     rng = np.random.default_rng(0)
     shuffled = [np.abs(np.cumsum(rng.permutation(score))).max() for _ in range(200)]
     at = int(np.argmax(walk))
     chance = (1.0 + sum(one >= walk[at] for one in shuffled)) / 201.0
-    first = min(at + 1, score.size - 1)  # the sum turns with the last window of what was before
-    return background.train.cases[int(p.event[first])].name, chance
+    first = min(at + 1, score.size - 1)  # the sum turns at the last window before the change
+    return nuisance.train.cases[int(p.event[first])].name, chance

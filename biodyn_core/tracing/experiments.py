@@ -1,4 +1,4 @@
-"""What to record next: what a verdict lacks, and experiments that separate what one record cannot (tracing, D)."""
+"""Experiments: recordings that are missing for a verdict, and experiments that separate effects."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from biodyn_core.effects import Effect
 from biodyn_core.tracing.findings import Need
 from biodyn_core.tracing.settings import FloorSettings
 
-STANDSTILL: Final = "stand still with the engine running for 60 s: a line is then there without the road, a gain is not"
-TAP: Final = "tap each sensor with a finger ten times at rest: skin rings, a clock is late, a gain does neither"
-SWAP: Final = "put two sensors in each other's place and repeat: a sensor's fault goes with it, the body's stays"
+STANDSTILL: Final = "stand still with the engine running for 60 s: an engine line remains, a gain has no effect"
+TAP: Final = (
+    "tap each sensor with a finger ten times at rest: a soft mounting rings, a clock is late, a gain does neither"
+)
+SWAP: Final = "exchange two sensors and repeat: a sensor fault moves with its sensor, a fault of the body stays"
 QUIET_LOUD_QUIET: Final = (
-    "60 s of smooth road, a rough minute, 60 s of smooth road again: what loosens recovers, a posture does not"
+    "60 s of smooth road, 60 s of rough road, 60 s of smooth road: a loosened tissue recovers, a new posture stays"
 )
-LEVELS: Final = "the same road at two speeds: a law of the joint changes with the level, memory and masses do not"
-TURNS: Final = (
-    "brake and steer on a smooth road: what comes from fore-aft or sideways motion shows without the vertical"
-)
-BARE: Final = "repeat without backrest, harness or helmet, whichever there is: the difference is its own"
-SHOCKS: Final = "three shocks more of 3 g and more: stops, lift-off and asymmetry part where the joint is deepest"
-REPEAT: Final = "repeat the same drive unchanged: what is not in the repetition is chance"
+LEVELS: Final = "the same road at two speeds: a joint law changes with the level, memory and masses do not"
+TURNS: Final = "brake and steer on a smooth road: effects of horizontal motion appear without vertical motion"
+BARE: Final = "repeat without backrest, harness or helmet: the difference is the effect of that part"
+SHOCKS: Final = "three further shocks of 3 g and more: stops, lift-off and asymmetry differ at the largest stretch"
+REPEAT: Final = "repeat the same drive unchanged: differences between both are random"
 
 _OF_FAMILIES: Final = (
     ({"periodic"}, STANDSTILL),
@@ -36,7 +36,7 @@ _OF_FAMILIES: Final = (
 
 
 def separating(effects: Collection[Effect]) -> str:
-    """The experiment that would separate these effects; a repetition where there is one kind or none."""
+    """The experiment that separates these effects; a repetition for one effect or none."""
     if len({effect.name for effect in effects}) < 2:
         return REPEAT
     if len({effect.measured is None for effect in effects}) == 2:
@@ -46,12 +46,12 @@ def separating(effects: Collection[Effect]) -> str:
 
 
 def to_record(needs: Sequence[Need], settings: FloorSettings) -> str:
-    """All that a verdict lacks as one list: "9 s more road, 2 more shocks of 0.8 g, one of them of 2 g, held out"."""
+    """All missing recordings as one list: "9 s more road, 2 more shocks of 0.8 g, one of them of 2 g, held out"."""
     return "; ".join(listed(need, settings) for need in needs)
 
 
 def listed(need: Need, settings: FloorSettings) -> str:
-    """What to record for one use."""
+    """The recordings of one need."""
     amounts = list(_amounts(need, settings))
     if amounts:
         return ", ".join([*amounts, need.use, *(f"in {how}" for how in need.how)])

@@ -1,4 +1,4 @@
-"""What a trace finds: plain data from the method to its document, text and page."""
+"""Findings of a trace: plain data for its document, text and page."""
 
 from __future__ import annotations
 
@@ -16,21 +16,20 @@ NAMING: Final[tuple[Verdict, ...]] = ("effect", "ambiguous")
 """The verdicts that name a cause."""
 
 Use = Literal["train", "choose", "held_out"]
-"""What an event was for: theta and sizes are fitted to `train`, the effect is chosen by `choose`, and the errors that
-are reported come from `held_out`, which has had no say in either."""
+"""The use of an event: theta and sizes are fitted to `train`, the effect is chosen by `choose`, and errors are reported
+of `held_out`, which influences neither."""
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """One rung of the ladder.
+class RankedCandidate:
+    """A candidate in the ranking of a round.
 
-    gain is the mean log ratio of SSE without over with in the events that choose, theta and the usual departures
-    refitted on both sides, and by how much less these have to be stretched then; refitted says whether it comes from a
-    refit or from screening's linear step. p_value is how often the best of all candidates gains as much by chance;
-    absorbed, the share of its own energy that theta takes on itself; helps, in how many of the events it helps; against
-    says what speaks against it, empty where nothing does; steady is not set for what is set anew time and again in the
-    very events that choose: it always gains a little, and its p_value says nothing; usual is set for a law that is no
-    larger than such bodies usually have it, which leaves nothing unexplained.
+    gain: mean log ratio of the squared residual without over with the effect in the events for choosing, theta and
+    nuisance parameters refitted, plus the gain in evidence of the nuisance parameters; refitted: whether it comes from
+    a fit to all events or from the linear step of screening. p_value: how often the largest random gain is as large.
+    absorbed: share of the effect's energy that theta explains. helps: number of events with a positive gain. against:
+    the objections. steady: False if the effect is fitted anew in every window or between events; it always gains a
+    little, and its p_value has no meaning. typical: whether its size is within the typical range.
     """
 
     applied: AppliedEffect
@@ -41,17 +40,22 @@ class Candidate:
     helps: int
     against: tuple[str, ...] = ()
     steady: bool = True
-    usual: bool = False
+    typical: bool = False
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """The name of the effect, and its site."""
+        return self.applied.effect.name, self.applied.site
 
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One greedy step: the ladder, best first, what a gain had to exceed, and which rung was taken, if any."""
+    """One greedy step: the candidates, best first, the gain to exceed, the chosen one if any, and its rivals."""
 
-    ladder: tuple[Candidate, ...]
+    ranking: tuple[RankedCandidate, ...]
     threshold: float
-    taken: Candidate | None
-    ambiguous_with: tuple[Candidate, ...]
+    chosen: RankedCandidate | None
+    ambiguous_with: tuple[RankedCandidate, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +71,10 @@ class Interval:
 
 @dataclass(frozen=True, eq=False)
 class ComparedEvent:
-    """One event under the subject before and after, for errors and pictures.
+    """One event with the answers of the subject before and after, for errors and drawings.
 
-    measured_mps2, before_mps2 and after_mps2 are (n, 5) by measured segment, NaN where not compared; segments without
-    sensor or left out are NaN throughout. before and after are `Errors` of the same, given those of the subject as it
-    was given, None where that was never fitted or is not asked for.
+    measured_mps2, before_mps2, after_mps2 (n, 5) by measured segment, NaN where not compared; segments without a sensor
+    or left out are all NaN. before, after: their `Errors`; given: those of the given subject, None if it is unfitted.
     """
 
     name: str
@@ -87,30 +90,30 @@ class ComparedEvent:
 
 
 @dataclass(frozen=True, eq=False)
-class Departure:
-    """How far one usual departure (a gain, a clock, a mass, a joint's bend) is from nothing, in its own spread."""
+class NuisanceValue:
+    """One nuisance parameter (a gain, a clock, a mass, a joint's nonlinearity) in multiples of its typical spread."""
 
     name: str
-    times_usual: float
+    typical_multiple: float
 
 
 @dataclass(frozen=True, eq=False)
 class SensorFinding:
-    """A fault of a sensor that stands beside the verdict.
+    """A sensor fault that is reported with every verdict.
 
-    told_by: the sensor's own gyro, or the fit. gain is that of the fault as a candidate, None where it was not tried;
-    explains: whether it was taken as the cause.
+    source: the sensor's gyro, or the fit. gain: of the fault as a candidate, None if it was not tried. explains:
+    whether it is the chosen cause.
     """
 
     fault: AppliedEffect
-    told_by: Literal["gyro", "fit"]
+    source: Literal["gyro", "fit"]
     gain: float | None
     explains: bool
 
 
 @dataclass(frozen=True)
 class Need:
-    """Recordings that a verdict lacks, for one use: so much more of each, and which recordings have to hold it."""
+    """Recordings that are missing for a verdict, for one use: the amount of each, and conditions on the recordings."""
 
     use: Literal["to fit", "held out"]
     road_s: float
@@ -121,10 +124,10 @@ class Need:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What force a joint lacks, N, over stretch (m) and its rate (m/s), where the data have been.
+    """The missing force of a joint, N, over stretch (m) and its rate (m/s).
 
-    force_n is (r, s): rows by rate_mps (r,), columns by stretch_m (s,), NaN where the joint never was. gain is as a
-    candidate's; below the threshold, what is missing is memory, measurement or input and no law of this joint.
+    force_n (r, s): rows by rate_mps (r,), columns by stretch_m (s,), NaN outside the data. gain: as a candidate's;
+    below the threshold no law of this joint is missing, but memory, measurement or input.
     """
 
     site: str
@@ -136,16 +139,15 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Diagnostics:
-    """What the residual says after the refit, before any candidate is tried.
+    """Diagnostics of the residual after the refit, before any candidate is tried.
 
-    amplitude_transfer: per loading condition, what is left in multiples of what a good model misses, of a theta fitted
-    to the quietest condition alone, and of the one fitted to all. coherent: per channel, the segment whose residual
-    goes most with it, and the share of its power, with chance taken off. peeling: per sub-chain, from the head down,
-    named by the sensor that drives it, normalised rms percent of what is above. bracket: the joints that this points
-    to. level_slope: d log of the relative residual / d log peak. jump: the event, in the order given, at which the
-    residual changes most, with how often chance does as much. pinned: parameters on a bound. drift: per parameter, ln
-    of largest over smallest among the conditions' own values. pulled_down: the most that any event's seat would have to
-    hold the body down, over the weight it carries.
+    amplitude_transfer: per loading condition, the residual in multiples of a good model's, for theta fitted to the
+    quietest condition alone and to all. coherent: per channel, the segment with the most coherent residual, and its
+    share of power above chance. peeling: per sub-chain, from the head down, named by the sensor that drives it, error
+    of the segments above, rms percent. bracket: the joints that this points to. level_slope: d log of the relative
+    residual / d log peak. jump: the event, in the given order, at which the residual changes most, and its p-value.
+    pinned: parameters on a bound. drift: per parameter, ln of largest over smallest value among the conditions.
+    pulled_down: largest tension of the seat's joint, over the weight it carries.
     """
 
     amplitude_transfer: Mapping[str, tuple[float, float]]
@@ -163,12 +165,12 @@ class Diagnostics:
 class Trace:
     """A whole trace.
 
-    reasons: one line each, why this verdict and no other. given is the subject as it was given, before the same
-    refitted without (the same object where nothing could be fitted to), after with the effects that were added (the
-    object before where none was). sensors: faults of sensors, beside the verdict. needs: what to record for a verdict.
-    intervals, one list for each of the effects. floor_percent is what noise of the sensors alone leaves, None where it
-    cannot be told. untestable: effects for which a channel is missing. left_out: events or sensors the gate took out,
-    with why. experiment: what to record next. calibrated: whether the threshold was computed anew or found.
+    reasons: of the verdict, a line each. given: the given subject; before: refitted without an effect (the given object
+    if nothing could be fitted); after: with the added effects (the object before if there are none). sensors: sensor
+    faults beside the verdict. needs: recordings missing for a verdict. intervals: for each of the effects.
+    floor_percent: error by sensor noise alone, None if unknown. untestable: effects that lack a channel. left_out:
+    events or sensors that are not used, with the reason. experiment: what to record next. calibrated: whether the
+    threshold was computed or read from an earlier trace. nuisance: largest multiple first.
     """
 
     verdict: Verdict
@@ -183,7 +185,7 @@ class Trace:
     experiment: str
     events: tuple[ComparedEvent, ...]
     rounds: tuple[Round, ...]
-    departures: tuple[Departure, ...]
+    nuisance: tuple[NuisanceValue, ...]
     diagnostics: Diagnostics | None
     surface: Surface | None
     floor_percent: float | None
@@ -198,11 +200,26 @@ class Trace:
     needs: tuple[Need, ...] = ()
 
     @property
+    def chosen(self) -> RankedCandidate | None:
+        """The chosen candidate of the first round."""
+        return self.rounds[0].chosen if self.rounds else None
+
+    @property
     def refitted(self) -> bool:
         """Whether theta was fitted to these events."""
         return self.before is not self.given
 
     @property
+    def added(self) -> tuple[AppliedEffect, ...]:
+        """The found effects that the subject after has."""
+        return tuple(one for one in self.effects if one in self.after.effects)
+
+    @property
+    def not_added(self) -> tuple[AppliedEffect, ...]:
+        """The found effects that cannot be stored in a subject."""
+        return tuple(one for one in self.effects if one not in self.after.effects)
+
+    @property
     def adds(self) -> bool:
-        """Whether the subject after has an effect more."""
+        """Whether the subject after has a further effect."""
         return len(self.after.effects) > len(self.before.effects)

@@ -1,135 +1,86 @@
-"""Rungs: what a candidate gains once it is settled on all events, and why that may be nothing but usual."""
+"""Fitted candidates: the gain of each candidate after a fit to all events."""
 
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.local_fit import LEVELS, LocalFit, relief, settle
-from biodyn_core.tracing.nuisance_model import Background
-from biodyn_core.tracing.screen import Screened, Screening, by_event
-from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.unsteady import unsteady
-
-LEAST_EVENTS: Final = 3
-LEAST_CASES: Final = 2
-"""An effect is believed where it helps in so many events, or in events of so many loading conditions."""
-
-ANEW: Final = 0.25
-"""What is set anew in the very events that choose always gains; 0.17 at most in 94 bodies with nothing hidden."""
-
-LIFT_OFF: Final = "lift_off"
+from biodyn_core.tracing.candidate import Candidate, CandidateFit
+from biodyn_core.tracing.local_fit import LocalFit, evidence_gain, fit_locally
+from biodyn_core.tracing.nuisance_model import NuisanceModel
+from biodyn_core.tracing.screen import Screening, by_event
+from biodyn_core.tracing.settings import UnsteadySettings
+from biodyn_core.tracing.unsteady import unsteady_causes
 
 
-@dataclass(frozen=True, eq=False)
-class FittedCandidate:
-    """A candidate, settled, and its log ratio in each event that chooses (e,), whose loading conditions are cases.
-
-    spreads: how many of the usual departure's it is. against: why it is not this, where that is known.
-    """
-
-    settled: LocalFit
-    gains: Floats
-    cases: tuple[str, ...]
-    screened: Screened
-    steady: bool = True
-    spreads: float = np.inf
-    against: str = ""
-
-    def usual(self, settings: TraceSettings) -> str:
-        """Why a body may be so though nothing is missing, where it may."""
-        if not self.steady and self.gain <= ANEW:
-            return f"is set anew, which gains up to {ANEW:g} where nothing is hidden"
-        farthest = settings.farthest if self.settled.level > LEVELS[-1] else 1.0
-        if self.spreads < farthest:
-            return f"is {self.spreads:.1f} times what is usual there, up to {farthest:g} is no cause"
-        return ""
-
-    @property
-    def helps(self) -> bool:
-        """Whether it helps in more than an event or two of one kind; a seat is left in few, and told by one."""
-        if self.applied.effect.name == LIFT_OFF:
-            return bool((self.gains > 0.0).any())
-        helped = [case for case, gain in zip(self.cases, self.gains, strict=True) if gain > 0.0]
-        return len(helped) >= LEAST_EVENTS or len(set(helped)) >= LEAST_CASES
-
-    @property
-    def applied(self) -> AppliedEffect:
-        """The effect as it was settled."""
-        assert self.settled.applied is not None
-        return self.settled.applied
-
-    @property
-    def gain(self) -> float:
-        """Mean log ratio over the events that choose."""
-        return float(self.gains.mean())
-
-
-def residual_ratio(background: Background, settled: LocalFit) -> float:
-    """What is left in the events that choose, in multiples of what a good model misses, rms, of the median event."""
-    p, left = background.choose.products, settled.left
-    each = [(left[p.event == e].sum(), p.samples[p.event == e].sum()) for e in np.unique(p.event)]
-    return float(np.sqrt(np.median([square / max(samples, 1.0) for square, samples in each])))
+def residual_ratio(nuisance: NuisanceModel, fit: LocalFit) -> float:
+    """Residual of the median event for choosing, rms, in multiples of a good model's."""
+    p, square = nuisance.choose.products, fit.residual_square
+    each = [(square[p.event == e].sum(), p.samples[p.event == e].sum()) for e in np.unique(p.event)]
+    return float(np.sqrt(np.median([total / max(samples, 1.0) for total, samples in each])))
 
 
 class WithoutEffect:
-    """The events without an effect, settled once at each level that is asked for."""
+    """The fits without an effect, one for each prior scale that is needed."""
 
-    def __init__(self, background: Background) -> None:
-        self.background = background
-        self._settled: dict[float, LocalFit] = {}
+    def __init__(self, nuisance: NuisanceModel) -> None:
+        self.nuisance = nuisance
+        self._fits: dict[float, LocalFit] = {}
 
-    def at(self, level: float) -> LocalFit:
+    def at(self, prior_scale: float) -> LocalFit:
         """The fit at a prior scale."""
-        if level not in self._settled:
-            self._settled[level] = settle(self.background.at_level(level), None)
-        return self._settled[level]
+        if prior_scale not in self._fits:
+            self._fits[prior_scale] = fit_locally(self.nuisance.at_scale(prior_scale), None)
+        return self._fits[prior_scale]
 
 
-def fitted_candidate(without_effect: WithoutEffect, start: AppliedEffect, screened: Screened) -> FittedCandidate | None:
-    """An effect settled and weighed at the level that is likeliest without it and at that with it, by the lesser gain.
+def fit_candidate(without_effect: WithoutEffect, one: Candidate, start: AppliedEffect) -> Candidate | None:
+    """Fit a candidate to all events; None if the simulation is unstable.
 
-    None where it runs away.
+    Its gain is the smaller one of two prior scales: the most probable without and with the effect.
     """
-    background = without_effect.background
-    settled = settle(background, start)
-    if settled.applied is None or not np.isfinite(settled.objective):
+    nuisance = without_effect.nuisance
+    local = fit_locally(nuisance, start)
+    if local.applied is None or not np.isfinite(local.objective):
         return None
-    weighed = [_gains(without_effect, settled, background.level)]
-    if settled.level != background.level:
-        again = settle(background.at_level(settled.level), settled.applied)
+    gains = [_gains(without_effect, local, nuisance.prior_scale)]
+    if local.prior_scale != nuisance.prior_scale:
+        again = fit_locally(nuisance.at_scale(local.prior_scale), local.applied)
         if np.isfinite(again.objective):
-            weighed.append(_gains(without_effect, again, settled.level))
-            settled = again
-    rung = FittedCandidate(settled, min(weighed, key=np.mean), _cases(background), screened)
-    return dataclasses.replace(rung, spreads=background.spreads(rung.applied))
+            gains.append(_gains(without_effect, again, local.prior_scale))
+            local = again
+    fit = CandidateFit(local, min(gains, key=np.mean), _conditions(nuisance))
+    return dataclasses.replace(
+        one, fit=dataclasses.replace(fit, typical_multiple=nuisance.typical_multiple(fit.applied))
+    )
 
 
-def _gains(without_effect: WithoutEffect, settled: LocalFit, level: float) -> Floats:
-    """What an effect gains in each event that chooses, (e,), both settled at one level."""
-    background, without = without_effect.background, without_effect.at(level)
-    p = background.choose.products
-    in_events = by_event(without.left, settled.left[:, None], p.event, p.samples)[:, 0]
-    return np.asarray(in_events + relief(background, without, settled))
+def _gains(without_effect: WithoutEffect, local: LocalFit, prior_scale: float) -> Floats:
+    """The gain of an effect in each event for choosing, (e,), both fits at one prior scale."""
+    nuisance, without = without_effect.nuisance, without_effect.at(prior_scale)
+    p = nuisance.choose.products
+    ratios = by_event(without.residual_square, local.residual_square[:, None], p.event, p.samples)[:, 0]
+    return np.asarray(ratios + evidence_gain(nuisance, without, local))
 
 
-def _cases(background: Background) -> tuple[str, ...]:
-    return tuple(case.case for case in background.choose.cases)
+def _conditions(nuisance: NuisanceModel) -> tuple[str, ...]:
+    return tuple(case.case for case in nuisance.choose.cases)
 
 
-def unsteady_candidates(background: Background, without: LocalFit, screening: Screening) -> list[FittedCandidate]:
-    """Rungs of what is set anew time and again; those that were not screened, for want of a channel, are left out."""
-    p, found = background.choose.products, []
-    screened = {(one.tried.applied.effect.name, one.tried.applied.site): one for one in reversed(screening.ladder)}
-    for one in unsteady(background, without):
-        known = screened.get((one.applied.effect.name, one.applied.site))
+def unsteady_candidates(
+    nuisance: NuisanceModel, without: LocalFit, screening: Screening, settings: UnsteadySettings
+) -> list[Candidate]:
+    """Causes that vary with time, as fitted candidates; only those that were screened."""
+    p, found = nuisance.choose.products, []
+    screened = {one.key: one for one in reversed(screening.ranking)}
+    for cause in unsteady_causes(nuisance, without, settings):
+        known = screened.get((cause.applied.effect.name, cause.applied.site))
         if known is not None:
-            settled = dataclasses.replace(without, applied=one.applied, left=one.left)
-            gains = by_event(without.left, one.left[:, None], p.event, p.samples)[:, 0]
-            found.append(FittedCandidate(settled, gains, _cases(background), known, steady=False, against=one.against))
+            local = dataclasses.replace(without, applied=cause.applied, residual_square=cause.residual_square)
+            gains = by_event(without.residual_square, cause.residual_square[:, None], p.event, p.samples)[:, 0]
+            fit = CandidateFit(local, gains, _conditions(nuisance), steady=False, objection=cause.objection)
+            found.append(dataclasses.replace(known, fit=fit))
     return found

@@ -1,6 +1,6 @@
-"""Gate: what is known before any candidate is tried (tracing, 0 and "seconds of data").
+"""Gate: checks before any candidate is tried.
 
-Whether the seat would have to hold the person down, and whether the data can carry a verdict at all.
+They decide which sensors and events are used, and whether there is enough data for a verdict.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -21,28 +21,23 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.findings import Need
 from biodyn_core.tracing.settings import FloorSettings
 
-_APART_S: Final = 1.0
-"""Peaks closer together are of one shock: two axles, two rails."""
-
-SPOILED: Final = 0.02
-"""A sensor of which so much more than of the others is masked is left out of that event."""
-
 
 @dataclass(frozen=True)
 class Contents:
-    """What events hold: seconds without shocks, how many shocks, and how many hard ones among them."""
+    """Contents of events: seconds without shocks, number of shocks, and number of hard ones among them."""
 
     road_s: float
     shocks: int
     hard_shocks: int
 
 
-def pulled_down(subject: Subject, case: Case) -> float:
-    """The largest force with which the seat's joint holds the pelvis down in a prediction, over the weight it carries.
+def seat_tension(subject: Subject, case: Case) -> float:
+    """The largest tension of the seat's joint in a prediction, over the weight above it.
 
-    Above 1 no seat can: lift-off is then a known omission, to be added before any other law is believed.
+    A seat carries no tension: above 1 the body must lift off, which is a known omission of the base chain. 0 for a
+    subject with that effect.
     """
-    if any(applied.effect.name == "lift_off" for applied in subject.effects):
+    if any(applied.effect.known_omission for applied in subject.effects):
         return 0.0
     chain = Chain.of(subject)
     response = predict(subject, case.seat_mps2, case.rate_hz, case.channels)
@@ -53,47 +48,47 @@ def pulled_down(subject: Subject, case: Case) -> float:
 
 
 def contents(cases: Sequence[Case], settings: FloorSettings | None = None) -> Contents:
-    """Count what events hold, behind their warm-up."""
+    """Count the contents of events after their warm-up."""
     s = settings or FloorSettings()
     road_s, shocks, hard = 0.0, 0, 0
     for case in cases:
-        peaks = _peaks_g(case, s.shock_g)
+        peaks = _peaks_g(case, s)
         shocks, hard = shocks + peaks.size, hard + int(np.count_nonzero(peaks >= s.hard_shock_g))
         seconds = (case.seat_mps2.size - case.begin) / case.rate_hz
-        road_s += max(0.0, seconds - _APART_S * peaks.size)
+        road_s += max(0.0, seconds - s.apart_s * peaks.size)
     return Contents(road_s, shocks, hard)
 
 
 def missing(cases: Sequence[Case], role: str, settings: FloorSettings | None = None) -> list[str]:
-    """What events lack for a verdict, one line each; role says what they are for, such as `to fit`."""
+    """The missing data for a verdict, one line each; role is the use of the events, such as `to fit`."""
     s = settings or FloorSettings()
-    found = contents(cases, s)
+    has = contents(cases, s)
     wanted = (
-        (found.road_s, s.road_s, f"{found.road_s:.3g} s without shocks"),
-        (found.shocks, s.shocks, f"{counted(found.shocks, 'shock')} of {s.shock_g:g} g and more"),
-        (found.hard_shocks, s.hard_shocks, f"{counted(found.hard_shocks, 'shock')} of {s.hard_shock_g:g} g and more"),
+        (has.road_s, s.road_s, f"{has.road_s:.3g} s without shocks"),
+        (has.shocks, s.shocks, f"{counted(has.shocks, 'shock')} of {s.shock_g:g} g and more"),
+        (has.hard_shocks, s.hard_shocks, f"{counted(has.hard_shocks, 'shock')} of {s.hard_shock_g:g} g and more"),
     )
     return [
-        f"{role}: {said}, {least:g} {'is' if least == 1 else 'are'} needed"
-        for there, least, said in wanted
-        if there < least
+        f"{role}: {text}, {least:g} {'is' if least == 1 else 'are'} needed"
+        for found, least, text in wanted
+        if found < least
     ]
 
 
 def lacking(train: Sequence[Case], held_out: Sequence[Case], settings: FloorSettings | None = None) -> list[str]:
-    """Why these events cannot carry a verdict, a line each."""
+    """Why these events have too little data for a verdict, a line each."""
     found = missing(train, "to fit", settings) + missing(held_out, "held out", settings)
     if train and len({case.case for case in train}) < 2:
-        found.append(f"to fit: only {train[0].case}; two loading conditions are the least")
+        found.append(f"to fit: only {train[0].case}; two loading conditions are needed")
     choose, report = dealt(held_out)
     if not choose or not report:
-        found.append("held out: two events of one loading condition are the least, one to choose by and one to report")
+        found.append("held out: two events of one loading condition are needed, one to choose by and one to report")
     found += [f"held out: {one.name} is also fitted to" for one in _on_both_sides(train, held_out)]
     return found
 
 
 def needs(train: Sequence[Case], held_out: Sequence[Case], settings: FloorSettings | None = None) -> list[Need]:
-    """What to record so that these events can carry a verdict, at most one need for each use."""
+    """The recordings that are missing for a verdict, at most one need for each use."""
     twice = _on_both_sides(train, held_out)
     spare = [one for one in held_out if not any(one is other for other in twice)]
     to_fit, held = _short("to fit", train, settings), _short("held out", spare, settings)
@@ -110,7 +105,7 @@ def needs(train: Sequence[Case], held_out: Sequence[Case], settings: FloorSettin
 
 
 def dealt(held_out: Sequence[Case]) -> tuple[list[Case], list[Case]]:
-    """Events that choose and events that report: of each loading condition in turn."""
+    """Events for choosing and events for reporting, alternately for each loading condition."""
     choose: list[Case] = []
     report: list[Case] = []
     count: dict[str, int] = {}
@@ -120,21 +115,23 @@ def dealt(held_out: Sequence[Case]) -> tuple[list[Case], list[Case]]:
     return choose, report
 
 
-def usable(train: Sequence[Case], held_out: Sequence[Case]) -> tuple[list[Case], list[Case], list[str]]:
-    """The events without sensors that clipped or failed there, and what was left out."""
-    said: list[str] = []
+def usable(
+    train: Sequence[Case], held_out: Sequence[Case], settings: FloorSettings | None = None
+) -> tuple[list[Case], list[Case], list[str]]:
+    """The events without sensors that clipped or failed in them, and a line for each of these."""
+    left_out: list[str] = []
     kept: tuple[list[Case], list[Case]] = ([], [])
     for side, cases in zip(kept, (train, held_out), strict=True):
         for case in cases:
-            found, lost = cleaned(case)
-            said += lost
+            found, lines = cleaned(case, settings)
+            left_out += lines
             if found.energy.any():
                 side.append(found)
-    return kept[0], kept[1], said
+    return kept[0], kept[1], left_out
 
 
 def _short(use: Literal["to fit", "held out"], cases: Sequence[Case], settings: FloorSettings | None) -> Need:
-    """How much these events are short of the floor; every hard shock is a shock too."""
+    """The difference of these events to the floor; every hard shock counts as a shock too."""
     s = settings or FloorSettings()
     found = contents(cases, s)
     hard = max(0, s.hard_shocks - found.hard_shocks)
@@ -145,33 +142,34 @@ def _on_both_sides(train: Sequence[Case], held_out: Sequence[Case]) -> list[Case
     return [one for one in held_out if any(same(one, other) for other in train)]
 
 
-def _peaks_g(case: Case, least_g: float) -> Floats:
+def _peaks_g(case: Case, s: FloorSettings) -> Floats:
     """The largest reading of every shock of a case, in g, behind the warm-up."""
     size = np.abs(case.seat_mps2[case.begin :]) / STANDARD_GRAVITY_MPS2
-    above = np.flatnonzero(size >= least_g)
+    above = np.flatnonzero(size >= s.shock_g)
     if above.size == 0:
         return np.empty(0)
-    parts = np.split(above, np.flatnonzero(np.diff(above) > _APART_S * case.rate_hz) + 1)
+    parts = np.split(above, np.flatnonzero(np.diff(above) > s.apart_s * case.rate_hz) + 1)
     return np.array([size[part].max() for part in parts])
 
 
-def cleaned(case: Case) -> tuple[Case, list[str]]:
-    """A case without the sensors of which much is masked, and a line for each: what clips also loses its level."""
+def cleaned(case: Case, settings: FloorSettings | None = None) -> tuple[Case, list[str]]:
+    """A case without the sensors with too many masked samples, and a line for each; clipping also shifts the level."""
+    s = settings or FloorSettings()
     share = case.compared[case.begin :].mean(axis=0)
-    bad = (case.energy > 0.0) & (share < share.max() - SPOILED)
-    said = [
+    bad = (case.energy > 0.0) & (share < share.max() - s.masked_share)
+    lines = [
         f"{case.name}: {name}, {100.0 * (share.max() - share[i]):.0f} % clipped, stuck or missing"
         for i, name in enumerate(MEASURED_SEGMENTS)
         if bad[i]
     ]
-    if not said:
-        return case, said
+    if not lines:
+        return case, lines
     compared = case.compared & ~bad
     energy = np.where(bad, 0.0, case.energy)
-    return dataclasses.replace(case, compared=compared, energy=energy), said
+    return dataclasses.replace(case, compared=compared, energy=energy), lines
 
 
 def same(one: Case, other: Case) -> bool:
-    """Whether two cases are of the same motion: the same seat, sample by sample."""
+    """Whether two cases have the same seat motion, sample by sample."""
     a, b = one.seat_mps2, other.seat_mps2
     return a.size == b.size and bool(np.array_equal(a, b))

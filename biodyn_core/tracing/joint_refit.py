@@ -1,6 +1,6 @@
-"""Polish: theta and all effects of a subject fitted together to all events, as a fit without effects fits theta.
+"""Joint refit: theta and all effects of a subject fitted together to all events, without nuisance parameters.
 
-Settling weighs usual departures in; what is carried on, and what errors are reported of, is a subject without them.
+Local fits have nuisance parameters. The resulting subject and the reported errors have none.
 """
 
 from __future__ import annotations
@@ -24,15 +24,14 @@ STEP: Final = 1e-4
 """Step of an effect's parameter for its derivative, as a share of its range."""
 
 INSIDE: Final = 0.02
-"""A start keeps this share of each range from both ends, as those of theta do."""
-
+"""A start keeps this share of each range from both ends, as that of theta does."""
 
 EVALUATIONS: Final = 400
-"""At most so many of all cases."""
+"""Largest number of evaluations of all cases."""
 
 
 def jointly_refitted(subject: Subject, cases: Sequence[Case]) -> Subject:
-    """The subject with theta and its effects' parameters where the sum of squares over all cases is least (Eq. 33)."""
+    """The subject with theta and effect parameters of the least sum of squares over all cases (Eq. 33)."""
     problem = _Problem(subject, cases)
     theta, phi = mapped(interior(subject.parameters.vector()), FREE)
     start = np.concatenate([phi, problem.start()])
@@ -49,20 +48,20 @@ def jointly_refitted(subject: Subject, cases: Sequence[Case]) -> Subject:
 
 
 class _Problem:
-    """The objective of the cases, without any pull; all effects' parameters are shares of their ranges (m,)."""
+    """The objective of the cases without a prior; effect parameters are shares of their ranges (m,)."""
 
     def __init__(self, subject: Subject, cases: Sequence[Case]) -> None:
         self._subject, self._cases = subject, cases
-        # Nuisances stay as settling has them: an instant has no derivative that a small step of its range would show.
+        # Nuisances of an effect stay fixed: a small step of an instant does not change the answer.
         parameters = [(applied, p) for applied in subject.effects for p in _fitted(applied)]
         self._ranges = Ranges([p for _, p in parameters])
         self._values = np.array([applied.values[p.name] for applied, p in parameters])
-        # Chosen once, so that no step of the solver meets an edge.
+        # Chosen once, so that the objective is smooth.
         self._substeps: tuple[int, ...] | None = None
         self._substeps = self._domain(self._shares()).substeps
 
     def start(self) -> Floats:
-        """Where the effects' parameters begin, on the whole line (m,)."""
+        """The start of the effect parameters, on the real line (m,)."""
         return self._ranges.unbounded(self._values, INSIDE)
 
     def subject(self, share: Floats, theta: Floats) -> Subject:

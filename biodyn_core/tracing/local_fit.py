@@ -1,7 +1,7 @@
-"""Settling: theta, the usual departures and one effect fitted together, from where screening found it (tracing, C).
+"""Local fit: theta, the nuisance parameters and one effect fitted together from given start values.
 
-Gauss and Newton's steps with the derivatives by theta and by the departures kept from the fitted subject: what a small
-effect moves, they still point the right way, and a step costs one simulation for each parameter of the effect.
+Gauss-Newton steps. The derivatives by theta and by the nuisance parameters are those of the fitted subject, which a
+small effect hardly changes, so a step costs one simulation for each parameter of the effect.
 """
 
 from __future__ import annotations
@@ -17,113 +17,110 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Ranges
-from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers, moved, sensed
-from biodyn_core.tracing.nuisance_model import FREE, N_THETA, Background, Side
+from biodyn_core.tracing.answers import RUNAWAY_MPS2, accelerations, answers, sensed
+from biodyn_core.tracing.nuisance_model import FREE, N_THETA, EventSet, NuisanceModel
 from biodyn_core.tracing.rows import Products
 
 STEPS: Final = 12
-ENOUGH: Final = 2e-3
-"""A step that takes off less than this share of the objective ends settling."""
+LEAST_DECREASE: Final = 2e-3
+"""A step that reduces the objective by less than this share ends the fit."""
 
-SHARES: Final = (1.0, 0.5, 0.2, 0.05)
-"""Of a step, tried in turn until one takes something off."""
+STEP_SHARES: Final = (1.0, 0.5, 0.2, 0.05)
+"""Shares of a step, tried in this order until one reduces the objective."""
 
 NUDGE: Final = 0.02
-"""Step of an effect's parameter for its derivative, on the whole line that its range is mapped to."""
+"""Step for the derivative by an effect's parameter, which is mapped to the real line."""
 
-FAR: Final = 6.0
-"""How far one step may take it there, as a spread."""
+PSI_SPREAD: Final = 6.0
+"""Prior spread of one step of such a parameter."""
 
 INSIDE: Final = 0.02
-"""A start keeps this share of each range from both ends, but for a nuisance: an instant early in a day is no bound."""
+"""A start keeps this share of each range from both ends, except for nuisances of the effect such as an instant."""
 
-
-LEVELS: Final = (1.0, 0.56, 0.32, 0.18, 0.1)
-"""How far a body may depart from the model, in multiples of the usual: the likeliest of these."""
+PRIOR_SCALES: Final = (1.0, 0.56, 0.32, 0.18, 0.1)
+"""Prior scales of the nuisance parameters; the fit chooses the one with the largest evidence."""
 
 
 @dataclass(frozen=True, eq=False)
 class LocalFit:
-    """Where it ended: the subject, with the effect where there is one, and what is left.
+    """The fitted subject, with the effect if there is one, and its residual.
 
-    departures (k,): how much of each known column, theta's first; objective: on the fitted side, infinite where the
-    chain runs away; stretched: squares of the usual departures in theirs; level: the likeliest of `LEVELS`; away: what
-    it costs at the level it was settled at, in twice the log evidence, that theta and departures are not at rest; left
-    (w,): squares in each window of the events that choose; intervals: 95 % of each of the effect's parameters; at_bound
-    names those that ended on one.
+    coefficients (k,) of the known columns, theta's first; objective: on the events for fitting, infinite if the
+    simulation is unstable; nuisance_square: sum of squared nuisance parameters, in typical spreads; prior_scale: the
+    most probable of `PRIOR_SCALES`; penalty: of theta and nuisance parameters, in twice the log evidence, at the prior
+    scale of the model; residual_square (w,): by window of the events for choosing; intervals: 95 % of each parameter
+    of the effect; at_bound: those of them that end on a bound.
     """
 
     subject: Subject
     applied: AppliedEffect | None
-    departures: Floats
+    coefficients: Floats
     objective: float
-    stretched: float
-    level: float
-    away: float
-    left: Floats
+    nuisance_square: float
+    prior_scale: float
+    penalty: float
+    residual_square: Floats
     intervals: tuple[tuple[float, float], ...] = ()
     at_bound: tuple[str, ...] = ()
 
 
-def settle(
-    background: Background, start: AppliedEffect | None, steps: int = STEPS, with_intervals: bool = False,
-    enough: float = ENOUGH,
+def fit_locally(
+    nuisance: NuisanceModel, start: AppliedEffect | None, steps: int = STEPS, with_intervals: bool = False,
+    least_decrease: float = LEAST_DECREASE,
 ) -> LocalFit:  # fmt: skip
-    """Fit theta, the departures and an effect from its start values; without an effect, theta and departures alone.
+    """Fit theta, the nuisance parameters and an effect from its start values; without a start, no effect.
 
-    A step that takes off less than the share enough ends it. Intervals, which take as long as a step, where they are
-    asked for.
+    A step that reduces the objective by less than the share least_decrease ends the fit. Intervals cost as much as one
+    step.
     """
-    problem = _Problem(background, start)
+    problem = _Problem(nuisance, start)
     at = problem.at(np.zeros(N_THETA), problem.unbounded(start))
     for _ in range(steps):
         better = _descended(problem, at) if np.isfinite(at.objective) else None
         if better is None:
             break
-        little = at.objective - better.objective < enough * at.objective
+        little = at.objective - better.objective < least_decrease * at.objective
         at = better
         if little:
             break
-    ran_away = LocalFit(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, background.choose.products.square)
+    unstable = LocalFit(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, nuisance.choose.products.square)
     if not np.isfinite(at.objective):
-        return ran_away
-    left = predicted(background.choose, at.subject).left(at.b)
-    level, away = problem.likeliest(at)
-    # It may hold where it was fitted and run away elsewhere, or hold itself and run away with a little more or less.
-    if not (left.max() < RUNAWAY_MPS2**2 and np.isfinite(away)):
-        return ran_away
+        return unstable
+    residual_square = simulated_products(nuisance.choose, at.subject).residual_square(at.b)
+    prior_scale, penalty = problem.most_probable(at)
+    # Other events, or parameters beside the solution, may be unstable although the solution is stable.
+    if not (residual_square.max() < RUNAWAY_MPS2**2 and np.isfinite(penalty)):
+        return unstable
     applied = problem.applied(at.psi) if start else None
     intervals = problem.intervals(at) if with_intervals else ()
     return LocalFit(
-        at.subject, applied, at.b, at.objective, problem.stretched(at), level, away, left, intervals,
-        problem.at_bound(at.psi),
+        at.subject, applied, at.b, at.objective, problem.nuisance_square(at), prior_scale, penalty, residual_square,
+        intervals, problem.at_bound(at.psi),
     )  # fmt: skip
 
 
-def relief(background: Background, without: LocalFit, settled: LocalFit) -> float:
-    """By how much likelier the departures become that are left, in twice the log evidence for each counted sample.
+def evidence_gain(nuisance: NuisanceModel, without: LocalFit, fitted: LocalFit) -> float:
+    """Decrease of the penalty by an effect, in twice the log evidence for each independent sample.
 
-    What a departure far beyond the usual would explain as well predicts no better once it is called by its name: a
-    clock that is 3 ms late is told from the usual by its size, and a neck that stiffens a little by a body that else
-    is as the model has it. Both are to be settled at one level: from one to the next what departures cost falls while
-    what they leave grows.
+    An effect that replaces a large nuisance parameter predicts no better, but it is more probable. Both fits need the
+    same prior scale, because penalty and residual change with it in opposite directions.
     """
-    return (without.away - settled.away) / background.counted
+    return (without.penalty - fitted.penalty) / nuisance.independent_samples
 
 
-def predicted(side: Side, subject: Subject) -> Products:
-    """The products of events that were not fitted to, for a subject."""
-    return side.of(side.missed(subject))
+def simulated_products(events: EventSet, subject: Subject) -> Products:
+    """The products of events for another subject."""
+    return events.products_of(events.residuals(subject))
 
 
 def _descended(problem: _Problem, at: _Point) -> _Point | None:
-    """A point from which less is left, the first along the step; None where there is none."""
-    beside = problem.by_psi(at)
-    delta, psi = problem.step(at, beside)
-    if not (np.isfinite(delta).all() and np.isfinite(psi).all()):  # beside the point the chain runs away
+    """The first point along the step with a smaller objective; None if there is none."""
+    slopes = problem.by_psi(at)
+    delta, psi = problem.step(at, slopes)
+    if not (np.isfinite(delta).all() and np.isfinite(psi).all()):  # the simulation is unstable beside this point
         return None
-    for share in SHARES:
-        tried = problem.at(at.delta + share * (delta - at.delta), at.psi + share * (psi - at.psi), beside)
+    for share in STEP_SHARES:
+        tried = problem.at(at.delta + share * (delta - at.delta), at.psi + share * (psi - at.psi), slopes)
         if tried.objective < at.objective:
             return tried
     return None
@@ -131,88 +128,88 @@ def _descended(problem: _Problem, at: _Point) -> _Point | None:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Theta's logarithm less the fit's (14,), the effect's parameters on the whole line (p,), and what follows.
+    """ln theta relative to the fit's (14,), the effect's parameters on the real line (p,), and the simulation of both.
 
-    moved (n, 6) and answers (n, 5) of each event are the segments' and what sensors show; beside: the derivatives by
+    accel (n, 6) and answers (n, 5) of each event are those of the segments and the sensors; slopes: the derivatives by
     psi that led here, by event, empty at the start.
     """
 
     delta: Floats
     psi: Floats
     subject: Subject
-    moved: list[Floats]
+    accel: list[Floats]
     answers: list[Floats]
-    missed: list[Floats]
+    residuals: list[Floats]
     products: Products
     b: Floats
     objective: float
-    beside: Sequence[Floats]
+    slopes: Sequence[Floats]
 
 
 class _Problem:
-    """The objective of the fitted side: squares of what is left, and the prior."""
+    """The objective of the events for fitting: squared residuals and the prior."""
 
-    def __init__(self, background: Background, template: AppliedEffect | None) -> None:
-        self._background, self._template = background, template
+    def __init__(self, nuisance: NuisanceModel, template: AppliedEffect | None) -> None:
+        self._nuisance, self._template = nuisance, template
         parameters = template.effect.parameters if template else ()
         self._names = [p.name for p in parameters]
         self._ranges = Ranges(parameters)
         self._inside = np.array([1e-6 if p.kind == "nuisance" else INSIDE for p in parameters])
-        self._normal = background.normal()
+        self._normal = nuisance.normal()
         self._own = np.linalg.inv(self._normal[N_THETA:, N_THETA:])
 
-    def at(self, delta: Floats, psi: Floats, beside: Sequence[Floats] = ()) -> _Point:
-        """Simulate a point, with the departures that are best there; its objective is infinite where it runs away."""
-        train, weight = self._background.train, self._background.weight
+    def at(self, delta: Floats, psi: Floats, slopes: Sequence[Floats] = ()) -> _Point:
+        """Simulate a point and fit its nuisance parameters; the objective is infinite if the simulation is unstable."""
+        train, weight = self._nuisance.train, self._nuisance.weight
         subject = self._subject(delta, psi)
-        moving = moved(subject, train.cases)
-        shown = sensed(subject, train.cases, moving)
-        missed = [rows.missed(one) for rows, one in zip(train.rows, shown, strict=True)]
-        products = train.of(missed)
-        if not products.square.max() < RUNAWAY_MPS2**2:  # NaN runs away too
+        accel = accelerations(subject, train.cases)
+        shown = sensed(subject, train.cases, accel)
+        residuals = [rows.residual(one) for rows, one in zip(train.rows, shown, strict=True)]
+        products = train.products_of(residuals)
+        if not products.square.max() < RUNAWAY_MPS2**2:  # also for NaN
             b = np.zeros(len(self._normal))
-            return _Point(delta, psi, subject, moving, shown, missed, products, b, np.inf, beside)
-        asked = weight @ products.miss[:, N_THETA:]
-        own = self._own @ asked
-        prior = float(self._background.precision[:N_THETA] @ delta**2)
-        objective = float(weight @ products.square) - float(asked @ own) + prior
+            return _Point(delta, psi, subject, accel, shown, residuals, products, b, np.inf, slopes)
+        right = weight @ products.cross[:, N_THETA:]
+        own = self._own @ right
+        prior = float(self._nuisance.precision[:N_THETA] @ delta**2)
+        objective = float(weight @ products.square) - float(right @ own) + prior
         b = np.concatenate([np.zeros(N_THETA), own])
-        return _Point(delta, psi, subject, moving, shown, missed, products, b, objective, beside)
+        return _Point(delta, psi, subject, accel, shown, residuals, products, b, objective, slopes)
 
-    def step(self, at: _Point, beside: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """Where Gauss and Newton would go from here: delta (14,) and psi (p,)."""
-        data, asked = self._system(at, beside)
-        found = np.asarray(np.linalg.solve(data + np.diag(self._prior(self._background.level, at.psi)), asked))
+    def step(self, at: _Point, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """The Gauss-Newton solution from here: delta (14,) and psi (p,)."""
+        data, right = self._system(at, slopes)
+        found = np.asarray(np.linalg.solve(data + np.diag(self._prior(self._nuisance.prior_scale, at.psi)), right))
         return found[:N_THETA], np.asarray(at.psi + found[len(self._normal) :])
 
-    def stretched(self, at: _Point) -> float:
-        """Squares of the departures in their usual spread."""
-        return float(self._background.usual[N_THETA:] @ at.b[N_THETA:] ** 2)
+    def nuisance_square(self, at: _Point) -> float:
+        """Sum of squared nuisance parameters, in typical spreads."""
+        return float(self._nuisance.unit_precision[N_THETA:] @ at.b[N_THETA:] ** 2)
 
-    def likeliest(self, at: _Point) -> tuple[float, float]:
-        """The level with the most evidence at a point, all else refitted to first order, and the cost at this one."""
-        data, asked = self._system(at, at.beside or self.by_psi(at))
-        square = float(self._background.weight @ at.products.square)
-        square += float(at.delta @ (2.0 * asked[:N_THETA] - data[:N_THETA, :N_THETA] @ at.delta))
+    def most_probable(self, at: _Point) -> tuple[float, float]:
+        """The prior scale with the largest evidence, all else refitted to first order, and the penalty at this one."""
+        data, right = self._system(at, at.slopes or self.by_psi(at))
+        square = float(self._nuisance.weight @ at.products.square)
+        square += float(at.delta @ (2.0 * right[:N_THETA] - data[:N_THETA, :N_THETA] @ at.delta))
         found = []
-        for level in LEVELS:
-            prior = self._prior(level, at.psi)
-            x = np.linalg.solve(data + np.diag(prior), asked)
+        for scale in PRIOR_SCALES:
+            prior = self._prior(scale, at.psi)
+            x = np.linalg.solve(data + np.diag(prior), right)
             own = slice(N_THETA, len(prior) - at.psi.size)
             volume = np.linalg.slogdet((data + np.diag(prior))[own, own])[1] - np.log(prior[own]).sum()
-            away = float(prior[: own.stop] @ x[: own.stop] ** 2 + volume)
-            found.append((square - 2.0 * float(asked @ x) + float(x @ data @ x) + away, level, away))
-        return min(found)[1], next(cost for _, level, cost in found if level == self._background.level)
+            penalty = float(prior[: own.stop] @ x[: own.stop] ** 2 + volume)
+            found.append((square - 2.0 * float(right @ x) + float(x @ data @ x) + penalty, scale, penalty))
+        return min(found)[1], next(penalty for _, scale, penalty in found if scale == self._nuisance.prior_scale)
 
     def intervals(self, at: _Point) -> tuple[tuple[float, float], ...]:
-        """95 % of each of the effect's parameters, all else fitted beside."""
+        """95 % intervals of the effect's parameters, all else fitted as well."""
         if at.psi.size == 0:
             return ()
         data, _ = self._system(at, self.by_psi(at))
-        prior = np.diag(self._prior(self._background.level, at.psi))
+        prior = np.diag(self._prior(self._nuisance.prior_scale, at.psi))
         variance = np.diag(np.linalg.inv(data + prior))[len(self._normal) :]
-        away = 1.96 * np.sqrt(np.maximum(variance, 0.0))
-        low, high = (self._ranges.bounded(at.psi + sign * away) for sign in (-1.0, 1.0))
+        half = 1.96 * np.sqrt(np.maximum(variance, 0.0))
+        low, high = (self._ranges.bounded(at.psi + sign * half) for sign in (-1.0, 1.0))
         return tuple(zip(low.tolist(), high.tolist(), strict=True))
 
     def at_bound(self, psi: Floats) -> tuple[str, ...]:
@@ -229,51 +226,51 @@ class _Problem:
         return dataclasses.replace(self._template, values=dict(zip(self._names, values, strict=True)))
 
     def unbounded(self, start: AppliedEffect | None) -> Floats:
-        """Its values, a little inside their ranges, on the whole line (p,)."""
+        """The values, moved inside their ranges, on the real line (p,)."""
         if start is None or not self._names:
             return np.empty(0)
         return self._ranges.unbounded(np.array([start.values[name] for name in self._names]), self._inside)
 
     def _subject(self, delta: Floats, psi: Floats) -> Subject:
         """The fitted subject, moved by delta (14,), with the effect."""
-        theta = self._background.subject.parameters.vector()
+        theta = self._nuisance.subject.parameters.vector()
         theta[FREE] = np.clip(theta[FREE] * np.exp(delta), LOWER[FREE], UPPER[FREE])
-        found = dataclasses.replace(self._background.subject, parameters=Parameters.from_vector(theta))
+        found = dataclasses.replace(self._nuisance.subject, parameters=Parameters.from_vector(theta))
         if self._template is None:
             return found
         return dataclasses.replace(found, effects=(*found.effects, self.applied(psi)))
 
-    def _prior(self, level: float, psi: Floats) -> Floats:
-        """The precision of all unknowns: theta and departures (k,), then the effect's (p,)."""
-        return np.concatenate([self._background.precision_at(level), np.full(psi.size, 1.0 / FAR**2)])
+    def _prior(self, prior_scale: float, psi: Floats) -> Floats:
+        """The precision of all unknowns: theta and nuisance parameters (k,), then the effect's (p,)."""
+        return np.concatenate([self._nuisance.precision_at(prior_scale), np.full(psi.size, 1.0 / PSI_SPREAD**2)])
 
-    def _system(self, at: _Point, beside: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """The normal equations of all unknowns, without the prior: theta and departures (k,), the effect's (p,)."""
-        weight, train = self._background.weight, self._background.train
-        columns = self._normal - np.diag(self._background.precision)
-        asked = weight @ at.products.miss + columns[:, :N_THETA] @ at.delta  # theta's prior is about the fit, not here
+    def _system(self, at: _Point, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """The normal equations of all unknowns, without the prior: theta and nuisance (k,), the effect's (p,)."""
+        weight, train = self._nuisance.weight, self._nuisance.train
+        columns = self._normal - np.diag(self._nuisance.precision)
+        right = weight @ at.products.cross + columns[:, :N_THETA] @ at.delta  # theta's prior is centred at the fit
         if at.psi.size == 0:
-            return columns, asked
-        known = zip(train.known, beside, strict=True)
+            return columns, right
+        known = zip(train.known, slopes, strict=True)
         cross = np.einsum("w,wip->ip", weight, np.concatenate([np.matmul(k.transpose(0, 2, 1), o) for k, o in known]))
-        own = np.einsum("w,wpq->pq", weight, np.concatenate([np.matmul(o.transpose(0, 2, 1), o) for o in beside]))
-        missed = zip(beside, at.missed, strict=True)
-        match = weight @ np.concatenate([np.einsum("wrp,wr->wp", o, y) for o, y in missed])
+        own = np.einsum("w,wpq->pq", weight, np.concatenate([np.matmul(o.transpose(0, 2, 1), o) for o in slopes]))
+        pairs = zip(slopes, at.residuals, strict=True)
+        match = weight @ np.concatenate([np.einsum("wrp,wr->wp", o, y) for o, y in pairs])
         return np.block([[columns, cross], [cross.T, own]]), np.concatenate(
-            [asked, match + cross[:N_THETA].T @ at.delta]
+            [right, match + cross[:N_THETA].T @ at.delta]
         )
 
     def by_psi(self, at: _Point) -> list[Floats]:
-        """Derivatives (w, r, p) of each fitted event's rows by psi."""
+        """Derivatives (w, r, p) of the rows of each event for fitting by psi."""
         if at.psi.size == 0:
             return []
         slopes = zip(*(self._slopes(at, nudge) for nudge in NUDGE * np.eye(at.psi.size)), strict=True)
         return [
-            rows(np.stack(of_case, axis=2)) for rows, of_case in zip(self._background.train.rows, slopes, strict=True)
+            rows(np.stack(of_case, axis=2)) for rows, of_case in zip(self._nuisance.train.rows, slopes, strict=True)
         ]
 
     def _slopes(self, at: _Point, nudge: Floats) -> list[Floats]:
-        """Derivatives (n, 5) of what each fitted event shows along a nudge; from behind where it runs away ahead."""
+        """Derivatives (n, 5) of the answers along a nudge; backward if the forward simulation is unstable."""
         for step in (nudge, -nudge):
             stepped = self._answers(at, at.psi + step)
             if all(np.abs(one).max() < RUNAWAY_MPS2 for one in stepped):
@@ -281,8 +278,8 @@ class _Problem:
         return [(one - plain) / step.sum() for one, plain in zip(stepped, at.answers, strict=True)]
 
     def _answers(self, at: _Point, psi: Floats) -> list[Floats]:
-        """What sensors show (n, 5) in each fitted event, for other parameters of the effect."""
+        """Answers (n, 5) in each event for fitting, for other parameters of the effect."""
         assert self._template is not None
-        subject, cases = self._subject(at.delta, psi), self._background.train.cases
-        # What is on a sensor moves nobody.
-        return sensed(subject, cases, at.moved) if self._template.effect.measured else answers(subject, cases)
+        subject, cases = self._subject(at.delta, psi), self._nuisance.train.cases
+        # An effect on a sensor does not change the motion.
+        return sensed(subject, cases, at.accel) if self._template.effect.measured else answers(subject, cases)

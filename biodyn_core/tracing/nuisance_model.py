@@ -1,7 +1,7 @@
-"""Background: what theta and the usual departures can take on of a residual, and what they leave.
+"""Nuisance model: the part of a residual that theta and the nuisance parameters explain.
 
-Ridge regression with the usual spreads as its prior (a generalised least squares whose covariance follows the input).
-Theta is one more direction: it may move, but not by any amount.
+Ridge regression with the typical spreads as its prior, which equals generalised least squares with a covariance that
+follows the input. Theta has a prior around its fit.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer, answers
-from biodyn_core.tracing.nuisance_parameters import Direction, bend_n, columns, directions
+from biodyn_core.tracing.nuisance_parameters import NuisanceParameter, bend_n, columns, nuisance_parameters
 from biodyn_core.tracing.rows import Products, Rows
-from biodyn_core.tracing.settings import BackgroundSettings
+from biodyn_core.tracing.settings import NuisanceSettings
 
 FREE: Final = np.array([p.group != "mass_scale" for p in PARAMETERS])
 """m_scale cancels from accelerations."""
@@ -32,135 +32,139 @@ N_THETA: Final = int(FREE.sum())
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
-    """Events that are fitted to, or that choose: their rows, the known columns (w, r, k) of each, and products."""
+class EventSet:
+    """Events with one use (fitting or choosing): their rows, the known columns (w, r, k) of each, and products."""
 
     cases: tuple[Case, ...]
     rows: tuple[Rows, ...]
     known: tuple[Floats, ...]
     products: Products
 
-    def missed(self, subject: Subject) -> list[Floats]:
-        """The miss (w, r) of a subject in each event."""
-        return [rows.missed(one) for rows, one in zip(self.rows, answers(subject, self.cases), strict=True)]
+    def residuals(self, subject: Subject) -> list[Floats]:
+        """The residual rows (w, r) of a subject in each event."""
+        return [rows.residual(one) for rows, one in zip(self.rows, answers(subject, self.cases), strict=True)]
 
-    def of(self, missed: Sequence[Floats]) -> Products:
-        """The products for another miss."""
-        pairs = list(zip(self.known, missed, strict=True))
+    def products_of(self, residuals: Sequence[Floats]) -> Products:
+        """The products for other residuals."""
+        pairs = list(zip(self.known, residuals, strict=True))
         return dataclasses.replace(
             self.products,
-            miss=np.concatenate([np.einsum("wri,wr->wi", known, y, optimize=True) for known, y in pairs]),
-            square=np.concatenate([np.einsum("wr,wr->w", y, y) for y in missed]),
+            cross=np.concatenate([np.einsum("wri,wr->wi", known, y, optimize=True) for known, y in pairs]),
+            square=np.concatenate([np.einsum("wr,wr->w", y, y) for y in residuals]),
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Background:
-    """The known columns, theta's first, with the precision (k,) of their prior; both sides of the events.
+class NuisanceModel:
+    """The known columns, theta's first, with their prior precision (k,) at scale 1, for both sets of events.
 
-    weight (w,) of the fitted side's windows: one over their event's variance, times what counts as independent. level:
-    how far this body and these sensors depart, in multiples of the usual spread; the prior of departures goes by it.
+    weight (w,) of the windows for fitting: one over the variance of their event, times the independent share.
+    prior_scale: spread of the nuisance parameters in multiples of the typical spread.
     """
 
     subject: Subject
-    found: tuple[Direction, ...]
-    usual: Floats
-    train: Side
-    choose: Side
+    parameters: tuple[NuisanceParameter, ...]
+    unit_precision: Floats
+    train: EventSet
+    choose: EventSet
     weight: Floats
     independent: float
-    level: float = 1.0
+    prior_scale: float = 1.0
 
     @classmethod
     def of(
-        cls, subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: BackgroundSettings | None = None
-    ) -> Background:
-        """Linearise a fitted subject's answers to all events, around its theta."""
-        s = settings or BackgroundSettings()
-        found = tuple(directions(subject, train, s.usual))
-        spread = np.concatenate([np.full(N_THETA, s.theta_spread), np.ones(len(found) + 2)])
-        sides = [_side(subject, cases, found, s) for cases in (train, choose)]
+        cls, subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: NuisanceSettings | None = None
+    ) -> NuisanceModel:
+        """Linearise the answers of a fitted subject in all events around its theta."""
+        s = settings or NuisanceSettings()
+        parameters = tuple(nuisance_parameters(subject, train, s.typical))
+        spread = np.concatenate([np.full(N_THETA, s.theta_spread), np.ones(len(parameters) + 2)])
+        sets = [_event_set(subject, cases, parameters, s) for cases in (train, choose)]
         independent = s.weights.independent
-        weight = np.full(sides[0].products.square.size, independent)
-        return cls(subject, found, 1.0 / spread**2, sides[0], sides[1], weight, independent).reweighted()
+        weight = np.full(sets[0].products.square.size, independent)
+        return cls(subject, parameters, 1.0 / spread**2, sets[0], sets[1], weight, independent).reweighted()
 
     @property
     def precision(self) -> Floats:
-        """The precision (k,) of the prior: theta's, then that of departures at this level."""
-        return self.precision_at(self.level)
+        """The prior precision (k,) at this model's prior scale, theta's first."""
+        return self.precision_at(self.prior_scale)
 
-    def precision_at(self, level: float) -> Floats:
-        """The precision (k,) of the prior at a level."""
-        least = np.array([*(direction.least for direction in self.found), 0.0, 0.0])  # the seat's gain and clock
-        return np.concatenate([self.usual[:N_THETA], self.usual[N_THETA:] / np.maximum(level, least) ** 2])
+    def precision_at(self, prior_scale: float) -> Floats:
+        """The prior precision (k,) at a prior scale."""
+        least = np.array([*(one.least_scale for one in self.parameters), 0.0, 0.0])  # the seat's gain and clock
+        own = self.unit_precision[N_THETA:] / np.maximum(prior_scale, least) ** 2
+        return np.concatenate([self.unit_precision[:N_THETA], own])
 
     @property
-    def counted(self) -> float:
-        """How many independent samples the fitted side counts as."""
+    def independent_samples(self) -> float:
+        """The number of independent samples for fitting."""
         return self.independent * float(self.train.products.samples.sum())
 
-    def at_level(self, level: float) -> Background:
-        """The same for bodies and sensors that depart by so many times the usual."""
-        return dataclasses.replace(self, level=level)
+    def at_scale(self, prior_scale: float) -> NuisanceModel:
+        """The same model with another prior scale."""
+        return dataclasses.replace(self, prior_scale=prior_scale)
 
-    def spreads(self, applied: AppliedEffect) -> float:
-        """How many spreads of the usual departure an effect is, where it sits; inf where there is none like it.
+    def typical_multiple(self, applied: AppliedEffect) -> float:
+        """The size of an effect in spreads of the typical deviation at its site; inf if there is none like it.
 
-        That is the departure by its own law; of another law of stretch alone, how it bends the joint where that goes
-        farthest: a stop that is soft enough is no more than anybody's asymmetry.
+        An effect with nuisance parameters of its own law is compared with these. Another static law is compared by its
+        force at the reach of the joint: a soft stop equals a typical asymmetry.
         """
-        here = [d for d in self.found if d.applied is not None and d.site == applied.site]
-        own = [d for d in here if d.applied is not None and d.applied.effect is applied.effect]
+        here = [one for one in self.parameters if one.applied is not None and one.site == applied.site]
+        own = [one for one in here if one.applied is not None and one.applied.effect is applied.effect]
         if own:
-            sizes = [applied.values[name] / (d.usual * size) for d in own for name, size in d.strengths.items()]
-            sizes += [applied.values[name] / spread for d in own for name, spread in d.besides.items()]
+            sizes = [applied.values[name] / (one.spread * size) for one in own for name, size in one.strengths.items()]
+            sizes += [applied.values[name] / spread for one in own for name, spread in one.other_spreads.items()]
             return float(np.linalg.norm(sizes))
         if not applied.effect.static:
             return np.inf
         chain = Chain.of(dataclasses.replace(self.subject, effects=()))
-        usual = [(d.usual * bend_n(chain, d.applied, d.reach_m), d.reach_m) for d in here if d.applied and d.reach_m]
-        return max((bend_n(chain, applied, reach_m) / one for one, reach_m in usual if one > 0.0), default=np.inf)
+        laws = [(one.applied, one.spread, one.reach_m) for one in here if one.applied is not None and one.reach_m]
+        forces = [(spread * bend_n(chain, law, reach_m), reach_m) for law, spread, reach_m in laws]
+        return max((bend_n(chain, applied, reach_m) / one for one, reach_m in forces if one > 0.0), default=np.inf)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The usual departures, in the order of their columns."""
-        return (*(direction.name for direction in self.found), "gain of seat", "clock of seat")
+        """The nuisance parameters in the order of their columns."""
+        return (*(one.name for one in self.parameters), "gain of seat", "clock of seat")
 
-    def reweighted(self) -> Background:
-        """Every event as loud as what is left of it, so that no shock rules and none that fails is believed."""
-        weight = self.weight
+    def reweighted(self) -> NuisanceModel:
+        """Every event weighted by one over the variance of its residual, so that no shock dominates."""
+        weight, p = self.weight, self.train.products
         for _ in range(2):
-            left = self.train.products.left(self.solved(self.train.products, weight))
-            p = self.train.products
+            square = p.residual_square(self.solution(p, weight))
             variance = np.array(
-                [left[p.event == e].sum() / max(p.samples[p.event == e].sum(), 1.0) for e in np.unique(p.event)]
+                [square[p.event == e].sum() / max(p.samples[p.event == e].sum(), 1.0) for e in np.unique(p.event)]
             )
             weight = self.independent / np.maximum(variance, 1e-9)[p.event]
         return dataclasses.replace(self, weight=weight)
 
     def normal(self, weight: Floats | None = None) -> Floats:
-        """The normal matrix (k, k) of the fitted side, prior included."""
+        """The normal matrix (k, k) of the events for fitting, prior included."""
         w = self.weight if weight is None else weight
         return np.asarray(np.einsum("w,wij->ij", w, self.train.products.columns) + np.diag(self.precision))
 
-    def solved(self, products: Products, weight: Floats | None = None) -> Floats:
-        """How much of each column (k,) the fitted side's products ask for."""
+    def solution(self, products: Products, weight: Floats | None = None) -> Floats:
+        """The coefficients (k,) of all columns for products of the events for fitting."""
         w = self.weight if weight is None else weight
-        return np.asarray(np.linalg.solve(self.normal(w), w @ products.miss))
+        return np.asarray(np.linalg.solve(self.normal(w), w @ products.cross))
 
 
-def _side(subject: Subject, cases: Sequence[Case], found: Sequence[Direction], s: BackgroundSettings) -> Side:
-    rows, known, missed = [], [], []
+def _event_set(
+    subject: Subject, cases: Sequence[Case], parameters: Sequence[NuisanceParameter], s: NuisanceSettings
+) -> EventSet:
+    rows, known, residuals = [], [], []
     for case in cases:
         plain = answer(subject, case)
-        one = Rows(case, plain, s.weights, s.usual)
+        one = Rows(case, plain, s.weights, s.typical)
         rows.append(one)
         slope = np.gradient(plain, 1.0 / case.rate_hz, axis=0)
-        seat = np.stack([s.usual.usual_gain * plain, -s.usual.usual_clock_s * slope], axis=2)
+        seat = np.stack([s.typical.usual_gain * plain, -s.typical.usual_clock_s * slope], axis=2)
         theta = _by_theta(subject, case)
-        known.append(one(np.concatenate([theta, columns(subject, case, plain, found), seat], axis=2)))
-        missed.append(one.missed(plain))
-    return Side(tuple(cases), tuple(rows), tuple(known), Products.of(known, missed, [one.samples for one in rows]))
+        known.append(one(np.concatenate([theta, columns(subject, case, plain, parameters), seat], axis=2)))
+        residuals.append(one.residual(plain))
+    products = Products.of(known, residuals, [one.samples for one in rows])
+    return EventSet(tuple(cases), tuple(rows), tuple(known), products)
 
 
 def _by_theta(subject: Subject, case: Case) -> Floats:

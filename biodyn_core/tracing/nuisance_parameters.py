@@ -1,8 +1,8 @@
-"""Usual departures: what every body and every sensor has of its own, and no verdict is to be built on.
+"""Nuisance parameters: typical deviations of every body and every sensor, which are no finding.
 
-Joints bend a little, masses differ from the table, sensors have gains, clocks and mountings. Each is a direction in
-which the answer may go, with a spread that is usual; together they are the misfit that follows the input. Candidates
-are weighed against what is left once these, too, have taken what they usually take.
+Joints are slightly nonlinear, masses differ from the table, sensors have gains, clocks and mountings. Each parameter
+changes the answer along one direction and has a typical spread. Together they are the error that follows the input.
+A candidate has to explain what the nuisance parameters leave.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
@@ -21,49 +20,48 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.settings import UsualSettings
-
-DRIFTING_S: Final = 5.0
-"""A clock that drifts is late by as much after so long, the middle of an event, as others usually are throughout."""
+from biodyn_core.tracing.settings import TypicalSettings
 
 
 @dataclass(frozen=True)
-class Direction:
-    """One usual departure: an effect of the catalogue, a mass, or a horizontal axis in the seat's vertical.
+class NuisanceParameter:
+    """One typical deviation: of an effect's strength, of a mass, or of the seat's vertical towards a horizontal axis.
 
-    usual is the spread of it, for an effect in multiples of one that shows; least is the share of the usual that also
-    those have who depart in nothing; reach_m is how far the joint goes whose law it bends; besides are the spreads of
-    strengths that go with it and that it does not show itself.
+    spread: its standard deviation, for an effect in multiples of the applied strength. least_scale: the least prior
+    scale of this parameter. reach_m: how far the joint of this law moves. other_spreads: spreads of further strengths
+    of the effect, which this parameter does not change.
     """
 
     name: str
-    usual: float
+    spread: float
     applied: AppliedEffect | None = None
     segment: int = -1
-    leaking: str = ""
-    least: float = 0.0
+    seat_axis: str = ""
+    least_scale: float = 0.0
     reach_m: float = 0.0
-    besides: Mapping[str, float] = field(default_factory=dict)
+    other_spreads: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def site(self) -> str:
-        """The joint, segment or sensor that it is of."""
+        """Its joint, segment or sensor."""
         if self.applied is not None:
             return self.applied.site
-        return SEAT if self.leaking else SEGMENTS[self.segment]
+        return SEAT if self.seat_axis else SEGMENTS[self.segment]
 
     @property
     def strengths(self) -> dict[str, float]:
-        """What of an effect shows, by name."""
+        """The strengths of its effect that are not zero, by name."""
         assert self.applied is not None
         given = self.applied.values
         return {name: given[name] for name in self.applied.effect.strengths if given[name]}
 
 
-def directions(subject: Subject, cases: Sequence[Case], settings: UsualSettings | None = None) -> list[Direction]:
-    """All directions that these cases can show."""
-    s = settings or UsualSettings()
-    found = [d for sensor in MEASURED_SEGMENTS for d in _of_sensor(sensor, cases, s)]
+def nuisance_parameters(
+    subject: Subject, cases: Sequence[Case], settings: TypicalSettings | None = None
+) -> list[NuisanceParameter]:
+    """All nuisance parameters that change these cases."""
+    s = settings or TypicalSettings()
+    found = [one for sensor in MEASURED_SEGMENTS for one in _of_sensor(sensor, cases, s)]
     reach_m, rate_mps, rms_mps = _travel(subject, cases)
     damping = Chain.of(subject).damping_n_s_per_m
     for joint, segment in enumerate(SEGMENTS):
@@ -75,15 +73,18 @@ def directions(subject: Subject, cases: Sequence[Case], settings: UsualSettings 
         }
         laws = [_strength(name, segment, size, size) for name, size in sizes.items()]
         found += [dataclasses.replace(one, reach_m=float(reach_m[joint])) for one in laws]
-    found += [Direction(f"mass of {segment}", s.usual_mass, segment=i) for i, segment in enumerate(SEGMENTS)]
-    if _measured_aside(SEAT, cases):
-        # The whole body answers to it, so next to no noise hides it.
-        found += [Direction(f"lean of {SEAT} ({a})", s.rest_lean, leaking=f"{SEAT}.{a}", least=1.0) for a in "xy"]
+    found += [NuisanceParameter(f"mass of {name}", s.usual_mass, segment=i) for i, name in enumerate(SEGMENTS)]
+    if _has_horizontal(SEAT, cases):
+        # It moves the whole body, so sensor noise hardly limits its estimate.
+        found += [
+            NuisanceParameter(f"lean of {SEAT} ({axis})", s.rest_lean, seat_axis=f"{SEAT}.{axis}", least_scale=1.0)
+            for axis in "xy"
+        ]
     return found
 
 
 def bend_n(chain: Chain, applied: AppliedEffect, reach_m: float) -> float:
-    """The most force that a law of stretch alone adds where its joint goes farthest, N; 0 for any other law."""
+    """The largest force, N, that a static law adds at the reach of its joint; 0 for any other law."""
     elements = chain.with_effects((applied,)).elements
     if not (applied.effect.static and elements):
         return 0.0
@@ -92,51 +93,51 @@ def bend_n(chain: Chain, applied: AppliedEffect, reach_m: float) -> float:
     return max(abs(float(force(stretch, 0.0, 0.0, *constants))) for stretch in (-reach_m, reach_m))
 
 
-def columns(subject: Subject, case: Case, plain: Floats, found: Sequence[Direction]) -> Floats:
-    """What each direction adds to the answer, per usual spread, (n, 5, d); plain (n, 5) is the answer without."""
-    out = np.empty((*plain.shape, len(found)))
-    for i, direction in enumerate(found):
-        if direction.applied is not None:
-            out[:, :, i] = direction.usual * (answer(subject, case, (direction.applied,), plain) - plain)
-        elif direction.leaking:
-            seat_mps2 = case.seat_mps2 + direction.usual * case.channels[direction.leaking]
+def columns(subject: Subject, case: Case, plain: Floats, parameters: Sequence[NuisanceParameter]) -> Floats:
+    """Change of the answer by each parameter, per typical spread, (n, 5, d); plain (n, 5) is the answer without."""
+    out = np.empty((*plain.shape, len(parameters)))
+    for i, one in enumerate(parameters):
+        if one.applied is not None:
+            out[:, :, i] = one.spread * (answer(subject, case, (one.applied,), plain) - plain)
+        elif one.seat_axis:
+            seat_mps2 = case.seat_mps2 + one.spread * case.channels[one.seat_axis]
             out[:, :, i] = answer(subject, dataclasses.replace(case, seat_mps2=seat_mps2)) - plain
         else:
-            out[:, :, i] = _heavier(subject, case, direction.segment, direction.usual) - plain
+            out[:, :, i] = _heavier(subject, case, one.segment, one.spread) - plain
     return out
 
 
-def _of_sensor(sensor: str, cases: Sequence[Case], s: UsualSettings) -> list[Direction]:
+def _of_sensor(sensor: str, cases: Sequence[Case], s: TypicalSettings) -> list[NuisanceParameter]:
     clock = _strength("clock", sensor, s.usual_clock_s, 0.001, "delay_s")
     found = [
         _strength("gain", sensor, s.usual_gain, 0.05),
-        dataclasses.replace(clock, besides={"drift": s.usual_clock_s / DRIFTING_S}),
+        dataclasses.replace(clock, other_spreads={"drift": s.usual_clock_s / s.drift_s}),
         _strength("skin", sensor, s.usual_softness_s, 0.0025, "softness_s"),
     ]
-    if _measured_aside(sensor, cases):
-        least = min(s.rest_lean / s.usual_lean, 1.0)
-        leans = [_strength("tilt", sensor, s.usual_lean, 0.1, lean) for lean in ("lean_x", "lean_y")]
-        found += [dataclasses.replace(one, least=least) for one in leans]
+    if _has_horizontal(sensor, cases):
+        least_scale = min(s.rest_lean / s.usual_lean, 1.0)
+        tilts = [_strength("tilt", sensor, s.usual_lean, 0.1, lean) for lean in ("lean_x", "lean_y")]
+        found += [dataclasses.replace(one, least_scale=least_scale) for one in tilts]
     return found
 
 
-def _measured_aside(sensor: str, cases: Sequence[Case]) -> bool:
+def _has_horizontal(sensor: str, cases: Sequence[Case]) -> bool:
     return all(f"{sensor}.{axis}" in case.channels for case in cases for axis in "xy")
 
 
-def _strength(name: str, site: str, usual: float, shows: float, strength: str = "") -> Direction:
-    """A departure by the one strength of an effect, tried at a size that shows, within its range."""
+def _strength(name: str, site: str, spread: float, size: float, strength: str = "") -> NuisanceParameter:
+    """A nuisance parameter for one strength of an effect, applied at a size within the strength's range."""
     effect = CATALOGUE[name]
     strength = strength or effect.strengths[0]
     values = {p.name: (0.0 if p.kind == "strength" else p.size) for p in effect.parameters}
     upper = next(p.upper for p in effect.parameters if p.name == strength)
-    values[strength] = min(shows, upper)
+    values[strength] = min(size, upper)
     label = f"{name} of {site}" + (f" ({strength})" if len(effect.strengths) > 1 else "")
-    return Direction(label, usual / values[strength], AppliedEffect(effect, site, values))
+    return NuisanceParameter(label, spread / values[strength], AppliedEffect(effect, site, values))
 
 
 def _travel(subject: Subject, cases: Sequence[Case]) -> tuple[Floats, Floats, Floats]:
-    """How far and how fast each joint goes, (6,) each: the median over events of the largest, and of the rms rate."""
+    """Largest stretch and rate of each joint and its rms rate, (6,) each, medians over the events."""
     reach, rate, rms = [], [], []
     for case in cases:
         response = predict(subject, case.seat_mps2, case.rate_hz, case.channels)
@@ -148,7 +149,7 @@ def _travel(subject: Subject, cases: Sequence[Case]) -> tuple[Floats, Floats, Fl
 
 
 def _heavier(subject: Subject, case: Case, segment: int, share: float) -> Floats:
-    """The answer (n, 5) with one segment heavier by a share of its mass; stiffness and damping stay as they are."""
+    """The answer (n, 5) with one segment heavier by a share of its mass; stiffness and damping do not change."""
     chain = Chain.of(subject)
     on = np.arange(N_SEGMENTS) == segment
     carried = on if chain.mass_matrix_form == "segment" else np.arange(N_SEGMENTS) <= segment

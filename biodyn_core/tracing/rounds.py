@@ -1,11 +1,11 @@
-"""One greedy round: every effect at every site settled on few events, the best of them on all, one taken or none."""
+"""One greedy round: every candidate is fitted to few events, the best ones to all events, and at most one is chosen."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import MutableMapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -14,139 +14,143 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.choice import TELLING, asked, candidate, rivals, taken
-from biodyn_core.tracing.findings import Candidate, Round
-from biodyn_core.tracing.fitted_candidates import (
-    FittedCandidate,
-    WithoutEffect,
-    fitted_candidate,
-    residual_ratio,
-    unsteady_candidates,
+from biodyn_core.tracing.candidate import Candidate
+from biodyn_core.tracing.choice import chosen, ranked, required_gain, rivals
+from biodyn_core.tracing.findings import Round
+from biodyn_core.tracing.fitted_candidates import WithoutEffect, fit_candidate, residual_ratio, unsteady_candidates
+from biodyn_core.tracing.local_fit import LocalFit, fit_locally
+from biodyn_core.tracing.nuisance_model import NuisanceModel
+from biodyn_core.tracing.preliminary_fit import (
+    STEPS,
+    OnStage,
+    PreliminaryFits,
+    from_checkpoint,
+    larger,
+    preliminary_fits,
+    to_checkpoint,
 )
-from biodyn_core.tracing.local_fit import LocalFit, settle
-from biodyn_core.tracing.nuisance_model import Background
-from biodyn_core.tracing.preliminary_fit import SIZES, STEPS, PreliminaryFits, Tell, glance, larger, plain, taken_up
-from biodyn_core.tracing.screen import Screening, Tried, candidates
-from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.screen import Screening, all_candidates
+from biodyn_core.tracing.settings import PreliminarySettings, TraceSettings
 
-Kept = MutableMapping[str, Any]
-"""What is kept of the long parts of a trace, by a key that tells one problem from another."""
-
-FROM_ALL: Final = 4
-"""So many of those in the running are started from all their shapes and strengths."""
-
-STEADY_SHARE: Final = ("clock",)
-"""Of what is set anew time and again, these have a share that stays, which a subject carries."""
+Checkpoint = MutableMapping[str, Any]
+"""Stored results of the long stages of traces, by a key that identifies the problem."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A round with what it rests on: the background, settled without and, where an effect was taken, with it."""
+    """A round with its fits: without an effect and, if one is chosen, with it."""
 
     round: Round
-    background: Background
+    nuisance: NuisanceModel
     without: LocalFit
-    taken: LocalFit | None
+    chosen: LocalFit | None
 
     @property
-    def carried(self) -> bool:
-        """Whether the subject that was taken carries the effect: what is never twice the same, none can."""
-        return self.taken is not None and len(self.taken.subject.effects) > len(self.background.subject.effects)
+    def adds_effect(self) -> bool:
+        """Whether the subject of the chosen fit has the effect; one that varies with time cannot be stored in it."""
+        return self.chosen is not None and len(self.chosen.subject.effects) > len(self.nuisance.subject.effects)
 
-    def uncarried(self, why: str) -> Outcome:
-        """The round where no subject carries what it took; only what is never the same twice stays taken."""
-        chosen, settled = self.round.taken, self.taken
-        assert chosen is not None and settled is not None
-        if not chosen.steady:
-            return dataclasses.replace(self, taken=dataclasses.replace(settled, subject=self.background.subject))
-        refused = dataclasses.replace(chosen, against=(*chosen.against, why))
-        ladder = tuple(refused if one is chosen else one for one in self.round.ladder)
-        return dataclasses.replace(self, round=Round(ladder, self.round.threshold, None, ()), taken=None)
+    def refused(self, why: str) -> Outcome:
+        """The round with its effect refused for the subject; a cause that varies with time stays chosen."""
+        candidate, fit = self.round.chosen, self.chosen
+        assert candidate is not None and fit is not None
+        if not candidate.steady:
+            return dataclasses.replace(self, chosen=dataclasses.replace(fit, subject=self.nuisance.subject))
+        objected = dataclasses.replace(candidate, against=(*candidate.against, why))
+        ranking = tuple(objected if one is candidate else one for one in self.round.ranking)
+        return dataclasses.replace(self, round=Round(ranking, self.round.threshold, None, ()), chosen=None)
 
     @property
     def before(self) -> float:
-        """What was left when the round began, as by `residual_ratio`."""
-        return residual_ratio(self.background, self.without)
+        """The `residual_ratio` before the round."""
+        return residual_ratio(self.nuisance, self.without)
 
     @property
     def after(self) -> float:
-        """What is left now, likewise."""
-        return residual_ratio(self.background, self.taken or self.without)
+        """The `residual_ratio` after the round."""
+        return residual_ratio(self.nuisance, self.chosen or self.without)
 
 
 def one_round(
-    subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: TraceSettings, seed: int, tell: Tell,
-    kept: Kept | None = None,
+    subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: TraceSettings, seed: int,
+    on_stage: OnStage, checkpoint: Checkpoint | None = None,
 ) -> Outcome:  # fmt: skip
-    """Look for one effect that the subject lacks; where there is none, none is taken."""
-    few = _likeliest(Background.of(subject, first_of_each(train), first_of_each(choose), settings.background))
-    glanced = _glanced(few, candidates([*train, *choose], subject.effects)[0], settings, seed, tell, kept)
-    background = _likeliest(Background.of(subject, train, choose, settings.background))
-    without_effect = WithoutEffect(background)
-    without = without_effect.at(background.level)
+    """Search for one effect that the subject lacks."""
+    first = (first_of_each(train), first_of_each(choose))
+    few = _most_probable(NuisanceModel.of(subject, *first, settings.nuisance), settings)
+    candidates, _ = all_candidates([*train, *choose], subject.effects)
+    preliminary = _preliminary(few, candidates, settings, seed, on_stage, checkpoint)
+    nuisance = _most_probable(NuisanceModel.of(subject, train, choose, settings.nuisance), settings)
+    without_effect = WithoutEffect(nuisance)
+    without = without_effect.at(nuisance.prior_scale)
     if not np.isfinite(without.objective):
         names = ", ".join(case.name for case in choose)
         raise InputError(
-            f"{subject.name}: the fitted chain runs away in one of {names}; look for outliers, leave it out"
+            f"{subject.name}: the simulation is unstable in one of {names}; look for outliers, leave it out"
         )
-    rungs = _climbed(few, glanced, without_effect, settings, tell)
-    rungs = sorted([*rungs, *unsteady_candidates(background, without, glanced.screening)], key=lambda rung: -rung.gain)
-    threshold = max(asked(without_effect, settings), float(np.quantile(glanced.screening.chance, 0.95)))
-    told = [candidate(rung, background, without, glanced.screening, settings) for rung in rungs]
-    ladder = (*told, *_screened_only(glanced.screening, told))
-    index = taken(told, rungs, threshold, settings)
+    screening = preliminary.screening
+    fitted = _fitted(few, preliminary, without_effect, settings, on_stage)
+    fitted += unsteady_candidates(nuisance, without, screening, settings.unsteady)
+    fitted = sorted(fitted, key=lambda one: -one.fitted.gain)
+    by_chance = float(np.quantile(screening.chance, settings.evidence.chance_quantile))
+    threshold = max(required_gain(without_effect, settings), by_chance)
+    rows = [ranked(one, nuisance, without, screening, settings) for one in fitted]
+    rest = [ranked(one, nuisance, without, screening, settings) for one in _not_fitted(screening, fitted)]
+    ranking = (*rows, *rest)
+    index = chosen(rows, fitted, threshold, settings)
     if index is None:
-        return Outcome(Round(ladder, threshold, None, ()), background, without, None)
-    alike = rivals(index, told, rungs, glanced.screening, settings)
-    settled = _settled_anew(background, rungs[index])
-    return Outcome(Round(ladder, threshold, told[index], alike), background, without, settled)
+        return Outcome(Round(ranking, threshold, None, ()), nuisance, without, None)
+    found = Round(ranking, threshold, rows[index], rivals(index, rows, fitted, screening, settings))
+    return Outcome(found, nuisance, without, _with_intervals(nuisance, fitted[index]))
 
 
-def _climbed(
-    few: Background, glanced: PreliminaryFits, without_effect: WithoutEffect, settings: TraceSettings, tell: Tell
-) -> list[FittedCandidate]:
-    """Those in the running, settled on all events; what runs away is left out."""
+def _fitted(
+    few: NuisanceModel, preliminary: PreliminaryFits, without_effect: WithoutEffect, settings: TraceSettings,
+    on_stage: OnStage,
+) -> list[Candidate]:  # fmt: skip
+    """The candidates of the shortlist, fitted to all events, without those that are unstable."""
     found = []
-    running = glanced.running(settings.refined)
-    for number, one in enumerate(running):
-        start = _best_start(few, glanced.screening, one.applied) if number < FROM_ALL else one.applied
-        rung = fitted_candidate(without_effect, start, one.screened)
-        if rung is not None:
-            found.append(rung)
-        tell("settling", (number + 1) / len(running))
+    shortlist = preliminary.shortlist(settings.refined)
+    for number, one in enumerate(shortlist):
+        many = number < settings.preliminary.many_starts
+        start = _best_start(few, preliminary.screening, one, settings.preliminary) if many else one.tried.applied
+        fitted = fit_candidate(without_effect, one, start)
+        if fitted is not None:
+            found.append(fitted)
+        on_stage("fitting candidates", (number + 1) / len(shortlist))
     return found
 
 
-def _settled_anew(background: Background, rung: FittedCandidate) -> LocalFit:
-    """What was taken with its intervals, and of a cause that was set time and again the share that stays."""
-    chosen = rung.settled
-    if not rung.steady and rung.applied.effect.name not in STEADY_SHARE:
-        return chosen
-    settled = settle(background.at_level(chosen.level), chosen.applied, with_intervals=True)
-    return dataclasses.replace(settled, left=chosen.left)
+def _with_intervals(nuisance: NuisanceModel, one: Candidate) -> LocalFit:
+    """The fit of the chosen candidate with intervals; of a cause that varies with time, of its constant part if any."""
+    local = one.fitted.local
+    if not one.fitted.steady and not one.start.effect.constant_part:
+        return local
+    fit = fit_locally(nuisance.at_scale(local.prior_scale), local.applied, with_intervals=True)
+    return dataclasses.replace(fit, residual_square=local.residual_square)
 
 
-def _likeliest(background: Background) -> Background:
-    """For a body that departs from the model as far as is likeliest where nothing is missing.
+def _most_probable(nuisance: NuisanceModel, settings: TraceSettings) -> NuisanceModel:
+    """The model at its most probable prior scale, if the residual is that of a good model.
 
-    Where more is left than of a good model, something is, and departures that are small beside it tell nothing.
+    A larger residual shows that something is missing; the nuisance parameters are then small beside it.
     """
-    found = settle(background, None)
-    plain = residual_ratio(background, found) < TELLING and np.isfinite(found.objective)
-    return background.at_level(found.level) if plain else background
+    found = fit_locally(nuisance, None)
+    good = residual_ratio(nuisance, found) < settings.evidence.good_fit and np.isfinite(found.objective)
+    return nuisance.at_scale(found.prior_scale) if good else nuisance
 
 
-def _glanced(
-    few: Background, tried: Sequence[Tried], settings: TraceSettings, seed: int, tell: Tell, kept: Kept | None
+def _preliminary(
+    few: NuisanceModel, candidates: Sequence[Candidate], settings: TraceSettings, seed: int, on_stage: OnStage,
+    checkpoint: Checkpoint | None,
 ) -> PreliminaryFits:  # fmt: skip
-    """The glance that was kept of these very events, theta, channels and settings, or a new one, kept."""
-    cases = [*few.train.cases, *few.choose.cases]
-    key = f"glance {fingerprint(cases, few.subject, seed, settings)}"
-    if kept is not None and key in kept:
-        return taken_up(kept[key], tried)
-    found = glance(few, tried, settings.replicates, seed, tell)
-    if kept is not None:
-        kept[key] = plain(found)
+    """The stored preliminary fits of the same events, theta, channels and settings, or new ones, which are stored."""
+    key = f"preliminary {fingerprint([*few.train.cases, *few.choose.cases], few.subject, seed, settings)}"
+    if checkpoint is not None and key in checkpoint:
+        return from_checkpoint(checkpoint[key], candidates)
+    found = preliminary_fits(few, candidates, settings.replicates, seed, on_stage, settings.preliminary)
+    if checkpoint is not None:
+        checkpoint[key] = to_checkpoint(found)
     return found
 
 
@@ -158,26 +162,22 @@ def first_of_each(cases: Sequence[Case]) -> list[Case]:
     return list(first.values())
 
 
-def _best_start(few: Background, screening: Screening, start: AppliedEffect) -> AppliedEffect:
-    """From where the effect ends lowest on few events: as it was glanced at, or from other shapes and strengths."""
+def _best_start(few: NuisanceModel, screening: Screening, one: Candidate, s: PreliminarySettings) -> AppliedEffect:
+    """The best fit to few events: from the preliminary fit, or from the other shapes and strengths."""
+    start = one.tried.applied
     others = [
-        larger(one.applied, one.strength, size)
-        for one in screening.tried
-        for size in SIZES
-        if one.applied.effect is start.effect and one.applied.site == start.site
+        larger(other.start, other.strength, size)
+        for other in screening.candidates
+        for size in s.strengths
+        if other.key == one.key
     ]
-    settled = [settle(few, one, STEPS) for one in (start, *others)]
-    best = min(settled, key=lambda one: one.objective)
+    fits = [fit_locally(few, each, STEPS) for each in (start, *others)]
+    best = min(fits, key=lambda fit: fit.objective)
     return start if best.applied is None or not np.isfinite(best.objective) else best.applied
 
 
-def _screened_only(screening: Screening, told: Sequence[Candidate]) -> list[Candidate]:
-    """The rest of the catalogue, one for each effect and site, with the gain of screening's linear step."""
-    seen = {(one.applied.effect.name, one.applied.site) for one in told}
-    found = []
-    for one in screening.ladder:
-        key = (one.tried.applied.effect.name, one.tried.applied.site)
-        if key not in seen:
-            seen.add(key)
-            found.append(Candidate(one.tried.applied, one.gain, False, one.p_value, one.absorbed, 0))
-    return found
+def _not_fitted(screening: Screening, fitted: Sequence[Candidate]) -> list[Candidate]:
+    """The best screened candidate of each other effect and site."""
+    best = {one.key: one for one in reversed(screening.ranking)}
+    known = {one.key for one in fitted}
+    return [one for one in screening.ranking if best[one.key] is one and one.key not in known]

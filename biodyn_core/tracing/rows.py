@@ -1,7 +1,7 @@
-"""Rows: what is compared in an event, thinned and weighted, and products of it window by window.
+"""Rows: weighted samples of an event, and their products by window.
 
-Everything a trace decides, it decides from these: residuals, what theta and the usual departures would change, what
-candidates would. Sensors' clocks and levels, which differ from event to event, are taken off here.
+All decisions of a trace use them: for residuals and for changes by theta, nuisance parameters and candidates. Clock
+offsets and levels of sensors, which differ between events, are removed here.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from scipy import ndimage
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.settings import UsualSettings, WeightSettings
+from biodyn_core.tracing.settings import TypicalSettings, WeightSettings
 
 THINNED_HZ: Final = 280.0
-"""All channels are low-passed at 100 Hz: closer samples say nothing new."""
+"""All channels are low-passed at 100 Hz, so closer samples add no information."""
 
 LOCAL_S: Final = 0.5
-"""Over which the size of the motion is taken that a sample's weight goes by."""
+"""Length over which the motion around a sample is averaged for its weight."""
 
 
 class Rows:
-    """The rows of one case: of any values (n, 5, k) those compared, weighted, without this event's clocks and levels.
+    """The rows of one case: values (n, 5, k) where compared, weighted, without clock offsets and levels of this event.
 
-    answer (n, 5) is the model's, whose slope says what a clock that is off would change.
+    answer (n, 5) is the model's; its slope is the change by a clock offset.
     """
 
-    def __init__(self, case: Case, answer: Floats, weights: WeightSettings, usual: UsualSettings) -> None:
+    def __init__(self, case: Case, answer: Floats, weights: WeightSettings, typical: TypicalSettings) -> None:
         self._begin, self._every = case.begin, max(1, round(case.rate_hz / THINNED_HZ))
         self.rate_hz = rate_hz = case.rate_hz / self._every
         measured, compared = self._thinned(case.measured_mps2), self._thinned(case.compared)
@@ -41,11 +41,11 @@ class Rows:
         used = compared[: self.windows * self._length].reshape(self.windows, -1)
         self.samples = used.sum(axis=1).astype(np.float64)
         self._measured = measured
-        self.usual_clock_s = usual.usual_clock_s
+        self.typical_clock_s = typical.usual_clock_s
         slope = np.gradient(self._thinned(answer), 1.0 / rate_hz, axis=0)
-        # A clock is one usual departure more, and weighed against the prior as those are; a level is nobody's news.
+        # The clock has the prior of a nuisance parameter; the levels carry no information.
         spread = np.array(
-            [usual.usual_clock_s * np.sqrt(weights.independent), usual.usual_level_mps2, usual.usual_level_mps2]
+            [typical.usual_clock_s * np.sqrt(weights.independent), typical.usual_level_mps2, typical.usual_level_mps2]
         )
         self._clock_s = float(spread[0])
         self._own = self._of_event(slope, spread)
@@ -53,19 +53,19 @@ class Rows:
     def __call__(self, values: Floats) -> Floats:
         """Rows (w, r, k) of values (n, 5, k), by window."""
         thinned = self._thinned(values) * self._weight[:, :, None]
-        for s, (shapes, taken) in enumerate(self._own):
-            thinned[:, s] -= shapes @ (taken @ thinned[:, s])
+        for s, (shapes, solve) in enumerate(self._own):
+            thinned[:, s] -= shapes @ (solve @ thinned[:, s])
         whole = thinned[: self.windows * self._length]
         return np.ascontiguousarray(whole.reshape(self.windows, -1, values.shape[2]))
 
-    def missed(self, answer: Floats) -> Floats:
+    def residual(self, answer: Floats) -> Floats:
         """Rows (w, r) of the measurement less an answer (n, 5)."""
         whole = np.zeros((len(answer), answer.shape[1], 1))
         whole[self._begin :: self._every, :, 0] = self._measured - self._thinned(answer)
         return self(whole)[:, :, 0]
 
     def moving_mps2(self, parts: int) -> Floats:
-        """How much is measured in each of so many parts of each window, rms over segments, (w * parts,)."""
+        """Measured acceleration in each part of each window, rms over samples and segments, (w * parts,)."""
         whole = self._measured[: self.windows * self._length].reshape(self.windows, -1)
         each = whole.shape[1] // parts * parts
         return np.asarray(np.sqrt((whole[:, :each].reshape(self.windows * parts, -1) ** 2).mean(axis=1)))
@@ -74,28 +74,28 @@ class Rows:
         return values[self._begin :: self._every]
 
     def _of_event(self, slope: Floats, spread: Floats) -> list[tuple[Floats, Floats]]:
-        """Per segment, shapes (n, 3) of a late clock, a level and a growing level, and what takes them off (3, n)."""
-        there = np.ones(len(slope))
-        growing = np.linspace(-1.0, 1.0, len(there))
+        """Per segment, shapes (n, 3) of a clock offset, a level and a linear level, and their fit (3, n)."""
+        level = np.ones(len(slope))
+        growing = np.linspace(-1.0, 1.0, len(level))
         found = []
         for s in range(slope.shape[1]):
-            shapes = np.column_stack([-slope[:, s], there, growing]) * self._weight[:, s, None]
+            shapes = np.column_stack([-slope[:, s], level, growing]) * self._weight[:, s, None]
             found.append((shapes, np.linalg.solve(shapes.T @ shapes + np.diag(1.0 / spread**2), shapes.T)))
         return found
 
-    def on_time(self, left: Floats, segment: int) -> tuple[Floats, Floats]:
-        """Rows (w, r) of what is left once one segment's clock is set in each window, and how late it was, (w,) s."""
+    def on_time(self, residual: Floats, segment: int) -> tuple[Floats, Floats]:
+        """Residual rows (w, r) with the clock of one segment fitted in each window, and its delay (w,), s."""
         shape = self._own[segment][0][: self.windows * self._length, 0].reshape(self.windows, -1)
-        changed = left.reshape(self.windows, -1, len(self._own)).copy()
+        changed = residual.reshape(self.windows, -1, len(self._own)).copy()
         energy = (shape**2).sum(axis=1)
         more_s = (shape * changed[:, :, segment]).sum(axis=1) / np.where(energy > 0.0, energy, 1.0)
         changed[:, :, segment] -= more_s[:, None] * shape
-        # What the usual spread allows of their mean has been taken off the whole event before.
-        return changed.reshape(left.shape), more_s + self._clock_s**2 * float(energy @ more_s)
+        # The event's own clock offset has been removed before.
+        return changed.reshape(residual.shape), more_s + self._clock_s**2 * float(energy @ more_s)
 
 
 def _expected(measured: Floats, compared: Floats, rate_hz: float, s: WeightSettings) -> Floats:
-    """What a good model still misses of each sample, rms, (n, 5)."""
+    """Expected error of a good model at each sample, rms, (n, 5)."""
     around = ndimage.uniform_filter1d(measured**2, max(1, round(LOCAL_S * rate_hz)), axis=0)
     whole = (measured**2).sum(axis=0) / np.maximum(compared.sum(axis=0), 1)
     return np.asarray(np.sqrt(s.noise_mps2**2 + s.local_share**2 * around + s.event_share**2 * whole))
@@ -103,31 +103,31 @@ def _expected(measured: Floats, compared: Floats, rate_hz: float, s: WeightSetti
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """Sums of products over the rows of windows: of columns (w, k, k), with the miss (w, k), of the miss (w,).
+    """Sums of products by window: of columns (w, k, k), of columns and residual (w, k), of the residual (w,).
 
-    event (w,) numbers the event a window is of; samples (w,) are how many are compared in it.
+    event (w,): the number of the window's event; samples (w,): how many samples are compared in it.
     """
 
     columns: Floats
-    miss: Floats
+    cross: Floats
     square: Floats
     event: Integers
     samples: Floats
 
     @classmethod
-    def of(cls, columns: Sequence[Floats], missed: Sequence[Floats], samples: Sequence[Floats]) -> Products:
+    def of(cls, columns: Sequence[Floats], residuals: Sequence[Floats], samples: Sequence[Floats]) -> Products:
         """From the rows (w, r, k) and (w, r) of each event."""
         return cls(
             columns=np.concatenate([np.einsum("wri,wrj->wij", c, c, optimize=True) for c in columns]),
-            miss=np.concatenate(
-                [np.einsum("wri,wr->wi", c, y, optimize=True) for c, y in zip(columns, missed, strict=True)]
+            cross=np.concatenate(
+                [np.einsum("wri,wr->wi", c, y, optimize=True) for c, y in zip(columns, residuals, strict=True)]
             ),
-            square=np.concatenate([np.einsum("wr,wr->w", y, y) for y in missed]),
+            square=np.concatenate([np.einsum("wr,wr->w", y, y) for y in residuals]),
             event=np.repeat(np.arange(len(samples)), [len(one) for one in samples]),
             samples=np.concatenate(list(samples)),
         )
 
-    def left(self, b: Floats) -> Floats:
-        """What columns times b (k,) leave of the miss, sums of squares (w,)."""
+    def residual_square(self, b: Floats) -> Floats:
+        """Sums of squares (w,) of the residual less columns times b (k,)."""
         along = np.einsum("wij,j->wi", self.columns, b)
-        return np.maximum(self.square - 2.0 * self.miss @ b + along @ b, 0.0)
+        return np.maximum(self.square - 2.0 * self.cross @ b + along @ b, 0.0)

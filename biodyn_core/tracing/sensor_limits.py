@@ -1,6 +1,6 @@
-"""Limits of sensors: how far a good IMU may be off by its data sheet, in one place with the source of each.
+"""Limits of sensors: the errors that the data sheet of a good IMU allows, with the source of each.
 
-A fault within them is a finding about the sensor. It names the verdict only where it explains what is left.
+An error within its limit is a finding about the sensor. It is the cause only if it explains the residual.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from typing import Final
 
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.nuisance_parameters import DRIFTING_S
-from biodyn_core.tracing.settings import UsualSettings
+from biodyn_core.tracing.settings import TypicalSettings
 
+_TYPICAL: Final = TypicalSettings()
 ICM_20948: Final = "TDK InvenSense ICM-20948, DS-000189 rev. 1.3, table 2"
 
 
 @dataclass(frozen=True)
 class SensorLimit:
-    """The largest size of one fault, in `unit`, that a data sheet allows, and how a fault's values give its size."""
+    """The largest size of one fault, in `unit`, that a data sheet allows, and the size for given values."""
 
     limit: float
     unit: str
@@ -37,20 +37,20 @@ LIMITS: Final[Mapping[str, SensorLimit]] = {
     "tilt": SensorLimit(
         math.asin(0.05 + 0.02),
         "rad",
-        f"{ICM_20948}: 50 mg zero-g output on a board, which leans the level, and 2 % cross-axis sensitivity",
+        f"{ICM_20948}: 50 mg zero-g output on a board, which tilts the level, and 2 % cross-axis sensitivity",
         lambda values: math.asin(min(1.0, math.hypot(values["lean_x"], values["lean_y"]))),
     ),
     "clock": SensorLimit(
-        UsualSettings().usual_clock_s,
+        _TYPICAL.usual_clock_s,
         "s",
-        "no data sheet that we could read states it: the usual offset of a clock that is set once before an event",
-        lambda values: values["delay_s"] + DRIFTING_S * values["drift"],
+        "in no data sheet that we read; typical offset of a clock that is set once before an event",
+        lambda values: values["delay_s"] + _TYPICAL.drift_s * values["drift"],
     ),
 }
-"""By effect. The size of a clock is how late it is amid an event."""
+"""By the name of the effect. The size of a clock is its delay in the middle of an event."""
 
 
 def within_limits(fault: AppliedEffect) -> bool:
-    """Whether an effect is a fault of a sensor that its data sheet allows; no other effect is."""
+    """Whether an effect is a fault of a sensor within its data sheet; False for any other effect."""
     known = LIMITS.get(fault.effect.name)
     return known is not None and abs(known.size(fault.values)) <= known.limit

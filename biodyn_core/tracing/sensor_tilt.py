@@ -1,32 +1,29 @@
-"""Leans: sensors that lean while they move, told by their own gyros.
+"""Sensor tilt: the mean tilt of a sensor in motion, from its own gyro.
 
-Recordings set such a sensor upright, so no model is asked to explain it; what is usual goes unsaid, more is named.
+Recordings correct this tilt, so it leaves no residual. Only a tilt beyond the typical one is reported.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case
-
-USUAL_TIMES: Final = 3.0
-"""A lean of so many times its usual spread is no longer usual."""
-
-PLAIN_SHARE: Final = 0.3
-"""... and less of it, where nothing else departs: 1.3 deg."""
+from biodyn_core.tracing.settings import TiltSettings
 
 
-def leaning(cases: Sequence[Case], usual_lean: float, plain: bool) -> tuple[AppliedEffect, ...]:
-    """The sensors whose mean lean over all events is beyond the usual, as tilts; those not set upright are left out.
+def sensor_tilts(
+    cases: Sequence[Case], spread: float, plain: bool, settings: TiltSettings | None = None
+) -> tuple[AppliedEffect, ...]:
+    """Sensors with an atypical mean tilt over all events, as effects; only sensors with a gyro in every event.
 
-    plain: nothing else of this body or its sensors departs as far as usual.
+    spread: the typical tilt, as a share of g. plain: nothing else of this body and its sensors deviates.
     """
-    limit = USUAL_TIMES * usual_lean * (PLAIN_SHARE if plain else 1.0)
+    s = settings or TiltSettings()
+    limit = s.most_typical * spread * (s.plain_share if plain else 1.0)
     found = []
     for sensor in MEASURED_SEGMENTS:
         if not cases or not all(sensor in case.leans for case in cases):
@@ -38,6 +35,6 @@ def leaning(cases: Sequence[Case], usual_lean: float, plain: bool) -> tuple[Appl
     return tuple(found)
 
 
-def lean_deg(tilt: AppliedEffect) -> float:
-    """How far a tilt leans."""
+def tilt_deg(tilt: AppliedEffect) -> float:
+    """The angle of a tilt, degrees."""
     return float(np.degrees(np.arcsin(np.hypot(tilt.values["lean_x"], tilt.values["lean_y"]))))

@@ -1,12 +1,12 @@
-"""How a trace is done.
+"""Settings of a trace: every threshold of its decisions.
 
-What separates effects from the usual was set on simulated bodies, with development forms alone.
+The thresholds come from simulated bodies with development forms of effects alone. Options of the command carry the
+names of the fields with a `setting`; the others are not everyday options.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.identification.settings import FitSettings, SwarmSettings
@@ -14,21 +14,25 @@ from biodyn_core.identification.settings import FitSettings, SwarmSettings
 BASE = FitSettings(
     phase1="pooled", clocks="trusted", refined_starts=2, swarm=SwarmSettings(particles=40, iterations=120, starts=3)
 )
-"""How theta is refitted before anything is looked for: clocks are one of the things to be found."""
+"""The refit of theta before the search: clocks are trusted, because a clock error is one of the candidates."""
 
 
 @dataclass(frozen=True)
 class FloorSettings:
-    """The least that a verdict rests on, each to fit and once more held out.
+    """The least data for a verdict, once for fitting and once held out.
 
-    The tracing study's 30 s of road, three potholes and three rails, told by what the seat feels: rails differ.
+    The tracing study uses 30 s of road, three potholes and three rails. Shocks are counted by the peak of the seat.
     """
 
     road_s: float = setting(30.0, "seconds without shocks", "s", 1.0, 3600.0)
-    shocks: int = setting(6, "shocks, hard ones among them", "", 0, 1000)
+    shocks: int = setting(6, "shocks, hard ones included", "", 0, 1000)
     hard_shocks: int = setting(1, "hard shocks", "", 0, 1000)
-    shock_g: float = setting(0.8, "a shock has a peak of so much", "g", 0.1, 10.0)
-    hard_shock_g: float = setting(2.0, "a hard one", "g", 0.2, 20.0)
+    shock_g: float = setting(0.8, "least peak of a shock", "g", 0.1, 10.0)
+    hard_shock_g: float = setting(2.0, "least peak of a hard shock", "g", 0.2, 20.0)
+    apart_s: float = 1.0
+    """Peaks closer than this belong to one shock, such as those of two axles."""
+    masked_share: float = 0.02
+    """A sensor is left out of an event if this share more of it is masked than of the best sensor."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -36,104 +40,170 @@ class FloorSettings:
 
 @dataclass(frozen=True)
 class WeightSettings:
-    """How samples and windows are weighed: one over what a good model still misses, and what counts as independent."""
+    """Weights of samples and windows: one over the expected error of a good model, and the independent share."""
 
     noise_mps2: float = setting(0.025, "noise of a channel after the low-pass, rms", "m/s^2", 1e-4, 10.0)
-    local_share: float = setting(0.04, "... and this share of the motion around a sample", "", 0.0, 1.0)
-    event_share: float = setting(0.015, "... and this of the motion of the event", "", 0.0, 1.0)
-    counted_s: float = setting(1.0, "length of the windows that are counted", "s", 0.1, 10.0)
-    independent: float = setting(0.001, "share of the samples that count as independent of each other", "", 1e-6, 1.0)
+    local_share: float = setting(0.04, "expected error as a share of the motion around a sample", "", 0.0, 1.0)
+    event_share: float = setting(0.015, "expected error as a share of the motion of the event", "", 0.0, 1.0)
+    counted_s: float = setting(1.0, "length of a window", "s", 0.1, 10.0)
+    independent: float = setting(0.001, "share of the samples that count as independent", "", 1e-6, 1.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
 
 
 @dataclass(frozen=True)
-class UsualSettings:
-    """How far bodies and sensors usually depart from the model, as one standard deviation.
+class TypicalSettings:
+    """Typical deviations of bodies and sensors from the model, as standard deviations.
 
-    Sensors: what data sheets, a belt mounting and clocks set once before an event allow. Bodies: the tracing study's.
+    Sensors: data sheets, a mounting by belt, and clocks set once before an event. Bodies: the tracing study.
     """
 
-    usual_gain: float = setting(0.015, "gain of a sensor", "", 1e-4, 0.5)
+    usual_gain: float = setting(0.015, "gain error of a sensor", "", 1e-4, 0.5)
     usual_clock_s: float = setting(0.0005, "offset of a sensor's clock", "s", 1e-6, 0.1)
-    usual_lean: float = setting(0.025, "lean of a sensor in motion, as a share of g", "", 1e-4, 0.5)
-    rest_lean: float = setting(
-        0.008, "lean that a sensor's bias gives to what it takes for level at rest, as a share of g", "", 1e-4, 0.1
-    )
-    usual_softness_s: float = setting(0.0005, "softness of what a sensor sits on, 1 / (2 pi f)", "s", 1e-6, 0.02)
-    usual_level_mps2: float = setting(0.2, "level of a sensor against its rest", "m/s^2", 1e-3, 10.0)
+    usual_lean: float = setting(0.025, "tilt of a sensor in motion, as a share of g", "", 1e-4, 0.5)
+    rest_lean: float = setting(0.008, "tilt at rest from the bias of a sensor, as a share of g", "", 1e-4, 0.1)
+    usual_softness_s: float = setting(0.0005, "softness of a sensor's mounting, 1 / (2 pi f)", "s", 1e-6, 0.02)
+    usual_level_mps2: float = setting(0.2, "offset of a sensor from its mean at rest", "m/s^2", 1e-3, 10.0)
     usual_bend: float = setting(
-        0.1, "bend of a joint's law at its reach, as a share of its linear force", "", 1e-3, 1.0
+        0.1, "nonlinear force of a joint at its reach, as a share of its linear force", "", 1e-3, 1.0
     )
-    usual_mass: float = setting(0.06, "mass of a segment against its table", "", 1e-3, 0.5)
+    usual_mass: float = setting(0.06, "mass of a segment relative to its table", "", 1e-3, 0.5)
+    drift_s: float = 5.0
+    """A clock that drifts has the typical offset after this time, the middle of an event."""
 
     def __post_init__(self) -> None:
         check_settings(self)
 
 
 @dataclass(frozen=True)
-class BackgroundSettings:
-    """How samples are weighed, how far bodies and sensors usually depart, and how far theta may move."""
+class NuisanceSettings:
+    """Weights of samples, typical deviations, and the prior of theta."""
 
-    theta_spread: float = setting(0.5, "how far theta may move from the fit, in its logarithm", "", 0.01, 10.0)
-    weights: WeightSettings = dataclasses.field(default_factory=WeightSettings)
-    usual: UsualSettings = dataclasses.field(default_factory=UsualSettings)
+    theta_spread: float = setting(0.5, "prior spread of theta around the fit, in its logarithm", "", 0.01, 10.0)
+    weights: WeightSettings = field(default_factory=WeightSettings)
+    typical: TypicalSettings = field(default_factory=TypicalSettings)
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+
+@dataclass(frozen=True)
+class PreliminarySettings:
+    """Selection of candidates before the fits to all events."""
+
+    least_fit: float = 0.01
+    """Least reduction of the objective, as a share of the largest one, to first order."""
+    least_fit_of_all: float = 0.05
+    """Least reduction of the objective; the least one of effects hidden in 13 bodies is 0.1."""
+    strengths: tuple[float, float] = (1.0, 3.0)
+    """Least and largest start of a strength, in shares of its start value."""
+    many_starts: int = 4
+    """The first candidates of the shortlist start from all their shapes and strengths."""
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """Conditions on a candidate beside its gain."""
+
+    least_events: int = 3
+    least_conditions: int = 2
+    """An effect must improve this many events, or events of this many loading conditions."""
+    unsteady_gain: float = 0.25
+    """Gain of a cause re-estimated in every window without any effect; 0.17 at most in 94 such bodies."""
+    good_fit: float = 0.9
+    """Below this multiple of a good model's residual, the prior scale of a body can be estimated."""
+    near_bound: float = 0.1
+    """Theta this close to a bound without an effect, as a share of its range, is not moved there by the effect."""
+    chance_quantile: float = 0.95
+    """The gain has to exceed this quantile of the largest random gains."""
+
+
+@dataclass(frozen=True)
+class UnsteadySettings:
+    """Causes that vary from window to window."""
+
+    most_late_s: float = 0.02
+    """A larger clock offset has another cause."""
+    line_hz: tuple[float, float] = (10.0, 80.0)
+    """Range of frequencies of a spectral line."""
+    around_hz: float = 10.0
+    """Half-width of the spectrum that a line is compared with."""
+    prominence: float = 3.0
+    """A line exceeds the spectrum around it by this factor."""
+    most_growth: float = 3.0
+    """Largest ratio of a line's size in the quarter of parts with most motion to that with least.
+
+    In simulated bodies with a periodic force the ratio is 0.8 to 1.9. It is 4.8 or more if a muscle trembles with its
+    load, or a joint lacks a law of the seat's motion.
+    """
+
+
+@dataclass(frozen=True)
+class TiltSettings:
+    """Sensor tilt by the gyro."""
+
+    most_typical: float = 3.0
+    """Largest typical tilt, in multiples of `usual_lean`."""
+    plain_share: float = 0.3
+    """Share of that limit (1.3 deg) for a body that deviates in nothing else."""
+
+
+@dataclass(frozen=True)
+class DiagnosticSettings:
+    """Diagnostics of the residual; no verdict depends on them."""
+
+    failing: float = 2.0
+    """A sub-chain fails if its error exceeds that of the best one by this factor."""
 
 
 @dataclass(frozen=True)
 class TraceSettings:
-    """How a trace is done."""
+    """Settings of a trace."""
 
-    most_effects: int = setting(3, "effects that are added at most", "", 1, 10)
+    most_effects: int = setting(3, "largest number of effects that are added", "", 1, 10)
     least_gain: float = setting(
-        0.15,
-        "what a gain must exceed at least, in mean log ratio: bodies without anything hidden reach it",
-        "",
-        0.0,
-        5.0,
+        0.15, "required gain, mean log ratio; bodies without a missing effect reach it", "", 0.0, 5.0
     )
-    plain_gain: float = setting(
-        0.07,
-        "... of a body that is as the model has it and lacks nothing yet: no law but a clock gains 0.05 by itself",
-        "",
-        0.0,
-        5.0,
-    )
+    plain_gain: float = setting(0.07, "required gain for a body without deviations and without effects", "", 0.0, 5.0)
     departing: float = setting(
-        0.8, "... and so much more, in its shares, of bodies that depart as far as usual", "", 0.0, 100.0
+        0.8, "increase of the required gain, as a share, for bodies with typical deviations", "", 0.0, 100.0
     )
     farthest: float = setting(
-        4.0, "spreads of a usual departure, up to which it is no cause in a body that departs at all", "", 0.0, 100.0
+        4.0, "spreads of a typical deviation up to which it is no cause in a body with deviations", "", 0.0, 100.0
     )
-    least_lift_off: float = setting(
-        0.05, "... for a seat that holds nobody down: without it, events that lift tell it at once", "", 0.0, 5.0
-    )
+    least_lift_off: float = setting(0.05, "required gain of lift-off from the seat", "", 0.0, 5.0)
     overwhelming: float = setting(
-        2.5, "times what is asked, from which an effect is believed though it ends on a bound", "", 1.0, 100.0
+        2.5,
+        "multiple of the required gain from which an effect with a parameter on its bound is chosen",
+        "",
+        1.0,
+        100.0,
     )
-    replicates: int = setting(200, "draws of the largest gain by chance", "", 20, 100_000)
-    refined: int = setting(12, "candidates that are settled on all events", "", 1, 1000)
+    replicates: int = setting(200, "random draws of the largest gain", "", 20, 100_000)
+    refined: int = setting(12, "candidates that are fitted to all events", "", 1, 1000)
     near: float = setting(0.8, "share of the best gain from which another effect explains as much", "", 0.1, 1.0)
-    near_alike: float = setting(0.6, "... and one that looks alike", "", 0.1, 1.0)
-    alike: float = setting(0.6, "cosine from which two effects look alike", "", 0.1, 1.0)
-    enough: float = setting(
-        0.5, "times what a good model misses: with less left, no more is looked for", "", 0.0, 100.0
-    )
+    near_alike: float = setting(0.6, "the same share for an effect with a similar residual", "", 0.1, 1.0)
+    alike: float = setting(0.6, "cosine from which two residuals are similar", "", 0.1, 1.0)
+    enough: float = setting(0.5, "multiple of a good model's residual below which the search ends", "", 0.0, 100.0)
     unusual: float = setting(
-        1.15, "times what a good model misses, from which what is left is unexplained", "", 1.0, 100.0
+        1.15, "multiple of a good model's residual above which the residual is unexplained", "", 1.0, 100.0
     )
     most_stretched: float = setting(
-        30.0, "squares of usual departures, in theirs, from which they explain nothing any more", "", 0.0, 1e6
+        30.0, "sum of squared nuisance parameters above which they are not typical", "", 0.0, 1e6
     )
-    usual_left: float = setting(0.65, "... and what is left of bodies with nothing hidden, their median", "", 0.0, 10.0)
-    least_closed: float = setting(0.45, "share of the gap between both that effects must close", "", 0.0, 1.0)
-    floor: FloorSettings = dataclasses.field(default_factory=FloorSettings)
-    background: BackgroundSettings = dataclasses.field(default_factory=BackgroundSettings)
+    usual_left: float = setting(
+        0.65, "median residual of bodies without a missing effect, as a multiple of a good model's", "", 0.0, 10.0
+    )
+    least_closed: float = setting(0.45, "share of the excess residual that effects must remove", "", 0.0, 1.0)
+    floor: FloorSettings = field(default_factory=FloorSettings)
+    nuisance: NuisanceSettings = field(default_factory=NuisanceSettings)
     base: FitSettings = BASE
+    preliminary: PreliminarySettings = field(default_factory=PreliminarySettings)
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    unsteady: UnsteadySettings = field(default_factory=UnsteadySettings)
+    tilt: TiltSettings = field(default_factory=TiltSettings)
+    diagnostics: DiagnosticSettings = field(default_factory=DiagnosticSettings)
 
     def __post_init__(self) -> None:
         check_settings(self)

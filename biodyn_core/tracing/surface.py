@@ -1,7 +1,7 @@
-"""Surface: what force a joint lacks over its stretch and rate, as hat functions inside the chain (tracing, E).
+"""Surface: the missing force of a joint over its stretch and rate, as hat functions inside the chain.
 
-Where nothing of the catalogue passes it says whether a law of this joint is missing at all: if a surface gains nothing
-either, what is missing is memory, measurement or input.
+It tests whether any law of this joint is missing if no effect of the catalogue is accepted. If a surface gains nothing
+either, the cause is memory, measurement or input.
 """
 
 from __future__ import annotations
@@ -20,18 +20,21 @@ from biodyn_core.effects import AppliedEffect, Effect, EffectParameter
 from biodyn_core.effects.effect import Joint
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Surface
-from biodyn_core.tracing.local_fit import LocalFit, predicted
-from biodyn_core.tracing.nuisance_model import Background
+from biodyn_core.tracing.local_fit import LocalFit, simulated_products
+from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.screen import mean_log_ratio
 
 ACROSS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)
-"""Knots of stretch and of rate, in reaches of the joint; beyond the last a hat stays at its height."""
+"""Knots of stretch, in reaches of the joint; a hat is constant beyond the last knot."""
+
+SPEEDS: Final = (-1.0, 0.0, 1.0)
+"""Knots of rate, in reaches of the joint."""
 
 SHARE: Final = 0.1
-"""Usual height of a hat, as a share of the joint's linear force at its reach."""
+"""Prior spread of a hat's height, as a share of the joint's linear force at its reach."""
 
 REACH: Final = 99.0
-"""Percentile of stretch and rate that is called the reach."""
+"""The reach is this percentile of stretch and rate."""
 
 
 def force(
@@ -65,23 +68,22 @@ HAT: Final = Effect(
     force=force,
 )
 
-SPEEDS: Final = (-1.0, 0.0, 1.0)
 
-
-def surface(background: Background, without: LocalFit, site: str) -> Surface:
-    """Fit the surface of one joint beside theta and the usual departures; its gain is in the events that choose."""
+def surface(nuisance: NuisanceModel, without: LocalFit, site: str) -> Surface:
+    """Fit the surface of one joint beside theta and nuisance parameters; the gain is in the events for choosing."""
     joint = SEGMENTS.index(site)
-    stretch, rate, linear_n = _reach(background, joint)
+    stretch, rate, linear_n = _reach(nuisance, joint)
     knots = [(at, speed) for speed in SPEEDS for at in ACROSS]
-    usual_n = SHARE * linear_n
-    hats = [_hat(site, usual_n, stretch, rate, *knot) for knot in knots]
-    heights = usual_n * _heights(background, hats)
+    spread_n = SHARE * linear_n
+    hats = [_hat(site, spread_n, stretch, rate, *knot) for knot in knots]
+    heights = spread_n * _heights(nuisance, hats)
     whole = [_hat(site, float(h), stretch, rate, *knot) for h, knot in zip(heights, knots, strict=True)]
-    p = background.choose.products
-    left = predicted(background.choose, _with(without.subject, whole)).left(without.departures)
-    gain = float(mean_log_ratio(without.left, left[:, None], p.event, p.samples)[0])
-    been = _been(background, joint, stretch, rate)
-    force_n = np.where(been, heights.reshape(len(SPEEDS), len(ACROSS)), np.nan)
+    p = nuisance.choose.products
+    products = simulated_products(nuisance.choose, _with(without.subject, whole))
+    square = products.residual_square(without.coefficients)
+    gain = float(mean_log_ratio(without.residual_square, square[:, None], p.event, p.samples)[0])
+    visited = _visited(nuisance, joint, stretch, rate)
+    force_n = np.where(visited, heights.reshape(len(SPEEDS), len(ACROSS)), np.nan)
     return Surface(site, stretch * np.array(ACROSS), rate * np.array(SPEEDS), force_n, gain)
 
 
@@ -94,37 +96,39 @@ def _with(subject: Subject, effects: list[AppliedEffect]) -> Subject:
     return dataclasses.replace(subject, effects=(*subject.effects, *effects))
 
 
-def _heights(background: Background, hats: list[AppliedEffect]) -> Floats:
-    """Heights (h,) in usual ones: ridge regression beside the known columns."""
-    train, weight = background.train, background.weight
+def _heights(nuisance: NuisanceModel, hats: list[AppliedEffect]) -> Floats:
+    """Heights (h,) in prior spreads, by ridge regression beside the known columns."""
+    train, weight = nuisance.train, nuisance.weight
     own = []
     for case, rows in zip(train.cases, train.rows, strict=True):
-        plain = answer(background.subject, case)
-        own.append(rows(np.stack([answer(background.subject, case, (hat,), plain) - plain for hat in hats], axis=2)))
+        plain = answer(nuisance.subject, case)
+        own.append(rows(np.stack([answer(nuisance.subject, case, (hat,), plain) - plain for hat in hats], axis=2)))
     cross = np.einsum(
         "w,wkh->kh", weight, np.concatenate([k.transpose(0, 2, 1) @ o for k, o in zip(train.known, own, strict=True)])
     )
     square = np.einsum("w,whg->hg", weight, np.concatenate([o.transpose(0, 2, 1) @ o for o in own]))
-    missed = [rows.missed(answer(background.subject, case)) for rows, case in zip(train.rows, train.cases, strict=True)]
-    match = weight @ np.concatenate([np.einsum("wrh,wr->wh", o, y) for o, y in zip(own, missed, strict=True)])
-    matrix = np.block([[background.normal(), cross], [cross.T, square + np.eye(len(hats))]])
-    return np.asarray(np.linalg.solve(matrix, np.concatenate([weight @ train.products.miss, match]))[-len(hats) :])
+    residuals = [
+        rows.residual(answer(nuisance.subject, case)) for rows, case in zip(train.rows, train.cases, strict=True)
+    ]
+    match = weight @ np.concatenate([np.einsum("wrh,wr->wh", o, y) for o, y in zip(own, residuals, strict=True)])
+    matrix = np.block([[nuisance.normal(), cross], [cross.T, square + np.eye(len(hats))]])
+    return np.asarray(np.linalg.solve(matrix, np.concatenate([weight @ train.products.cross, match]))[-len(hats) :])
 
 
-def _reach(background: Background, joint: int) -> tuple[float, float, float]:
-    """Stretch m, rate m/s and linear force N that the joint reaches in the events that are fitted to."""
-    chain = Chain.of(background.subject)
-    responses = [predict(background.subject, c.seat_mps2, c.rate_hz, c.channels) for c in background.train.cases]
+def _reach(nuisance: NuisanceModel, joint: int) -> tuple[float, float, float]:
+    """Reach of the joint in the events for fitting: stretch m, rate m/s and linear force N."""
+    chain = Chain.of(nuisance.subject)
+    responses = [predict(nuisance.subject, c.seat_mps2, c.rate_hz, c.channels) for c in nuisance.train.cases]
     stretch = float(np.median([np.percentile(np.abs(r.displacement_m[:, joint]), REACH) for r in responses]))
     rate = float(np.median([np.percentile(np.abs(r.velocity_mps[:, joint]), REACH) for r in responses]))
     return stretch, rate, float(chain.stiffness_n_per_m[joint]) * stretch
 
 
-def _been(background: Background, joint: int, stretch: float, rate: float) -> Flags:
-    """Which knots (s, a) the joint comes near."""
+def _visited(nuisance: NuisanceModel, joint: int, stretch: float, rate: float) -> Flags:
+    """Whether the joint comes near each knot (s, a)."""
     here = np.zeros((len(SPEEDS), len(ACROSS)), dtype=bool)
-    for case in background.train.cases:
-        response = predict(background.subject, case.seat_mps2, case.rate_hz, case.channels)
+    for case in nuisance.train.cases:
+        response = predict(nuisance.subject, case.seat_mps2, case.rate_hz, case.channels)
         u, w = response.displacement_m[:, joint] / stretch, response.velocity_mps[:, joint] / rate
         for i, speed in enumerate(SPEEDS):
             for j, at in enumerate(ACROSS):

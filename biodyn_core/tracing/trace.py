@@ -1,4 +1,4 @@
-"""Trace: from a fitted subject's residual to the effect that its model lacks, and the error before and after."""
+"""Trace: the effect that a subject's model lacks, from the residual of a fitted subject."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from biodyn_core.tracing import gate
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.joint_refit import jointly_refitted
-from biodyn_core.tracing.local_fit import LEVELS
-from biodyn_core.tracing.preliminary_fit import Tell
-from biodyn_core.tracing.results import decided, undecided
-from biodyn_core.tracing.rounds import Kept, Outcome, one_round
+from biodyn_core.tracing.local_fit import PRIOR_SCALES
+from biodyn_core.tracing.preliminary_fit import OnStage
+from biodyn_core.tracing.results import build_result, build_undecided
+from biodyn_core.tracing.rounds import Checkpoint, Outcome, one_round
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.verdict import explained
+from biodyn_core.tracing.verdict import is_explained
 
 WORSE: Final = (
-    "by itself, no departures weighed in, it misses the events that choose by {:.1f} % before, {:.1f} % with it"
+    "without nuisance parameters the error of the events for choosing is {:.1f} % before and {:.1f} % with it"
 )
 
 
@@ -35,74 +35,78 @@ def trace(
     subject: Subject,
     settings: TraceSettings | None = None,
     seed: int = 0,
-    tell: Tell = lambda stage, share: None,
-    kept: Kept | None = None,
+    on_stage: OnStage = lambda stage, share: None,
+    checkpoint: Checkpoint | None = None,
 ) -> Trace:
-    """Find what a subject's model lacks.
+    """Find the effect that a subject's model lacks.
 
     Theta and sizes are fitted to `train`; half of `held_out` chooses the effect, the other half gives the errors.
-    Raises InputError where nothing can be fitted to; where a verdict cannot be carried, the verdict says so. kept: the
-    long parts of earlier traces, taken up where they are of the same problem, and added to.
+    checkpoint: stored results of the long stages, read if they are of the same problem, and extended. Raises InputError
+    if nothing can be fitted. Too little data is no error, but the verdict `not_decidable`.
     """
     s = settings or TraceSettings()
-    train, held_out, left_out = gate.usable(train, held_out)
+    train, held_out, left_out = gate.usable(train, held_out, s.floor)
     choose, report = gate.dealt(held_out)
-    sides, lacking = (train, choose, report), gate.lacking(train, held_out, s.floor)
+    uses, lacking = (train, choose, report), gate.lacking(train, held_out, s.floor)
     needs = gate.needs(train, held_out, s.floor) if lacking else []
     if not train:
-        return undecided(subject, subject, sides, lacking, needs, s, left_out, seed)
-    tell("fitting theta", 0.0)
-    before = _refitted(train, subject, s, seed, kept)
+        return build_undecided(subject, subject, uses, lacking, needs, s, left_out, seed)
+    on_stage("fitting parameters", 0.0)
+    before = _refitted(train, subject, s, seed, checkpoint)
     if lacking:
-        return undecided(subject, before, sides, lacking, needs, s, left_out, seed)
-    known = set(kept or ())
-    outcomes = _rounds(before, train, choose, s, seed, tell, kept)
-    after = outcomes[-1][0] if explained([outcome for _, outcome in outcomes], s) else before
-    found = decided(subject, before, after, [outcome for _, outcome in outcomes], sides, s, left_out, seed)
-    anew = kept is None or set(kept) != known
-    return dataclasses.replace(found, calibrated="anew" if anew else "found")
+        return build_undecided(subject, before, uses, lacking, needs, s, left_out, seed)
+    known = set(checkpoint or ())
+    rounds = _rounds(before, train, choose, s, seed, on_stage, checkpoint)
+    outcomes = [outcome for _, outcome in rounds]
+    after = rounds[-1][0] if is_explained(outcomes, s) else before
+    found = build_result(subject, before, after, outcomes, uses, s, left_out, seed)
+    computed = checkpoint is None or set(checkpoint) != known
+    return dataclasses.replace(found, calibrated="anew" if computed else "found")
 
 
-def _refitted(train: Sequence[Case], subject: Subject, s: TraceSettings, seed: int, kept: Kept | None) -> Subject:
+def _refitted(
+    train: Sequence[Case], subject: Subject, s: TraceSettings, seed: int, checkpoint: Checkpoint | None
+) -> Subject:
     """The subject with one theta fitted to all events."""
     key = f"theta {fingerprint(train, subject, seed, s.base)}"
-    if kept is not None and key in kept:
-        return dataclasses.replace(subject, parameters=Parameters.from_vector(np.array(kept[key])), provenance={})
+    if checkpoint is not None and key in checkpoint:
+        return dataclasses.replace(subject, parameters=Parameters.from_vector(np.array(checkpoint[key])), provenance={})
     found = fit_joint(train, subject, seed, s.base).subject
-    if kept is not None:
-        kept[key] = found.parameters.vector().tolist()
+    if checkpoint is not None:
+        checkpoint[key] = found.parameters.vector().tolist()
     return found
 
 
 def _rounds(
-    subject: Subject, train: Sequence[Case], choose: Sequence[Case], s: TraceSettings, seed: int, tell: Tell,
-    kept: Kept | None,
+    subject: Subject, train: Sequence[Case], choose: Sequence[Case], s: TraceSettings, seed: int, on_stage: OnStage,
+    checkpoint: Checkpoint | None,
 ) -> list[tuple[Subject, Outcome]]:  # fmt: skip
-    """Greedy rounds until one takes nothing; after each, the subject as it is then."""
+    """Greedy rounds until one chooses nothing; each with the subject after it."""
     found: list[tuple[Subject, Outcome]] = []
     for number in range(s.most_effects):
-        outcome = one_round(subject, train, choose, s, seed + number, tell, kept)
-        subject, outcome = _carried(subject, outcome, train, choose)
+        outcome = one_round(subject, train, choose, s, seed + number, on_stage, checkpoint)
+        subject, outcome = _with_joint_refit(subject, outcome, train, choose)
         found.append((subject, outcome))
-        taken = outcome.round.taken
-        if taken is None or not taken.steady:  # the next would find the same again
+        best = outcome.round.chosen
+        if best is None or not best.steady:  # another round would find the same cause again
             break
-        if outcome.taken is not None and outcome.after < s.enough and outcome.taken.level == LEVELS[-1]:
+        fit = outcome.chosen
+        if fit is not None and outcome.after < s.enough and fit.prior_scale == PRIOR_SCALES[-1]:
             break
     return found
 
 
-def _carried(
+def _with_joint_refit(
     subject: Subject, outcome: Outcome, train: Sequence[Case], choose: Sequence[Case]
 ) -> tuple[Subject, Outcome]:
-    """The subject with what was taken, fitted to all events; as it was if by itself it then predicts no better."""
-    if outcome.taken is None or not outcome.carried:
+    """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better."""
+    if outcome.chosen is None or not outcome.adds_effect:
         return subject, outcome
-    fitted = jointly_refitted(outcome.taken.subject, train)
+    fitted = jointly_refitted(outcome.chosen.subject, train)
     before, after = (_mean_percent(one, choose) for one in (subject, fitted))
-    return (fitted, outcome) if after < before else (subject, outcome.uncarried(WORSE.format(before, after)))
+    return (fitted, outcome) if after < before else (subject, outcome.refused(WORSE.format(before, after)))
 
 
 def _mean_percent(subject: Subject, cases: Sequence[Case]) -> float:
-    """What a subject misses of these events by itself, no departures weighed in, percent."""
+    """The mean error of a subject in these events, without nuisance parameters, percent."""
     return float(np.mean([errors(case, answer(subject, case)).mean_percent for case in cases]))

@@ -1,6 +1,6 @@
-"""Unsteady: what no fixed parameters follow: clocks that jump, lines that wander, postures that change meanwhile.
+"""Unsteady causes, which no constant parameters describe: clocks that jump, spectral lines that vary, posture changes.
 
-What is told by this is which cause it is and where; a subject can carry only its steady share.
+They give the kind of cause and its site. A subject can store only their constant part.
 """
 
 from __future__ import annotations
@@ -17,137 +17,126 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.local_fit import LocalFit
-from biodyn_core.tracing.nuisance_model import Background
-
-LATEST_S: Final = 0.02
-"""A clock that seems off by more is another's fault."""
-
-LINE_HZ: Final = (10.0, 80.0)
-AROUND_HZ: Final = 10.0
-PROMINENT: Final = 3.0
-"""A line stands out of the spectrum around it by so many times."""
+from biodyn_core.tracing.nuisance_model import NuisanceModel
+from biodyn_core.tracing.settings import UnsteadySettings
 
 SEGMENT_S: Final = 1.0
-"""Over which its spectrum is taken: a resolution of 1 Hz."""
+"""Segments of the spectrum of a line: a resolution of 1 Hz."""
 
 PARTS: Final = 4
-"""Of a window: amplitude and phase of a line are set in each."""
-
-GROWS: Final = 3.0
-"""An engine shakes at standstill as it does in a shock. In bodies that something periodic shakes, lines were 0.8 to 1.9
-times as large in the quarter of the parts that moves most as in that which moves least; 4.8 times and more where a
-muscle trembles with its load, or a joint lacks what answers to the seat."""
+"""Parts of a window; amplitude and phase of a line are fitted in each."""
 
 
 @dataclass(frozen=True, eq=False)
-class SetAnew:
-    """A cause that is set anew time and again, and what it leaves in each window that chooses, squares (w,)."""
+class UnsteadyCause:
+    """A cause that is fitted anew in every window or event; residual_square (w,): by window for choosing."""
 
     applied: AppliedEffect
-    left: Floats
-    against: str = ""
+    residual_square: Floats
+    objection: str = ""
 
 
-def unsteady(background: Background, without: LocalFit) -> Iterator[SetAnew]:
-    """Causes that no fixed parameters follow, with what speaks against them."""
-    side = background.choose
-    missed = [y - known @ without.departures for known, y in zip(side.known, side.missed(without.subject), strict=True)]
-    yield from _clocks(background, missed)
-    yield from _lines(background, without, missed)
-    yield from _postures(background, without, missed)
+def unsteady_causes(nuisance: NuisanceModel, without: LocalFit, settings: UnsteadySettings) -> Iterator[UnsteadyCause]:
+    """Causes without constant parameters, with their objections."""
+    events, b = nuisance.choose, without.coefficients
+    residuals = [y - known @ b for known, y in zip(events.known, events.residuals(without.subject), strict=True)]
+    yield from _clocks(nuisance, residuals, settings)
+    yield from _lines(nuisance, without, residuals, settings)
+    yield from _postures(nuisance, without, residuals)
 
 
-def _clocks(background: Background, missed: Sequence[Floats]) -> Iterator[SetAnew]:
-    """Each sensor's clock, set anew in every window; one that is off by no more than is usual is left out."""
+def _clocks(nuisance: NuisanceModel, residuals: Sequence[Floats], s: UnsteadySettings) -> Iterator[UnsteadyCause]:
+    """The clock of each sensor, fitted in every window, if its offset is atypical."""
+    rows = nuisance.choose.rows
     for segment, name in enumerate(MEASURED_SEGMENTS):
-        pairs = [rows.on_time(y, segment) for rows, y in zip(background.choose.rows, missed, strict=True)]
+        pairs = [one.on_time(y, segment) for one, y in zip(rows, residuals, strict=True)]
         late_s = np.concatenate([late for _, late in pairs])
-        late_s = late_s[late_s != 0.0]  # a window in which nothing is compared tells nothing
-        if late_s.size == 0 or np.median(np.abs(late_s)) <= background.choose.rows[0].usual_clock_s:
+        late_s = late_s[late_s != 0.0]  # a window without compared samples has no delay
+        if late_s.size == 0 or np.median(np.abs(late_s)) <= rows[0].typical_clock_s:
             continue
-        delay_s = float(np.clip(np.median(late_s), -LATEST_S, LATEST_S))
+        delay_s = float(np.clip(np.median(late_s), -s.most_late_s, s.most_late_s))
         applied = AppliedEffect(CATALOGUE["clock"], name, {"delay_s": delay_s, "drift": 0.0})
-        yield SetAnew(applied, np.concatenate([(left**2).sum(axis=1) for left, _ in pairs]))
+        yield UnsteadyCause(applied, np.concatenate([(residual**2).sum(axis=1) for residual, _ in pairs]))
 
 
-def _lines(background: Background, without: LocalFit, missed: Sequence[Floats]) -> Iterator[SetAnew]:
-    """The most prominent line of what is left, on each segment, set anew in parts of windows."""
-    side = background.choose
-    frequency_hz = _line_hz(background, missed)
+def _lines(
+    nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Floats], s: UnsteadySettings
+) -> Iterator[UnsteadyCause]:
+    """The most prominent line of the residual, on each segment, fitted in parts of windows."""
+    events = nuisance.choose
+    frequency_hz = _line_hz(nuisance, residuals, s)
     if frequency_hz is None:
         return
     effect = CATALOGUE["periodic"]
-    moving = np.concatenate([rows.moving_mps2(PARTS) for rows in side.rows])
+    moving = np.concatenate([rows.moving_mps2(PARTS) for rows in events.rows])
     for site in effect.where:
         one = {"cosine_mps2": 1.0, "sine_mps2": 0.0, "frequency_hz": frequency_hz}
         both = [
             AppliedEffect(effect, site, values)
             for values in (one, one | {"cosine_mps2": 0.0, "sine_mps2": 1.0})
         ]  # fmt: skip
-        left, sizes = [], []
-        for case, rows, y in zip(side.cases, side.rows, missed, strict=True):
+        squares, sizes = [], []
+        for case, rows, y in zip(events.cases, events.rows, residuals, strict=True):
             plain = answer(without.subject, case)
             shown = np.stack([answer(without.subject, case, (line,), plain) - plain for line in both], axis=2)
-            gone, size = _set_anew(y, rows(shown))
-            left.append(gone)
+            square, size = _fitted_in_parts(y, rows(shown))
+            squares.append(square)
             sizes.append(size)
         size = np.concatenate(sizes)
         applied = AppliedEffect(effect, site, one | {"cosine_mps2": float(np.clip(np.median(size), 0.01, 2.0))})
-        yield SetAnew(applied, np.concatenate(left), _against(_growth(size, moving)))
+        yield UnsteadyCause(applied, np.concatenate(squares), _objection(_growth(size, moving), s))
 
 
 def _growth(size: Floats, moving: Floats) -> float:
-    """How many times larger sizes (p,) are in the quarter of parts that moves most than in that which moves least."""
+    """Ratio of the median size (p,) in the quarter of parts with most motion to that in the quarter with least."""
     order, quarter = np.argsort(moving, kind="stable"), max(1, moving.size // 4)
     least, most = (float(np.median(size[some])) for some in (order[:quarter], order[-quarter:]))
     return most / least if least > 0.0 else 1.0
 
 
-def _against(growth: float) -> str:
-    return (
-        f"its line grows {growth:.1f} times with the motion: the body answers, nothing shakes it"
-        if growth > GROWS
-        else ""
-    )
+def _objection(growth: float, s: UnsteadySettings) -> str:
+    if growth <= s.most_growth:
+        return ""
+    return f"its line grows {growth:.1f} times with the motion, so it is a response of the body and no periodic force"
 
 
-def _set_anew(missed: Floats, columns: Floats) -> tuple[Floats, Floats]:
-    """What columns (w, r, 2), fitted to each part of each window by itself, leave, squares (w,), and their sizes."""
-    windows, each = len(missed), missed.shape[1] // PARTS * PARTS
-    y = missed[:, :each].reshape(windows * PARTS, -1)
+def _fitted_in_parts(residual: Floats, columns: Floats) -> tuple[Floats, Floats]:
+    """Squared residual (w,) with columns (w, r, 2) fitted in each part of each window, and the sizes (w * parts,)."""
+    windows, each = len(residual), residual.shape[1] // PARTS * PARTS
+    y = residual[:, :each].reshape(windows * PARTS, -1)
     c = columns[:, :each].reshape(windows * PARTS, -1, columns.shape[2])
     normal = np.einsum("pri,prj->pij", c, c)
     ridge = 1e-6 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-12
     found = np.linalg.solve(normal + ridge * np.eye(c.shape[2]), np.einsum("pri,pr->pi", c, y)[:, :, None])
-    left = ((y - (c @ found)[:, :, 0]) ** 2).reshape(windows, -1).sum(axis=1) + (missed[:, each:] ** 2).sum(axis=1)
-    return left, np.linalg.norm(found[:, :, 0], axis=1)
+    square = ((y - (c @ found)[:, :, 0]) ** 2).reshape(windows, -1).sum(axis=1) + (residual[:, each:] ** 2).sum(axis=1)
+    return square, np.linalg.norm(found[:, :, 0], axis=1)
 
 
-def _line_hz(background: Background, missed: Sequence[Floats]) -> float | None:
-    """The frequency that stands out most of what is left, None where none does; short events have no say."""
-    frequency_hz = np.arange(0.0, LINE_HZ[1] + AROUND_HZ, 1.0 / SEGMENT_S)
+def _line_hz(nuisance: NuisanceModel, residuals: Sequence[Floats], s: UnsteadySettings) -> float | None:
+    """The frequency of the most prominent line of the residual, None if there is none; short events are left out."""
+    frequency_hz = np.arange(0.0, s.line_hz[1] + s.around_hz, 1.0 / SEGMENT_S)
     total = np.zeros(frequency_hz.size)
-    for rows, y in zip(background.choose.rows, missed, strict=True):
+    for rows, y in zip(nuisance.choose.rows, residuals, strict=True):
         whole, each = y.reshape(-1, len(MEASURED_SEGMENTS)), round(SEGMENT_S * rows.rate_hz)
         if len(whole) >= each:
             own_hz, density = signal.welch(whole, rows.rate_hz, nperseg=each, axis=0)
             total += np.interp(frequency_hz, own_hz, density.sum(axis=1))
-    around = ndimage.median_filter(total, round(2.0 * AROUND_HZ * SEGMENT_S) + 1)
-    inside = (frequency_hz >= LINE_HZ[0]) & (frequency_hz <= LINE_HZ[1])
-    stands_out = np.where(inside, total / np.maximum(around, 1e-30), 0.0)
-    best = int(stands_out.argmax())
-    return float(frequency_hz[best]) if stands_out[best] > PROMINENT else None
+    around = ndimage.median_filter(total, round(2.0 * s.around_hz * SEGMENT_S) + 1)
+    inside = (frequency_hz >= s.line_hz[0]) & (frequency_hz <= s.line_hz[1])
+    prominence = np.where(inside, total / np.maximum(around, 1e-30), 0.0)
+    best = int(prominence.argmax())
+    return float(frequency_hz[best]) if prominence[best] > s.prominence else None
 
 
-def _postures(background: Background, without: LocalFit, missed: Sequence[Floats]) -> Iterator[SetAnew]:
-    """Each joint with one stiffness and damping before an instant between two events, and others behind it.
+def _postures(nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Floats]) -> Iterator[UnsteadyCause]:
+    """Each joint with different stiffness and damping before and after an instant between two events.
 
-    Found by the events that are fitted to, so that those that choose have had no say.
+    Fitted to the events for fitting alone, so the events for choosing do not influence it.
     """
-    train, choose, b = background.train, background.choose, without.departures
-    fitted = [y - known @ b for known, y in zip(train.known, train.missed(without.subject), strict=True)]
+    train, choose, b = nuisance.train, nuisance.choose, without.coefficients
+    fitted = [y - known @ b for known, y in zip(train.known, train.residuals(without.subject), strict=True)]
     begins_ns = np.array([case.begins_ns for case in train.cases])
-    weights = [background.weight[train.products.event == e][0] for e in range(len(train.cases))]
+    weights = [nuisance.weight[train.products.event == e][0] for e in range(len(train.cases))]
     for joint, site in enumerate(SEGMENTS):
         own = [joint, N_SEGMENTS + joint]
         normal = np.array(
@@ -162,20 +151,23 @@ def _postures(background: Background, without: LocalFit, missed: Sequence[Floats
         found = [_two(normal, match, begins_ns >= at_ns) for at_ns in np.unique(begins_ns)[1:]]
         if not found:
             return
-        number = int(np.argmax([gone for gone, _, _ in found]))
+        number = int(np.argmax([decrease for decrease, _, _ in found]))
         (last_ns, first_ns), (_, before, behind) = np.unique(begins_ns)[number : number + 2], found[number]
-        # Whether it had changed by then, nobody knows of events in between.
-        sides = [(case.begins_ns <= last_ns) * before + (case.begins_ns >= first_ns) * behind for case in choose.cases]
-        left = [
-            ((y - known[:, :, own] @ changed) ** 2).sum(axis=1)
-            for changed, known, y in zip(sides, choose.known, missed, strict=True)
+        # Events between both instants have the unchanged joint, because the instant of the change is unknown.
+        changes = [
+            (case.begins_ns <= last_ns) * before + (case.begins_ns >= first_ns) * behind for case in choose.cases
+        ]
+        squares = [
+            ((y - known[:, :, own] @ change) ** 2).sum(axis=1)
+            for change, known, y in zip(changes, choose.known, residuals, strict=True)
         ]
         jump = float(np.clip(np.exp(2.0 * (behind - before)[0]) - 1.0, -0.6, 1.0))
-        yield SetAnew(AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0}), np.concatenate(left))
+        applied = AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0})
+        yield UnsteadyCause(applied, np.concatenate(squares))
 
 
 def _two(normal: Floats, match: Floats, is_behind: Flags) -> tuple[float, Floats, Floats]:
-    """What one change of the columns before and another behind take off the squares, and both."""
+    """Decrease of the squares by one change of the columns before and another after the instant, and both changes."""
     ridge = 1e-9 * np.trace(normal.sum(axis=0)) * np.eye(normal.shape[1])
     before, behind = (
         np.linalg.solve(normal[w].sum(axis=0) + ridge, match[w].sum(axis=0)) for w in (~is_behind, is_behind)

@@ -1,91 +1,89 @@
-"""Verdict: what the rounds of a trace amount to, and why that and nothing else."""
+"""Verdict of a trace from its rounds, and the reasons."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.findings import Candidate, Surface, Verdict
-from biodyn_core.tracing.fitted_candidates import ANEW
+from biodyn_core.tracing.findings import RankedCandidate, Surface, Verdict
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.sensor_limits import within_limits
 from biodyn_core.tracing.settings import TraceSettings
 
 
-def closed(outcomes: Sequence[Outcome], s: TraceSettings) -> float:
-    """How much of what was left beyond the usual is gone, as a share of squares; 1 where nothing was beyond it."""
+def closed_share(outcomes: Sequence[Outcome], s: TraceSettings) -> float:
+    """The share of the squared residual beyond the typical one that the effects remove; 1 if nothing is beyond it."""
     before, after = outcomes[0].before, outcomes[-1].after
     beyond = before**2 - s.usual_left**2
     return (before**2 - after**2) / beyond if beyond > 0.0 else 1.0
 
 
-def explained(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
-    """Whether what was taken is believed: where most of the gap stays open, the cause is likelier none of the list.
+def is_explained(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
+    """Whether the chosen effects are accepted: they remove enough of the residual beyond the typical one.
 
-    Faults that data sheets allow are believed only where something beyond the usual was left for them to explain.
+    Sensor faults within their data sheets are accepted only if there is a residual beyond the typical one.
     """
-    taken = outcomes[0].taken is not None and closed(outcomes, s) >= s.least_closed
-    return taken and not findings_alone(outcomes, s)
+    enough = outcomes[0].chosen is not None and closed_share(outcomes, s) >= s.least_closed
+    return enough and not only_allowed_faults(outcomes, s)
 
 
-def findings_alone(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
-    """Whether all that was taken are faults within data sheets, and nothing beyond the usual was left to explain."""
-    taken = [one.round.taken for one in outcomes if one.round.taken is not None]
-    return bool(taken) and outcomes[0].before <= s.usual_left and all(within_limits(one.applied) for one in taken)
+def only_allowed_faults(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
+    """Whether all chosen effects are sensor faults within their data sheets, and the residual is typical."""
+    effects = [one.round.chosen for one in outcomes if one.round.chosen is not None]
+    return bool(effects) and outcomes[0].before <= s.usual_left and all(within_limits(one.applied) for one in effects)
 
 
-def judged(
-    outcomes: Sequence[Outcome], law: Surface | None, leaning: Sequence[AppliedEffect], s: TraceSettings
+def verdict_of(
+    outcomes: Sequence[Outcome], law: Surface | None, tilts: Sequence[AppliedEffect], s: TraceSettings
 ) -> tuple[Verdict, tuple[str, ...]]:
-    """The verdict, and the reasons for it, a line each.
+    """The verdict, and its reasons, a line each.
 
-    law: a joint's surface, where one was looked at; leaning: sensors that lean farther than a data sheet allows, by
-    their own gyros, which are a cause by themselves where the rounds found none.
+    law: the surface of a joint, if one was fitted. tilts: sensors tilted by more than a data sheet allows, by their
+    gyros; they are a cause by themselves if the rounds found none.
     """
-    verdict, reasons = _of_effect(outcomes[0]) if explained(outcomes, s) else _of_none(outcomes, law, s)
-    return "effect" if leaning and verdict == "none" else verdict, reasons
+    verdict, reasons = _of_effect(outcomes[0], s) if is_explained(outcomes, s) else _of_none(outcomes, law, s)
+    return "effect" if tilts and verdict == "none" else verdict, reasons
 
 
 def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
-    """Where no effect is believed: whether more is left than is usual, or what would explain it was refused."""
-    first, last = outcomes[0].round, outcomes[-1]
-    best = first.taken or first.ladder[0]
-    said = f"the best of all, {named(best.applied)}, gains {best.gain:.2f}; {first.threshold:.2f} was asked"
-    strong = [one for one in first.ladder if one.refitted and one.against and one.gain > first.threshold]
-    refused = [_refusal(one) for one in strong if not one.usual]
-    usual = [_refusal(one) for one in strong if one.usual]
-    if outcomes[0].taken is not None and not findings_alone(outcomes, s):
+    """Without an accepted effect: whether the residual is typical, and which candidates have objections."""
+    first, before = outcomes[0].round, outcomes[0].before
+    best = first.chosen or first.ranking[0]
+    gain = f"the largest gain is {best.gain:.2f} ({named(best.applied)}); {first.threshold:.2f} is required"
+    strong = [one for one in first.ranking if one.refitted and one.against and one.gain > first.threshold]
+    refused = [_refusal(one) for one in strong if not one.typical]
+    typical = [_refusal(one) for one in strong if one.typical]
+    if outcomes[0].chosen is not None and not only_allowed_faults(outcomes, s):
         refused.append(
-            f"{named(best.applied)} closes only {100.0 * closed(outcomes, s):.0f} % of the gap between what is left"
-            f" and what is usual, {100.0 * s.least_closed:g} % was asked"
+            f"{named(best.applied)} removes only {100.0 * closed_share(outcomes, s):.0f} % of the residual beyond the"
+            f" typical one; {100.0 * s.least_closed:g} % is required"
         )
-    much = f"what is left is {last.before:.2f} times what a good model misses, up to {s.unusual:g} is usual"
-    stretched = outcomes[0].without.stretched
-    far = f"usual departures are stretched to {stretched:.0f} in squares of theirs, up to {s.most_stretched:g} is usual"
-    beyond = outcomes[0].before > s.unusual or stretched > s.most_stretched
-    if refused or beyond or (law is not None and law.gain > first.threshold):
-        return "unexplained", (said, much, far, *refused, *usual)
-    return "none", (said, much, far, *usual)
+    last, square = outcomes[-1].before, outcomes[0].without.nuisance_square
+    residual = f"the residual is {last:.2f} times that of a good model; up to {s.unusual:g} is typical"
+    nuisance = f"the sum of squared nuisance parameters is {square:.0f}; up to {s.most_stretched:g} is typical"
+    atypical = before > s.unusual or square > s.most_stretched
+    if refused or atypical or (law is not None and law.gain > first.threshold):
+        return "unexplained", (gain, residual, nuisance, *refused, *typical)
+    return "none", (gain, residual, nuisance, *typical)
 
 
-def _refusal(one: Candidate) -> str:
+def _refusal(one: RankedCandidate) -> str:
     return f"{named(one.applied)} gains {one.gain:.2f}, but {'; '.join(one.against)}"
 
 
-def _of_effect(outcome: Outcome) -> tuple[Verdict, tuple[str, ...]]:
-    first = outcome.round
-    assert first.taken is not None
-    taken = first.taken
+def _of_effect(outcome: Outcome, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
+    best = outcome.round.chosen
+    assert best is not None
     where = "in events that its size was not fitted to"
-    if not taken.steady and taken.applied.effect.name != "posture":  # its two stiffnesses are fitted to others
-        where = f"set anew in the very events that choose, where {ANEW:g} says nothing"
-    said = f"{named(taken.applied)} gains {taken.gain:.2f} {where}; {first.threshold:.2f} was asked"
-    others = [one.applied for one in first.ambiguous_with]
-    if any(one.effect is not taken.applied.effect for one in others):
-        return "ambiguous", (said, f"as good or nearly: {', '.join(map(named, others))}")
+    if not best.steady and not best.applied.effect.sized_by_training:
+        where = f"in events that it was fitted to, where up to {s.evidence.unsteady_gain:g} is typical"
+    gain = f"{named(best.applied)} gains {best.gain:.2f} {where}; {outcome.round.threshold:.2f} is required"
+    others = [one.applied for one in outcome.round.ambiguous_with]
+    if any(one.effect is not best.applied.effect for one in others):
+        return "ambiguous", (gain, f"about as good: {', '.join(map(named, others))}")
     sites = ", ".join(one.site for one in others)
-    where = f"where it sits is less sure, nearly as well: {sites}" if sites else "at no other site nearly as well"
-    return "effect", (said, f"no other effect explains them nearly as well; {where}")
+    site = f"its site is less certain; about as good: {sites}" if sites else "no other site is about as good"
+    return "effect", (gain, f"no other effect is about as good; {site}")
 
 
 def named(applied: AppliedEffect) -> str:

@@ -30,19 +30,19 @@ def _kinds() -> dict[str, type[Any]]:
     from biodyn_core.identification.settings import CaseSettings
     from biodyn_core.signals.spectrum_settings import SpectrumSettings
     from biodyn_core.tracing.settings import (
-        BackgroundSettings,
         FloorSettings,
+        NuisanceSettings,
         TraceSettings,
-        UsualSettings,
+        TypicalSettings,
         WeightSettings,
     )
 
     return {
         "tracing": TraceSettings,
         "least data": FloorSettings,
-        "background": BackgroundSettings,
+        "nuisance model": NuisanceSettings,
         "weights": WeightSettings,
-        "usual departures": UsualSettings,
+        "typical deviations": TypicalSettings,
         "spectra": SpectrumSettings,
         "cases": CaseSettings,
     }
@@ -51,9 +51,9 @@ def _kinds() -> dict[str, type[Any]]:
 def _add(command: CommandParser) -> None:
     command.add_argument("bag", nargs="*", metavar="BAG", help="several of each loading condition")
     command.add_argument(
-        "--subject", required=True, metavar="S", help="who it is: a subject file, fitted or not, or a bundled name"
+        "--subject", required=True, metavar="S", help="subject file, fitted or not, or the name of a bundled one"
     )
-    add_held_out(command, "bags that have no say in the effect (default: every second one of each condition)")
+    add_held_out(command, "bags that theta and sizes are not fitted to (default: every second one of each condition)")
     add_seed(command, "of everything drawn")
     command.add_argument(
         "--fresh", action="store_true", help="compute anew what DIR.kept.json holds of an interrupted or earlier trace"
@@ -86,7 +86,7 @@ def _run(options: argparse.Namespace) -> None:
             print(f"biodyn trace: {kept.path} keeps what is done; the same command goes on from there", file=sys.stderr)
         raise
     write_traced(traced, directory, not options.no_report, given_yaml)
-    show(options, traced.document, text_of(traced.document))
+    show(options, traced.document, text_of(traced.report))
 
 
 def _kept_beside(directory: Path) -> Path:
@@ -103,7 +103,9 @@ def how_of(options: argparse.Namespace) -> TraceOptions:
     from biodyn_ros.trace.tracing import TraceOptions
 
     given = all_settings(options, _kinds())
-    background = dataclasses.replace(given["background"], weights=given["weights"], usual=given["usual departures"])
+    nuisance = dataclasses.replace(
+        given["nuisance model"], weights=given["weights"], typical=given["typical deviations"]
+    )
     return TraceOptions(
         seed=options.seed,
         held_out=tuple(options.hold_out),
@@ -111,7 +113,7 @@ def how_of(options: argparse.Namespace) -> TraceOptions:
         reading=reading_of(options),
         spectra=given["spectra"],
         preparing=given["cases"],
-        settings=dataclasses.replace(given["tracing"], floor=given["least data"], background=background),
+        settings=dataclasses.replace(given["tracing"], floor=given["least data"], nuisance=nuisance),
     )
 
 

@@ -1,4 +1,4 @@
-"""The mapping of trace.json, and the provenance that a traced subject's file carries."""
+"""Documents of a trace: the mapping of trace.json, and the provenance in a traced subject's file."""
 
 from __future__ import annotations
 
@@ -7,18 +7,14 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
-import numpy as np
-
-from biodyn_core.base.arrays import Floats
-from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.identification.problem import Case, Errors
+from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.findings import (
-    Candidate,
     ComparedEvent,
     Diagnostics,
     Interval,
+    RankedCandidate,
     Round,
     SensorFinding,
     Surface,
@@ -27,10 +23,11 @@ from biodyn_core.tracing.findings import (
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.fit.document import by_segment
 from biodyn_ros.reading.events import BagEvent, Prepared
 from biodyn_ros.reading.provenance import rests_on
-from biodyn_ros.trace.refit import parameters_moved
+from biodyn_ros.trace.errors import WHEN, errors_by_use, mean_errors
+from biodyn_ros.trace.refit import Move, Refit, parameters_moved
+from biodyn_ros.trace.report import Report
 
 Document = dict[str, Any]
 
@@ -40,15 +37,26 @@ PROOF: Final = (
 )
 
 
+def report_document(report: Report, bags: Sequence[Document], seconds: float) -> Document:
+    """The whole mapping of trace.json; bags are their `origin`."""
+    return trace_document(report.trace) | {
+        "bags": list(bags),
+        "dealt": report.dealt,
+        "warnings": list(report.warnings),
+        "seconds": seconds,
+        "refit": refit_document(report.refit) if report.refit else None,
+    }
+
+
 def trace_document(trace: Trace) -> Document:
-    """All that a trace finds; the bags and the seconds it took are `trace_bags`' to add."""
-    first = trace.rounds[0].ladder if trace.rounds else ()
+    """The part of trace.json that does not depend on bags."""
+    first = trace.rounds[0].ranking if trace.rounds else ()
     return {
         "subject": trace.before.name,
         "verdict": trace.verdict,
         "reasons": list(trace.reasons),
         "effects": [
-            _effect(*each) | {"added": each[0] in trace.after.effects}
+            _effect(*each) | {"added": each[0] in trace.added}
             for each in zip(trace.effects, trace.intervals, strict=True)
         ],
         "sensors": [_sensor(each) for each in trace.sensors],
@@ -56,7 +64,7 @@ def trace_document(trace: Trace) -> Document:
         "ambiguous_with": [_site(applied) for applied in trace.ambiguous_with],
         "separating_experiment": trace.experiment,
         "to_record": [dataclasses.asdict(need) for need in trace.needs],
-        "error": {"before": _errors_by_use(trace, "before"), "after": _errors_by_use(trace, "after")},
+        "error": {when: errors_by_use(trace, when) for when in WHEN},
         "floor": _known(trace.floor_percent),
         "p_value": _known(trace.p_value),
         "threshold": _known(trace.threshold),
@@ -64,8 +72,8 @@ def trace_document(trace: Trace) -> Document:
         "candidates": [_candidate(candidate) for candidate in first],
         "rounds": [_round(each) for each in trace.rounds],
         "diagnostics": _diagnostics(trace.diagnostics) if trace.diagnostics else {},
-        "departures": [{"name": each.name, "times_usual": finite(each.times_usual)} for each in trace.departures],
-        "parameters_moved": parameters_moved(trace),
+        "departures": [{"name": each.name, "times_usual": finite(each.typical_multiple)} for each in trace.nuisance],
+        "parameters_moved": {move.name: _move(move, adds=trace.adds) for move in parameters_moved(trace)},
         "subject_written": "with_effect" if trace.adds else "as_given",
         "surface": _surface(trace.surface) if trace.surface else None,
         "events": [event_document(event) for event in trace.events],
@@ -78,43 +86,47 @@ def trace_document(trace: Trace) -> Document:
     }
 
 
-def provenance(document: Document, trace: Trace, bags: Sequence[Prepared], subject: Subject) -> Document:
-    """What the subject's file keeps of its trace.
+def provenance(trace: Trace, bags: Sequence[Prepared], subject: Subject) -> Document:
+    """The provenance of a trace in the subject's file.
 
-    Bags that chose the effect count as fitted to. So do those that an effect already in the file rests on.
+    Bags for choosing the effect count as fitted. So do those of an effect that the given file already has.
     """
     origins = [origin(event, case, trace) for event, case in bags]
     earlier = rests_on(subject, besides={each["sha256"] for each in origins})
     return {
         "made_by": "biodyn trace",
-        "version": document["version"],
-        "seed": document["seed"],
-        "verdict": document["verdict"],
+        "version": __version__,
+        "seed": trace.seed,
+        "verdict": trace.verdict,
         "fitted": [each for each in origins if each["use"] != "held_out"] + earlier,
         "held_out": [each for each in origins if each["use"] == "held_out"],
-        "error": {
-            when: {use: each["all"] for use, each in by_use.items()} for when, by_use in document["error"].items()
-        },
+        "error": {when: {use: errors["all"] for use, errors in errors_by_use(trace, when).items()} for when in WHEN},
         "seat_peak_mps2": max(case.seat_peak_mps2 for event, case in bags if not event.held_out),
         "effects": {
-            f"{effect['name']} at {effect['site']}": {
-                name: [of["lower"], of["upper"]] for name, of in effect["intervals"].items()
+            f"{applied.effect.name} at {applied.site}": {
+                each.name: [finite(each.lower), finite(each.upper)] for each in intervals
             }
-            for effect in document["effects"]
+            for applied, intervals in zip(trace.effects, trace.intervals, strict=True)
         },
     }
 
 
 def origin(event: BagEvent, case: Case, trace: Trace) -> Document:
-    """One bag with what it was for in the end, and its error after, None where the event was left out."""
+    """One bag with its use, and its error after, None if the event was left out."""
     found = [each for each in trace.events if each.name == case.name]
     return {
         "bag": event.bag,
         "case": case.case,
         "sha256": event.sha256,
-        "use": found[0].use if found else "held_out" if event.held_out else "train",
-        "nrmse_rms_percent": _mean_error([found[0].after])["all"] if found else None,
+        "use": use_of(event, case, trace),
+        "nrmse_rms_percent": mean_errors([found[0].after])["all"] if found else None,
     }
+
+
+def use_of(event: BagEvent, case: Case, trace: Trace) -> str:
+    """The use of a bag's event: by the trace, or as it was given if the trace left it out."""
+    by_trace = next((each.use for each in trace.events if each.name == case.name), None)
+    return by_trace or ("held_out" if event.held_out else "train")
 
 
 # --- effects ---------------------------------------------------------------------------------------------------------
@@ -141,7 +153,7 @@ def _sensor(found: SensorFinding) -> Document:
         "limit": limit.limit,
         "limit_source": limit.source,
         "within_limit": within_limits(found.fault),
-        "told_by": found.told_by,
+        "told_by": found.source,
         "gain": _known(found.gain),
         "explains": found.explains,
     }
@@ -152,7 +164,7 @@ def _interval(interval: Interval) -> Document:
     return {"value": value, "unit": interval.unit, "lower": lower, "upper": upper}
 
 
-def _candidate(candidate: Candidate) -> Document:
+def _candidate(candidate: RankedCandidate) -> Document:
     return _site(candidate.applied) | {
         "parameters": dict(candidate.applied.values),
         "gain": finite(candidate.gain),
@@ -174,34 +186,13 @@ def _score(p_value: float) -> float | None:
 def _round(found: Round) -> Document:
     return {
         "threshold": finite(found.threshold),
-        "taken": _site(found.taken.applied) if found.taken else None,
+        "taken": _site(found.chosen.applied) if found.chosen else None,
         "ambiguous_with": [_site(candidate.applied) for candidate in found.ambiguous_with],
-        "candidates": [_candidate(candidate) for candidate in found.ladder],
+        "candidates": [_candidate(candidate) for candidate in found.ranking],
     }
 
 
 # --- errors ----------------------------------------------------------------------------------------------------------
-
-
-def _errors_by_use(trace: Trace, when: str) -> Document:
-    """Of each use the mean over its events; the two that scripts read are there even where they have no event."""
-    uses = ("train", "choose", "held_out")
-    found = {use: [getattr(event, when) for event in trace.events if event.use == use] for use in uses}
-    return {use: _mean_error(errors) for use, errors in found.items() if errors or use != "choose"}
-
-
-def _mean_error(errors: Sequence[Errors]) -> Document:
-    """Of each segment over the events that have it, and over all: the mean of the events' own means."""
-    by_event = np.array([error.nrmse_rms_percent for error in errors]).reshape(-1, len(MEASURED_SEGMENTS))
-    return by_segment(np.array([_mean(column) for column in by_event.T])) | {
-        "all": finite(_mean(np.array([_mean(row) for row in by_event])))
-    }
-
-
-def _mean(values: Floats) -> float:
-    """The mean of what is known, NaN where nothing is."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else math.nan
 
 
 def event_document(event: ComparedEvent) -> Document:
@@ -211,9 +202,37 @@ def event_document(event: ComparedEvent) -> Document:
         "case": event.case,
         "use": event.use,
         "seconds": len(event.measured_mps2) / event.rate_hz,
-        "given": _mean_error([event.given]) if event.given else None,
-        "before": _mean_error([event.before]),
-        "after": _mean_error([event.after]),
+        "given": mean_errors([event.given]) if event.given else None,
+        "before": mean_errors([event.before]),
+        "after": mean_errors([event.after]),
+    }
+
+
+def _move(move: Move, adds: bool) -> Document:
+    return {
+        "given": move.given,
+        "given_interval": list(move.interval) if move.interval else None,
+        "refitted": move.refitted,
+        "with_effect": move.after if adds else None,
+        "before": move.refitted,
+        "after": move.after,
+        "percent": move.percent,
+        "refit_percent": move.refit_percent,
+        "unit": move.unit,
+    }
+
+
+def refit_document(refit: Refit) -> Document:
+    """The refit with its text."""
+    return {
+        "outside_intervals": [move.name for move in refit.outside],
+        "intervals_known": refit.has_intervals,
+        "given_fitted": refit.is_given_fitted,
+        "recordings": refit.recordings,
+        "given_recordings": refit.given_recordings,
+        "shared_recordings": refit.shared_recordings,
+        "error_percent": {"given": refit.given_percent, "refitted": refit.refitted_percent},
+        "text": refit.text,
     }
 
 

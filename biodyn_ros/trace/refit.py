@@ -1,9 +1,9 @@
-"""Refit: how far theta moves from the subject that was given, and on which recordings each of both rests."""
+"""Refit: the change of theta from the given subject, and the recordings of both fits."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,60 +11,143 @@ from biodyn_core.body.parameters import PARAMETERS, is_fitted
 from biodyn_core.body.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import number, parameter_name, told_apart
-
-Document = dict[str, Any]
+from biodyn_ros.base.wording import counted, number, parameter_name, told_apart
 
 
-def parameters_moved(trace: Trace) -> Document:
-    """Every parameter as given, refitted, and with the effect, and both changes in percent, None from zero.
+@dataclass(frozen=True)
+class Move:
+    """One parameter: given (None if unfitted) with its 95 % interval, refitted, and of the subject in the end."""
 
-    given is None for a subject that was never fitted, with_effect where nothing was added.
-    """
+    name: str
+    unit: str
+    given: float | None
+    interval: tuple[float, float] | None
+    refitted: float
+    after: float
+
+    @property
+    def refit_percent(self) -> float | None:
+        """The change by the refit, percent; None from zero or without a given value."""
+        return None if self.given is None else _percent(self.given, self.refitted)
+
+    @property
+    def percent(self) -> float | None:
+        """The change by the added effect, percent; None from zero."""
+        return _percent(self.refitted, self.after)
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether the refitted value is outside the given interval; False without one."""
+        return self.interval is not None and not self.interval[0] <= self.refitted <= self.interval[1]
+
+    @property
+    def given_text(self) -> str:
+        """The given value as text, with its interval if there is one."""
+        if self.given is None or self.interval is None:
+            return number(self.given)
+        value, lower, upper = told_apart(self.given, *self.interval)
+        return f"{value} ({lower} to {upper})"
+
+    @property
+    def refitted_text(self) -> str:
+        """The refitted value as text, with enough digits to differ from the nearest end of the given interval."""
+        if self.interval is None:
+            return number(self.refitted)
+        near = min(self.interval, key=lambda end: abs(self.refitted - end))
+        ends = sorted((self.refitted, near)) if self.is_outside else self.interval
+        return told_apart(self.refitted, *ends)[0]
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The refit of theta: its parameters, the recordings of both fits, and the errors in the events for fitting."""
+
+    moves: tuple[Move, ...]
+    is_given_fitted: bool
+    recordings: int
+    given_recordings: int | None
+    shared_recordings: int
+    given_percent: float | None
+    refitted_percent: float | None
+
+    @property
+    def outside(self) -> list[Move]:
+        """The parameters outside their given intervals."""
+        return [move for move in self.moves if move.is_outside]
+
+    @property
+    def has_intervals(self) -> bool:
+        """Whether the given subject has intervals."""
+        return any(move.interval for move in self.moves)
+
+    @property
+    def text(self) -> str:
+        """The refit in one sentence, without a full stop."""
+        here = counted(self.recordings, "recording")
+        if not self.is_given_fitted:
+            return f"the given subject was not fitted: its parameters come from the {here} given here"
+        error = (
+            f"there the error is {number(self.given_percent)} % of the measured rms with the given parameters,"
+            f" {number(self.refitted_percent)} % with the refitted ones"
+        )
+        if not self.has_intervals:
+            return (
+                f"refitted to the {here} given here; {error}; the given subject's file has no intervals to compare with"
+            )
+        if not self.outside:
+            return f"refitted to the {here} given here, every parameter stays in the given subject's interval; {error}"
+        far = max(self.outside, key=lambda move: abs(move.refit_percent or 0.0))
+        others = len(self.outside) - 1
+        more = f", and {others} more {'leaves its own' if others == 1 else 'leave theirs'}" if others else ""
+        return (
+            f"refitted to the {here} given here, {parameter_name(far.name)} goes from {far.given_text} to"
+            f" {far.refitted_text}, outside its 95 % interval{more}: {self._validity}; {error}"
+        )
+
+    @property
+    def _validity(self) -> str:
+        """The recordings that the given intervals are valid for."""
+        given, shared = self.given_recordings, self.shared_recordings
+        if given is None:
+            return "these intervals hold only for the recordings of that fit, which its file does not name"
+        used = (
+            "none is" if shared == 0 else "all are" if shared == given else f"{shared} {'is' if shared == 1 else 'are'}"
+        )
+        return f"these intervals hold only for the {counted(given, 'recording')} of that fit, of which {used} used here"
+
+
+def parameters_moved(trace: Trace) -> tuple[Move, ...]:
+    """Every parameter as given, refitted, and of the subject in the end."""
     subjects = (trace.given, trace.before, trace.after)
     known, intervals = is_fitted(trace.given.parameters), given_intervals(trace.given)
     columns = zip(PARAMETERS, *(subject.parameters.vector().tolist() for subject in subjects), strict=True)
-    return {
-        parameter.name: {
-            "given": given if known else None,
-            "given_interval": intervals.get(parameter.name),
-            "refitted": refitted,
-            "with_effect": after if trace.adds else None,
-            "before": refitted,
-            "after": after,
-            "percent": _percent(refitted, after),
-            "refit_percent": _percent(given, refitted) if known else None,
-            "unit": parameter.unit,
-        }
-        for parameter, given, refitted, after in columns
-    }
+    return tuple(
+        Move(of.name, of.unit, given if known else None, intervals.get(of.name), refitted, after)
+        for of, given, refitted, after in columns
+    )
 
 
-def refit_document(trace: Trace, moved: Document, hashes: Sequence[str]) -> Document | None:
-    """Why the refit is where it is; None where nothing was refitted.
-
-    hashes: of the recordings that theta was fitted to here.
-    """
+def refit_of(trace: Trace, hashes: Sequence[str]) -> Refit | None:
+    """The refit of a trace; None if nothing was fitted. hashes: of the recordings for fitting."""
     if not trace.refitted:
         return None
     recordings, given = set(hashes), _given_recordings(trace.given)
-    document: Document = {
-        "outside_intervals": [name for name, of in moved.items() if outside(of)],
-        "intervals_known": any(of["given_interval"] for of in moved.values()),
-        "given_fitted": is_fitted(trace.given.parameters),
-        "recordings": len(recordings),
-        "given_recordings": len(given) or None,
-        "shared_recordings": len(recordings & given),
-        "error_percent": {"given": _mean(trace, "given"), "refitted": _mean(trace, "before")},
-    }
-    return document | {"text": _text(document, moved)}
+    return Refit(
+        moves=parameters_moved(trace),
+        is_given_fitted=is_fitted(trace.given.parameters),
+        recordings=len(recordings),
+        given_recordings=len(given) or None,
+        shared_recordings=len(recordings & given),
+        given_percent=_mean(trace, "given"),
+        refitted_percent=_mean(trace, "before"),
+    )
 
 
-def given_intervals(subject: Subject) -> dict[str, list[float]]:
-    """The 95 % intervals that a subject's file has of its fit, by parameter."""
+def given_intervals(subject: Subject) -> dict[str, tuple[float, float]]:
+    """The 95 % intervals in a subject's file, by parameter."""
     found = subject.provenance.get("intervals")
     known = found if isinstance(found, Mapping) else {}
-    return {name: [float(end) for end in ends] for name, ends in known.items() if _is_interval(ends)}
+    return {name: (float(ends[0]), float(ends[1])) for name, ends in known.items() if _is_interval(ends)}
 
 
 def _is_interval(ends: object) -> bool:
@@ -72,25 +155,10 @@ def _is_interval(ends: object) -> bool:
 
 
 def _given_recordings(subject: Subject) -> set[str]:
-    """The hashes of the recordings that a subject's file says it was fitted to."""
+    """The hashes of the recordings that a subject was fitted to, by its file."""
     found = subject.provenance.get("fitted")
     known = found if isinstance(found, list) else []
     return {str(each["sha256"]) for each in known if isinstance(each, Mapping) and "sha256" in each}
-
-
-def outside(of: Document) -> bool:
-    """Whether a refitted parameter is outside the given interval; never where there is none."""
-    ends = of["given_interval"]
-    return ends is not None and not ends[0] <= of["refitted"] <= ends[1]
-
-
-def refitted_beside(of: Document) -> str:
-    """The refitted value as text, with as many digits as tell it from the nearest end of the given interval."""
-    ends, value = of["given_interval"], of["refitted"]
-    if ends is None:
-        return number(value)
-    near = min(ends, key=lambda end: abs(value - end))
-    return told_apart(value, *(sorted((value, near)) if outside(of) else ends))[0]
 
 
 def _percent(before: float, after: float) -> float | None:
@@ -98,43 +166,7 @@ def _percent(before: float, after: float) -> float | None:
 
 
 def _mean(trace: Trace, when: str) -> float | None:
-    """The mean error of a subject over the events that theta was fitted to."""
+    """The mean error of a subject over the events for fitting."""
     found = [getattr(event, when) for event in trace.events if event.use == "train"]
     percents = [error.mean_percent for error in found if error is not None]
     return finite(float(np.mean(percents))) if percents else None
-
-
-def _text(document: Document, moved: Document) -> str:
-    here = _recordings(document["recordings"])
-    if not document["given_fitted"]:
-        return f"the given subject was not fitted: its parameters come from the {here} given here"
-    error = document["error_percent"]
-    given, refitted = (number(error[key]) for key in ("given", "refitted"))
-    left = f"there the given parameters miss {given} % of the measured rms, the refitted ones {refitted} %"
-    if not document["intervals_known"]:
-        return f"refitted to the {here} given here; {left}; the given subject's file has no intervals to compare with"
-    left_theirs = document["outside_intervals"]
-    if not left_theirs:
-        return f"refitted to the {here} given here, every parameter stays in the given subject's interval; {left}"
-    far = max(left_theirs, key=lambda name: abs(moved[name]["refit_percent"] or 0.0))
-    more = {1: "", 2: ", and 1 more leaves its own"}.get(
-        len(left_theirs), f", and {len(left_theirs) - 1} more leave theirs"
-    )
-    value, lower, upper = told_apart(moved[far]["given"], *moved[far]["given_interval"])
-    return (
-        f"refitted to the {here} given here, {parameter_name(far)} goes from {value} ({lower} to {upper}) to"
-        f" {refitted_beside(moved[far])}, outside its 95 % interval{more}: {_holds(document)}; {left}"
-    )
-
-
-def _holds(document: Document) -> str:
-    """What the given intervals hold for."""
-    given, shared = document["given_recordings"], document["shared_recordings"]
-    if given is None:
-        return "these intervals hold only for the recordings of that fit, which its file does not name"
-    used = "none is" if shared == 0 else "all are" if shared == given else f"{shared} {'is' if shared == 1 else 'are'}"
-    return f"these intervals hold only for the {_recordings(given)} of that fit, of which {used} used here"
-
-
-def _recordings(count: int) -> str:
-    return f"{count} recording{'' if count == 1 else 's'}"

@@ -1,6 +1,7 @@
-"""Trace: bags to the effect that a subject's model lacks. Reads the events, traces, and says what it rests on.
+"""Trace: from bags to the effect that a subject's model lacks.
 
-Without bags held out by name, those given are dealt: what chooses an effect must not also say how good it is.
+Without bags held out by name, every second one of a loading condition is held out: an effect is not chosen by the
+events that its errors are reported of.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ from biodyn_ros.fit.document import warnings_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.provenance import role_of
 from biodyn_ros.reading.recordings import RecordingOptions
-from biodyn_ros.trace.document import origin, provenance, trace_document
-from biodyn_ros.trace.refit import refit_document
+from biodyn_ros.trace.document import origin, provenance, report_document, use_of
+from biodyn_ros.trace.refit import refit_of
+from biodyn_ros.trace.report import Report
 from biodyn_ros.work.tasks import Monitor
 
 Document = dict[str, Any]
@@ -42,7 +44,7 @@ PAGE: Final = "trace.html"
 class TraceOptions:
     """How bags are read, prepared and traced.
 
-    held_out: bags that have no say in the effect; cases: the loading condition of a bag where its name does not tell.
+    held_out: bags that are not fitted to; cases: the loading condition of a bag if its name does not give it.
     """
 
     seed: int = 0
@@ -56,14 +58,16 @@ class TraceOptions:
 
 @dataclass(frozen=True, eq=False)
 class Traced:
-    """The document of trace.json, the trace behind it, and the subject: with what was added and its provenance.
-
-    Where nothing was added it is the subject that was given, its provenance unchanged.
-    """
+    """The document of trace.json, its report, and the subject: with added effects, or the given one unchanged."""
 
     document: Document
     subject: Subject
-    trace: Trace
+    report: Report
+
+    @property
+    def trace(self) -> Trace:
+        """The trace of the report."""
+        return self.report.trace
 
 
 def trace_bags(
@@ -73,15 +77,15 @@ def trace_bags(
     kept: MutableMapping[str, Any] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Traced:
-    """Trace what a subject lacks in bags; raises InputError, one line, for bags that cannot be read or compared.
+    """Trace bags; raises InputError, one line, for bags that cannot be read or compared.
 
-    kept: the long parts of earlier traces, such as a `Kept`. say hears what each bag is for before the long work.
+    kept: the checkpoint of earlier traces, such as a `Kept`. say: called with the use of each bag before the long work.
     """
-    from biodyn_core.tracing.trace import trace  # late: bags that are refused need none of it
+    from biodyn_core.tracing.trace import trace  # late: refused bags do not need it
 
     o, begin = options or TraceOptions(), time.monotonic()
     check_bags(bags, o.held_out, o.cases)
-    # Every channel that was measured lets one effect more be tried.
+    # Every further channel makes effects testable.
     reading = EventOptions(o.cases, dataclasses.replace(o.reading, channels=True), o.spectra, o.preparing)
     with Progress("reading") as progress:
         events = read_events(bags, o.held_out, reading, progress)
@@ -90,21 +94,22 @@ def trace_bags(
     for line in _uses(fitted, spare, by_name=bool(o.held_out)):
         say(line)
     with Stages(Progress) as stages:
-        found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, tell=stages, kept=kept)
-    document = trace_document(found) | {
-        "bags": [origin(event, case, found) for event, case in prepared],
-        "dealt": None if o.held_out else _dealt(prepared),
-        "warnings": [*events.left_out, *warnings_of(prepared), *_seen_before(subject, prepared)],
-        "seconds": time.monotonic() - begin,
-    }
-    hashes = [each["sha256"] for each in document["bags"] if each["use"] == "train"]
-    document["refit"] = refit_document(found, document["parameters_moved"], hashes)
-    with_effect = dataclasses.replace(found.after, provenance=provenance(document, found, prepared, subject))
-    return Traced(document, with_effect if found.adds else subject, found)
+        found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, on_stage=stages, checkpoint=kept)
+    hashes = [event.sha256 for event, case in prepared if use_of(event, case, found) == "train"]
+    report = Report(
+        trace=found,
+        refit=refit_of(found, hashes),
+        dealt=None if o.held_out else _dealt(prepared),
+        warnings=(*events.left_out, *warnings_of(prepared), *_seen_before(subject, prepared)),
+    )
+    bags_used = [origin(event, case, found) for event, case in prepared]
+    document = report_document(report, bags_used, time.monotonic() - begin)
+    with_effect = dataclasses.replace(found.after, provenance=provenance(found, prepared, subject))
+    return Traced(document, with_effect if found.adds else subject, report)
 
 
 def deal(events: Sequence[Prepared]) -> list[Prepared]:
-    """The events with every second bag of a loading condition held out, in the order given, those held out last."""
+    """The events with every second bag of a loading condition held out, in the given order, held-out ones last."""
     bags: dict[str, dict[str, bool]] = {}
     dealt = []
     for event, case in events:
@@ -117,8 +122,8 @@ def deal(events: Sequence[Prepared]) -> list[Prepared]:
 def write_traced(traced: Traced, directory: Path, report: bool = True, given_yaml: str | None = None) -> None:
     """Write subject.yaml, trace.json and trace.html; raises InputError, of the page as `write_drawn`.
 
-    given_yaml: the file of the subject that was given, which is copied where nothing was added. The subject comes
-    first, so that none of an earlier trace stands beside a new verdict. Without a report an earlier one is removed.
+    given_yaml: the file of the given subject, which is copied if nothing is added. The subject is written first, so
+    that no subject of an earlier trace remains with a new verdict. Without a report an earlier one is removed.
     """
     make_directory(directory)
     as_given = None if traced.trace.adds else given_yaml
@@ -128,15 +133,15 @@ def write_traced(traced: Traced, directory: Path, report: bool = True, given_yam
         from biodyn_ros.reports.pages import write_drawn  # an extra of its own
         from biodyn_ros.trace.page import trace_page
 
-        write_drawn(directory / PAGE, lambda: trace_page(traced.document, traced.trace))
+        write_drawn(directory / PAGE, lambda: trace_page(traced.report))
     else:
         remove(directory / PAGE)
 
 
 class Stages:
-    """Shows each stage of long work on a line of its own: `with Stages(watch) as stages: work(stages)`.
+    """Shows each stage of long work on a separate line: `with Stages(watch) as stages: work(stages)`.
 
-    It hears (stage, share done).
+    Called with the stage and the share of it that is done.
     """
 
     def __init__(self, watch: Monitor) -> None:
@@ -162,13 +167,15 @@ def _dealt(prepared: Sequence[Prepared]) -> str:
         list(dict.fromkeys(event.bag for event, _ in prepared if event.held_out is out)) for out in (False, True)
     )
     if not held_out:
-        return "nothing is held out: no loading condition has two bags to deal; give more, or --hold-out"
+        return "nothing is held out: no loading condition has two bags; give more bags, or --hold-out"
     names = ", ".join(Path(bag).name for bag in held_out)
-    return f"none was held out by name, so each condition's were dealt by turns: {len(train)} to fit, held out {names}"
+    return (
+        f"no bag was held out by name, so every second one of each condition is: {len(train)} to fit, held out {names}"
+    )
 
 
 def _uses(train: Sequence[Case], held_out: Sequence[Case], by_name: bool) -> Iterator[str]:
-    """What each recording is for, a line for each use."""
+    """The recordings of each use, a line each."""
     fitted, spare, _ = usable(train, held_out)
     choose, report = dealt(spare)
     how = "by name" if by_name else "by default, every second bag of a condition"
@@ -182,6 +189,6 @@ def _names(cases: Sequence[Case]) -> str:
 
 
 def _seen_before(subject: Subject, prepared: Sequence[Prepared]) -> list[str]:
-    """What is held out but not new: theta is fitted anew, yet the theta that it starts from knew."""
+    """A warning for each held-out bag that the given subject was fitted to."""
     seen = [event.bag for event, _ in prepared if event.held_out and role_of(subject, event.sha256) == "fitted"]
     return [f"{bag}: held out, but the subject that was given had been fitted to it" for bag in dict.fromkeys(seen)]

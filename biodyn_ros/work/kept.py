@@ -11,7 +11,7 @@ from biodyn_ros import __version__
 from biodyn_ros.base.files import check_directory, make_directory
 from biodyn_ros.base.json_files import keys_of, read_json, write_json
 
-SCHEMA: Final = 1
+SCHEMA: Final = 2
 MOST: Final = 24
 """Parts that are kept, the latest: a trace has one for theta and one for each round, half a megabyte each."""
 

@@ -1,1 +1,1 @@
-"""The blind study of tracing: what the world hides, and what the tracer says of it before anybody looks it up."""
+"""The blind study of tracing: simulated records with hidden effects are traced before their truths are read."""

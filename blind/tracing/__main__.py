@@ -1,4 +1,4 @@
-"""`python -m blind tracing`: the blind study of tracing; 1 where a mark is missed, 2 where it cannot run."""
+"""`python -m blind tracing`: the blind study of tracing; exit code 1 if a mark is missed, 2 if it cannot run."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ OUT: Final = Path("blind-out")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the study, or go on with it, and publish it where it is whole."""
+    """Run the study, or continue it, and publish a complete one."""
     options = _parser().parse_args(arguments)
     if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: say where they are with BIODYN_DATA", file=sys.stderr)
+        print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
         return 2
     try:
-        return _studied(options)
+        return _run(options)
     except (BrokenSeal, InputError, ValueError) as error:
         print(f"blind: {error}", file=sys.stderr)
         return 2
 
 
-def _studied(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     begin = time.perf_counter()
 
     def say(text: str) -> None:
@@ -50,7 +50,7 @@ def _studied(options: argparse.Namespace) -> int:
     seed = secrets.randbelow(2**31) if options.seed is None else options.seed
     partial = bool(options.rows or options.count is not None or options.split != "blind")
     print(f"blind: seed {seed}{', a partial run that is not published' if partial else ''}", flush=True)
-    what = Run(
+    study = Run(
         seed,
         tuple(drawings(options.rows, options.count)),
         _folder(options.out, seed, partial),
@@ -58,21 +58,21 @@ def _studied(options: argparse.Namespace) -> int:
         commit(),
         () if partial else CONDITIONS,
     )
-    outcomes = run(what, in_processes, say=say)
+    outcomes = run(study, in_processes, say=say)
     if not partial:
         outcomes += streams.outcomes(seed)
     found = marks(outcomes, CONDITIONS if partial else (*CONDITIONS, *MEASURED))
     if not partial:
-        if commit() != what.commit:
-            raise BrokenSeal("the commit has changed since the run began: nothing is published")
+        if commit() != study.commit:
+            raise BrokenSeal("the commit has changed since the run began, so it is not published")
         today = dt.datetime.now(dt.timezone.utc).date().isoformat()
-        publish(ROOT, About(today, what.commit, seed, thresholds(), seals(what)[-1], len(outcomes)), outcomes, found)
+        publish(ROOT, About(today, study.commit, seed, thresholds(), seals(study)[-1], len(outcomes)), outcomes, found)
     _print(found, outcomes, partial)
     return 0 if all(mark.met for mark in found) else 1
 
 
 def commit() -> str:
-    """The commit of the checkout, with a plus where files that it tracks, pages left aside, have been changed."""
+    """The commit of the checkout, with a plus if tracked files other than pages have changed."""
     head = _git("rev-parse", "--short=12", "HEAD")
     changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
     return f"{head or 'unknown'}{'+' if changed else ''}"
@@ -85,30 +85,33 @@ def _git(*arguments: str) -> str:
 
 
 def _folder(out: Path, seed: int, partial: bool) -> Path:
-    """Where a run writes. A seed whose truths a partial run has looked at is spent: ValueError."""
+    """The folder of a run; raises ValueError for a seed whose truths a partial run has used."""
     spent = out / f"{seed}-partial"
     if not partial and (spent / SEAL).exists():
-        raise ValueError(f"seed {seed}: a partial run has looked at its truths ({spent}); take another")
+        raise ValueError(f"seed {seed}: a partial run has used its truths ({spent}); take another")
     return spent if partial else out / str(seed)
 
 
 def _print(found: Sequence[Mark], outcomes: Sequence[Outcome], partial: bool) -> None:
     for mark in found:
-        print(f"{'met   ' if mark.met else 'MISSED'} {mark.row}: {mark.what} {mark.said} ({mark.asked})")
+        print(f"{'met   ' if mark.met else 'MISSED'} {mark.row}: {mark.what} {mark.text} ({mark.asked})")
     if partial:
-        print(f"partial: {len(outcomes)} records; rows with fewer than they are to have cannot meet their marks")
+        print(f"partial: {len(outcomes)} records; rows with too few records cannot meet their marks")
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m blind tracing", description=__doc__)
-    parser.add_argument("--seed", type=int, help="go on with a run, or repeat one; fresh and printed without it")
+    parser.add_argument("--seed", type=int, help="continue or repeat a run (default: a new seed, which is printed)")
     names = ", ".join(one.name for one in DRAWINGS)
-    parser.add_argument("--rows", nargs="+", default=[], metavar="ROW", help=f"these alone (partial): {names}")
-    parser.add_argument("--count", type=int, help="so many records of each (partial)")
+    parser.add_argument("--rows", nargs="+", default=[], metavar="ROW", help=f"only these rows (partial): {names}")
+    parser.add_argument("--count", type=int, help="records of each row (partial)")
     parser.add_argument(
-        "--split", choices=get_args(Split), default="blind", help="which forms are hidden; others are partial"
+        "--split",
+        choices=get_args(Split),
+        default="blind",
+        help="forms of the hidden effects; others than blind are partial",
     )
-    parser.add_argument("--out", type=Path, default=OUT, help="where verdicts and scores are kept")
+    parser.add_argument("--out", type=Path, default=OUT, help="directory of verdicts and scores")
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Asks the tracer: the only place that knows how it is called."""
+"""Answers: the only module that calls the tracer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.findings import Candidate, Trace
+from biodyn_core.tracing.findings import RankedCandidate, Trace
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace
 from blind.tracing.outcome import FAILED, Answer, Cause
@@ -24,12 +24,12 @@ TRACE_SEED: Final = 0
 
 
 def traced(known: Record) -> Trace:
-    """What the package's tracer says of a record, with its defaults."""
+    """The trace of a record by the package, with default settings."""
     return trace(known.train, known.held_out, known.subject, TraceSettings(), TRACE_SEED)
 
 
 def thresholds() -> str:
-    """A hash of all that decides: the tracer's settings, whose defaults hold every threshold."""
+    """A hash of the default settings, which have every threshold."""
     return hashlib.sha256(repr(dataclasses.asdict(TraceSettings())).encode()).hexdigest()
 
 
@@ -40,7 +40,7 @@ def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> A
         found = tracer(known)
     except InputError as error:
         return _without(row, number, begin, "not_decidable", str(error))
-    except Exception as error:  # noqa: BLE001 - one bad record counts as wrong; it must not cost a night of others
+    except Exception as error:  # noqa: BLE001 - one failing record counts as wrong and does not stop the run
         return _without(row, number, begin, FAILED, f"{type(error).__name__}: {error}")
     held_out = [event for event in found.events if event.use == "held_out"]
     before, after = (
@@ -68,12 +68,12 @@ def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> A
     )  # fmt: skip
 
 
-def _best(found: Trace) -> Candidate | None:
-    """What was taken first, or else gained most."""
+def _best(found: Trace) -> RankedCandidate | None:
+    """The chosen candidate of the first round, or else the one with the largest gain."""
     if not found.rounds:
         return None
     first = found.rounds[0]
-    return first.taken or next((one for one in first.ladder if one.refitted), None)
+    return first.chosen or next((one for one in first.ranking if one.refitted), None)
 
 
 def _without(row: str, number: int, begin: float, verdict: str, why: str) -> Answer:

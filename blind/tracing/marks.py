@@ -1,4 +1,4 @@
-"""Marks of the rows with their intervals, results by class beside the simplest baseline, and who is taken for whom."""
+"""Marks of the rows with their intervals, results by class beside the simplest baseline, and the confusion matrix."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from blind.tracing.rows import CONDITIONS, Condition, Rule
 
 @dataclass(frozen=True)
 class Mark:
-    """One mark of one row: what is asked and what was reached, judged on the point estimate.
+    """One mark of one row: the required and the reached value; the point estimate decides.
 
-    reached is a share, mean or median, None where nothing counts; lower and upper are Wilson's 95 % interval of a
-    share. records counts those of the row, values those of them that have one; a row with fewer records than it is to
-    have, `least`, does not meet its marks.
+    reached: a share, mean or median, None without a value; lower, upper: Wilson's 95 % interval of a share. records:
+    number of the row's records; values: number of those with a value. A row with fewer records than `least` misses its
+    marks.
     """
 
     row: str
@@ -36,8 +36,8 @@ class Mark:
     baseline: float | None = None
 
     @property
-    def said(self) -> str:
-        """What was reached, in words."""
+    def text(self) -> str:
+        """The reached value as text."""
         if self.reached is None:
             return "-"
         if self.kind != "share":
@@ -47,7 +47,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class ByClass:
-    """What became of the records of one true class."""
+    """Results of the records of one true class."""
 
     name: str
     records: int
@@ -85,7 +85,7 @@ def _mark(row: Condition, rule: Rule, chosen: Sequence[Outcome]) -> Mark:
 
 
 def most_frequent(outcomes: Sequence[Outcome]) -> tuple[str, float]:
-    """The class that is true most often, the first by name of several, and how often naming it always were right."""
+    """The most frequent true class, the first by name of several, and its share."""
     counts = Counter(name for one in outcomes for name in one.true_names)
     if not counts:
         return "", 0.0
@@ -94,9 +94,9 @@ def most_frequent(outcomes: Sequence[Outcome]) -> tuple[str, float]:
 
 
 def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
-    """Records with one true class, by that class; named are all answers to it, the most frequent first.
+    """Results of records with one true class, by that class; named: all answers to it, the most frequent first.
 
-    These are the rows of the confusion matrix, verdicts that name no class among its columns.
+    These are the rows of the confusion matrix; verdicts without a class are among its columns.
     """
     found = []
     for name in sorted({next(iter(one.true_names)) for one in outcomes if len(one.true_names) == 1}):
@@ -107,7 +107,7 @@ def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
                 name, len(mine),
                 class_right=sum(one.class_right for one in mine),
                 family_right=sum(one.family_right for one in mine),
-                site_right=sum(one.away == 0 for one in mine),
+                site_right=sum(one.site_distance == 0 for one in mine),
                 in_set=sum(one.in_set for one in mine),
                 named=tuple(sorted(named.items(), key=lambda pair: (-pair[1], pair[0]))),
             )
@@ -116,9 +116,9 @@ def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
 
 
 def fates(outcomes: Sequence[Outcome]) -> dict[str, tuple[int, int]]:
-    """What became of the true classes: how many where the oracle closes half the gap or more, and how many of all.
+    """The fates of the true classes: how many of those that the oracle can explain, and how many of all.
 
-    The gap lies between the squares of the errors before and of the floor.
+    The oracle can explain a record if it removes half of the squared error before beyond the squared floor.
     """
     found = dict.fromkeys(FATES, (0, 0))
     for one in outcomes:
@@ -136,7 +136,7 @@ def _can_close(score: Score) -> bool:
 
 
 def verdicts(outcomes: Sequence[Outcome]) -> dict[str, Counter[str]]:
-    """How often each verdict was given, by drawing."""
+    """The number of each verdict, by drawing."""
     found: dict[str, Counter[str]] = {}
     for one in outcomes:
         found.setdefault(one.answer.row, Counter())[one.answer.verdict] += 1

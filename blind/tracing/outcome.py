@@ -1,4 +1,4 @@
-"""What was said of one record, what was true of it, and how one compares with the other; plain data, also as JSON."""
+"""Answer, truth and comparison of one record: plain data, also as JSON."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.findings import NAMING
 
 FAILED: Final = "failed"
-"""What stands for a verdict where the tracer gave none; it is right in nothing."""
+"""The verdict of a record whose trace failed; it is never right."""
 
 FATES: Final = (
     "named",
     "another class named",
     "several named as possible",
-    "another class was the best, and refused",
-    "the true class was the best, and refused for what it is: a bound, a usual size, too few events",
-    "... as it gained less than was asked",
-    "... as it left most of the gap open",
+    "another class had the largest gain, and was refused",
+    "the true class had the largest gain, and was refused: a bound, a typical size, or too few events",
+    "... as its gain was too small",
+    "... as it removed too little of the residual",
 )
-"""What may become of a record's true class."""
+"""The fates of a record's true class."""
 
 JOINT_PLACE: Final = dict(zip(SEGMENTS, (0, 1, 2, 2, 3, 4), strict=True))
-"""Joints from below; those on either side of the central torso, which is not measured, count as one."""
+"""Joints from below; both joints of the central torso, which has no sensor, count as one."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect by its class, site and family; site is empty where the whole body is meant or none can be compared."""
+    """An effect by its class, site and family; site is empty for the whole body, or if sites cannot be compared."""
 
     name: str
     site: str
@@ -40,11 +40,11 @@ class Cause:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the tracer said of a record.
+    """The trace of a record.
 
-    before and after are theta (15,); applied are the effects of the subject after, as a subject file has them. Errors
-    are means over the events that had no say in it, whose names are in `unseen`, percent; None where there are none.
-    best is what was taken first, or else gained most, best_gain what it gained, and against what spoke against it.
+    before, after: theta (15,); applied: the effects of the subject after, as in a subject file. Errors are means over
+    the held-out events, whose names are `unseen`, percent; None without any. best: the chosen candidate, or else
+    that with the largest gain; best_gain, against: its gain and objections.
     """
 
     row: str
@@ -68,7 +68,7 @@ class Answer:
 
     @classmethod
     def of(cls, line: str) -> Answer:
-        """Read what `line_of` wrote."""
+        """Read a line of `line_of`."""
         data = json.loads(line)
         data["best"] = Cause(**data["best"]) if data.get("best") else None
         for key in ("effects", "ambiguous_with"):
@@ -80,12 +80,12 @@ class Answer:
 
 @dataclass(frozen=True)
 class Score:
-    """What was true of a record, and errors beside it; None where they were not asked for.
+    """The truth of a record, and errors; None if they are not needed.
 
-    ratio: rms of what the effect changes in the base refit's residual over the rms without. Errors are in percent, of
-    the answer's unseen events, infinite where a subject runs away there: floor without the effect; placebo, generic and
-    oracle with it. recovered is the share of the energy that the oracle takes off which the answer takes off too, 0 for
-    a wrong class; `why` says what went wrong.
+    ratio: rms of the effect's change of the base refit's residual over the rms without it. Errors are in percent, of
+    the answer's unseen events, infinite for an unstable simulation: floor without the effect; placebo, generic and
+    oracle with it. recovered: the energy that the answer removes, as a share of that which the oracle removes, 0 for a
+    wrong class. why: the error message of a failed refit.
     """
 
     row: str
@@ -103,7 +103,7 @@ class Score:
 
     @classmethod
     def of(cls, line: str) -> Score:
-        """Read what `line_of` wrote."""
+        """Read a line of `line_of`."""
         data = json.loads(line)
         data["causes"] = tuple(Cause(**one) for one in data["causes"])
         return cls(**data)
@@ -123,68 +123,68 @@ class Outcome:
 
     @property
     def alarmed(self) -> bool:
-        """Whether the verdict is that something is there and what it may be."""
+        """Whether the verdict names one or several causes."""
         return self.answer.verdict in NAMING
 
     @property
     def single(self) -> bool:
-        """Whether a single cause is named; several that were added one after the other are named too."""
+        """Whether the verdict is `effect`; effects of later rounds are named too."""
         return self.answer.verdict == "effect"
 
     @property
     def added(self) -> bool:
-        """Whether the subject has an effect more."""
+        """Whether the subject has a further effect."""
         return bool(self.answer.applied)
 
     @property
     def named(self) -> str:
-        """The class that is named first, or else the verdict."""
+        """The first named class, or else the verdict."""
         return self.answer.effects[0].name if self.single and self.answer.effects else self.answer.verdict
 
     @property
     def reported(self) -> tuple[Cause, ...]:
-        """All that is reported as possible."""
+        """All reported causes."""
         return (*self.answer.effects, *self.answer.ambiguous_with) if self.alarmed else ()
 
     @property
     def set_size(self) -> int:
-        """How many classes are reported."""
+        """The number of reported classes."""
         return len({cause.name for cause in self.reported})
 
     @property
     def true_names(self) -> frozenset[str]:
-        """The classes that are true."""
+        """The true classes."""
         return frozenset(cause.name for cause in self.score.causes)
 
     @property
     def class_right(self) -> bool:
-        """Whether the class that is named first is true."""
+        """Whether the first named class is true."""
         return self.named in self.true_names
 
     @property
     def family_right(self) -> bool:
-        """Whether all that is reported is of the one true family; an ambiguous set may still agree on that."""
+        """Whether all reported causes are of the one true family; this may hold for an ambiguous set."""
         families = {cause.family for cause in self.reported}
         return len(families) == 1 and families <= {cause.family for cause in self.score.causes}
 
     @property
     def wrong_single(self) -> bool:
-        """Whether a single cause is named and any that is named is not true."""
+        """Whether the verdict is `effect` and a named class is not true."""
         return self.single and not {cause.name for cause in self.answer.effects} <= self.true_names
 
     @property
     def in_set(self) -> bool:
-        """Whether all that is true is in the reported set."""
+        """Whether all true classes are reported."""
         return self.true_names <= {cause.name for cause in self.reported}
 
     @property
     def found(self) -> int:
-        """How many of the true classes are among the effects that are named."""
+        """The number of true classes among the named effects."""
         return len(self.true_names & {cause.name for cause in self.answer.effects}) if self.single else 0
 
     @property
     def fate(self) -> str:
-        """What became of the true class, in words; the first that holds of `FATES`."""
+        """The fate of the true class: the first of `FATES` that holds."""
         answer = self.answer
         if self.class_right:
             return FATES[0]
@@ -198,16 +198,18 @@ class Outcome:
         return FATES[6] if enough else FATES[5]
 
     @property
-    def away(self) -> int | None:
-        """How many places the named site is from the true one; None where the class is wrong."""
+    def site_distance(self) -> int | None:
+        """The distance of the named site from the true one, in places; None if the class is wrong."""
         if not self.class_right:
             return None
-        said = self.answer.effects[0]
-        return min(places_away(said.name, said.site, one.site) for one in self.score.causes if one.name == said.name)
+        named = self.answer.effects[0]
+        return min(
+            site_distance(named.name, named.site, one.site) for one in self.score.causes if one.name == named.name
+        )
 
 
-def places_away(name: str, site: str, other: str) -> int:
-    """How many joints, segments or sensors, by what a class sits on, are from one site to another."""
+def site_distance(name: str, site: str, other: str) -> int:
+    """The distance of two sites of a class, in joints, segments or sensors."""
     place = CATALOGUE[name].place if name in CATALOGUE else "seat"
     if place == "seat" or {site, other} & {"", SEAT}:
         return 0

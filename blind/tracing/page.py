@@ -1,4 +1,4 @@
-"""The page of the latest full run: marks, verdicts, classes and the confusion matrix, and errors before and after."""
+"""The page of the latest full run: marks, verdicts, errors before and after, classes and the confusion matrix."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ The point estimate decides a mark; intervals are Wilson's, 95 %. A class is righ
 
 
 def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> str:
-    """The whole page; about says of which run."""
+    """The whole page; about: the line of the run."""
     parts = (
         _marks(found),
         _verdicts(outcomes),
@@ -47,7 +47,7 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
 def marks_table(found: Sequence[Mark]) -> list[str]:
     """The lines of the table of marks."""
     rows = [
-        (m.row, m.what, m.asked, m.said, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
+        (m.row, m.what, m.asked, m.text, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
         for m in found
     ]
     return _table(("condition", "mark", "asked", "reached", "always the most frequent class", ""), rows)
@@ -84,25 +84,25 @@ def _errors(outcomes: Sequence[Outcome]) -> list[str]:
         "Held-out errors in percent, medians. Floor: the base refit of the same record without the effect. Before: the"
         " base refit. Placebo: the median wrong class with as many parameters. Generic: a ridge FIR of the residual on"
         " the seat. Oracle: the true class and site, refitted from the catalogue. Placebo and oracle are refitted where"
-        " the ratio is above 0.8 or there is no background."
+        " the ratio is above 0.8, or without a background."
     )
-    # A record that could not be refitted has no ratio, and so no row: that must not go unsaid.
+    # A record without a refit has no ratio and no row, so the page lists it.
     without = [f"{one.score.row} {one.score.number}: {one.score.why}" for one in outcomes if one.score.why]
-    said = f"Not scored, so in no row that goes by the ratio: {'; '.join(without) or 'none'}."
-    return ["## Errors", "", words, "", *_table(("drawn as", "ratio", *columns), rows), "", said, ""]
+    not_scored = f"Not scored, so in no row by ratio: {'; '.join(without) or 'none'}."
+    return ["## Errors", "", words, "", *_table(("drawn as", "ratio", *columns), rows), "", not_scored, ""]
 
 
 def _fates(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
-    """What became of the true classes of a row."""
+    """The fates of the true classes of a row."""
     counted = fates(row.chosen(outcomes))
     words = (
-        "Among them in the middle are those in which the oracle, the catalogue's own form at the true place, takes off"
-        " half or more of what is between the squared errors before and of the floor."
+        "The middle column counts records in which the oracle, the catalogue's form at the true site, removes at least"
+        " half of the squared error before beyond the squared floor."
     )
     rows = [(what, str(closed), str(every)) for what, (closed, every) in counted.items()]
     rows.append(("all", *(str(sum(column)) for column in zip(*counted.values(), strict=True))))
-    head = ("the true class", "where the oracle closes half", "records")
-    return [f"## What became of them: {row.name}", "", words, "", *_table(head, rows), ""]
+    head = ("the true class", "where the oracle removes half", "records")
+    return [f"## Fates: {row.name}", "", words, "", *_table(head, rows), ""]
 
 
 def _median(values: Sequence[float | None]) -> str:
@@ -124,7 +124,7 @@ def _classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
         for one in classes
     ]  # fmt: skip
     name, share = most_frequent(chosen)
-    words = f"To name {name} always would be right in {100.0 * share:.1f} %."
+    words = f"Naming always {name} is right in {100.0 * share:.1f} %."
     head = ("true class", "records", "class", "family", "class and site", "in the set", "named")
     return [f"## By class: {row.name}", "", words, "", *_table(head, rows), ""]
 

@@ -1,4 +1,4 @@
-"""One record of a row: a person's sitting drawn from the world, as cases that a tracer may see, and as its truth."""
+"""One record of a row: a simulated sitting of a person as cases for the tracer, and its truth."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ Floats = NDArray[np.float64]
 
 COLOURED_MPS2: Final = 0.3
 COLOURED_HZ: Final = 20.0
-"""Rms and corner of the noise that does not follow the input, on every axis of every sensor on the body."""
+"""Rms and corner frequency of the coloured noise, on every axis of every body sensor."""
 
 STATURE_M: Final = 1.75
-"""Nobody's: nothing depends on it."""
+"""No result depends on it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What may be known: the person without parameters, events to fit and choose by, and others to predict."""
+    """The known part: the person without parameters, events for fitting, and held-out events."""
 
     subject: Subject
     train: tuple[Case, ...]
     held_out: tuple[Case, ...]
     left_out: tuple[str, ...] = ()
-    """Why events could not be read."""
+    """The error messages of events that cannot be read."""
 
     @property
     def cases(self) -> tuple[Case, ...]:
@@ -57,11 +57,11 @@ class Record:
 
 
 PLAN: Final = Plan(uses=("fit", "held"))
-"""The least that a verdict may rest on: 30 s of road, three potholes and three rails to fit, and once more held out."""
+"""The least data for a verdict: 30 s of road, three potholes and three rails for fitting, and again held out."""
 
 
 def sittings(drawing: Drawing, numbers: Sequence[int], seed: int, split: Split, plan: Plan = PLAN) -> list[Sitting]:
-    """Records of a drawing by their numbers, each the same whatever else is drawn."""
+    """Records of a drawing by their numbers; each is independent of the others."""
     own_seed = int(np.random.SeedSequence([seed, zlib.crc32(drawing.name.encode())]).generate_state(1)[0])
     first, last = min(numbers), max(numbers)
     found = sittings_drawn(
@@ -79,9 +79,9 @@ def sittings(drawing: Drawing, numbers: Sequence[int], seed: int, split: Split, 
 
 
 def record(one: Sitting, coloured: bool = False, with_effects: bool = True) -> Record:
-    """What may be known of a sitting; an event that cannot be read is left out.
+    """The known part of a sitting, without events that cannot be read.
 
-    `fit` is to fit and choose by, the others are held out.
+    Events of use `fit` are for fitting, the others are held out.
     """
     train: list[Case] = []
     held_out: list[Case] = []
@@ -104,19 +104,19 @@ def record(one: Sitting, coloured: bool = False, with_effects: bool = True) -> R
 
 
 def causes(effects: Sequence[Effect]) -> tuple[Cause, ...]:
-    """What is true, in the catalogue's words."""
+    """The true causes by the names of the catalogue."""
     return tuple(Cause(one.kind, _site(one), _family(one)) for one in effects)
 
 
 def _site(effect: Effect) -> str:
-    """The world counts segments from 0 and, where a class sits on sensors, those from the seat on."""
+    """The simulation numbers segments from 0, and sensors from the seat."""
     if effect.site < 0 or effect.kind not in CATALOGUE:
         return ""
     return SEGMENTS[effect.site - 1 if CATALOGUE[effect.kind].place == "sensor" else effect.site]
 
 
 def _family(effect: Effect) -> str:
-    """The world has names of its own for families; its forms of known classes say which is which."""
+    """The catalogue's family of a simulated effect, by the simulation's forms of known classes."""
     if effect.kind in CATALOGUE:
         return CATALOGUE[effect.kind].family
     return _families().get(effect.family, effect.family)
@@ -132,14 +132,14 @@ def _cases(event: Event, name: str, streams: dict[str, Stream]) -> list[Case]:
     for sensor, (stamps_ns, *stream) in streams.items():
         recorder.push(sensor, stamps_ns + START_NS + round(event.begin_s * 1e9), *stream)
     found = [Case.of(recording) for recording in recorder.finish()]
-    # Runs of one event, parted by a gap of the seat, would have one name.
+    # Runs of one event, separated by a gap of the seat, need different names.
     return [dataclasses.replace(one, name=f"{name}.{i}" if i else name) for i, one in enumerate(found)]
 
 
 def _coloured(stream: Stream, sensor: str, event: Event, seed: Sequence[int]) -> Stream:
-    """A stream with coloured noise on its forces while the event moves, since rest is how a sensor finds up.
+    """A stream with coloured noise on its forces during motion, because sensors are levelled at rest.
 
-    It comes from the sitting's seed; the seat's stream stays as it is.
+    The noise is drawn from the sitting's seed; the seat's stream does not change.
     """
     if sensor == SEAT:
         return stream

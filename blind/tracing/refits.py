@@ -1,4 +1,4 @@
-"""The scorer's own refits: one effect of the catalogue and theta together, from several starts, without the tracer."""
+"""Refits of the score: one effect of the catalogue together with theta, from several starts, without the tracer."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import Pull, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
-from blind.tracing.outcome import Cause, places_away
+from blind.tracing.outcome import Cause, site_distance
 
 Floats = NDArray[np.float64]
 
 STEP: Final = 1e-4
-"""Of an effect's parameter for its derivative, as a share of its range."""
+"""Step for the derivative by an effect's parameter, as a share of its range."""
 
 INSIDE: Final = 0.02
 SIDE_BY_SIDE: Final = 8
-"""Starts that are looked at together: their answers to nine events are about 30 MB each."""
+"""Starts that are simulated together; their answers to nine events are about 30 MB each."""
 
 FARTHEST_MPS2: Final = 1e5
-"""What answers with more than this runs away."""
+"""A larger acceleration means that the simulation is unstable."""
 
 STARTS: Final = 2
 EVALUATIONS: Final = 150
@@ -39,14 +39,14 @@ EVALUATIONS: Final = 150
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a refit may begin, and the share of the residual's energy that it takes off to first order."""
+    """A start of a refit, and the share of the residual's energy that it removes to first order."""
 
     applied: AppliedEffect
     gain: float
 
 
 def starts(fit: Fit, cases: Sequence[Case], tried: Iterable[AppliedEffect]) -> list[Start]:
-    """Starts with strengths as the residual says, theta refitted to first order; the largest gain first."""
+    """Starts with strengths from the residual, theta refitted to first order; the largest gain first."""
     every, found = list(tried), []
     for begin in range(0, len(every), SIDE_BY_SIDE):
         found += _sized(fit, cases, every[begin : begin + SIDE_BY_SIDE])
@@ -54,18 +54,15 @@ def starts(fit: Fit, cases: Sequence[Case], tried: Iterable[AppliedEffect]) -> l
 
 
 def oracle(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject:
-    """The true class at its true site, or at the best where the catalogue has no such one, from the best starts."""
+    """The true class refitted from the best starts at its true site, or at the best one if unknown."""
     effect = CATALOGUE[cause.name]
-    sites = [site for site in effect.where if cause.site and not places_away(effect.name, site, cause.site)]
+    sites = [site for site in effect.where if cause.site and not site_distance(effect.name, site, cause.site)]
     ranked = starts(fit, cases, _tries(effect, sites or effect.where, cases))
     return min((refitted(fit, cases, one.applied) for one in ranked[:STARTS]), key=lambda end: end[1])[0]
 
 
 def placebo(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject | None:
-    """The median, by its first-order gain, of wrong classes with as many parameters as the true one.
-
-    Where no other class has as many, those that are nearest in that.
-    """
+    """The refit of a wrong class: the median by first-order gain of those with the nearest number of parameters."""
     count = len(CATALOGUE[cause.name].parameters)
     wrong = [effect for effect in CATALOGUE.values() if effect.name != cause.name and effect.family != cause.family]
     nearest = min(abs(len(effect.parameters) - count) for effect in wrong)
@@ -78,7 +75,7 @@ def placebo(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject | None:
 
 
 def refitted(fit: Fit, cases: Sequence[Case], applied: AppliedEffect) -> tuple[Subject, float]:
-    """Theta and the effect fitted together, begun at the fit's theta and these values, and the sum of squares left."""
+    """Theta and the effect fitted together from the fit's theta and these values, and the sum of squared residuals."""
     joint = _Joint(fit, cases, applied)
     theta, phi = mapped(interior(fit.subject.parameters.vector()), fit.settings.free)
 
@@ -95,14 +92,14 @@ def refitted(fit: Fit, cases: Sequence[Case], applied: AppliedEffect) -> tuple[S
 
 
 class _Joint:
-    """The objective of cases under a subject with one effect more, its parameters as shares of their ranges (m,)."""
+    """The objective of cases for a subject with a further effect, whose parameters are shares of their ranges (m,)."""
 
     def __init__(self, fit: Fit, cases: Sequence[Case], applied: AppliedEffect) -> None:
         self._fit, self._cases, self._applied = fit, cases, applied
         self._names = [parameter.name for parameter in applied.effect.parameters]
         self._ranges = Ranges(applied.effect.parameters)
         self._substeps: tuple[int, ...] | None = None
-        # Chosen once, so that no step of the solver meets an edge.
+        # Chosen once, so that the objective is smooth.
         self._substeps = self._domain(self.shares(applied)).substeps
 
     def shares(self, applied: AppliedEffect) -> Floats:
@@ -132,7 +129,7 @@ class _Joint:
 
 
 def _tries(effect: Effect, sites: Iterable[str], cases: Sequence[Case]) -> list[AppliedEffect]:
-    """Every combination of an effect's grids with one strength after the other, where its channels are measured."""
+    """Every combination of an effect's grids with each strength, at sites with the needed channels."""
     found = []
     for site in sites:
         if not all(name in case.channels for case in cases for name in effect.needed(site)):
@@ -147,15 +144,15 @@ def _tries(effect: Effect, sites: Iterable[str], cases: Sequence[Case]) -> list[
 
 
 def _sized(fit: Fit, cases: Sequence[Case], tried: Sequence[AppliedEffect]) -> list[Start]:
-    """The same effects with strengths from one linear step, in which theta takes what it can."""
+    """The same effects with strengths from one linear step together with theta."""
     theta, free = fit.subject.parameters.vector(), fit.settings.free
     bent = [dataclasses.replace(fit.subject, effects=(one,)) for one in tried]
     domains = [TimeDomain(cases, subject, _no_pull(subject), fit.settings.clocks) for subject in bent]
-    with np.errstate(all="ignore"):  # what runs away is told by the numbers below
+    with np.errstate(all="ignore"):  # unstable simulations are detected below
         others = [np.stack([one.accelerations(i, theta) for one in domains], axis=2) for i in range(len(cases))]
-    runs_away = np.any([~(np.abs(answers).max(axis=(0, 1)) < FARTHEST_MPS2) for answers in others], axis=0)
+    unstable = np.any([~(np.abs(answers).max(axis=(0, 1)) < FARTHEST_MPS2) for answers in others], axis=0)
     for answers in others:
-        answers[:, :, runs_away] = 0.0
+        answers[:, :, unstable] = 0.0
     plain = TimeDomain(cases, fit.subject, _no_pull(fit.subject), fit.settings.clocks)
     residual, slopes = plain.linearised(theta, free, others)
     base, own = slopes[:, : int(free.sum())], slopes[:, int(free.sum()) :]
@@ -164,7 +161,7 @@ def _sized(fit: Fit, cases: Sequence[Case], tried: Sequence[AppliedEffect]) -> l
     found = []
     for i, one in enumerate(tried):
         energy, match = float(left[:, i] @ left[:, i]), -float(left[:, i] @ left[:, -1])
-        seen = not runs_away[i] and energy > 1e-12
+        seen = not unstable[i] and energy > 1e-12
         size, gain = (match / energy, match * match / energy) if seen else (1.0, 0.0)
         found.append(Start(_scaled(one, size), gain / max(float(left[:, -1] @ left[:, -1]), 1e-30)))
     return found

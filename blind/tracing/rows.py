@@ -1,4 +1,4 @@
-"""The rows of the study as data: what is drawn, which records a condition looks at, and which marks it is to reach."""
+"""The rows of the study as data: drawings, conditions with their records, and the required marks."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from blind.tracing.outcome import Outcome
 
 Kind = Literal["share", "mean", "median"]
 Needs = Literal["causes", "ratio", "all"]
-"""What a score takes: nothing but the truth, two refits for the ratio, or all errors beside the answer's as well."""
+"""Contents of a score: the truth alone, also the ratio (two refits), or also all errors."""
 
 KINDS: Final = tuple(sorted(CATALOGUE))
-"""Every class that a tracer can name. The world's saturation is not among them: it is masked, never fitted."""
+"""Every class of the catalogue. The simulation's saturation is not among them: it is masked, never fitted."""
 
 STRONG: Final = 0.8
 WEAK: Final = 0.4
-"""Ratios between which a truth is to be in the reported set, and no more is asked."""
+"""Between these ratios the truth has only to be in the reported set."""
 
 
 FILLING: Final = 3
-"""So many records are drawn for each that a row lacks: every second or third has the ratio that was aimed at."""
+"""Records drawn for each missing one, because every second or third has the intended ratio."""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """Records that are drawn alike: how many, how many effects of which kinds, on which level of background.
+    """A group of records: their number, number and kinds of effects, and level of the background.
 
-    ratio is what the world aims at, by its own linear view; the scorer's own ratio says where a record belongs. It is
-    mostly half to twice that, with stragglers; counts and ranges are such that the rows that go by it get about their
-    forty, and a row that gets fewer is filled up. coloured adds noise of 0.3 m/s^2 that does not follow the input.
+    ratio: intended by the simulation's linear estimate; the score's ratio decides the row of a record. It is usually
+    half to twice the intended one. Counts give about forty records for each row by ratio, and a row with fewer gets
+    further ones. coloured: adds noise of 0.3 m/s^2 that does not follow the input.
     """
 
     name: str
@@ -60,9 +60,9 @@ DRAWINGS: Final = (
 
 @dataclass(frozen=True)
 class Rule:
-    """One mark: a share, mean or median of what a record gives, at least or at most so much.
+    """One mark: a limit for the share, mean or median of a value of each record.
 
-    of gives None for a record that does not count.
+    of: the value, None for a record that does not count.
     """
 
     what: str
@@ -73,16 +73,16 @@ class Rule:
 
     @property
     def asked(self) -> str:
-        """The mark in words."""
+        """The limit as text."""
         return f"{self.sense} {100.0 * self.limit:g} %" if self.kind == "share" else f"{self.sense} {self.limit:g}"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A row of the issue's table: records of some drawings, of these those of a ratio, at least so many, and marks.
+    """A row of the table: records of some drawings within a range of ratios, their least number, and marks.
 
-    ratio leaves out its lower end and has its upper one; records without a ratio are left out. filled_from: the drawing
-    that more are taken of where the row has too few.
+    ratio: without its lower end, with its upper one; records without a ratio are left out. filled_from: the drawing of
+    further records if there are too few.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Condition:
     filled_from: str = ""
 
     def chosen(self, outcomes: Sequence[Outcome]) -> list[Outcome]:
-        """Those of the outcomes that this row is about."""
+        """The outcomes of this row."""
         mine = [one for one in outcomes if one.answer.row in self.drawings]
         if self.ratio is None:
             return mine
@@ -122,15 +122,15 @@ def _family_right(one: Outcome) -> float:
 
 
 def _exact_site(one: Outcome) -> float:
-    return one.away == 0
+    return one.site_distance == 0
 
 
 def _near_site(one: Outcome) -> float:
-    return one.away is not None and one.away <= 1
+    return one.site_distance is not None and one.site_distance <= 1
 
 
 def _over_floor(one: Outcome) -> float | None:
-    """A record whose tracer gave no answer has no error, and counts as the worst there can be."""
+    """Error over the floor; a record without an answer counts as infinite."""
     if one.score.floor_percent is None:
         return None
     after = one.score.after_percent
@@ -251,17 +251,17 @@ MEASURED: Final = (
         (-1.0, WEAK),
     ),
 )  # fmt: skip
-"""Effects hidden in measured streams: the marks of the background rows, so far as they have a subject to add to."""
+"""Effects hidden in measured streams: those marks of the background rows that need no subject."""
 
 
 def lacking(conditions: Sequence[Condition], outcomes: Sequence[Outcome]) -> dict[str, int]:
-    """How many more records of which drawings are taken for the rows that have too few; none where all have enough."""
+    """The number of further records by drawing, for rows with too few."""
     short = {row.filled_from: row.least - len(row.chosen(outcomes)) for row in conditions if row.filled_from}
     return {name: FILLING * missing for name, missing in short.items() if missing > 0}
 
 
 def drawings(names: Sequence[str] = (), count: int | None = None) -> list[Drawing]:
-    """The drawings of these names, all without any, each with so many records; ValueError for a name unknown."""
+    """The drawings of these names (all without names), each with count records; ValueError for an unknown name."""
     known = {one.name: one for one in DRAWINGS}
     for name in names:
         if name not in known:

@@ -1,4 +1,4 @@
-"""Looks the truth of one record up, and refits what is needed to say how much of it could be seen and was found."""
+"""Scores: the truth of a record beside its answer, with refits for ratio and errors."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from blind.tracing.rows import STRONG, Drawing
 Floats = NDArray[np.float64]
 
 LEAST_TAKEN: Final = 0.01
-"""An oracle that takes off less than this share of the energy says nothing of who takes off as much."""
+"""An oracle that removes less than this share of the energy is no reference."""
 
 FIR_S: Final = 0.25
 FIR_EVERY_S: Final = 1.0 / 280.0
 RIDGE: Final = 1e-3
-"""The generic model: taps so far back, so close together (all is low-passed at 100 Hz), and their ridge."""
+"""The generic model: length and spacing of its taps (channels are low-passed at 100 Hz), and their ridge."""
 
 
 def scored(drawing: Drawing, answer: Answer, one: Sitting) -> Score:
-    """The score of one record's answer; without errors, and saying why, where nothing can be fitted to it."""
+    """The score of one record's answer; without errors, but with the reason, if nothing can be fitted."""
     found = Score(drawing.name, answer.number, causes(one.effects))
     if drawing.needs == "causes":
         return found
@@ -65,7 +65,7 @@ def _refitted(found: Score, drawing: Drawing, answer: Answer, one: Sitting) -> S
 
 
 def unseen(answer: Answer, known: Record) -> Record:
-    """A record whose held-out events are those that had no say in the answer; all of them where it names none."""
+    """A record with only the held-out events that the answer names as unseen; all if it names none."""
     mine = tuple(case for case in known.held_out if case.name in answer.unseen)
     return dataclasses.replace(known, held_out=mine or known.held_out)
 
@@ -85,9 +85,9 @@ def _beside(found: Score, answer: Answer, hidden: Record, fit: Fit) -> Score:
 
 
 def recovered(before: float, after: float, best: float, right: bool) -> float | None:
-    """Share of the energy that the oracle takes off which the answer takes off too; 0 for a wrong or rejected one.
+    """The energy that the answer removes, as a share of that of the oracle; 0 for a wrong or rejected class.
 
-    None where the right class was named and the oracle itself takes off next to nothing.
+    None for the right class if the oracle removes next to nothing.
     """
     if not right:
         return 0.0
@@ -95,9 +95,9 @@ def recovered(before: float, after: float, best: float, right: bool) -> float | 
 
 
 def ratio(hidden: Fit, with_effect: Sequence[Case], plain: Fit, without: Sequence[Case]) -> float:
-    """Rms of the residual with the effect less that without, over the rms of that without; each behind its own refit.
+    """Rms of the residual with the effect minus that without, over the rms without, each after its own refit.
 
-    Samples are relative to the energy of the events without, and to what is compared in both.
+    Samples are relative to the energy of the events without the effect, and compared in both.
     """
     own, rest = 0.0, 0.0
     beside = {case.name: case for case in without}
@@ -120,7 +120,7 @@ def generic_percent(fit: Fit, known: Record) -> float:
     normal, match = np.zeros((count, count)), np.zeros((count, known.train[0].measured_mps2.shape[1]))
     for case in known.train:
         taps, left = _taps(case), np.nan_to_num(residuals(fit.subject, case))
-        energy = float(case.seat_mps2 @ case.seat_mps2)  # so that no shock rules
+        energy = float(case.seat_mps2 @ case.seat_mps2)  # so that no shock dominates
         normal += taps.T @ taps / energy
         match += taps.T @ left / energy
     weights = np.linalg.solve(normal + RIDGE * np.trace(normal) / count * np.eye(count), match)
@@ -133,8 +133,8 @@ def generic_percent(fit: Fit, known: Record) -> float:
 
 
 def sum_of_squares(subject: Subject, cases: Sequence[Case]) -> float:
-    """What a subject leaves of cases, every segment of every event over its own energy; infinite where it runs away."""
-    if runs_away(subject, cases):
+    """Squared residuals of cases, each segment of each event relative to its energy; infinite if unstable."""
+    if is_unstable(subject, cases):
         return np.inf
     total = 0.0
     for case in cases:
@@ -143,9 +143,9 @@ def sum_of_squares(subject: Subject, cases: Sequence[Case]) -> float:
     return total
 
 
-def runs_away(subject: Subject, cases: Sequence[Case]) -> bool:
-    """Whether a subject's answer to any of cases is no motion that a person could have."""
-    with np.errstate(all="ignore"):  # told by the numbers
+def is_unstable(subject: Subject, cases: Sequence[Case]) -> bool:
+    """Whether the simulation of any case is unstable."""
+    with np.errstate(all="ignore"):  # checked by the values
         return not all((np.abs(answer) < FARTHEST_MPS2).all() for answer in predictions(subject, cases))
 
 
@@ -156,7 +156,7 @@ def residuals(subject: Subject, case: Case) -> Floats:
 
 
 def _subjects(answer: Answer, subject: Subject) -> tuple[Subject, Subject] | None:
-    """The answer's subjects before and after; None where it has none."""
+    """The answer's subjects before and after; None without an answer."""
     if not answer.before or not answer.after:
         return None
     plain = dataclasses.replace(subject, parameters=Parameters.from_vector(np.array(answer.before)))
@@ -165,7 +165,7 @@ def _subjects(answer: Answer, subject: Subject) -> tuple[Subject, Subject] | Non
 
 
 def _taps(case: Case) -> Floats:
-    """The seat now and further and further back, (n, taps)."""
+    """The seat's acceleration at increasing lags, (n, taps)."""
     every = max(1, round(FIR_EVERY_S * case.rate_hz))
     lags = np.arange(0, round(FIR_S * case.rate_hz), every)
     seat, n = case.seat_mps2, case.seat_mps2.size
@@ -173,4 +173,4 @@ def _taps(case: Case) -> Floats:
 
 
 def _percent(subject: Subject, cases: Sequence[Case]) -> float:
-    return np.inf if runs_away(subject, cases) else mean_percent(prediction_errors(subject, cases))
+    return np.inf if is_unstable(subject, cases) else mean_percent(prediction_errors(subject, cases))

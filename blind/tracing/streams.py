@@ -1,4 +1,4 @@
-"""The row of effects hidden in measured streams, which `blind.measured` runs: its records as outcomes of this study."""
+"""The row of effects hidden in measured streams: the records of `blind.measured` as outcomes of this study."""
 
 from __future__ import annotations
 
@@ -32,5 +32,5 @@ def outcome(number: int, graded: measured.Graded) -> Outcome:
 
 
 def cause(name: str) -> Cause:
-    """A fault by its class; where it sits is known beforehand."""
+    """A fault by its class; its site is known."""
     return Cause(name, "", CATALOGUE[name].family if name in CATALOGUE else name)

@@ -1,4 +1,4 @@
-"""Runs the study: every record traced and its verdict kept at once, all of them sealed, and only then truths drawn."""
+"""The study: every record is traced and its answer stored, all answers are sealed, and only then truths are drawn."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ Key = tuple[str, int]
 Task = tuple[Drawing, int]
 Say = Callable[[str], None]
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
-Doing = Callable[[Sequence[Call]], Iterator[Any]]
-"""Does calls in any order and gives their results as they come."""
+Execute = Callable[[Sequence[Call]], Iterator[Any]]
+"""Executes calls in any order and yields results when they are ready."""
 
 ANSWERS: Final = "answers.jsonl"
 SEAL: Final = "answers.sha256"
@@ -36,22 +36,22 @@ SCORES: Final = "scores.jsonl"
 PLAN: Final = "plan.json"
 PROCESSES: Final = 2
 MOST_BATCHES: Final = 4
-"""A row that is short of records behind so many is published as it is."""
+"""A row with too few records after this number of batches is published as it is."""
 
 
 class BrokenSeal(RuntimeError):
-    """What was found in the folder of a run is not what this run would go on from; told in one line."""
+    """The files in the folder of a run do not belong to this run; a message of one line."""
 
 
 class Answering(Protocol):
-    """Draws some records of one row, all at once, and asks for answers to them."""
+    """Draws some records of one row together, and traces them."""
 
     def __call__(self, drawing: Drawing, numbers: Sequence[int], seed: int, split: Split) -> list[Answer]:
-        """Answer each; nothing of its truth is in an answer."""
+        """Answer each; an answer has no part of the truth."""
 
 
 class Scoring(Protocol):
-    """Draws some records of one row again, truths and all, and scores the answers to them."""
+    """Draws some records of one row again with their truths, and scores the answers."""
 
     def __call__(self, drawing: Drawing, answers: Sequence[Answer], seed: int, split: Split) -> list[Score]:
         """Score each answer."""
@@ -59,9 +59,9 @@ class Scoring(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """One run: its seed, what is drawn from which split, the commit it is of, and where it writes.
+    """One run: its seed, drawings and split, its commit, and the folder of its files.
 
-    filled: rows that further records are drawn for where they have too few.
+    filled: rows for which further records are drawn if they have too few.
     """
 
     seed: int
@@ -77,105 +77,105 @@ class Run:
         return [(drawing, number) for drawing in self.drawings for number in range(drawing.count)]
 
     def more(self, tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Task]:
-        """What the next batch adds to these; how much goes by the ratios of records, never by what was said of them."""
-        asked = lacking(self.filled, outcomes)
-        held = {name: sum(one.name == name for one, _ in tasks) for name in asked}
+        """The records of the next batch; their number depends on ratios of records, never on answers."""
+        needed = lacking(self.filled, outcomes)
+        held = {name: sum(one.name == name for one, _ in tasks) for name in needed}
         return [
             (drawing, held[drawing.name] + number)
             for drawing in self.drawings
-            for number in range(asked.get(drawing.name, 0))
+            for number in range(needed.get(drawing.name, 0))
         ]
 
     @property
     def plan(self) -> str:
-        """All that must not change while a run goes on."""
+        """The facts that must not change during a run."""
         rows = {drawing.name: drawing.count for drawing in self.drawings}
         return json.dumps({"seed": self.seed, "split": self.split, "commit": self.commit, "rows": rows}) + "\n"
 
 
 def run(
-    what: Run,
-    doing: Doing,
+    spec: Run,
+    execute: Execute,
     answer: Answering | None = None,
     score: Scoring | None = None,
     say: Say = lambda text: None,
 ) -> list[Outcome]:
-    """Go through a whole run, from where it was interrupted; raises BrokenSeal where that is not possible.
+    """Do a whole run, or continue an interrupted one; raises BrokenSeal if that is not possible.
 
-    A record's ratio is known with its truth alone. So rows that go by it are filled up in further batches, each sealed
-    before any truth of it is drawn.
+    The ratio of a record is known only with its truth. Therefore rows by ratio get further records in batches, each
+    sealed before its truths are drawn.
     """
-    begin(what)
-    tasks = what.tasks
+    begin(spec)
+    tasks = spec.tasks
     for batch in itertools.count(1):
-        answers = all_answers(what, tasks, batch, doing, answer or answer_records, say)
-        say(f"{len(answers)} answers are sealed: sha256 {seal(what, tasks, batch)}")
-        # Truths of these are drawn from here on, and not before.
-        scores = all_scores(what, answers, doing, score or score_records, say)
+        answers = all_answers(spec, tasks, batch, execute, answer or answer_records, say)
+        say(f"{len(answers)} answers are sealed: sha256 {seal(spec, tasks, batch)}")
+        # Their truths are drawn only after this line.
+        scores = all_scores(spec, answers, execute, score or score_records, say)
         outcomes = [Outcome(one, known) for one, known in zip(answers, scores, strict=True)]
-        more = what.more(tasks, outcomes)
+        more = spec.more(tasks, outcomes)
         if not more or batch == MOST_BATCHES:
             break
         tasks = [*tasks, *more]
     return outcomes
 
 
-def begin(what: Run) -> None:
-    """Make the folder, or see that it is of the same run."""
-    path = what.folder / PLAN
-    what.folder.mkdir(parents=True, exist_ok=True)
+def begin(spec: Run) -> None:
+    """Make the folder, or check that it belongs to the same run."""
+    path = spec.folder / PLAN
+    spec.folder.mkdir(parents=True, exist_ok=True)
     if not path.exists():
-        path.write_text(what.plan, encoding="utf-8")
-    if path.read_text(encoding="utf-8") != what.plan:
-        raise BrokenSeal(f"{path} is of another run, with other rows, counts or commit: take another seed")
+        path.write_text(spec.plan, encoding="utf-8")
+    if path.read_text(encoding="utf-8") != spec.plan:
+        raise BrokenSeal(f"{path} is of another run, with other rows, counts or commit; take another seed")
 
 
 def all_answers(
-    what: Run, tasks: Sequence[Task], batch: int, doing: Doing, answer: Answering, say: Say = lambda text: None
+    spec: Run, tasks: Sequence[Task], batch: int, execute: Execute, answer: Answering, say: Say = lambda text: None
 ) -> list[Answer]:
-    """Answers to all records up to this batch, in their order; those that are on file are not asked for again."""
-    path = what.folder / ANSWERS
+    """Answers to all records up to this batch, in their order; stored answers are not computed again."""
+    path = spec.folder / ANSWERS
     done = _read(path, Answer.of)
     left = [task for task in tasks if (task[0].name, task[1]) not in done]
-    if left and len(seals(what)) >= batch:
-        raise BrokenSeal(f"{what.folder / SEAL} is there, but answers are missing: the truth has been looked at")
-    calls = [(answer, (drawing, numbers, what.seed, what.split)) for drawing, numbers in _together(left)]
-    for count, one in enumerate(_kept(path, doing(calls)), 1):
+    if left and len(seals(spec)) >= batch:
+        raise BrokenSeal(f"{spec.folder / SEAL} exists, but answers are missing: the truths have been drawn")
+    calls = [(answer, (drawing, numbers, spec.seed, spec.split)) for drawing, numbers in _together(left)]
+    for count, one in enumerate(_kept(path, execute(calls)), 1):
         say(f"traced {count} of {len(left)}: {one.row} {one.number}, {one.verdict}, {one.seconds:.0f} s{_why(one)}")
     done = _read(path, Answer.of)
     return [done[drawing.name, number] for drawing, number in tasks]
 
 
-def seal(what: Run, tasks: Sequence[Task], batch: int) -> str:
-    """The hash of all answers up to this batch, sorted; written the first time, and from then on it may not change."""
+def seal(spec: Run, tasks: Sequence[Task], batch: int) -> str:
+    """The hash of all answers up to this batch, sorted; it is written once and must not change."""
     wanted: set[Key] = {(drawing.name, number) for drawing, number in tasks}
-    lines = sorted(line for line in _whole_lines(what.folder / ANSWERS) if _key(Answer.of(line)) in wanted)
+    lines = sorted(line for line in _whole_lines(spec.folder / ANSWERS) if _key(Answer.of(line)) in wanted)
     found = hashlib.sha256("\n".join(lines).encode()).hexdigest()
-    path, known = what.folder / SEAL, seals(what)
+    path, known = spec.folder / SEAL, seals(spec)
     if len(known) < batch:
         known = [*known, found]
         path.write_text("".join(f"{one}\n" for one in known), encoding="utf-8")
     if known[batch - 1] != found:
-        raise BrokenSeal(f"{path} is of other answers than are in {ANSWERS}: they have been changed")
+        raise BrokenSeal(f"{path} does not match {ANSWERS}: answers have been changed")
     return found
 
 
-def seals(what: Run) -> list[str]:
-    """The seals of all batches so far; each is of all answers up to there."""
-    path = what.folder / SEAL
+def seals(spec: Run) -> list[str]:
+    """The seals of all batches so far; each is of all answers up to that batch."""
+    path = spec.folder / SEAL
     return path.read_text(encoding="utf-8").split() if path.exists() else []
 
 
 def all_scores(
-    what: Run, answers: Sequence[Answer], doing: Doing, score: Scoring, say: Say = lambda text: None
+    spec: Run, answers: Sequence[Answer], execute: Execute, score: Scoring, say: Say = lambda text: None
 ) -> list[Score]:
-    """Scores of all answers; those that are on file are not made again."""
-    path = what.folder / SCORES
-    drawings = {drawing.name: drawing for drawing in what.drawings}
+    """Scores of all answers; stored scores are not computed again."""
+    path = spec.folder / SCORES
+    drawings = {drawing.name: drawing for drawing in spec.drawings}
     done = _read(path, Score.of)
     left = [(drawings[one.row], one) for one in answers if _key(one) not in done]
-    calls = [(score, (drawing, some, what.seed, what.split)) for drawing, some in _together(left)]
-    for count, one in enumerate(_kept(path, doing(calls)), 1):
+    calls = [(score, (drawing, some, spec.seed, spec.split)) for drawing, some in _together(left)]
+    for count, one in enumerate(_kept(path, execute(calls)), 1):
         say(f"scored {count} of {len(left)}: {one.row} {one.number}")
     done = _read(path, Score.of)
     return [done[_key(one)] for one in answers]
@@ -184,7 +184,7 @@ def all_scores(
 def answer_records(
     drawing: Drawing, numbers: Sequence[int], seed: int, split: Split, tracer: Tracer = traced
 ) -> list[Answer]:
-    """Draw some records, keep what may be known of each, and ask the tracer."""
+    """Draw some records, and trace the known part of each."""
     drawn = sittings(drawing, numbers, seed, split)
     return [
         answered(drawing.name, number, record(one, drawing.coloured), tracer)
@@ -193,13 +193,13 @@ def answer_records(
 
 
 def score_records(drawing: Drawing, answers: Sequence[Answer], seed: int, split: Split) -> list[Score]:
-    """Draw some records again, and score the answers to them."""
+    """Draw some records again, and score their answers."""
     drawn = sittings(drawing, [answer.number for answer in answers], seed, split)
     return [scored(drawing, answer, one) for answer, one in zip(answers, drawn, strict=True)]
 
 
 def _together(left: Sequence[tuple[Drawing, T]]) -> list[tuple[Drawing, list[T]]]:
-    """What is left, so many of one row at a time as are moved at once, which takes little longer than one."""
+    """The remaining records in groups of one row, which are simulated together in little more time than one."""
     rows = {drawing.name: drawing for drawing, _ in left}
     found = []
     for name, drawing in rows.items():
@@ -208,16 +208,10 @@ def _together(left: Sequence[tuple[Drawing, T]]) -> list[tuple[Drawing, list[T]]
     return found
 
 
-def here(calls: Sequence[Call]) -> Iterator[Any]:
-    """Do calls one after the other."""
-    for function, arguments in calls:
-        yield from function(*arguments)
-
-
 def in_processes(calls: Sequence[Call]) -> Iterator[Any]:
-    """Do calls in two processes with linear algebra on one thread each, and give their results as they come.
+    """Execute calls in two processes with linear algebra on one thread each, and yield results when they are ready.
 
-    One that fails does not end the others, which take hours: what it was is raised behind them; a run goes on there.
+    A failing call does not stop the others, which take hours; its error is raised after them.
     """
     failed: Exception | None = None
     with executor_of(f"processes:{PROCESSES}") as executor:
@@ -225,7 +219,7 @@ def in_processes(calls: Sequence[Call]) -> Iterator[Any]:
             drawing, *_ = calls[number][1]
             try:
                 found = result_of(future, f"{drawing.name}, call {number}")
-            except Exception as error:  # noqa: BLE001 - whatever it was, it is raised at the end
+            except Exception as error:  # noqa: BLE001 - raised at the end
                 failed = failed or error
                 continue
             yield from found
@@ -238,7 +232,7 @@ def _why(answer: Answer) -> str:
 
 
 def _kept(path: Path, found: Iterable[T]) -> Iterator[T]:
-    """Results, each of them on file before it is given on."""
+    """The results, each stored before it is yielded."""
     with path.open("a", encoding="utf-8") as file:
         for one in found:
             file.write(line_of(one) + "\n")
@@ -247,7 +241,7 @@ def _kept(path: Path, found: Iterable[T]) -> Iterator[T]:
 
 
 def _read(path: Path, of: Callable[[str], T]) -> dict[Key, T]:
-    """What is on file, by row and number."""
+    """The stored results by row and number."""
     return {_key(one): one for one in map(of, _whole_lines(path))}
 
 
@@ -256,7 +250,7 @@ def _key(one: Answer | Score) -> Key:
 
 
 def _whole_lines(path: Path) -> list[str]:
-    """The lines of a file; half a line, which a cut leaves at the end, is taken off."""
+    """The lines of a file; an incomplete last line is removed."""
     if not path.exists():
         return []
     text = path.read_text(encoding="utf-8")

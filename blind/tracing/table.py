@@ -27,7 +27,7 @@ Each run of `make blind` appends a row, also a bad one; do not edit the rows. A 
 
 @dataclass(frozen=True)
 class About:
-    """Which run: day, commit, seed, hash of the thresholds, hash of the sealed answers, and how many records."""
+    """A run: day, commit, seed, hash of the thresholds, hash of the sealed answers, and number of records."""
 
     date: str
     commit: str
@@ -37,8 +37,8 @@ class About:
     records: int
 
     @property
-    def said(self) -> str:
-        """In words."""
+    def text(self) -> str:
+        """The run as text."""
         return (
             f"Run of {self.date}, commit {self.commit}, seed {self.seed}, {self.records} records, thresholds"
             f" {self.thresholds[:12]}, answers sealed as {self.sealed[:12]}."
@@ -48,11 +48,11 @@ class About:
 def publish(root: Path, about: About, outcomes: Sequence[Outcome], found: Sequence[Mark]) -> None:
     """Append the run to the table, and write its page."""
     append(root / RUNS, about, found)
-    (root / PAGE).write_text(rendered(outcomes, found, about.said), encoding="utf-8")
+    (root / PAGE).write_text(rendered(outcomes, found, about.text), encoding="utf-8")
 
 
 def append(path: Path, about: About, found: Sequence[Mark]) -> None:
-    """Append one row; the table is begun where there is none. Rows that are there stay as they are."""
+    """Append one row to the table, which is created if missing; earlier rows do not change."""
     head = ("date", "commit", "seed", "thresholds", "answers", "records", "met", "marks")
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -67,4 +67,4 @@ def append(path: Path, about: About, found: Sequence[Mark]) -> None:
 
 
 def _short(mark: Mark) -> str:
-    return f"{'' if mark.met else '✗ '}{mark.row}: {mark.what} {mark.said}, {mark.asked}"
+    return f"{'' if mark.met else '✗ '}{mark.row}: {mark.what} {mark.text}, {mark.asked}"

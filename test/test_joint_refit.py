@@ -21,7 +21,7 @@ def cases(change=hiding.nothing, law=hiding.plain) -> list:
 
 
 def fitted(change, law, *effects: AppliedEffect) -> Subject:
-    """The body fitted as if nothing were hidden, with effects at their start values."""
+    """The body fitted without an effect, with effects at their start values."""
     return dataclasses.replace(hiding.fitted(change, law), effects=effects)
 
 
@@ -51,7 +51,7 @@ def assert_theta_is_true(found: Subject, rel: float) -> None:
         (hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}),
     ],
 )
-def test_theta_and_what_was_hidden_come_back_together(change, law, name: str, site: str, truth: dict) -> None:
+def test_theta_and_a_hidden_effect_are_recovered_together(change, law, name: str, site: str, truth: dict) -> None:
     found = jointly_refitted(fitted(change, law, applied(name, site)), cases(change, law))
     (effect,) = found.effects
     assert (effect.effect.name, effect.site) == (name, site)
@@ -65,7 +65,7 @@ def louder_neck_and_later_head(measured: np.ndarray) -> np.ndarray:
     return hiding.later(hiding.louder(measured))
 
 
-def test_two_effects_come_back_in_their_order() -> None:
+def test_two_effects_keep_their_order() -> None:
     start = fitted(louder_neck_and_later_head, hiding.plain, applied("clock", "head"), applied("gain", "neck"))
     found = jointly_refitted(start, cases(louder_neck_and_later_head))
     clock, gain = found.effects
@@ -75,8 +75,8 @@ def test_two_effects_come_back_in_their_order() -> None:
     assert_theta_is_true(found, 0.01)
 
 
-def test_without_effects_it_is_a_fit_from_where_it_was() -> None:
-    """Started beside the truth it comes back to it, and the mass scale, of which nothing is seen, stays."""
+def test_without_effects_it_fits_theta_from_its_start() -> None:
+    """From a start near the truth it returns to it, and the mass scale does not change."""
     theta = hiding.TRUTH.parameters.vector()
     theta[:14] *= np.where(np.arange(14) % 2, 1.05, 0.95)
     start = dataclasses.replace(hiding.TRUTH, parameters=type(hiding.TRUTH.parameters).from_vector(theta))
@@ -85,6 +85,6 @@ def test_without_effects_it_is_a_fit_from_where_it_was() -> None:
     assert found.effects == () and found.parameters.vector()[14] == theta[14]
 
 
-def test_values_stay_within_their_ranges_where_the_truth_is_outside() -> None:
+def test_values_stay_in_their_ranges_for_a_truth_outside() -> None:
     found = jointly_refitted(fitted(hiding.far_louder, hiding.plain, applied("gain", "neck")), cases(hiding.far_louder))
     assert 0.29 < found.effects[0].values["gain"] <= 0.3

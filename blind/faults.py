@@ -1,4 +1,4 @@
-"""Faults of a sensor beside another: clock, drift, gain, tilt and skin, fitted to what a learnt transfer leaves."""
+"""Sensor faults (clock, drift, gain, tilt, skin) fitted to the residual of a transfer from another sensor."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from scipy import optimize
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.tracing.transfers import Shape, Stretch, across, window_sums
+from blind.transfers import Shape, Stretch, across, window_sums
 
 Map = Callable[[Floats], Floats]
 
-CREEPING: Final = 10.0
-"""The catalogue's skin with so much damping is a lag of first order, to a percent."""
+OVERDAMPED: Final = 10.0
+"""The catalogue's skin with this damping ratio is a first-order lag, within a percent."""
 
 
 @dataclass(frozen=True)
-class Way:
-    """One way a candidate may act: free values in units in which 1 is usual, and the values of the effect they mean."""
+class Parametrization:
+    """One parametrization of a candidate: free values of the order of 1, and the effect's values for them."""
 
     effect: str
     unit: str
@@ -33,15 +33,17 @@ class Way:
     size: Callable[[Floats], float]
 
 
-def _ways() -> dict[str, tuple[Way, ...]]:
-    """Every candidate and its ways; ranges are those of the catalogue, but for the creeping skin, which it lacks."""
+def _parametrizations() -> dict[str, tuple[Parametrization, ...]]:
+    """Every candidate with its parametrizations; ranges are the catalogue's, except for the overdamped skin."""
     of = {name: {p.name: p for p in CATALOGUE[name].parameters} for name in ("clock", "gain", "tilt", "skin")}
     late, drift, gain, lean = of["clock"]["delay_s"], of["clock"]["drift"], of["gain"]["gain"], of["tilt"]["lean_x"]
     soft, damping = of["skin"]["softness_s"], of["skin"]["damping_ratio"]
 
-    def one(effect: str, name: str, unit: str, scale: float, most: float, rest: dict[str, float]) -> tuple[Way, ...]:
+    def one(
+        effect: str, name: str, unit: str, scale: float, most: float, rest: dict[str, float]
+    ) -> tuple[Parametrization, ...]:
         return (
-            Way(effect, unit, ((0.1,),), (-most / scale,), (most / scale,),
+            Parametrization(effect, unit, ((0.1,),), (-most / scale,), (most / scale,),
                  lambda x: {name: scale * x[0]} | rest, lambda x: float(scale * x[0])),
         )  # fmt: skip
 
@@ -50,26 +52,26 @@ def _ways() -> dict[str, tuple[Way, ...]]:
         "drift": one("clock", "drift", "s/s", 1e-4, drift.upper, {"delay_s": 0.0}),
         "gain": one("gain", "gain", "", 0.1, gain.upper, {}),
         "tilt": (
-            Way("tilt", "rad", ((0.1, 0.1),), (lean.lower / 0.1,) * 2, (lean.upper / 0.1,) * 2,
+            Parametrization("tilt", "rad", ((0.1, 0.1),), (lean.lower / 0.1,) * 2, (lean.upper / 0.1,) * 2,
                  lambda x: {"lean_x": 0.1 * x[0], "lean_y": 0.1 * x[1]}, lambda x: float(0.1 * np.hypot(*x))),
         ),
         "skin": (
-            Way("skin", "s", ((1.0,), (3.0,)), (0.02,), (20.0,),
-                 lambda x: {"softness_s": 2e-3 * CREEPING * x[0], "damping_ratio": CREEPING},
+            Parametrization("skin", "s", ((1.0,), (3.0,)), (0.02,), (20.0,),
+                 lambda x: {"softness_s": 2e-3 * OVERDAMPED * x[0], "damping_ratio": OVERDAMPED},
                  lambda x: float(1e-3 * x[0])),
-            Way("skin", "s", ((4.5, damping.start), (2.65, damping.start)), (0.5, damping.lower),
+            Parametrization("skin", "s", ((4.5, damping.start), (2.65, damping.start)), (0.5, damping.lower),
                  (1e3 * soft.upper, damping.upper),
                  lambda x: {"softness_s": 1e-3 * x[0], "damping_ratio": float(x[1])}, lambda x: float(1e-3 * x[0])),
         ),
     }  # fmt: skip
 
 
-WAYS: Final = _ways()
+PARAMETRIZATIONS: Final = _parametrizations()
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
-    """One candidate: residual (n,) where not fitted, its log ratios (w,), size and unit, and its changes (n,) at it."""
+class FaultFit:
+    """One candidate: cross-validated residual (n,) and log ratios (w,), size and unit, and its changes (n,)."""
 
     residual: Floats
     ratios: Floats
@@ -83,8 +85,8 @@ class Tried:
         return float(self.ratios.mean()) if self.ratios.size else 0.0
 
 
-def _map(way: Way, stretch: Stretch, expected: Floats) -> Map:
-    """What the sensor would show, (n,), from the free values."""
+def _map(way: Parametrization, stretch: Stretch, expected: Floats) -> Map:
+    """The sensor's output (n,) as a function of the free values."""
     measured = CATALOGUE[way.effect].measured
     assert measured is not None
     channels = {} if stretch.own is None else {"own.x": stretch.own[:, 0], "own.y": stretch.own[:, 1]}
@@ -92,7 +94,7 @@ def _map(way: Way, stretch: Stretch, expected: Floats) -> Map:
 
 
 def _fit(
-    way: Way, shown: Map, output: Floats, weight: Floats, starts: tuple[tuple[float, ...], ...]
+    way: Parametrization, shown: Map, output: Floats, weight: Floats, starts: tuple[tuple[float, ...], ...]
 ) -> tuple[Floats, float]:
     """Free values of least weighted squares from all starts, and their cost."""
     best, least = np.asarray(starts[0]), math.inf
@@ -106,8 +108,8 @@ def _fit(
     return best, least
 
 
-def tried_by(ways: tuple[Way, ...], stretch: Stretch, expected: Floats, weight: Floats) -> Tried:
-    """Fit a candidate to every other window, look at those between, and the other way round."""
+def tried_by(ways: tuple[Parametrization, ...], stretch: Stretch, expected: Floats, weight: Floats) -> FaultFit:
+    """Fit a candidate to every other window and test it in those between, and vice versa."""
     output, maps = stretch.output, [_map(way, stretch, expected) for way in ways]
     fits = [_fit(way, shown, output, weight, way.starts) for way, shown in zip(ways, maps, strict=True)]
     best = int(np.argmin([cost for _, cost in fits]))
@@ -117,14 +119,14 @@ def tried_by(ways: tuple[Way, ...], stretch: Stretch, expected: Floats, weight: 
         free, _ = _fit(ways[best], maps[best], output, weight * ~held, (tuple(fits[best][0]),))
         residual[held] = (output - maps[best](free))[held]
     sums = [window_sums(r**2, stretch.keep, stretch.length) for r in (output - expected, residual)]
-    there = sums[0] > 0.0
-    ratios = np.log(sums[0][there] / np.maximum(sums[1][there], 1e-300))
+    known = sums[0] > 0.0
+    ratios = np.log(sums[0][known] / np.maximum(sums[1][known], 1e-300))
     changes = tuple(shown(free) - expected for shown, (free, _) in zip(maps, fits, strict=True))
-    return Tried(residual, ratios, ways[best].size(fits[best][0]), ways[best].unit, changes)
+    return FaultFit(residual, ratios, ways[best].size(fits[best][0]), ways[best].unit, changes)
 
 
 def weights(residual: Floats, keep: Flags, length: int) -> Floats:
-    """Weights (n,) by which every window counts alike, 0 where nothing is compared."""
+    """Weights (n,) that give every window the same weight, 0 outside the mask."""
     sums, counts = window_sums(residual**2, keep, length), window_sums(np.ones(residual.size), keep, length)
     rms = np.sqrt(sums / np.maximum(counts, 1.0))
     inverse = 1.0 / np.maximum(rms, 0.1 * max(float(np.median(rms)), 1e-12))
@@ -132,17 +134,17 @@ def weights(residual: Floats, keep: Flags, length: int) -> Floats:
     return np.asarray(np.where(keep, whole, 0.0))
 
 
-def all_tried(stretch: Stretch, expected: Floats, names: tuple[str, ...]) -> dict[str, Tried]:
+def all_tried(stretch: Stretch, expected: Floats, names: tuple[str, ...]) -> dict[str, FaultFit]:
     """Candidates by name, each fitted."""
     weight = weights(stretch.output - expected, stretch.keep, stretch.length)
-    return {name: tried_by(WAYS[name], stretch, expected, weight) for name in names}
+    return {name: tried_by(PARAMETRIZATIONS[name], stretch, expected, weight) for name in names}
 
 
 def largest_by_chance(windows: Floats, energy: Floats, residual: float, signs: Floats) -> Floats:
-    """The largest share of the residual's squares that any candidate gains, in each draw, (r,).
+    """The largest share of the residual's squares that a candidate explains in each random draw, (r,).
 
-    windows (w, k) are sums of candidate times residual, energy (k,) the candidates' own squares, residual the sum of
-    squares, signs (r, w) of the windows: what is drawn keeps its colour and follows the motion as the residual does.
+    windows (w, k): sums of candidate times residual; energy (k,): the candidates' squares; residual: sum of squares;
+    signs (r, w) of the windows. A draw keeps the spectrum of the residual and follows the motion as the residual does.
     """
     seen = energy > 0.0
     if not seen.any() or residual <= 0.0:
@@ -151,11 +153,11 @@ def largest_by_chance(windows: Floats, energy: Floats, residual: float, signs: F
 
 
 def by_chance(
-    stretch: Stretch, expected: Floats, tried: Mapping[str, Tried], draws: int, chance: float, seed: int
+    stretch: Stretch, expected: Floats, tried: Mapping[str, FaultFit], draws: int, chance: float, seed: int
 ) -> float:
-    """What the best of all candidates exceeds by that chance where nothing is hidden.
+    """The gain that the best candidate exceeds with this probability without a fault.
 
-    In each draw the windows of the residual have their signs drawn anew.
+    The signs of the residual's windows are random in each draw.
     """
     best = max(tried.values(), key=lambda one: one.gain)
     rest = best.residual if best.gain > 0.0 else stretch.output - expected
@@ -169,7 +171,7 @@ def by_chance(
 
 
 def wandering(good: Stretch, shape: Shape, names: tuple[str, ...]) -> float:
-    """The most that any candidate gains in one half by the transfer of the other: no bootstrap knows of that."""
+    """The largest gain of a candidate in one half with the transfer of the other, which random draws do not contain."""
     expected = across(good, shape)
     late = np.arange(good.output.size) >= good.output.size // 2
     return max(

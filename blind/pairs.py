@@ -1,7 +1,7 @@
-"""Tracing on a chain of two channels: what changed on a sensor since it was last good, told by another beside it.
+"""Check of a sensor by another one on the same structure, against an earlier stretch without a fault.
 
-What two sensors of one structure differ by is their background, a short transfer learnt while both were good. A fault
-shows only as a departure from it: without such a stretch, a gain, a tilt, an offset or a skin is part of the transfer.
+The background is a short transfer between both sensors, estimated from the earlier stretch. A fault is a deviation from
+it. Without an earlier stretch, a gain, a tilt, an offset or a skin is part of the transfer.
 """
 
 from __future__ import annotations
@@ -19,38 +19,38 @@ from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.base.wording import counted
-from biodyn_core.tracing.faults import WAYS, Tried, all_tried, by_chance, tried_by, wandering, weights
 from biodyn_core.tracing.findings import NAMING, Verdict
-from biodyn_core.tracing.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
+from blind.faults import PARAMETRIZATIONS, FaultFit, all_tried, by_chance, tried_by, wandering, weights
+from blind.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
 
 MENDING: Final = 20
-"""Turns until what is put in the place of clipped samples has settled."""
+"""Iterations of the replacement of clipped samples."""
 
 LEAST_KEPT: Final = 0.25
-"""Of a stretch, the share that clipping must have left."""
+"""Least share of unclipped samples of a stretch."""
 
 NEARLY: Final = 0.8
-"""What gains so much of the best cannot be told from it."""
+"""A candidate with this share of the best gain is ambiguous with it."""
 
 
 @dataclass(frozen=True)
 class PairSettings:
-    """How a pair is traced."""
+    """Settings of a check."""
 
-    lowest_hz: float = setting(0.5, "below lie gravity and biases", "Hz", 0.05, 10.0)
+    lowest_hz: float = setting(0.5, "lowest frequency compared, above gravity and biases", "Hz", 0.05, 10.0)
     highest_share: float = setting(0.36, "highest frequency compared, in shares of the rate", "", 0.05, 0.48)
-    transfer_s: float = setting(0.06, "the background looks at most so far back and ahead", "s", 0.0, 1.0)
-    window_s: float = setting(0.5, "length of a window of the score", "s", 0.05, 10.0)
-    least_s: float = setting(5.0, "shortest stretch that is traced", "s", 0.5, 3600.0)
-    least_explained: float = setting(0.4, "of a channel's rms, the least a reference must predict", "", 0.0, 1.0)
-    replicates: int = setting(2000, "draws of the largest gain where nothing is hidden", "", 100, 1_000_000)
-    chance: float = setting(0.05, "share of these draws that may exceed the threshold", "", 0.001, 0.5)
-    wander: float = setting(2.0, "times what the background itself gains from one half to the other", "", 0.0, 100.0)
-    least_ratio: float = setting(0.3, "an effect's own change over the background, the least named", "", 0.0, 10.0)
-    most_left: float = setting(
-        2.0, "error over the background's own at which an effect explains nothing", "", 1.0, 100.0
+    transfer_s: float = setting(0.06, "longest background filter before and after", "s", 0.0, 1.0)
+    window_s: float = setting(0.5, "length of a window", "s", 0.05, 10.0)
+    least_s: float = setting(5.0, "shortest stretch", "s", 0.5, 3600.0)
+    least_explained: float = setting(
+        0.4, "least share of a channel's rms that the reference has to predict", "", 0.0, 1.0
     )
-    floor: float = setting(1.3, "error over the background's own from which it is unexplained", "", 1.0, 10.0)
+    replicates: int = setting(2000, "random draws of the largest gain", "", 100, 1_000_000)
+    chance: float = setting(0.05, "share of random draws above the threshold", "", 0.001, 0.5)
+    wander: float = setting(2.0, "multiple of the background's own gain between both halves", "", 0.0, 100.0)
+    least_ratio: float = setting(0.3, "least change of a fault over the background", "", 0.0, 10.0)
+    most_left: float = setting(2.0, "error over the background's above which a fault explains nothing", "", 1.0, 100.0)
+    floor: float = setting(1.3, "error over the background's above which it is unexplained", "", 1.0, 10.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -68,18 +68,18 @@ class Pair:
     def __post_init__(self) -> None:
         n = self.under_test.size
         if self.reference.shape[:1] != (n,) or (self.own is not None and self.own.shape != (n, 2)):
-            raise InputError("pair: the channels differ in length, they must be sampled together")
+            raise InputError("pair: the channels differ in length; they have to be sampled together")
         if not (np.isfinite(self.reference).all() and np.isfinite(self.under_test).all()):
-            raise InputError("pair: samples that are not finite, fill or cut them out first")
+            raise InputError("pair: samples are not finite; fill them or cut them out")
 
 
 @dataclass(frozen=True, eq=False)
 class PairTrace:
-    """What a pair shows.
+    """The result of a check.
 
-    name and size are of the effect, in its unit; gains are mean log ratios of squared errors in windows that each
-    candidate was not fitted to, threshold what the best has to exceed. Percent are of the channel's rms: background
-    where it was good, before with the same transfer in the stretch that is traced, after with the effect as well.
+    name, size: of the fault, in its unit; gains: cross-validated mean log ratios of squared errors by candidate;
+    threshold: the required gain. Percent of the channel's rms: background in the earlier stretch; before: with its
+    transfer in the checked stretch; after: with the fault as well.
     """
 
     verdict: Verdict
@@ -95,19 +95,18 @@ class PairTrace:
     threshold: float = math.nan
 
 
-SAID: Final[Mapping[Verdict, str]] = {
-    "effect": "it gains more than chance and than the background's own changes",
-    "ambiguous": "it gains more than chance and than the background's own changes, and so do others",
-    "none": "no candidate gains enough, and the error is the background's",
-    "unexplained": "the error is above the background's, and no candidate takes it away",
+REASONS: Final[Mapping[Verdict, str]] = {
+    "effect": "its gain exceeds chance and changes of the background",
+    "ambiguous": "its gain exceeds chance and changes of the background, and so do the gains of others",
+    "none": "no candidate gains enough, and the error equals the background's",
+    "unexplained": "the error exceeds the background's, and no candidate explains it",
 }
 
 
 def clipped_samples(values: Floats) -> Flags:
-    """Where raw samples (n,) lie at a limit: the highest or lowest value, three times or more, often twice in a row.
+    """The raw samples (n,) at a limit: the highest or lowest value, three times or more, often twice in a row.
 
-    Coarse steps repeat themselves everywhere, and a dead sensor once for long: neither is
-    a limit.
+    Coarse steps repeat everywhere, and a dead sensor once for long: neither is a limit.
     """
     flags = np.zeros(values.size, dtype=np.bool_)
     slack = 1e-6 * float(np.ptp(values))
@@ -124,7 +123,7 @@ def clipped_samples(values: Floats) -> Flags:
 
 
 def _stretch(pair: Pair, s: PairSettings, clipped: Flags) -> Stretch:
-    """A pair in band, clipped samples and those beside them left out."""
+    """A pair in band, without clipped samples and their neighbours."""
     band = (pair.rate_hz, s.lowest_hz, s.highest_share * pair.rate_hz)
     own = None if pair.own is None else in_band(pair.own, *band)
     keep = ~ndimage.binary_dilation(clipped, iterations=3)
@@ -135,15 +134,15 @@ def _stretch(pair: Pair, s: PairSettings, clipped: Flags) -> Stretch:
 
 
 def _good(pair: Pair, s: PairSettings) -> Stretch:
-    """A pair in band, straight lines over what is clipped."""
+    """A pair in band, clipped samples interpolated."""
     clipped = clipped_samples(pair.under_test)
     return _stretch(dataclasses.replace(pair, under_test=filled(pair.under_test, clipped)), s, clipped)
 
 
 def _mended(pair: Pair, baseline: Pair | None, clipped: Flags, s: PairSettings) -> Pair:
-    """A pair with what the background expects in the place of clipped samples.
+    """A pair with clipped samples replaced by the background's prediction.
 
-    They are compared with nothing, but the band's filters would carry peaks that are missing far beyond them.
+    They are not compared, but missing peaks would spread through the band filters.
     """
     mended = dataclasses.replace(pair, under_test=filled(pair.under_test, clipped))
     if baseline is None or not clipped.any():
@@ -157,17 +156,17 @@ def _mended(pair: Pair, baseline: Pair | None, clipped: Flags, s: PairSettings) 
 
 
 def residual(pair: Pair, baseline: Pair, settings: PairSettings | None = None) -> Floats:
-    """What the background of an earlier stretch leaves of a channel, (n,) m/s^2 in band, 0 where not compared."""
+    """The residual (n,) m/s^2 of a channel by the background of an earlier stretch, in band, 0 where not compared."""
     s = settings or PairSettings()
     stretch, good = (_good(each, s) for each in (pair, baseline))
     return np.where(stretch.keep, stretch.output - best_shape(good, s.transfer_s)[0].predict(good, stretch), 0.0)
 
 
 def trace(pair: Pair, baseline: Pair | None = None, seed: int = 0, settings: PairSettings | None = None) -> PairTrace:
-    """Trace what a channel shows beyond its reference, given an earlier stretch of both without fault.
+    """Check a channel against its reference, with an earlier stretch of both without a fault.
 
-    Without that stretch only clipping and a drift can be told. Raises InputError where the two stretches differ in
-    rate or channels.
+    Without that stretch only clipping and a drift are found. Raises InputError if both stretches differ in rate or
+    channels.
     """
     s = settings or PairSettings()
     if baseline is not None and (
@@ -194,7 +193,7 @@ def trace(pair: Pair, baseline: Pair | None = None, seed: int = 0, settings: Pai
 
 
 def _unclipped(pair: Pair, baseline: Pair | None, clipped: Flags, seed: int, s: PairSettings) -> PairTrace:
-    """The trace of what is left once clipped samples are masked."""
+    """The check with clipped samples masked."""
     shortest = min(p.under_test.size / p.rate_hz for p in (pair, baseline) if p is not None)
     if shortest < s.least_s:
         return PairTrace("not_decidable", f"{shortest:.1f} s, at least {s.least_s:g} s of each stretch are needed")
@@ -207,10 +206,10 @@ def _unclipped(pair: Pair, baseline: Pair | None, clipped: Flags, seed: int, s: 
 
 
 def _without(stretch: Stretch, seed: int, s: PairSettings) -> PairTrace:
-    """A transfer from the stretch itself takes every fault on that does not change with time: only drift is left."""
+    """The check by a transfer from the stretch itself, which contains every constant fault: only a drift is found."""
     expected = Shape(round(0.5 * s.transfer_s * stretch.rate_hz), RIDGES[1]).predict(stretch, stretch)
-    # The transfer has taken the mean delay on itself as well.
-    mean_s, (drift,) = 0.5 * stretch.output.size / stretch.rate_hz, WAYS["drift"]
+    # The transfer contains the mean delay as well.
+    mean_s, (drift,) = 0.5 * stretch.output.size / stretch.rate_hz, PARAMETRIZATIONS["drift"]
     about_mean = dataclasses.replace(drift, values=lambda x: {"drift": 1e-4 * x[0], "delay_s": -1e-4 * x[0] * mean_s})
     weight = weights(stretch.output - expected, stretch.keep, stretch.length)
     one = tried_by((about_mean,), stretch, expected, weight)
@@ -221,7 +220,7 @@ def _without(stretch: Stretch, seed: int, s: PairSettings) -> PairTrace:
     seen = one.gain > threshold and before <= 100.0 * (1.0 - s.least_explained)
     return PairTrace(
         "ambiguous" if seen else "not_decidable",
-        "a drift, or a structure that changes" if seen else "clock, gain, tilt and skin are part of what was learnt",
+        "a drift, or a structure that changes" if seen else "clock, gain, tilt and skin are part of the transfer",
         "drift" if seen else "",
         one.size if seen else 0.0,
         one.unit if seen else "",
@@ -233,13 +232,13 @@ def _without(stretch: Stretch, seed: int, s: PairSettings) -> PairTrace:
 
 
 def _with(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) -> PairTrace:
-    """The ladder of all candidates against the background of the stretch that was good."""
-    names = tuple(name for name in WAYS if name != "tilt" or stretch.own is not None)
+    """The check by the background of the earlier stretch."""
+    names = tuple(name for name in PARAMETRIZATIONS if name != "tilt" or stretch.own is not None)
     shape, background = best_shape(good, s.transfer_s)
     expected = shape.predict(good, stretch)
     before = percent(stretch.output - expected, stretch.output, stretch.keep)
     if background > 100.0 * (1.0 - s.least_explained):
-        reason = f"the reference leaves {background:.0f} % of the channel where it was good"
+        reason = f"the reference does not predict {background:.0f} % of the channel in the earlier stretch"
         return PairTrace("not_decidable", reason, background_percent=background, before_percent=before)
     tried = all_tried(stretch, expected, names)
     chance, wander = (
@@ -258,7 +257,7 @@ def _with(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) -> PairTr
     verdict: Verdict = ("ambiguous" if like else "effect") if seen else ("unexplained" if far else "none")
     return PairTrace(
         verdict,
-        SAID[verdict],
+        REASONS[verdict],
         best if seen else "",
         one.size if seen else 0.0,
         one.unit if seen else "",
@@ -271,8 +270,8 @@ def _with(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) -> PairTr
     )
 
 
-def _as_good(other: Tried, best: Tried) -> bool:
-    """Whether a candidate is worse by less than two standard errors over the windows, or gains nearly as much."""
+def _as_good(other: FaultFit, best: FaultFit) -> bool:
+    """Whether a candidate is worse by less than two standard errors over the windows, or has a similar gain."""
     worse = best.ratios - other.ratios
     error = float(worse.std()) / math.sqrt(max(worse.size - 1, 1))
     return other.gain > NEARLY * best.gain or float(worse.mean()) < 2.0 * error

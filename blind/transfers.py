@@ -1,6 +1,6 @@
-"""Transfers: what one sensor of a structure shows of what another shows, learnt from a stretch of both.
+"""Transfers: the response of one sensor of a structure to another, estimated from a stretch of both.
 
-Short, linear, and pulled to zero: how short and how much is what predicts either half from the other best.
+A short FIR filter with a ridge. Its length and ridge give the best prediction of each half of the stretch by the other.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy import signal
 from biodyn_core.base.arrays import Flags, Floats
 
 RIDGES: Final = (1e-4, 1e-3, 1e-2, 1e-1)
-"""Pulls on coefficients, in shares of each input's own power."""
+"""Ridges, in shares of each input's power."""
 
 
 def filled(values: Floats, bad: Flags) -> Floats:
@@ -38,29 +38,29 @@ def lagged(inputs: Floats, span: int) -> Floats:
 
 
 def transfer(rows: Floats, output: Floats, keep: Flags, ridge: float) -> Floats:
-    """Coefficients (m,) of rows (n, m) for an output (n,), pulled to zero by a share of each row's own power."""
+    """Coefficients (m,) of rows (n, m) for an output (n,), with a ridge relative to each row's power."""
     kept = rows[keep]
     power = kept.T @ kept
-    # By each row's own: a gyro in rad/s is small beside accelerations, and no less worth.
+    # Relative, because a gyro in rad/s has smaller values than accelerations.
     size = np.sqrt(np.maximum(np.diag(power), 1e-12 * np.diag(power).max() + 1e-300))
     alike = power / np.outer(size, size)
     return np.asarray(np.linalg.solve(alike + ridge * np.eye(len(size)), kept.T @ output[keep] / size) / size)
 
 
 def window_sums(squares: Floats, keep: Flags, length: int) -> Floats:
-    """Sums over whole windows (w,) of what is kept."""
+    """Sums over whole windows (w,) of kept samples."""
     whole = squares.size // length * length
     return np.asarray(np.where(keep, squares, 0.0)[:whole].reshape(-1, length).sum(axis=1))
 
 
 def percent(residual: Floats, output: Floats, keep: Flags) -> float:
-    """Rms of what is left, of the rms of the output."""
+    """Rms of the residual in percent of the rms of the output."""
     return float(100.0 * np.sqrt(np.sum(residual[keep] ** 2) / max(np.sum(output[keep] ** 2), 1e-300)))
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A stretch in band: reference (n, k), output (n,), own axes (n, 2), what is compared (n,), a window's length."""
+    """A stretch in band: reference (n, k), output (n,), own axes (n, 2), mask (n,), length of a window in samples."""
 
     rate_hz: float
     reference: Floats
@@ -70,25 +70,25 @@ class Stretch:
     length: int
 
     def only(self, these: Flags) -> Stretch:
-        """The same, comparing some of its samples alone."""
+        """The same with a smaller mask."""
         return dataclasses.replace(self, keep=self.keep & these)
 
 
 @dataclass(frozen=True)
 class Shape:
-    """How a background is learnt: samples it looks back and ahead, and the pull on its coefficients."""
+    """A background filter: samples before and after, and the ridge."""
 
     span: int
     ridge: float
 
     def predict(self, learnt: Stretch, other: Stretch) -> Floats:
-        """What another stretch shows, (n,), by the transfer of the one it is learnt from."""
+        """The prediction (n,) for another stretch by the transfer of the learnt one."""
         found = transfer(lagged(learnt.reference, self.span), learnt.output, learnt.keep, self.ridge)
         return np.asarray(lagged(other.reference, self.span) @ found)
 
 
 def best_shape(good: Stretch, longest_s: float) -> tuple[Shape, float]:
-    """The shape, no longer than that, by which one half predicts the other best, and its error in percent."""
+    """The best shape up to a length, by the prediction of each half from the other, and its error in percent."""
     most = round(longest_s * good.rate_hz)
     shapes = [Shape(span, ridge) for span in sorted({0, most // 4, most // 2, most}) for ridge in RIDGES]
     errors = [percent(good.output - across(good, shape), good.output, good.keep) for shape in shapes]
@@ -97,6 +97,6 @@ def best_shape(good: Stretch, longest_s: float) -> tuple[Shape, float]:
 
 
 def across(good: Stretch, shape: Shape) -> Floats:
-    """What either half of a stretch shows by the transfer of the other, (n,)."""
+    """The prediction (n,) of each half of a stretch by the transfer of the other."""
     late = np.arange(good.output.size) >= good.output.size // 2
     return np.where(late, shape.predict(good.only(~late), good), shape.predict(good.only(late), good))

@@ -9,11 +9,11 @@ import pytest
 from hiding import applied
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.nuisance_parameters import UsualSettings
+from biodyn_core.tracing.nuisance_parameters import TypicalSettings
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
-from biodyn_core.tracing.sensor_tilt import lean_deg, leaning
+from biodyn_core.tracing.sensor_tilt import sensor_tilts, tilt_deg
 
-USUAL = UsualSettings().usual_lean
+USUAL = TypicalSettings().usual_lean
 
 
 @cache
@@ -29,41 +29,41 @@ def leans(**degrees: tuple[float, float]) -> Case:
 
 
 def named(*cases: Case, plain: bool = False) -> dict[str, float]:
-    """Sensor by sensor, how far it leans."""
-    return {one.site: lean_deg(one) for one in leaning(cases, USUAL, plain)}
+    """The tilt of each reported sensor, degrees."""
+    return {one.site: tilt_deg(one) for one in sensor_tilts(cases, USUAL, plain)}
 
 
-def test_a_sensor_that_leans_is_named_with_its_lean() -> None:
-    (found,) = leaning([leans(neck=(6.0, -2.0), head=(0.5, 0.0))] * 2, USUAL, plain=False)
+def test_a_tilted_sensor_is_found_with_its_tilt() -> None:
+    (found,) = sensor_tilts([leans(neck=(6.0, -2.0), head=(0.5, 0.0))] * 2, USUAL, plain=False)
     assert (found.effect.name, found.site) == ("tilt", "neck")
     assert found.values["lean_x"] == pytest.approx(np.sin(np.deg2rad(6.0)))
     assert found.values["lean_y"] == pytest.approx(-np.sin(np.deg2rad(2.0)))
-    assert lean_deg(found) == pytest.approx(6.32, abs=0.02)
+    assert tilt_deg(found) == pytest.approx(6.32, abs=0.02)
 
 
-def test_what_is_usual_is_named_of_a_plain_body_only() -> None:
+def test_a_typical_tilt_is_reported_for_a_plain_body_only() -> None:
     case = leans(head=(2.0, 0.0), neck=(1.0, 0.0))
     assert named(case) == {}
     assert named(case, plain=True) == {"head": pytest.approx(2.0)}
 
 
-def test_leans_of_several_events_are_averaged() -> None:
+def test_tilts_of_several_events_are_averaged() -> None:
     assert named(leans(head=(6.0, 0.0)), leans(head=(-6.0, 0.0))) == {}
     assert named(leans(head=(3.0, 0.0)), leans(head=(7.0, 0.0))) == {"head": pytest.approx(5.0, abs=0.01)}
 
 
-def test_a_sensor_that_one_event_did_not_set_upright_is_left_out() -> None:
+def test_a_sensor_without_a_tilt_in_one_event_is_left_out() -> None:
     both = leans(head=(9.0, 0.0), neck=(9.0, 0.0))
     assert set(named(both, leans(neck=(9.0, 0.0)))) == {"neck"}
     assert named(both, leans()) == {} == named()
 
 
-def test_the_seat_is_nobodys_sensor() -> None:
+def test_the_seat_is_left_out() -> None:
     assert named(leans(seat=(20.0, 0.0))) == {}
 
 
-def test_a_lean_beyond_the_range_of_a_tilt_ends_on_it() -> None:
-    (found,) = leaning([leans(head=(40.0, 0.0))], USUAL, plain=False)
+def test_a_large_tilt_is_clipped_to_the_range_of_the_effect() -> None:
+    (found,) = sensor_tilts([leans(head=(40.0, 0.0))], USUAL, plain=False)
     assert found.values["lean_x"] == 0.4
 
 

@@ -1,0 +1,125 @@
+"""Candidate: one effect at one site, with the results of the stages that it has passed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from biodyn_core.base.arrays import Floats
+from biodyn_core.effects import AppliedEffect
+from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit
+from biodyn_core.tracing.settings import EvidenceSettings, TraceSettings
+
+
+@dataclass(frozen=True)
+class ScreeningResult:
+    """The result to first order.
+
+    gain: mean log ratio of the squared residual without over with the effect, in the events for choosing; decrease: of
+    the weighted squares in the events for fitting; size: of the strength, in multiples of its start value; absorbed:
+    share of the effect's energy that theta explains; p_value: how often the largest random gain is as large.
+    """
+
+    gain: float
+    decrease: float
+    size: float
+    absorbed: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class PreliminaryFit:
+    """The fit to the first event of each loading condition: gain in the events for choosing, share of the objective."""
+
+    gain: float
+    decrease: float
+    applied: AppliedEffect
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateFit:
+    """The fit to all events.
+
+    gains (e,): log ratio in each event for choosing, whose loading conditions are conditions. typical_multiple: size in
+    spreads of the typical deviation. steady: False if the effect is fitted anew in every window or between events.
+    objection: why it is no cause, if known.
+    """
+
+    local: LocalFit
+    gains: Floats
+    conditions: tuple[str, ...]
+    steady: bool = True
+    typical_multiple: float = np.inf
+    objection: str = ""
+
+    @property
+    def applied(self) -> AppliedEffect:
+        """The effect with its fitted values."""
+        assert self.local.applied is not None
+        return self.local.applied
+
+    @property
+    def gain(self) -> float:
+        """Mean log ratio over the events for choosing."""
+        return float(self.gains.mean())
+
+    @property
+    def improved_events(self) -> int:
+        """The number of events with a positive gain."""
+        return int(np.count_nonzero(self.gains > 0.0))
+
+    def improves_enough(self, s: EvidenceSettings) -> bool:
+        """Whether it improves enough events or loading conditions; one event suffices for a known omission."""
+        if self.applied.effect.known_omission:
+            return self.improved_events > 0
+        improved = {condition for condition, gain in zip(self.conditions, self.gains, strict=True) if gain > 0.0}
+        return self.improved_events >= s.least_events or len(improved) >= s.least_conditions
+
+    def why_typical(self, s: TraceSettings) -> str:
+        """Why it is within the typical range of bodies and sensors; empty if it is beyond."""
+        if not self.steady and self.gain <= s.evidence.unsteady_gain:
+            return f"a gain up to {s.evidence.unsteady_gain:g} is typical of a cause that varies with time"
+        farthest = s.farthest if self.local.prior_scale > PRIOR_SCALES[-1] else 1.0
+        if self.typical_multiple < farthest:
+            return f"its size is {self.typical_multiple:.3g} times the typical one, less than {farthest:g}"
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One effect at one site with start values, and the results of its stages.
+
+    strength: the parameter that scales its size, empty if presence alone is the effect. index: its place in the
+    screening. screening, preliminary, fit: None before that stage.
+    """
+
+    start: AppliedEffect
+    strength: str
+    index: int = -1
+    screening: ScreeningResult | None = None
+    preliminary: PreliminaryFit | None = None
+    fit: CandidateFit | None = None
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """The name of the effect, and its site."""
+        return self.start.effect.name, self.start.site
+
+    @property
+    def screened(self) -> ScreeningResult:
+        """The result of screening, which has taken place."""
+        assert self.screening is not None
+        return self.screening
+
+    @property
+    def tried(self) -> PreliminaryFit:
+        """The preliminary fit, which has taken place."""
+        assert self.preliminary is not None
+        return self.preliminary
+
+    @property
+    def fitted(self) -> CandidateFit:
+        """The fit to all events, which has taken place."""
+        assert self.fit is not None
+        return self.fit

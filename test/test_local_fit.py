@@ -1,0 +1,207 @@
+"""Local fit: theta and an effect are recovered together from data of another integrator."""
+
+import dataclasses
+from functools import cache
+
+import hiding
+import numpy as np
+import pytest
+from hiding import applied
+
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, evidence_gain, fit_locally, simulated_products
+from biodyn_core.tracing.nuisance_model import N_THETA, EventSet, NuisanceModel
+from biodyn_core.tracing.rows import Rows
+
+SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
+
+
+@cache
+def without(change, law=hiding.plain) -> LocalFit:
+    return fit_locally(hiding.nuisance(change, law), None)
+
+
+def assert_theta_is_true(found: LocalFit, rel: float) -> None:
+    ours, true = (subject.parameters.natural_frequency_hz for subject in (found.subject, hiding.TRUTH))
+    np.testing.assert_allclose(ours, true, rtol=rel)
+
+
+@pytest.mark.parametrize(
+    ("change", "law", "name", "site", "truth", "less"),
+    [
+        (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}, 0.8),
+        (hiding.later, hiding.plain, "clock", "head", {"delay_s": 0.004}, 0.8),
+        (hiding.on_skin, hiding.plain, "skin", "head", SKIN, 0.8),
+        # Typical friction explains a share of it.
+        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}, 0.85),
+        (hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}, 0.8),
+    ],
+)
+def test_theta_and_a_hidden_effect_are_recovered_together(
+    change, law, name: str, site: str, truth: dict, less: float
+) -> None:
+    nuisance = hiding.nuisance(change, law)
+    found = fit_locally(nuisance, applied(name, site), with_intervals=True)
+    assert found.applied is not None and set(truth) <= set(found.applied.values)
+    for parameter, value in truth.items():
+        # A share of it may stay with the nuisance parameter of the same law.
+        assert found.applied.values[parameter] == pytest.approx(value, rel=0.08)
+    assert found.subject.effects == (found.applied,)
+    assert_theta_is_true(found, 0.02)
+    assert found.at_bound == () and len(found.intervals) == len(found.applied.effect.parameters)
+    assert found.objective < 0.7 * without(change, law).objective
+    assert found.residual_square.sum() < less * without(change, law).residual_square.sum()
+
+
+def test_the_interval_contains_the_size_and_narrows_with_more_data() -> None:
+    nuisance = hiding.nuisance(hiding.louder)
+    found = fit_locally(nuisance, applied("gain", "neck"), with_intervals=True)
+    ((low, high),) = found.intervals
+    assert low < 0.1 < high and high - low < 0.15
+    fewer = dataclasses.replace(nuisance, weight=0.25 * nuisance.weight)
+    ((wide_low, wide_high),) = fit_locally(fewer, applied("gain", "neck"), with_intervals=True).intervals
+    assert wide_high - wide_low > 1.1 * (high - low)
+
+
+def test_a_fit_without_an_effect_reduces_the_residual_and_adds_no_effect() -> None:
+    nuisance, found = hiding.nuisance(hiding.louder), without(hiding.louder)
+    p = nuisance.train.products
+    before = float(nuisance.weight @ p.square)
+    assert found.applied is None and found.subject.effects == () and found.intervals == ()
+    assert 0.0 < found.objective < 0.9 * before
+    usual = dict(zip(nuisance.names, found.coefficients[N_THETA:], strict=True))
+    assert max(usual, key=lambda name: abs(usual[name])) == "gain of neck" and usual["gain of neck"] > 1.0
+
+
+def test_the_residual_is_that_of_the_fitted_subject() -> None:
+    """The squares are those of a simulation of the fitted subject with its nuisance parameters."""
+    nuisance, found = hiding.nuisance(hiding.louder), fit_locally(hiding.nuisance(hiding.louder), None)
+    slow = []
+    for rows, known, missed in zip(
+        nuisance.choose.rows, nuisance.choose.known, nuisance.choose.residuals(found.subject), strict=True
+    ):
+        slow += [((missed[w] - known[w] @ found.coefficients) ** 2).sum() for w in range(rows.windows)]
+    np.testing.assert_allclose(found.residual_square, slow, rtol=1e-6)
+    np.testing.assert_allclose(
+        simulated_products(nuisance.choose, found.subject).residual_square(found.coefficients), slow, rtol=1e-6
+    )
+
+
+def test_more_steps_do_not_increase_the_objective() -> None:
+    nuisance = hiding.nuisance(hiding.on_skin)
+    objectives = [fit_locally(nuisance, applied("skin", "head"), steps).objective for steps in (0, 1, 4, 12)]
+    assert objectives == sorted(objectives, reverse=True) and objectives[3] < 0.5 * objectives[0]
+
+
+def test_parameters_on_a_bound_are_named() -> None:
+    """A sensor with a gain of 60 %; the range of the effect is 30 %."""
+    nuisance = hiding.nuisance(hiding.far_louder)
+    found = fit_locally(nuisance, applied("gain", "neck"))
+    assert found.applied is not None and found.applied.values["gain"] > 0.29
+    assert found.at_bound == ("gain",)
+
+
+def test_an_unstable_start_has_an_infinite_objective() -> None:
+    (parameter,) = CATALOGUE["cubic"].parameters
+    softer = dataclasses.replace(
+        CATALOGUE["cubic"], parameters=(dataclasses.replace(parameter, lower=-1e12, upper=-1e9, start=-1e10),)
+    )
+    start = AppliedEffect(softer, "pelvis", {parameter.name: -1e10})
+    nuisance = hiding.nuisance(hiding.louder)
+    found = fit_locally(nuisance, start)
+    assert found.objective == np.inf and found.applied is start
+    assert np.isfinite(found.residual_square).all() and np.isfinite(found.coefficients).all()
+    np.testing.assert_array_equal(found.residual_square, nuisance.choose.products.square)
+
+
+def test_derivatives_near_instability_use_the_stable_side() -> None:
+    """A slightly larger value is unstable; the gain is finite, and the fit returns to small values."""
+    (parameter,) = CATALOGUE["asymmetry"].parameters
+    wider = dataclasses.replace(
+        CATALOGUE["asymmetry"], parameters=(dataclasses.replace(parameter, lower=-20_000.0, upper=20_000.0),)
+    )
+    nuisance = hiding.nuisance(hiding.louder)
+
+    def at(value: float) -> AppliedEffect:
+        return AppliedEffect(wider, "pelvis", {parameter.name: value})
+
+    holds, runs_away = 0.0, 1000.0
+    while runs_away - holds > 1.0:  # a nudge of settling is 100 here
+        middle = 0.5 * (holds + runs_away)
+        stays = np.isfinite(fit_locally(nuisance, at(middle), steps=0).objective)
+        holds, runs_away = (middle, runs_away) if stays else (holds, middle)
+    start, found = fit_locally(nuisance, at(holds), steps=0), fit_locally(nuisance, at(holds))
+    assert np.isfinite(start.penalty) and np.isfinite(evidence_gain(nuisance, without(hiding.louder), start))
+    assert found.objective < 0.6 * start.objective and found.applied is not None
+    assert abs(found.applied.values[parameter.name]) < 10.0, "nothing of the kind is hidden"
+
+
+class _Shifted(Rows):
+    """Rows with an additional residual."""
+
+    def __init__(self, rows: Rows, more: np.ndarray) -> None:
+        self.__dict__ |= rows.__dict__
+        self._more = more
+
+    def residual(self, answer: np.ndarray) -> np.ndarray:
+        return super().residual(answer) + self._more
+
+
+def deviating(nuisance: NuisanceModel, deviations: np.ndarray) -> NuisanceModel:
+    """The same events of a body and sensors with these deviations, in typical spreads."""
+    b = np.concatenate([np.zeros(N_THETA), deviations])
+
+    def of(events: EventSet) -> EventSet:
+        rows = tuple(_Shifted(one, known @ b) for one, known in zip(events.rows, events.known, strict=True))
+        apart = dataclasses.replace(events, rows=rows)
+        return dataclasses.replace(apart, products=apart.products_of(apart.residuals(nuisance.subject)))
+
+    return dataclasses.replace(nuisance, train=of(nuisance.train), choose=of(nuisance.choose)).reweighted()
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_the_prior_scale_follows_the_drawn_deviations(seed: int) -> None:
+    """Without deviations the scale is the least; with typical ones it is about 1."""
+    nuisance = hiding.nuisance()
+    drawn = np.random.default_rng(seed).standard_normal(len(nuisance.names))
+    as_modelled, a_little, as_usual = (fit_locally(deviating(nuisance, size * drawn), None) for size in (0.0, 0.3, 1.0))
+    assert as_modelled.prior_scale == PRIOR_SCALES[-1] and a_little.prior_scale <= 0.32 and as_usual.prior_scale >= 0.56
+    assert as_modelled.nuisance_square < 0.01 and 5.0 < as_usual.nuisance_square < len(drawn)
+
+
+@pytest.mark.parametrize(("size", "level"), [(0.1, 0.1), (0.7, 0.32), (2.0, 1.0)])
+def test_the_prior_scale_maximises_the_evidence_of_a_linear_model(size: float, level: float) -> None:
+    """In a linear model the residual is normal with the covariance of theta and nuisance parameters."""
+    drawn = np.random.default_rng(0).standard_normal(len(hiding.nuisance().names))
+    nuisance = deviating(hiding.nuisance(), size * drawn)
+    found = fit_locally(nuisance, None, 0)
+    weight = np.repeat(nuisance.weight, nuisance.train.known[0].shape[1])
+    rows = np.concatenate([known.reshape(-1, known.shape[2]) for known in nuisance.train.known])
+    missed = np.concatenate([one.ravel() for one in nuisance.train.residuals(nuisance.subject)])
+    scaled, y = rows * np.sqrt(weight)[:, None], missed * np.sqrt(weight)
+    theta, own = scaled[:, :N_THETA], scaled[:, N_THETA:]
+
+    def cost(level: float) -> float:
+        """Twice the log, up to what no level changes; theta is fitted, so that its volume does not count."""
+        inner = np.eye(own.shape[1]) / level**2 + own.T @ own
+        volume = np.linalg.slogdet(level**2 * inner)[1]
+        spread = np.concatenate([theta * 0.5, own * level], axis=1)
+        small = np.eye(spread.shape[1]) + spread.T @ spread
+        return float(y @ y - (y @ spread) @ np.linalg.solve(small, spread.T @ y) + volume)
+
+    assert found.prior_scale == min(PRIOR_SCALES, key=cost) == level
+
+
+def test_an_effect_that_replaces_a_large_nuisance_parameter_gains_evidence_and_another_does_not() -> None:
+    """Without it the seat's joint has an atypical damping, with it the body has no deviations."""
+    nuisance = hiding.nuisance(hiding.nothing, hiding.orifice)
+    bent = without(hiding.nothing, hiding.orifice)
+    orifice, gain = (
+        fit_locally(nuisance, applied(*one)) for one in (("quadratic_damping", "pelvis"), ("gain", "head"))
+    )
+    assert bent.prior_scale > orifice.prior_scale == PRIOR_SCALES[-1] and gain.prior_scale == bent.prior_scale
+    assert evidence_gain(nuisance, bent, orifice) > 0.25  # where departures are dear it is more: see the next
+    dear = nuisance.at_scale(PRIOR_SCALES[-1])
+    assert evidence_gain(dear, fit_locally(dear, None), fit_locally(dear, applied("quadratic_damping", "pelvis"))) > 1.0
+    assert abs(evidence_gain(nuisance, bent, gain)) < 0.05
+    assert evidence_gain(nuisance, bent, bent) == 0.0
