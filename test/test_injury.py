@@ -241,15 +241,15 @@ def test_the_window_of_hic_counts_breaks_and_begins_anew_at_a_reset():
     assert sum(meter.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(second, abs=1e-9)
     meter.push(0.9 * pulse)
     assert sum(meter.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(second, abs=1e-9)
-    kept = meter.kept()
+    totals = meter.totals()
     meter.reset()
     assert meter.since_reset().windows_s["resultant"] is None
     meter.push(0.2 * pulse)
     assert sum(meter.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(first, abs=1e-9)
-    # Another run counts on: the larger pulse of both tells the window, by the time since the first began.
+    # A later run continues: the window is that of the larger pulse, by the time since the first run began.
     for share, wanted in ((0.5, second), (2.0, 3.5 + first)):
         after = HicMeter(1000.0, 0.015, WINDOW_S)
-        after.resume(kept)
+        after.resume(totals)
         after.push(share * pulse)
         assert sum(after.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(wanted, abs=1e-9)
 

@@ -199,7 +199,7 @@ def test_a_column_nobody_listens_to_is_not_even_read(graph: Graph) -> None:
     head = graph.collect(tester, AccelStamped, "/speaker/predicted/head/accel", raw=True)
     column = list(topics.PREDICTED).index("head")
     graph.wait(lambda: output.publishers[column].get_subscription_count() > 0, "the head's column matched")
-    output.look_who_listens()
+    output.update_subscribers()
     # What is no number at all would raise if it were looked at.
     values = np.array([[None] * column + [1.0], [None] * column + [math.nan]], dtype=object)
     output.publish(PredictedFrames(np.array([1, 2]), values))
@@ -337,7 +337,7 @@ def test_reset_and_mark_answer(graph: Graph) -> None:
     graph.wait(sensors.matched, "six inputs matched")
     sensors.send()
     graph.wait(lambda: SEAT in node.pipeline.exposure().sensors, "exposure")
-    for service, text in (("reset", "starts anew"), ("mark", "mark 1 at")):
+    for service, text in (("reset", "is set to zero"), ("mark", "mark 1 at")):
         client = tester.create_client(Trigger, f"/biodyn/{service}")
         graph.wait(client.service_is_ready, service)
         future = client.call_async(Trigger.Request())

@@ -21,7 +21,7 @@ from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.exposure.meters import DoseMeter
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
-from biodyn_core.pipeline.prediction import MOST_STRETCH_M
+from biodyn_core.pipeline.prediction import MAX_STRETCH_M
 from biodyn_ros.node.warmup import warm_up
 from biodyn_ros.reports.exposure_json import exposure_document
 
@@ -110,9 +110,10 @@ def test_a_dead_sensor_leaves_a_hole_and_nothing_else_changes() -> None:
     others = [column for column, name in enumerate(SENSORS) if name != "neck"]
     np.testing.assert_array_equal(dead.measured[:, others], whole.measured[:, others])
     # What was not recorded is missing, though no later sample of the sensor ever said so.
-    assert dead.pipeline.lost("neck").missing_s == pytest.approx((len(streams[4].stamps_ns) - 1960) / 1129.3, abs=0.01)
-    assert dead.pipeline.lost("neck").lower_bound
-    assert whole.pipeline.lost("neck").missing_s == 0.0
+    missing_s = (len(streams[4].stamps_ns) - 1960) / 1129.3
+    assert dead.pipeline.losses("neck").missing_s == pytest.approx(missing_s, abs=0.01)
+    assert dead.pipeline.losses("neck").lower_bound
+    assert whole.pipeline.losses("neck").missing_s == 0.0
     neck = dead.measured[:, SENSORS.index("neck")]
     assert np.isnan(neck[1500:]).all()
     assert not np.isnan(neck[10:800]).any()
@@ -128,7 +129,7 @@ def test_predictions_beyond_what_the_subject_was_fitted_to_say_so() -> None:
         predicted = exposure_document(pipeline, "", 8.0, [])["predicted"]
         assert {each["status"] for each in predicted.values()} == {status}
         pipeline.reset()
-        assert not pipeline.is_extrapolating
+        assert not pipeline.run_status().is_extrapolating
 
 
 def test_a_late_sensor_is_waited_for_and_one_too_late_is_not() -> None:
@@ -186,8 +187,8 @@ def test_a_gap_of_the_seat_restarts_the_model_and_says_what_is_missing() -> None
     assert len(gap) == 1
     # The chain starts from rest behind the gap: its first answer is no acceleration at all.
     np.testing.assert_array_equal(result.predicted[gap[0] + 1], np.zeros(6))
-    assert result.pipeline.lost(SEAT).missing_s == pytest.approx(300 / 1129.3, abs=2e-3)
-    assert result.pipeline.lost(SEAT).lower_bound
+    assert result.pipeline.losses(SEAT).missing_s == pytest.approx(300 / 1129.3, abs=2e-3)
+    assert result.pipeline.losses(SEAT).lower_bound
     assert result.pipeline.seat().time_to_action_value_s is None
 
 
@@ -244,13 +245,13 @@ def test_reset_forgets_what_made_figures_lower_bounds() -> None:
     pipeline = Pipeline(subject())
     for name, a, b in cuts:
         if (name, a) == (SEAT, 2800):
-            assert pipeline.lost(SEAT).lower_bound and pipeline.lost(SEAT).clipped == 1
-            assert pipeline.lost(SEAT).missing_s == pytest.approx(300 / 1129.3, abs=2e-3)
+            assert pipeline.losses(SEAT).lower_bound and pipeline.losses(SEAT).clipped == 1
+            assert pipeline.losses(SEAT).missing_s == pytest.approx(300 / 1129.3, abs=2e-3)
             pipeline.reset()
         accel = seat if name == SEAT else by_name[name].accel_mps2
         pipeline.push(name, by_name[name].stamps_ns[a:b], accel[a:b])
-    assert not pipeline.lost(SEAT).lower_bound
-    assert (pipeline.lost(SEAT).clipped, pipeline.lost(SEAT).missing_s) == (0, 0.0)
+    assert not pipeline.losses(SEAT).lower_bound
+    assert (pipeline.losses(SEAT).clipped, pipeline.losses(SEAT).missing_s) == (0, 0.0)
     assert pipeline.status(SEAT).clipped == 1  # the diagnostics go on counting
 
 
@@ -263,10 +264,10 @@ def test_reset_forgets_samples_that_were_interpolated_whichever_way_the_clock_ru
     left = ~np.isin(np.arange(seat.stamps_ns.size), np.arange(3000, 3020))
     pipeline = Pipeline(subject())
     pipeline.push(SEAT, drifted[left][:5000], seat.accel_mps2[left][:5000])
-    assert pipeline.status(SEAT).filled == 20 and pipeline.lost(SEAT).lower_bound
+    assert pipeline.status(SEAT).filled == 20 and pipeline.losses(SEAT).lower_bound
     pipeline.reset()
     pipeline.push(SEAT, drifted[left][5000:], seat.accel_mps2[left][5000:])
-    assert pipeline.status(SEAT).filled == 20 and not pipeline.lost(SEAT).lower_bound
+    assert pipeline.status(SEAT).filled == 20 and not pipeline.losses(SEAT).lower_bound
 
 
 def test_a_sensor_that_joins_late_says_how_much_it_missed() -> None:
@@ -276,10 +277,10 @@ def test_a_sensor_that_joins_late_says_how_much_it_missed() -> None:
     # It came after the others, and then in motion: what passed until it was at rest is missing too.
     moving_s = pipeline.status(SEAT).unrested_s
     assert moving_s > 0.5 and pipeline.status("head").unrested_s == 0.0
-    assert pipeline.lost(SEAT).missing_s == pytest.approx(1400 / 1129.3 + moving_s, abs=0.01)
-    assert pipeline.lost(SEAT).lower_bound
-    assert pipeline.lost("head").missing_s == 0.0
-    assert pipeline.seconds() == pytest.approx(len(streams[1].stamps_ns) / 1129.3, abs=2e-3)
+    assert pipeline.losses(SEAT).missing_s == pytest.approx(1400 / 1129.3 + moving_s, abs=0.01)
+    assert pipeline.losses(SEAT).lower_bound
+    assert pipeline.losses("head").missing_s == 0.0
+    assert pipeline.run_status().seconds == pytest.approx(len(streams[1].stamps_ns) / 1129.3, abs=2e-3)
 
 
 def test_one_wild_stamp_is_no_duration() -> None:
@@ -288,9 +289,9 @@ def test_one_wild_stamp_is_no_duration() -> None:
     stamps[2500] += 3600 * 10**9
     streams[0] = dataclasses.replace(streams[0], stamps_ns=stamps)
     result = run(tuple(streams), in_turn(tuple(streams)))
-    assert result.pipeline.seconds() == pytest.approx(len(stamps) / 1129.3, abs=2e-3)
+    assert result.pipeline.run_status().seconds == pytest.approx(len(stamps) / 1129.3, abs=2e-3)
     assert result.pipeline.status(SEAT).stray == 1
-    assert result.pipeline.lost(SEAT).missing_s == pytest.approx(1 / 1129.3, rel=1e-3)  # one sample, interpolated
+    assert result.pipeline.losses(SEAT).missing_s == pytest.approx(1 / 1129.3, rel=1e-3)  # one sample, interpolated
 
 
 def test_zero_phase_is_the_paper_s_filter_without_delay_for_any_cut() -> None:
@@ -400,8 +401,8 @@ def test_a_given_vertical_serves_a_driver_that_takes_gravity_off() -> None:
 
 def test_what_every_output_waits_for_is_stated() -> None:
     streams = noisy_streams()
-    assert Pipeline(subject()).latency() == {}
-    latency = run(streams, in_turn(streams)).pipeline.latency()
+    assert Pipeline(subject()).run_status().latency == {}
+    latency = run(streams, in_turn(streams)).pipeline.run_status().latency
     assert latency["predicted"] == pytest.approx((4.05e-3, 0.0, 0.0), abs=1e-5)
     assert latency["residual"] == latency["measured"] == pytest.approx((4.05e-3, 4 / 1129.3, 1.0), abs=1e-5)
     assert latency["exposure"] == (0.0, 0.0, 0.0)
@@ -446,7 +447,7 @@ def test_without_a_seat_nothing_piles_up() -> None:
     pipeline = Pipeline(subject())
     for at in range(0, 60_000, 500):
         pipeline.push("head", stamps[at : at + 500], samples[at : at + 500])
-    assert sum(block.time_s.size for block in pipeline._early["head"]) < 3 * 1129
+    assert sum(block.time_s.size for block in pipeline._early.blocks["head"]) < 3 * 1129
 
 
 class _Fragile(Stepper):
@@ -470,10 +471,10 @@ class _Fragile(Stepper):
 def test_a_diverging_model_predicts_nothing_and_starts_anew_for_any_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("biodyn_core.pipeline.prediction.Stepper", _Fragile)
     runs = [run(noisy_streams(), in_turn(noisy_streams(), size)) for size in (1, 37, 280)]
-    assert runs[0].pipeline.divergences >= 2
-    assert 2 <= np.isnan(runs[0].predicted).all(axis=1).sum() == runs[0].pipeline.divergences
+    assert runs[0].pipeline.run_status().divergences >= 2
+    assert 2 <= np.isnan(runs[0].predicted).all(axis=1).sum() == runs[0].pipeline.run_status().divergences
     for other in runs[1:]:
-        assert other.pipeline.divergences == runs[0].pipeline.divergences
+        assert other.pipeline.run_status().divergences == runs[0].pipeline.run_status().divergences
         np.testing.assert_array_equal(other.predicted, runs[0].predicted)
         assert other.exposure == runs[0].exposure
 
@@ -489,14 +490,14 @@ def test_a_model_beyond_its_range_predicts_nothing_and_starts_anew() -> None:
         streams.append(ImuStream(sensor, stamps, accel, np.zeros_like(accel)))
     runs = [run(tuple(streams), in_turn(tuple(streams), size)) for size in (1, 37, 900)]
     lost = np.isnan(runs[0].predicted).all(axis=1)
-    assert runs[0].pipeline.divergences == lost.sum() > 0
-    assert runs[0].pipeline.unpredicted_s == pytest.approx(lost.sum() / RATE_HZ, rel=1e-3)
+    assert runs[0].pipeline.run_status().divergences == lost.sum() > 0
+    assert runs[0].pipeline.run_status().unpredicted_s == pytest.approx(lost.sum() / RATE_HZ, rel=1e-3)
     document = exposure_document(runs[0].pipeline, "a bag", 3.0, [])
     assert all(one["lower_bound"] and one["missing_s"] > 0.0 for one in document["predicted"].values())
     # Where it is first lost, another integration of the whole chain has a joint beyond the range, and not before.
     block = Chain.of(subject()).simulate(_low_passed(streams[0]), RATE_HZ)
     stretch = np.abs(np.diff(block.displacement_m, axis=1, prepend=0.0)).max(axis=1)
-    assert abs(int(np.argmax(lost)) - int(np.argmax(stretch > MOST_STRETCH_M))) <= 1
+    assert abs(int(np.argmax(lost)) - int(np.argmax(stretch > MAX_STRETCH_M))) <= 1
     for other in runs[1:]:
         np.testing.assert_array_equal(other.predicted, runs[0].predicted)
         assert other.exposure == runs[0].exposure
@@ -535,7 +536,7 @@ def test_an_impossible_reading_never_reaches_the_model() -> None:
     assert np.isfinite(result.predicted).all()
     assert result.pipeline.status(SEAT).non_finite == 3
     assert result.pipeline.status(SEAT).filled == 3
-    assert result.pipeline.divergences == 0
+    assert result.pipeline.run_status().divergences == 0
     np.testing.assert_allclose(result.predicted, uncut().predicted, atol=0.2)
 
 

@@ -75,7 +75,7 @@ def document() -> dict[str, object]:
         "cutoff_hz": 80.0,
         "limits": EU_LIMITS.deciding.to_dict(),
         "limits_beside": [
-            EU_LIMITS.beside[0].to_dict() | {"zone": "below_action_value", "zone_reason": "lower than 8.5"}
+            EU_LIMITS.additional[0].to_dict() | {"zone": "below_action_value", "zone_reason": "lower than 8.5"}
         ],
         "sensors": {name: measured(0.1 + 0.011 * i) for i, name in enumerate(SENSORS)},
         "predicted": {name: measured(0.2 + 0.013 * i) | {"status": "not_validated"} for i, name in enumerate(SEGMENTS)},
@@ -440,7 +440,7 @@ def test_ratios_that_were_not_measured_clear_nothing():
 
 
 def test_a_set_that_states_no_a8_shows_none(tmp_path):
-    changed = document() | {"limits": EU_LIMITS.beside[0].to_dict()}
+    changed = document() | {"limits": EU_LIMITS.additional[0].to_dict()}
     assert "A(8), m/s² 0.0187 – –" in page_of(tmp_path, changed).text
     assert "A(8) so far 0.0187 m/s^2 of no value stated, VDV so far 2.32 m/s^1.75 of 8.5 / 17" in summary(changed)
 

@@ -13,7 +13,7 @@ from rclpy.task import Future
 from ros import STARTUP_S, Graph, Sensors
 from std_msgs.msg import Empty
 from streams import noisy_streams
-from test_state import newest
+from test_exposure_store import newest
 
 from biodyn_core.base.segments import SENSORS
 from biodyn_ros.base.shutdown import Shutdown

@@ -74,7 +74,7 @@ def replay(
         each(pipeline.finish())
         warnings, marks = sensors.bag_warnings(), sensors.marks()
     check_seat(pipeline.status(SEAT), str(bag))
-    seconds = pipeline.seconds()
+    seconds = pipeline.run_status().seconds
     warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.times]
     warnings += sensor_warnings(pipeline, sensors.times) + sensors.clock_warnings(seconds)
     document = exposure_document(pipeline, str(bag), seconds, warnings, options.project)

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from biodyn_core.exposure.exposure_store import NOTHING_LOST, Lost
 from biodyn_core.exposure.limit_assessment import DataQuality, SeatExposure, seat_exposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
+from biodyn_core.exposure.losses import NO_LOSSES, Losses
 from biodyn_core.exposure.meters import Dose, DoseMeter, HorizontalMeter
 
-EU, ISO = EU_LIMITS.deciding, EU_LIMITS.beside[0]
+EU, ISO = EU_LIMITS.deciding, EU_LIMITS.additional[0]
 HOUR = 3600.0
-COMPLETE = DataQuality(NOTHING_LOST, silent=False, gravity_mps2=9.81, fault=None)
+COMPLETE = DataQuality(NO_LOSSES, silent=False, gravity_mps2=9.81, fault=None)
 
 
 class Plane:
@@ -47,8 +47,8 @@ def judge(
     **grounds,
 ) -> SeatExposure:
     """The seat against the limits, by a complete record where no other grounds, or losses, are given."""
-    lost = NOTHING_LOST._replace(**{name: grounds.pop(name) for name in Lost._fields if name in grounds})
-    given_grounds = dataclasses.replace(COMPLETE, lost=lost, **grounds)
+    losses = NO_LOSSES._replace(**{name: grounds.pop(name) for name in Losses._fields if name in grounds})
+    given_grounds = dataclasses.replace(COMPLETE, losses=losses, **grounds)
     return seat_exposure(vertical, plane or Plane(), yaw_rad, limits, given_grounds, project)
 
 
@@ -216,7 +216,7 @@ def test_below_the_action_values_needs_a_complete_record():
 def test_without_grounds_nothing_is_called_below(grounds, because, limits):
     seat = judge(upward(0.1, 1.0, HOUR), limits=limits, **grounds)
     assert seat.zone == "undecided" and because in seat.zone_reason
-    assert [each.zone for each in seat.beside] == ["undecided"]
+    assert [each.zone for each in seat.additional] == ["undecided"]
     if "gravity_mps2" in grounds:  # a gain too low by a fifth would promise twice the time
         assert because in (seat.withheld or "") and seat.time_to_action_value_s is None
         assert judge(upward(0.1, 1.0, HOUR), limits=limits, project=True, **grounds).a8_projected_8h_mps2 is None
@@ -271,15 +271,15 @@ def test_nothing_counted_is_undecided_without_times():
 
 def test_the_sets_beside_are_judged_by_their_own_values():
     seat = judge(upward(0.1, 8.8, HOUR))
-    (iso,) = seat.beside
+    (iso,) = seat.additional
     assert (seat.source, seat.zone) == ("2002/44/EC", "below_action_value")
     assert (iso.source, iso.zone, iso.governing) == ("ISO 2631-1 caution zone", "above_action_value", "vdv")
     assert iso.time_to_action_value_s == 0.0
     assert iso.time_to_limit_value_s == pytest.approx(HOUR * ((17.0 / 8.8) ** 4 - 1.0))
     # 2.0 m/s^2 for three hours is above the directive's limit value of A(8), of which the other set knows nothing.
     loud = judge(upward(2.0, 1.0, 3.0 * HOUR))
-    assert (loud.zone, loud.beside[0].zone) == ("above_limit_value", "below_action_value")
-    assert "A(8)" not in loud.beside[0].zone_reason
+    assert (loud.zone, loud.additional[0].zone) == ("above_limit_value", "below_action_value")
+    assert "A(8)" not in loud.additional[0].zone_reason
 
 
 # --- times -----------------------------------------------------------------------------------------------------------
@@ -290,7 +290,7 @@ def test_the_sets_beside_are_judged_by_their_own_values():
 def test_times_and_projections_are_withheld_where_samples_are_missing_or_clipped(grounds, vdv):
     seat = judge(upward(1.0, vdv, HOUR), project=True, **grounds)
     assert seat.time_to_action_value_s is None and seat.time_to_limit_value_s is None
-    assert seat.beside[0].time_to_limit_value_s is None
+    assert seat.additional[0].time_to_limit_value_s is None
     assert seat.a8_projected_8h_mps2 is None and seat.vdv_projected_8h_mps175 is None
     assert seat.withheld is not None and seat.lower_bound
     assert seat.a8_so_far_mps2 == pytest.approx(math.sqrt(1.0 / 8.0)) and seat.governing in ("a8", "vdv")
@@ -324,7 +324,7 @@ def test_more_exposure_never_leaves_more_time(aw, vdv, seconds, louder, harsher,
         absent_s=missing * seconds,
     )  # fmt: skip
     order = ["below_action_value", "undecided", "above_action_value", "above_limit_value"]
-    for of_more, of_less in zip((more, *more.beside), (less, *less.beside), strict=True):
+    for of_more, of_less in zip((more, *more.additional), (less, *less.additional), strict=True):
         assert of_more.time_to_action_value_s <= of_less.time_to_action_value_s * (1.0 + 1e-12)
         assert of_more.time_to_limit_value_s <= of_less.time_to_limit_value_s * (1.0 + 1e-12)
         assert order.index(of_more.zone) >= order.index(of_less.zone)
