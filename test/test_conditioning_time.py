@@ -178,7 +178,7 @@ def test_a_rate_that_left_that_at_rest_is_told(later_hz):
     status = Conditioned(stamps_ns, STILL[np.zeros(len(stamps_ns), dtype=int)]).status
     # Faster than at rest, what is too much comes late; slower, it is drawn in or the clock cannot follow.
     counted = status.late if later_hz > RATE_HZ else status.filled
-    told = any("rate is 2 % off" in warning for warning in status.warnings)
+    told = any("rate differs by 2 %" in warning for warning in status.warnings)
     assert told or counted > 0.8 * 20_000 * abs(RATE_HZ / later_hz - 1.0) > 4000
 
 

@@ -93,9 +93,9 @@ def test_a_sensor_that_lies_on_a_table_does_not_tell_the_vertical_of_the_ride(ta
     # Taken in the hand first, so that the record does not begin at rest.
     samples = np.concatenate([swaying(1.0)[:, [2, 0, 1]], table, ride] if before else [ride, table])
     found = searched(samples)
-    assert found.origin == "motion" and found.turned
+    assert found.origin == "motion" and found.tilted
     assert np.degrees(np.arccos(found.mean_mps2[2] / np.linalg.norm(found.mean_mps2))) < (10.0 if before else 1.0)
-    assert "rests only where it is turned by more than 30 deg" in found.warning(vertical_given=False)
+    assert "rests only where it is tilted by more than 30 deg" in found.warning(vertical_given=False)
     # Rest in the ride's own mounting is taken, wherever it lies.
     own = np.concatenate([samples, swaying(1.5, still=(0.0, 1.5))])
     assert searched(own).origin == "rest" and searched(own).mean_mps2[2] == pytest.approx(G, abs=0.01)

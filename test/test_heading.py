@@ -16,7 +16,7 @@ from biodyn_core.body.model import predict
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.channels import Channels
-from biodyn_core.conditioning.tilt import laid_level
+from biodyn_core.conditioning.tilt import horizontal_axes
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.recording.heading import bend_rates_radps, headings_rad
 from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
@@ -215,7 +215,7 @@ def test_a_joint_that_nods_in_a_foreign_world_comes_back_by_its_length_and_axis(
         key=lambda one: one.cost,
     )
     axes = one.worn["seat"].axes
-    forward = laid_level(tuple(axes[:, 2]))[0] @ axes
+    forward = horizontal_axes(tuple(axes[:, 2]))[0] @ axes
     pitch = 0.5 * math.pi - math.atan2(forward[1], forward[0])
     assert found.x[0] == pytest.approx(0.4, rel=rel)
     assert abs(math.remainder(found.x[1] - pitch, math.pi)) < 0.15

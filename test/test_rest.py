@@ -42,14 +42,14 @@ def looked(stamps_ns: np.ndarray, samples: np.ndarray, cuts=()) -> tuple[Rest | 
         made.add(*part)
         while True:
             try:
-                rest = made.look()
+                rest = made.find()
             except InputError as error:
                 faults.append(str(error))
                 continue
             break
         if rest is not None:
             dropped = made.dropped
-            return rest, faults, dropped, made.end() + sum(len(left) for left, _ in parts[n + 1 :])
+            return rest, faults, dropped, made.clear() + sum(len(left) for left, _ in parts[n + 1 :])
     return None, faults, made.dropped, made.collected - made.dropped
 
 
@@ -88,7 +88,7 @@ def test_a_few_samples_before_breaks_are_not_kept():
     made, index = window(), np.arange(200_000)
     for part in np.split(index, 200):
         made.add(stamps(part / RATE_HZ + part // 400), noisy(1000))
-        assert made.look() is None
+        assert made.find() is None
         assert made.collected - made.dropped <= 400
 
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.attitude import estimated_attitude, true_vertical_mps2
-from biodyn_core.conditioning.tilt import laid_level
+from biodyn_core.conditioning.tilt import horizontal_axes
 from biodyn_core.kernels.attitude import follow_attitude
 from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
 
@@ -150,7 +150,7 @@ def test_how_far_it_leans_on_the_mean_is_said_in_the_axes_of_its_channels() -> N
     assert np.degrees(np.arcsin(np.linalg.norm(lean))) == pytest.approx(6.0, abs=0.3)
     # At rest again, but leaning, gravity shows along the horizontal axes as minus the lean.
     first = MOUNTED.inv().apply([0.0, 0.0, 1.0])
-    level = laid_level(tuple(first))[:2] @ gravity[-1] / STANDARD_GRAVITY_MPS2
+    level = horizontal_axes(tuple(first))[:2] @ gravity[-1] / STANDARD_GRAVITY_MPS2
     np.testing.assert_allclose(lean, -level, atol=0.006)
     assert np.linalg.norm(recorded().leans["head"]) < 0.02 and recorded(keep_lean=True).leans == {}
 

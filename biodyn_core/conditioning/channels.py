@@ -76,7 +76,7 @@ class Gyro:
         if at_rest.size == 0:
             raise InputError(f"{conditioner.sensor}: no angular rates at rest, so their bias is unknown: left out")
         self.still = bool((at_rest.std(axis=0) < STILL_RADPS).all())
-        usable[: conditioner.waited] = False
+        usable[: conditioner.skipped] = False
         read = _paired(np.concatenate([block.stamps_ns for block in blocks]), stamps[usable])
         found = np.where((read >= 0)[:, None], rates[usable][read], np.nan) - at_rest.mean(axis=0)
         return np.split(found, np.cumsum([block.time_s.size for block in blocks])[:-1])
@@ -99,8 +99,8 @@ def _rest(stamps_ns: Integers, conditioner: Conditioner) -> slice:
         begin, end = (conditioner.gravity.samples or (0, 0)) if conditioner.gravity.is_rest else (0, 0)
         return slice(begin, end)
     assert conditioner.rest is not None
-    before = stamps_ns[: conditioner.waited]
-    return slice(int(np.flatnonzero(before == conditioner.rest.epoch_ns)[-1]), conditioner.waited)
+    before = stamps_ns[: conditioner.skipped]
+    return slice(int(np.flatnonzero(before == conditioner.rest.epoch_ns)[-1]), conditioner.skipped)
 
 
 def _paired(stamps_ns: Integers, pushed_ns: Integers) -> Integers:

@@ -21,9 +21,10 @@ from biodyn_core.conditioning.attitude import (
 )
 from biodyn_core.conditioning.channels import Gyro, bridged
 from biodyn_core.conditioning.conditioned import Block
-from biodyn_core.conditioning.conditioner import FILTER_ORDER, Conditioner
+from biodyn_core.conditioning.conditioner import Conditioner
+from biodyn_core.conditioning.low_pass import FILTER_ORDER
 from biodyn_core.conditioning.rails import LEAST_MPS2
-from biodyn_core.conditioning.tilt import UP, laid_level, rotation_to_vertical
+from biodyn_core.conditioning.tilt import UP, horizontal_axes, rotation_to_vertical
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 from biodyn_core.recording.flags import among, around, stretches
 
@@ -158,7 +159,7 @@ class SensorTrack:
         ]
         moving = np.concatenate([up[round(behind_s * run.block.rate_hz) :] for run, up in followed])
         if len(moving):
-            turn = laid_level(status.vertical) @ rotation_to_vertical(np.array(status.vertical)).T
+            turn = horizontal_axes(status.vertical) @ rotation_to_vertical(np.array(status.vertical)).T
             x, y, _ = (-turn @ moving.mean(axis=0)).tolist()
             self.lean = x, y
 
@@ -193,7 +194,7 @@ class SensorTrack:
             return tracks
         up = self._conditioner.status().vertical
         assert up is not None  # it has been levelled by it
-        axes = laid_level(up)
+        axes = horizontal_axes(up)
         turn = axes @ rotation_to_vertical(np.array(up)).T
         horizontal = self._conditioner.zero_phase(block.levelled_mps2 @ turn[:2].T)
         tracks += [np.where(masked, np.nan, track) for track in horizontal.T]
