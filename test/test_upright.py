@@ -95,7 +95,7 @@ def test_behind_a_short_break_of_a_sensor_its_lean_goes_on_and_a_longer_one_is_n
 @pytest.mark.parametrize(
     ("rates_of", "why"),
     [
-        (np.rad2deg, "nobody seated does"),
+        (np.rad2deg, "impossible for a seated person"),
         (lambda rates: rates + 0.2 * np.sin(np.arange(len(rates)))[:, None], "does not rest"),
     ],
     ids=["deg/s", "restless"],
@@ -174,5 +174,5 @@ def test_a_bias_does_not_add_up_for_ever() -> None:
 
 def test_a_lean_beyond_anybodys_is_refused() -> None:
     rates = np.tile([0.0, 0.5, 0.0], (500, 1))
-    with pytest.raises(ValueError, match="nobody seated"):
+    with pytest.raises(ValueError, match="impossible for a seated person"):
         estimated_attitude(np.zeros((500, 3)), rates, 100.0, STANDARD_GRAVITY_MPS2)

@@ -143,7 +143,7 @@ class Comparison:
 
     def sensor(self, name: str, blocks: list[Block]) -> None:
         """Add another sensor's samples."""
-        self._aligners[name].feed(blocks)
+        self._aligners[name].add(blocks)
 
     @property
     def overdue(self) -> bool:
@@ -175,7 +175,7 @@ class Comparison:
         if ready == 0:
             return NO_MEASURED
         for aligner in self._aligners.values():
-            aligner.forget(float(grid.time_s[ready - 1]), self._epoch_ns)
+            aligner.drop(float(grid.time_s[ready - 1]), self._epoch_ns)
         accel = np.column_stack([grid.seat_mps2[:ready], *(values[:ready] for values, _ in answers)])
         measured = np.ascontiguousarray(accel[:, 1:])
         predicted = np.ascontiguousarray(grid.predicted_mps2[:ready, MEASURED_SEGMENT_INDEX])

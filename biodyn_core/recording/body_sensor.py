@@ -13,13 +13,13 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.attitude import (
-    BLIND_S,
+    MAX_GYRO_GAP_S,
     ImplausibleTilt,
-    carried_over,
     estimated_attitude,
     true_vertical_mps2,
+    up_after_break,
 )
-from biodyn_core.conditioning.channels import Gyro, bridged
+from biodyn_core.conditioning.channels import Gyro, interpolated
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.conditioning.low_pass import FILTER_ORDER
@@ -46,9 +46,9 @@ class Run(NamedTuple):
         """Rates (n, 3) in the axes that were level at rest; raises ValueError where the gyro has a gap."""
         assert self.rates_radps is not None
         longest = max((end - begin for begin, end in stretches(np.isnan(self.rates_radps[:, 0]))), default=0)
-        if longest > BLIND_S * self.block.rate_hz:
+        if longest > MAX_GYRO_GAP_S * self.block.rate_hz:
             raise ValueError(f"its gyro has a gap of {longest / self.block.rate_hz:.2g} s")
-        return np.asarray(bridged(self.block.time_s, self.rates_radps) @ rotation.T)
+        return np.asarray(interpolated(self.block.time_s, self.rates_radps) @ rotation.T)
 
 
 class SensorTrack:
@@ -109,7 +109,7 @@ class SensorTrack:
         assert status.vertical is not None and status.gravity_mps2 is not None  # it has been levelled by it
         gravity_mps2, rotation = status.gravity_mps2, rotation_to_vertical(np.array(status.vertical))
         try:
-            if not self._gyro.still or self._conditioner.gravity is not None:
+            if not self._gyro.is_still or self._conditioner.gravity is not None:
                 raise ValueError("its gyro does not rest at the begin")
             return self._followed_from(rotation, gravity_mps2)
         except ValueError as error:
@@ -126,8 +126,8 @@ class SensorTrack:
             block, rates, begin = run.block, run.turning(rotation), np.array(UP)
             if before is not None:
                 away_s = 1e-9 * float(block.stamps_ns[0] - before[0])
-                if 0.0 < away_s <= BLIND_S:
-                    begin = carried_over(ups[-1][-1], before[1], rates[0], away_s)
+                if 0.0 < away_s <= MAX_GYRO_GAP_S:
+                    begin = up_after_break(ups[-1][-1], before[1], rates[0], away_s)
                 else:
                     breaks_s.append(abs(away_s))
             ups.append(estimated_attitude(block.levelled_mps2, rates, block.rate_hz, gravity_mps2, begin))
@@ -201,7 +201,7 @@ class SensorTrack:
         if run.rates_radps is not None:
             missing = np.isnan(run.rates_radps[:, 0])
             masked = around(misread | self._too_long(missing, block, bridge_s), reach, reach)
-            rates = self._conditioner.zero_phase(bridged(block.time_s, run.rates_radps) @ axes.T)
+            rates = self._conditioner.zero_phase(interpolated(block.time_s, run.rates_radps) @ axes.T)
             tracks += [np.where(masked, np.nan, track) for track in rates.T]
         return tracks
 
@@ -215,7 +215,7 @@ class SensorTrack:
         aligners = [Aligner(keep_s=math.inf) for _ in (tracks[0] if tracks else [()])]
         for run, of_run in zip(self.runs, tracks, strict=True):
             for aligner, track in zip(aligners, of_run, strict=True):
-                aligner.feed([run.block._replace(low_passed_mps2=track)])
+                aligner.add([run.block._replace(low_passed_mps2=track)])
         return aligners
 
     def why_nothing(self) -> str:
