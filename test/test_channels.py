@@ -260,7 +260,7 @@ def test_what_is_masked_of_the_vertical_is_masked_of_the_rest(sensor: str, chang
         for column in (*seat.horizontal_mps2.T, *seat.rates_radps.T):
             np.testing.assert_array_equal(np.isnan(column), masked)
         assert np.isnan(recording.measured_mps2[masked]).all()
-        assert masked.any() == any(line.startswith("seat: misread") for line in recording.warnings)
+        assert masked.any() == any(line.startswith("seat: invalid samples") for line in recording.warnings)
 
 
 def test_channels_change_nothing_else() -> None:

@@ -22,7 +22,7 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, load_case
 from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_core.identification.problem import Case
-from biodyn_core.recording.body_sensor import LEFT_OF_AN_ERROR
+from biodyn_core.recording.body_sensor import REACH_SHARE
 from biodyn_core.recording.flags import around, stretches
 from biodyn_core.recording.recording import (
     WARM_UP_S,
@@ -166,7 +166,7 @@ def test_the_low_pass_reaches_no_further_than_said():
     impulse = np.zeros(4001)
     impulse[2000] = 1.0
     answer = np.abs(signal.sosfiltfilt(sos, impulse))
-    assert answer[: 2000 - REACH].max() < LEFT_OF_AN_ERROR * answer.max()
+    assert answer[: 2000 - REACH].max() < REACH_SHARE * answer.max()
 
 
 def test_a_clipped_seat_masks_everybody_until_the_model_has_settled():
@@ -181,7 +181,7 @@ def test_a_clipped_seat_masks_everybody_until_the_model_has_settled():
     assert np.isfinite(recording.measured_mps2[end + 2 : -100]).all()
     assert np.isfinite(recording.seat_mps2).all()
     assert np.abs(recording.seat_mps2 - good.seat_mps2)[end:].max() < 0.01  # its level alone
-    assert any(line.startswith("seat: misread, so all segments are masked") for line in recording.warnings)
+    assert any(line.startswith("seat: invalid samples, so all segments are masked") for line in recording.warnings)
 
 
 @pytest.mark.parametrize(("lost", "is_masked"), [(1, False), (3, False), (4, True), (40, True)])
@@ -303,7 +303,10 @@ def test_a_missing_segment_stays_without_numbers_and_is_said():
         (lambda: independent_streams(6.0)[1:], "drive: seat: not in the record"),
         (lambda: independent_streams(6.0)[:1], "nor is any other segment: nothing to compare"),
         (lambda: independent_streams(3.0), "2.14 s between rest, gaps and ends are too short: 3 s are needed"),
-        (lambda: [quiet(stream) for stream in independent_streams(6.0)], "without excitation nothing can be told"),
+        (
+            lambda: [quiet(stream) for stream in independent_streams(6.0)],
+            "without excitation nothing can be identified",
+        ),
         (lambda: [slow(stream) for stream in independent_streams(6.0)], "a rate of 112.9 Hz does not fit"),
         (
             lambda: [first(stream, 500) for stream in independent_streams(6.0)],

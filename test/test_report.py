@@ -23,7 +23,7 @@ from biodyn_ros.base.wording import bound, duration, left, number, sentence, sho
 from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
-from biodyn_ros.replay.traces import DIGEST_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Traces
+from biodyn_ros.replay.traces import BATCH_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Traces
 from biodyn_ros.reports.downsampling import BIN_NS
 from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
@@ -196,7 +196,7 @@ def test_any_cut_gives_the_envelope_and_event_of_the_whole(cuts, late, digest, b
     stamps, predicted, measured = record(3000)
     traces = Traces()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(traces_of_replay, "DIGEST_SAMPLES", digest)
+        patch.setattr(traces_of_replay, "BATCH_SAMPLES", digest)
         patch.setattr(traces_of_replay, "ENVELOPE_BINS", bins)
         patch.setattr(traces_of_replay, "EVENT_HALF_NS", 150_000_000)
         feed(traces, stamps, predicted, measured, cuts, late)
@@ -242,7 +242,7 @@ def test_memory_is_flat_in_the_length_of_the_record():
         feed(traces, stamps, *(block * rng.random((280, 6)) for _ in range(2)), [])
         most = max(most, traces.stored_samples)
     # One batch, two streams of recent instants and of bins, and the event.
-    assert most < DIGEST_SAMPLES + 560 + 2 * (6100 + ENVELOPE_BINS) + 2 * 2001
+    assert most < BATCH_SAMPLES + 560 + 2 * (6100 + ENVELOPE_BINS) + 2 * 2001
 
 
 def test_predictions_without_measurement_are_not_hoarded():

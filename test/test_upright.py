@@ -123,7 +123,7 @@ def test_one_gyro_in_another_unit_is_believed_of_no_sensor() -> None:
     assert set(read(1.0).leans) == {"seat", "head"}
     found = read(np.rad2deg(1.0))
     assert found.leans == {}
-    assert any("seat: another gyro of the record is not believed" in line for line in found.warnings)
+    assert any("seat: another gyro of the record is not plausible" in line for line in found.warnings)
     np.testing.assert_allclose(found.measured_mps2, recorded(keep_lean=True).measured_mps2, atol=1e-9)
 
 

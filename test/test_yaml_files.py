@@ -8,7 +8,7 @@ import pytest
 from expecting import refusal
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.yaml_files import LARGEST_BYTES, MOST_ALIASES, read_yaml
+from biodyn_core.base.yaml_files import MAX_ALIASES, MAX_BYTES, read_yaml
 from biodyn_core.body.subject import load_subject
 from biodyn_core.exposure.limits import load_limits
 from biodyn_ros.fit.campaign_file import load_campaign
@@ -18,8 +18,8 @@ LAUGHS = "a: &a [x, x]\n" + "\n".join(
 )
 
 BAD = {
-    "billion laughs": (LAUGHS, f"more than {MOST_ALIASES} aliases"),
-    "larger than anybody writes": ("a: 1\n" + "#" * LARGEST_BYTES, "larger than 1024 KiB"),
+    "billion laughs": (LAUGHS, f"more than {MAX_ALIASES} aliases"),
+    "larger than anybody writes": ("a: 1\n" + "#" * MAX_BYTES, "larger than 1024 KiB"),
     "a tag that runs code": ("!!python/object/apply:os.system ['true']", "could not determine a constructor"),
     "deeper than the stack": ("[" * 20_000, "not a YAML file"),
     "not UTF-8": (b"\xff\xfe\x00", "not a YAML file"),
