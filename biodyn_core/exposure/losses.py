@@ -27,6 +27,11 @@ class Losses(NamedTuple):
         """Whether the figures are lower bounds."""
         return self.clipped > 0 or self.missing_s > 0.0
 
+    @property
+    def mean_lower_bound(self) -> bool:
+        """Whether means are lower bounds: by clipped or flat samples, not by missing ones."""
+        return self.clipped > 0 or self.flat_s > 0.0
+
     def since(self, earlier: Losses) -> Losses:
         """The losses after an earlier state."""
         absent_s = max(0.0, self.absent_s - earlier.absent_s)  # a gap is withdrawn when leapt stamps return

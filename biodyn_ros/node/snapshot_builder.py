@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import asdict
+from collections.abc import Container, Iterable
+from dataclasses import asdict, replace
 from typing import Any, Final
 
 from biodyn_core.base.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
+from biodyn_core.exposure.limit_assessment import SeatExposure
+from biodyn_core.exposure.limits import LimitSet, Measure
+from biodyn_core.exposure.losses import Losses
 from biodyn_core.pipeline.exposure import Exposure
 from biodyn_core.pipeline.frames import Frames, joined
 from biodyn_core.pipeline.pipeline import Pipeline
@@ -54,25 +57,27 @@ class SnapshotBuilder:
 
     def snapshot(self, pipeline: Pipeline, statuses: list[Status], marks: Iterable[Mark]) -> dict[str, Any]:
         """The content of the page now, finite numbers and texts alone."""
-        document = exposure_document(pipeline, "", pipeline.run_status().seconds, [])
+        run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(rolling=True)
+        document = exposure_document(pipeline, "", run.seconds, [])
         by_name = {status.of: status for status in statuses}
-        seat, fault = document["seat"], _seat_fault(by_name)
+        fault, bounds = _seat_fault(by_name), {name for name in SENSORS if pipeline.losses(name).mean_lower_bound}
+        extrapolated = run.is_extrapolating and seat is not None
         return {
             "version": __version__,
-            "subject": document["subject"],
-            "mass_matrix": document["mass_matrix"],
-            "window_s": document["window_s"],
+            "subject": pipeline.subject.name,
+            "mass_matrix": pipeline.subject.mass_matrix,
+            "window_s": pipeline.settings.window_s,
             "shock_mps2": self._shock_mps2,
-            "limits": document["limits"],
-            "seconds": document["seconds"],
+            "limits": pipeline.limits.deciding.to_dict(),
+            "seconds": run.seconds,
             "verdict": vars(judge(document, fault)),
-            "seat": _seat(seat, document, fault) if seat else None,
+            "seat": _seat(seat, pipeline.limits.deciding, pipeline.losses(SEAT), fault) if seat else None,
             "meter": asdict(readings) if (readings := meter_readings(document)) else None,
-            "rows": _rows(pipeline.exposure(rolling=True), by_name, document["sensors"]),
-            "prediction": _status(by_name["prediction"]) | {"extrapolated": _extrapolated(document)},
+            "rows": _rows(rolling, by_name, bounds),
+            "prediction": _status(by_name["prediction"]) | {"extrapolated": extrapolated},
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
             "dri": document["dri"],
-            "shocks": [_shock(shock, document["sensors"]) for shock in self._shocks.latest()],
+            "shocks": [_shock(shock, bounds) for shock in self._shocks.latest()],
             "strip": {name: _strip(bins) for name, bins in self._bins.items()},
             "marks": [asdict(mark) for mark in marks],
         }
@@ -86,44 +91,41 @@ def _seat_fault(statuses: dict[str, Status]) -> str:
     return "" if seat.values["rate_hz"] else prediction.message
 
 
-def _extrapolated(document: dict[str, Any]) -> bool:
-    return any(each["status"] == "extrapolated" for each in document["predicted"].values())
-
-
 def _status(status: Status) -> dict[str, Any]:
     return {"level": status.level, "message": status.message}
 
 
-def _seat(seat: dict[str, Any], document: dict[str, Any], fault: str) -> dict[str, Any]:
+def _seat(seat: SeatExposure, limits: LimitSet, losses: Losses, fault: str) -> dict[str, Any]:
     """The seat against its limits: both measures with their values, the governing one, and the time left in words.
 
     The time left is withheld during a fault.
     """
-    seat = seat | ({"withheld": fault} if fault else {})
-    limits = document["limits"]
-    figures = (
-        ("A(8)", "a8", "m/s^2", seat["a8_so_far_mps2"], seat["a8_axis"], "a8_mps2"),
-        ("VDV", "vdv", "m/s^1.75", seat["vdv_so_far_mps175"], seat["vdv_axis"], "vdv_mps175"),
+    seat = replace(seat, withheld=fault) if fault else seat
+    action, limit = limits.values("action"), limits.values("limit")
+    figures: tuple[tuple[Measure, str, str, float, str], ...] = (
+        ("a8", "A(8)", "m/s^2", seat.a8_so_far_mps2, seat.a8_axis),
+        ("vdv", "VDV", "m/s^1.75", seat.vdv_so_far_mps175, seat.vdv_axis),
     )
     return {
         "figures": [
             {
-                "name": name, "unit": unit, "so_far": so_far, "axis": words(axis), "governs": seat["governing"] == key,
-                "action": limits[f"action_{suffix}"], "limit": limits[f"limit_{suffix}"],
+                "name": name, "unit": unit, "so_far": so_far, "axis": words(axis), "governs": seat.governing == measure,
+                "action": action.get(measure), "limit": limit.get(measure),
             }
-            for name, key, unit, so_far, axis, suffix in figures
+            for measure, name, unit, so_far, axis in figures
         ],
-        "lower_bound": seat["lower_bound"],
-        "counted_s": seat["seconds"],
-        "missing_s": document["sensors"][SEAT]["missing_s"],
-        "left": {kind: left(kind, seat) for kind in ("action", "limit")},
+        "lower_bound": seat.lower_bound,
+        "counted_s": seat.seconds,
+        "missing_s": losses.missing_s,
+        "left": {kind: left(kind, vars(seat)) for kind in ("action", "limit")},
     }  # fmt: skip
 
 
-def _rows(rolling: Exposure, statuses: dict[str, Status], sensors: dict[str, Any]) -> list[dict[str, Any]]:
+def _rows(rolling: Exposure, statuses: dict[str, Status], lower_bounds: Container[str]) -> list[dict[str, Any]]:
     """From the head down: weighted acceleration of the window, measured and predicted, and each sensor's status.
 
-    Both figures of a segment, their ratios to the seat and the residual are over the same samples.
+    Both figures of a segment, their ratios to the seat and the residual are over the same samples. lower_bounds: the
+    sensors whose means are lower bounds.
     """
     rows = []
     for name in ROWS:
@@ -133,9 +135,9 @@ def _rows(rolling: Exposure, statuses: dict[str, Status], sensors: dict[str, Any
             {
                 "name": words(name),
                 "measured_mps2": found,
-                "measured_lower_bound": _is_lower_bound(name, sensors),
+                "measured_lower_bound": name in lower_bounds,
                 "predicted_mps2": model,
-                "predicted_lower_bound": _is_lower_bound(SEAT, sensors),
+                "predicted_lower_bound": SEAT in lower_bounds,
                 "measured_ratio": _ratio(found, seat_mps2) if name != SEAT else None,
                 "predicted_ratio": _ratio(model, seat_mps2),
                 "residual_mps2": rms_mps2,
@@ -171,20 +173,15 @@ def _ratio(figure: float | None, seat_mps2: float) -> float | None:
     return None if figure is None or seat_mps2 < LEAST_SEAT_MPS2 else figure / seat_mps2
 
 
-def _is_lower_bound(name: str, sensors: dict[str, Any]) -> bool:
-    """Whether a sensor clipped or stuck since reset, so that its mean is a lower bound."""
-    return name in sensors and sensors[name]["aw_lower_bound"]
-
-
-def _shock(shock: Shock, sensors: dict[str, Any]) -> dict[str, Any]:
+def _shock(shock: Shock, lower_bounds: Container[str]) -> dict[str, Any]:
     """A shock: its time, and the peaks of seat and head."""
     sensor, segment = HEAD_COLUMN
     return {
         "at_s": 1e-9 * shock.peak_ns,
         "seat_mps2": shock.seat_mps2,
-        "seat_lower_bound": _is_lower_bound(SEAT, sensors),
+        "seat_lower_bound": SEAT in lower_bounds,
         "head_measured_mps2": finite(float(shock.measured_mps2[sensor])),
-        "head_lower_bound": _is_lower_bound(HEAD, sensors),
+        "head_lower_bound": HEAD in lower_bounds,
         "head_predicted_mps2": finite(float(shock.predicted_mps2[segment])),
     }
 
