@@ -1,4 +1,4 @@
-"""Dual range: reading, comparing and taking over, against pulses and sines that are known at every instant."""
+"""Dual range: interpolation, comparison and merging, against pulses and sines in closed form."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_spans_are_consecutive_samples_of_one_axis_and_side() -> None:
     assert spans(np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 3), dtype=np.int8)) == []
 
 
-def test_nothing_near_a_rail_or_a_loss_is_trusted() -> None:
+def test_samples_near_a_rail_or_a_loss_are_excluded() -> None:
     low = np.zeros((100, 3))
     low[40, 1], low[80, 0] = -RAIL, np.nan
     good = trusted(low, SETTINGS)
@@ -145,7 +145,7 @@ def test_nothing_near_a_rail_or_a_loss_is_trusted() -> None:
 
 
 @pytest.mark.parametrize(("gain", "delay_s"), [(1.0, 0.0), (1.04, 0.0031), (0.96, -0.0044), (1.0, 0.0123)])
-def test_bias_gain_and_delay_come_back(gain: float, delay_s: float) -> None:
+def test_bias_gain_and_delay_are_recovered(gain: float, delay_s: float) -> None:
     wide = Wide(gain=gain, delay_s=delay_s)
     stretch = stretch_of(wide)
     found = align([stretch], SETTINGS)
@@ -182,13 +182,13 @@ def test_a_body_at_rest_supports_neither_gain_nor_delay() -> None:
     assert means is not None and bias(means, found)[2] == pytest.approx(9.0 + 0.05 * G, abs=0.03)
 
 
-def test_without_anything_to_compare_nothing_is_claimed() -> None:
+def test_without_a_comparison_gain_and_delay_stay_nominal() -> None:
     none = Stretch(np.empty(0), np.empty((0, 3)), np.empty(0), np.empty((0, 3)), LOW_HZ)
     assert align([], SETTINGS) == align([none], SETTINGS) == Alignment()
     assert levels(none, SETTINGS) is None
 
 
-def test_channels_of_two_sensors_are_not_taken_for_one() -> None:
+def test_channels_of_two_sensors_are_implausible() -> None:
     one, other = stretch_of(Wide()), stretch_of(Wide(gain=0.6))
     assert plausible(align([one], SETTINGS)) and not plausible(align([other], SETTINGS))
 
@@ -216,7 +216,7 @@ def test_the_share_is_the_same_for_any_cut() -> None:
 
 
 @pytest.mark.parametrize("peak_g", [20.0, 60.0, 150.0])
-def test_a_shock_beyond_the_rail_comes_back(peak_g: float) -> None:
+def test_a_shock_beyond_the_rail_is_recovered(peak_g: float) -> None:
     wide = Wide(gain=1.03, delay_s=0.0031)
     stretch = stretch_of(wide, peak_g=peak_g)
     found = align([stretch], SETTINGS)

@@ -67,7 +67,7 @@ def test_the_path_is_given_or_in_the_user_s_state_directory(monkeypatch: pytest.
         state_path("~nobody_of_this_name/x", "/biodyn")
 
 
-def test_what_is_saved_is_read_by_its_owner_alone(tmp_path: Path) -> None:
+def test_a_saved_file_is_readable_by_its_owner_alone(tmp_path: Path) -> None:
     file = StateFile(tmp_path / "deep" / "state.json")
     file.save(checkpoint())
     file.close(checkpoint())

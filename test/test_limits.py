@@ -98,7 +98,7 @@ def test_a_set_needs_a_source(refused, source):
 
 @pytest.mark.parametrize("key", ["action_a8_mps2", "action_vdv_mps175", "limit_a8_mps2", "limit_vdv_mps175"])
 @pytest.mark.parametrize("value", [0, -1.0, float("nan"), float("inf"), "0.5", True, None, [0.5], 10**400])
-def test_what_is_no_positive_number_is_named(refused, key, value):
+def test_a_value_that_is_not_positive_is_named(refused, key, value):
     assert f"{key} is " in refused({**EU.to_dict(), key: value})
 
 

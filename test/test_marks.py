@@ -1,4 +1,4 @@
-"""Marks: the latest on the page, and those of a recording in what its replay leaves."""
+"""Marks: on the live page and in the results of a replay."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_string_that_is_cut_is_refused(message: bytes) -> None:
         decode_string(message)
 
 
-def test_the_latest_marks_are_kept_the_newest_first() -> None:
+def test_the_latest_marks_are_shown_newest_first() -> None:
     monitor = HealthMonitor(Pipeline(subject()), {})
     for number in range(MARKS_SHOWN + 2):
         mark = monitor.mark(START_NS * 1e-9 + number)

@@ -1,4 +1,4 @@
-"""The pipeline as one object: frames and figures that no cut, interleaving, loss or dead sensor makes wrong."""
+"""The pipeline: the same frames and figures for any cut and interleaving, and correct ones with faulty sensors."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_a_prediction_carries_its_input_stamp_less_the_filter_delay() -> None:
     np.testing.assert_array_equal(result.predicted_ns, tail - round(delay_s * 1e9))
 
 
-def test_a_dead_sensor_leaves_a_hole_and_nothing_else_changes() -> None:
+def test_a_dead_sensor_leaves_nan_and_nothing_else_changes() -> None:
     streams = noisy_streams()
     whole = run(streams, in_turn(streams))
     dead = run(streams, [cut for cut in in_turn(streams) if cut[0] != "neck" or cut[2] < 2000])
@@ -119,7 +119,7 @@ def test_a_dead_sensor_leaves_a_hole_and_nothing_else_changes() -> None:
     assert not np.isnan(neck[10:800]).any()
 
 
-def test_predictions_beyond_what_the_subject_was_fitted_to_say_so() -> None:
+def test_predictions_beyond_the_fitted_range_are_extrapolated() -> None:
     streams = noisy_streams(8.0)
     peak = float(np.nanmax(np.abs(run(streams, in_turn(streams)).measured[:, SENSORS.index(SEAT)])))
     for fitted_mps2, status in ((1.01 * peak, "not_validated"), (0.99 * peak, "extrapolated"), (None, "not_validated")):
@@ -132,7 +132,7 @@ def test_predictions_beyond_what_the_subject_was_fitted_to_say_so() -> None:
         assert not pipeline.run_status().is_extrapolating
 
 
-def test_a_late_sensor_is_waited_for_and_one_too_late_is_not() -> None:
+def test_comparison_waits_for_a_late_sensor_up_to_a_bound() -> None:
     streams = noisy_streams()
     cuts = in_turn(streams, 100)
     head = [cut for cut in cuts if cut[0] == "head"]
@@ -154,7 +154,7 @@ def test_a_late_sensor_is_waited_for_and_one_too_late_is_not() -> None:
 
 
 @pytest.mark.parametrize("backlog", [SENSORS[1:], SENSORS[:0:-1]])
-def test_the_seat_s_samples_alone_give_up_so_that_a_backlog_is_compared_whole(backlog: tuple[str, ...]) -> None:
+def test_only_the_seat_s_samples_give_up_instants(backlog: tuple[str, ...]) -> None:
     streams = noisy_streams()
     by_name = {stream.sensor: stream for stream in streams}
     pipeline, first, measured = Pipeline(subject()), 2000, []
@@ -179,7 +179,7 @@ def test_the_seat_s_samples_alone_give_up_so_that_a_backlog_is_compared_whole(ba
     assert len(rows) > at - 1000  # all but rest and look-ahead
 
 
-def test_a_gap_of_the_seat_restarts_the_model_and_says_what_is_missing() -> None:
+def test_a_gap_of_the_seat_restarts_the_model_and_is_missing() -> None:
     streams = noisy_streams()
     cuts = [cut for cut in in_turn(streams, 100) if cut[0] != SEAT or not 2000 <= cut[1] < 2300]
     result = run(streams, cuts)
@@ -192,7 +192,7 @@ def test_a_gap_of_the_seat_restarts_the_model_and_says_what_is_missing() -> None
     assert result.pipeline.seat().time_to_action_value_s is None
 
 
-def test_a_looping_bag_goes_on_counting_and_starts_the_model_anew() -> None:
+def test_a_looping_bag_continues_counting_and_restarts_the_model() -> None:
     streams = noisy_streams()
     once = run(streams, in_turn(streams), finish=False)
     twice = run(streams, in_turn(streams) * 2)
@@ -205,7 +205,7 @@ def test_a_looping_bag_goes_on_counting_and_starts_the_model_anew() -> None:
     assert np.isnan(later).mean() < 0.05
 
 
-def test_reset_starts_the_sums_anew_and_leaves_filters_and_window_alone() -> None:
+def test_reset_sets_sums_to_zero_and_keeps_filters_and_window() -> None:
     streams = noisy_streams()
     cuts = in_turn(streams)
     half = len(cuts) // 2
@@ -223,7 +223,7 @@ def test_reset_starts_the_sums_anew_and_leaves_filters_and_window_alone() -> Non
     assert pipeline.exposure(rolling=True).sensors[SEAT].vdv_mps175 == pytest.approx(whole.vdv_mps175, rel=1e-9)
 
 
-def test_reset_leaves_nothing_of_the_prediction_behind_either() -> None:
+def test_reset_sets_the_prediction_s_figures_to_zero() -> None:
     streams = noisy_streams()
     by_name = {stream.sensor: stream for stream in streams}
     pipeline = Pipeline(subject())
@@ -236,7 +236,7 @@ def test_reset_leaves_nothing_of_the_prediction_behind_either() -> None:
     assert {dose.seconds for dose in exposure.sensors.values()} == {0.0}
 
 
-def test_reset_forgets_what_made_figures_lower_bounds() -> None:
+def test_reset_sets_losses_to_zero() -> None:
     streams = noisy_streams()
     by_name = {stream.sensor: stream for stream in streams}
     seat = by_name[SEAT].accel_mps2.copy()
@@ -256,7 +256,7 @@ def test_reset_forgets_what_made_figures_lower_bounds() -> None:
 
 
 @pytest.mark.parametrize("ppm", [-30.0, 30.0])
-def test_reset_forgets_samples_that_were_interpolated_whichever_way_the_clock_runs(ppm: float) -> None:
+def test_reset_drops_interpolated_samples_for_any_drift(ppm: float) -> None:
     streams = noisy_streams(8.0)
     jitter = np.random.default_rng(2).normal(0.0, 3e4, streams[0].stamps_ns.size).astype(np.int64)
     seat = streams[0]
@@ -270,7 +270,7 @@ def test_reset_forgets_samples_that_were_interpolated_whichever_way_the_clock_ru
     assert pipeline.status(SEAT).filled == 20 and not pipeline.losses(SEAT).lower_bound
 
 
-def test_a_sensor_that_joins_late_says_how_much_it_missed() -> None:
+def test_the_time_before_a_late_sensor_is_missing() -> None:
     streams = noisy_streams()
     cuts = [cut for cut in in_turn(streams, 100) if cut[0] != SEAT or cut[1] >= 1400]
     pipeline = run(streams, cuts).pipeline
@@ -283,7 +283,7 @@ def test_a_sensor_that_joins_late_says_how_much_it_missed() -> None:
     assert pipeline.run_status().seconds == pytest.approx(len(streams[1].stamps_ns) / 1129.3, abs=2e-3)
 
 
-def test_one_wild_stamp_is_no_duration() -> None:
+def test_a_stray_stamp_does_not_lengthen_the_record() -> None:
     streams = list(noisy_streams())
     stamps = streams[0].stamps_ns.copy()
     stamps[2500] += 3600 * 10**9
@@ -316,7 +316,7 @@ def in_turn_but(streams: tuple[ImuStream, ...], sensor: str, first: int, end: in
 
 
 @pytest.mark.parametrize("broken", [SEAT, "head"])
-def test_zero_phase_compares_what_lies_before_a_gap_as_well(broken: str) -> None:
+def test_zero_phase_compares_samples_before_a_gap_too(broken: str) -> None:
     streams = noisy_streams(8.0)
     cuts = in_turn_but(streams, broken, 5500, 5900)
     found = run(streams, cuts, pipeline=Pipeline(subject(), mode="zero_phase"))
@@ -380,12 +380,12 @@ def test_further_weightings_are_counted_on_request() -> None:
         ({"vertical": "seat=0,inf,1"}, "vertical 'seat=0,inf,1': expected sensor=x,y,z"),
     ],
 )
-def test_settings_in_words_are_checked_word_by_word(given: dict[str, str], told: str) -> None:
+def test_settings_that_are_lists_are_checked_item_by_item(given: dict[str, str], told: str) -> None:
     with pytest.raises(InputError, match=told):
         PipelineSettings(**given)
 
 
-def test_a_given_vertical_serves_a_driver_that_takes_gravity_off() -> None:
+def test_a_given_vertical_works_without_gravity() -> None:
     streams = noisy_streams()
     plain = run(streams, in_turn(streams)).exposure
     up = streams[0].accel_mps2[:900].mean(axis=0)
@@ -399,7 +399,7 @@ def test_a_given_vertical_serves_a_driver_that_takes_gravity_off() -> None:
     assert found.vdv_mps175 == pytest.approx(wanted.vdv_mps175, rel=1e-3)
 
 
-def test_what_every_output_waits_for_is_stated() -> None:
+def test_the_latency_of_every_output_is_stated() -> None:
     streams = noisy_streams()
     assert Pipeline(subject()).run_status().latency == {}
     latency = run(streams, in_turn(streams)).pipeline.run_status().latency
@@ -412,7 +412,7 @@ def test_what_every_output_waits_for_is_stated() -> None:
     "up", [(0.0, 0.0, 1.0), (0.5, -0.5, 0.7), (-0.6, -0.6, 0.5), (0.3, 0.2, -0.9), (0.1, 0.9, -0.3)]
 )
 @pytest.mark.parametrize("turned_deg", [0.0, 70.0, -150.0])
-def test_a_yaw_is_that_of_the_sensor_s_first_axis_however_it_is_tilted(up, turned_deg) -> None:
+def test_a_yaw_is_of_the_sensor_s_first_axis_for_any_tilt(up, turned_deg) -> None:
     # From scratch: three unit vectors of the sensor in the vehicle's axes, some way to see up so, turned about it.
     z = np.array(up) / np.linalg.norm(up)
     x = np.cross([0.0, 1.0, 0.0], z)
@@ -441,7 +441,7 @@ def test_a_yaw_is_that_of_the_sensor_s_first_axis_however_it_is_tilted(up, turne
     assert found.aw_weighted_mps2["x"] > 2.0 * found.aw_weighted_mps2["y"]
 
 
-def test_without_a_seat_nothing_piles_up() -> None:
+def test_without_a_seat_memory_is_bounded() -> None:
     stamps = START_NS + np.rint(np.arange(60_000) * (1e9 / 1129.3)).astype(np.int64)
     samples = np.random.default_rng(1).normal((0.0, 0.0, 9.81), 0.01, (60_000, 3))
     pipeline = Pipeline(subject())
@@ -468,7 +468,7 @@ class _Fragile(Stepper):
         return accel
 
 
-def test_a_diverging_model_predicts_nothing_and_starts_anew_for_any_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_diverging_model_predicts_nan_and_restarts_for_any_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("biodyn_core.pipeline.prediction.Stepper", _Fragile)
     runs = [run(noisy_streams(), in_turn(noisy_streams(), size)) for size in (1, 37, 280)]
     assert runs[0].pipeline.run_status().divergences >= 2
@@ -479,7 +479,7 @@ def test_a_diverging_model_predicts_nothing_and_starts_anew_for_any_cut(monkeypa
         assert other.exposure == runs[0].exposure
 
 
-def test_a_model_beyond_its_range_predicts_nothing_and_starts_anew() -> None:
+def test_a_model_beyond_its_range_predicts_nan_and_restarts() -> None:
     """A seat that shakes as no vehicle does: finite all along, and wrong."""
     streams, t = [], np.arange(3 * 1130) / RATE_HZ
     shaken = np.where(t > 1.2, 150.0 * np.sin(2.0 * np.pi * 5.0 * (t - 1.2)), 0.0)

@@ -1,4 +1,4 @@
-"""Recordings: what conditioning and masks leave of raw samples, against streams whose truth is known."""
+"""Recordings: conditioned and masked samples against streams with known truth."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def test_the_low_pass_reaches_no_further_than_said():
     assert answer[: 2000 - REACH].max() < REACH_SHARE * answer.max()
 
 
-def test_a_clipped_seat_masks_everybody_until_the_model_has_settled():
+def test_a_clipped_seat_masks_all_segments_until_the_model_has_settled():
     streams, row = independent_streams(6.0), 3000
     good = one(streams)
     recording = one(changed(streams, "seat", clip_at(row, 1)))
@@ -185,7 +185,7 @@ def test_a_clipped_seat_masks_everybody_until_the_model_has_settled():
 
 
 @pytest.mark.parametrize(("lost", "is_masked"), [(1, False), (3, False), (4, True), (40, True)])
-def test_short_gaps_are_bridged_and_longer_ones_masked(lost, is_masked):
+def test_short_gaps_are_interpolated_and_longer_ones_masked(lost, is_masked):
     streams, row = independent_streams(6.0), 4000
     good = one(streams, keep_level=True)
     recording = one(changed(streams, "head", without(slice(row, row + lost))), keep_level=True)
@@ -239,7 +239,7 @@ def test_a_gap_of_the_seat_splits_the_record():
         assert np.nanstd(difference, axis=0).max() < 0.005  # the levels of parts differ, nothing else
 
 
-def test_a_part_that_is_too_short_is_left_out_and_said():
+def test_a_part_that_is_too_short_is_left_out_and_reported():
     streams = changed(noisy_streams(6.0), "seat", without(slice(6000, 6200)))
     recording = one(streams)
     assert any(line.startswith("a part is left out: ") and "too short" in line for line in recording.warnings)
@@ -248,7 +248,7 @@ def test_a_part_that_is_too_short_is_left_out_and_said():
 # --- levels ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_body_that_leans_over_loses_its_level_and_the_record_says_so():
+def test_a_changed_level_is_subtracted_and_reported():
     def lean(stamps, samples):
         samples[1000:, 2] -= 0.5
         return stamps, samples
@@ -290,7 +290,7 @@ def test_a_level_comes_from_the_longest_stretch_or_not_at_all():
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
-def test_a_missing_segment_stays_without_numbers_and_is_said():
+def test_a_missing_segment_is_nan_and_reported():
     recording = one([stream for stream in independent_streams(6.0) if stream.sensor != "neck"])
     assert np.isnan(recording.measured_mps2[:, MEASURED_SEGMENTS.index("neck")]).all()
     assert np.isfinite(recording.measured_mps2[100:-100, HEAD]).all()
@@ -314,7 +314,7 @@ def test_a_missing_segment_stays_without_numbers_and_is_said():
         ),
     ],
 )
-def test_what_cannot_be_fitted_to_is_refused_in_one_line(streams, said):
+def test_an_unusable_record_is_refused_in_one_line(streams, said):
     with pytest.raises(InputError) as refusal:
         recorded(streams())
     assert said in str(refusal.value)
@@ -342,7 +342,7 @@ def test_a_spike_is_no_excitation():
         recorded(streams)
 
 
-def test_a_spike_is_no_peak_of_the_seat_that_anything_was_fitted_to():
+def test_a_spike_is_no_seat_peak_of_the_fit():
     streams = independent_streams(6.0)
     plain, spiked = (one(each) for each in (streams, changed(streams, "seat", clip_at(5000, 1))))
     assert spiked.seat_misread_s > 0.0 == plain.seat_misread_s
@@ -389,7 +389,7 @@ def test_the_representative_trial_has_the_largest_head_rms_behind_the_warm_up():
 
 
 @given(st.lists(st.booleans(), max_size=40), st.integers(0, 5), st.integers(0, 5), st.integers(1, 4))
-def test_flags_widen_as_a_loop_would_have_it(flags, before, after, least):
+def test_widened_flags_equal_those_of_a_loop(flags, before, after, least):
     runs = []
     for i, flag in enumerate(flags):
         if flag and (i == 0 or not flags[i - 1]):

@@ -73,7 +73,7 @@ def test_the_rows_are_the_rolling_figures_and_their_ratios():
     assert rows["seat"]["predicted_mps2"] is None
 
 
-def test_the_strip_hands_out_every_bin_once():
+def test_every_bin_of_the_strip_is_sent_once():
     shown = Ride().drive(noisy_streams(**GENTLE)).snapshots
     begins = [begin for one in shown for begin in one["strip"]["measured"]["begin_s"]]
     assert begins == sorted(set(begins))
@@ -110,7 +110,7 @@ def test_a_seat_that_is_clipped_vertical_only_or_stuck_is_not_green(spoil):
     assert shown["verdict"]["reasons"]
 
 
-def test_a_seat_that_has_stopped_is_not_green_even_when_everybody_else_has_stopped_too():
+def test_a_silent_seat_is_not_green_when_all_sensors_are_silent():
     ride = Ride().drive(noisy_streams(**GENTLE))
     assert ride.snapshots[-1]["verdict"]["tone"] == "good"
     ride.clock_s += 0.8
@@ -127,7 +127,7 @@ def test_two_publishers_on_the_seat_are_not_green():
     assert ride.snapshot()["verdict"]["tone"] == "none"
 
 
-def test_a_seat_alone_is_predicted_from_and_what_is_not_measured_is_not_zero():
+def test_with_the_seat_alone_missing_measurements_are_not_zero():
     streams = noisy_streams(**GENTLE)
     shown = Ride().drive(streams, without=set(SENSORS) - {SEAT}).snapshots[-1]
     head = shown["rows"][0]
@@ -137,7 +137,7 @@ def test_a_seat_alone_is_predicted_from_and_what_is_not_measured_is_not_zero():
     assert head["sensor"]["message"] == "no message yet"
 
 
-def test_before_anything_has_come_the_page_waits():
+def test_before_the_first_sample_the_page_waits():
     shown = Ride().snapshot()
     assert (shown["seat"], shown["dri"], shown["shocks"]) == (None, None, [])
     assert shown["verdict"]["tone"] == "none"
@@ -168,7 +168,7 @@ def test_shocks_are_listed_with_seat_and_head():
 
 
 @pytest.mark.parametrize("leap_s", [-6.0, 1.0])
-def test_runs_that_begin_anew_and_a_sensor_that_dies_leave_plain_numbers(leap_s):
+def test_leaps_and_a_dead_sensor_leave_finite_numbers(leap_s):
     ride, streams = Ride(), noisy_streams(**GENTLE)
     for lap in range(3):
         shift_ns = round(1e9 * lap * (6.0 + leap_s))
@@ -179,7 +179,7 @@ def test_runs_that_begin_anew_and_a_sensor_that_dies_leave_plain_numbers(leap_s)
     json.dumps(exposure_document(ride.pipeline, "", 1.0, []), allow_nan=False)
 
 
-def test_what_a_sensor_that_clipped_felt_is_a_lower_bound_in_rows_and_shocks():
+def test_a_clipped_sensor_is_a_lower_bound_in_rows_and_shocks():
     shown = Ride().drive(changed(noisy_streams(), "head", clipped)).snapshots[-1]
     rows = {row["name"]: row for row in shown["rows"]}
     assert rows["head"]["measured_lower_bound"] and not rows["neck"]["measured_lower_bound"]

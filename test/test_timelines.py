@@ -1,4 +1,4 @@
-"""Stamps that leap and return, clocks set anew, and pauses: what is compared, what is missing, whose clock is apart."""
+"""Timelines: stamps that leap and return, clocks that are set, and pauses: comparison, missing time, offsets."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def without(streams: Iterable[ImuStream], sensors: Iterable[str], begin_s: float
 
 @pytest.mark.parametrize("by_ns", [HOUR_NS, -HOUR_NS])
 @pytest.mark.parametrize("sensor", [SEAT, "head"])
-def test_comparisons_go_on_once_stamps_that_leapt_away_return(sensor: str, by_ns: int) -> None:
+def test_comparisons_continue_when_leapt_stamps_return(sensor: str, by_ns: int) -> None:
     streams = noisy_streams(SECONDS)
     pipeline, measured, _ = pushed(leapt(streams, [sensor], by_ns, 3.0, 4.0))
     whole, same, _ = pushed(streams)
@@ -70,7 +70,7 @@ def test_comparisons_go_on_once_stamps_that_leapt_away_return(sensor: str, by_ns
 
 @pytest.mark.parametrize("by_ns", [HOUR_NS, -HOUR_NS])
 @pytest.mark.parametrize("sensor", [SEAT, "head"])
-def test_a_clock_set_anew_costs_nothing_but_what_was_not_sent(sensor: str, by_ns: int) -> None:
+def test_a_set_clock_loses_only_the_silence(sensor: str, by_ns: int) -> None:
     streams = without(noisy_streams(SECONDS), [sensor], 3.0, 4.0)
     pipeline, *_ = pushed(leapt(streams, [sensor], by_ns, 4.0, 99.0))
     assert pipeline.timelines.offset_s(sensor) == pytest.approx(by_ns * 1e-9, abs=0.3)
@@ -80,7 +80,7 @@ def test_a_clock_set_anew_costs_nothing_but_what_was_not_sent(sensor: str, by_ns
             assert pipeline.losses(name).missing_s == 0.0 and pipeline.timelines.offset_s(name) == 0.0
 
 
-def test_where_all_leap_alike_it_was_a_pause_and_is_missing() -> None:
+def test_a_common_leap_is_a_missing_pause() -> None:
     pipeline, measured, _ = pushed(leapt(noisy_streams(SECONDS), SENSORS, HOUR_NS, 4.0, 99.0))
     for name in SENSORS:
         assert pipeline.timelines.offset_s(name) == 0.0

@@ -59,7 +59,7 @@ def test_with_and_without_channels_the_vertical_is_the_same() -> None:
     np.testing.assert_array_equal(recorded().measured_mps2, recorded(channels=True).measured_mps2)
 
 
-def test_a_small_gap_of_the_gyro_is_bridged() -> None:
+def test_a_small_gap_of_the_gyro_is_interpolated() -> None:
     def with_gap(rates: np.ndarray, seconds: float) -> np.ndarray:
         changed = rates.copy()
         changed[6000 : 6000 + round(seconds * RATE_HZ)] = np.nan
@@ -100,13 +100,13 @@ def test_behind_a_short_break_of_a_sensor_its_lean_goes_on_and_a_longer_one_is_n
     ],
     ids=["deg/s", "restless"],
 )
-def test_a_gyro_that_cannot_be_believed_changes_nothing_and_is_named(rates_of, why: str) -> None:
+def test_an_implausible_gyro_changes_nothing_and_is_reported(rates_of, why: str) -> None:
     found = recorded(rates_of)
     np.testing.assert_array_equal(found.measured_mps2, recorded(keep_lean=True).measured_mps2)
     assert sum("head: " in line and why in line and "at rest" in line for line in found.warnings) == 1
 
 
-def test_one_gyro_in_another_unit_is_believed_of_no_sensor() -> None:
+def test_one_gyro_in_another_unit_disables_all() -> None:
     """In deg/s a seat that hardly rocks says a lean that might be somebody's; the head's says one that is nobody's."""
     time_s, true, force, rates = swaying(15.0)
     stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
