@@ -183,7 +183,7 @@ class BiodynNode(LifecycleNode):
         ]
         if self.settings.dashboard:
             self._page = PageChild(self.get_fully_qualified_name(), self.context.get_domain_id(), self._serving)
-            self.get_logger().info(f"the live page: {self._page.link}")
+            self.get_logger().info(f"the page: {self._page.link}")
         self.get_logger().info(f"predicting for {self.pipeline.subject.name}, listening to {len(SENSORS)} sensors")
 
     def _deactivate(self) -> None:
