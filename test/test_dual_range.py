@@ -8,21 +8,21 @@ from trident import HIGH_HZ, LOW_HZ, RAIL, G, Wide, high_g, low_g, shock
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.dual_range import (
-    AGREES,
     FADE,
     HIGH_RAIL_MPS2,
     MARGIN,
+    MIN_AGREEMENT,
     DualRangeSettings,
     Span,
     Stretch,
     covered,
     read_at,
-    read_beside,
+    read_wide,
     saturated,
     shares,
     spans,
     take_over,
-    trusted,
+    usable,
 )
 from biodyn_core.conditioning.range_alignment import Alignment, align, bias, levels, plausible, set_right
 
@@ -104,7 +104,7 @@ def test_channels_on_the_same_instants_are_matched_not_filtered() -> None:
     t = np.arange(100) / 250.0
     high = np.random.default_rng(2).standard_normal((100, 3))
     kept = np.arange(100) != 50
-    read = read_beside(Stretch(t, high, t[kept], high[kept], 250.0, shared=True), 0.0)
+    read = read_wide(Stretch(t, high, t[kept], high[kept], 250.0, shared=True), 0.0)
     assert np.array_equal(read[kept], high[kept]) and np.isnan(read[50]).all()
 
 
@@ -112,7 +112,7 @@ def test_high_g_at_its_own_rail_is_no_reading() -> None:
     t = np.arange(100) / 250.0
     high = np.zeros((100, 3))
     high[40, 1] = HIGH_RAIL_MPS2
-    read = read_beside(Stretch(t, high, t, high, 250.0, shared=True), 0.0)
+    read = read_wide(Stretch(t, high, t, high, 250.0, shared=True), 0.0)
     assert np.isnan(read[40, 1]) and np.isfinite(read[40, [0, 2]]).all()
 
 
@@ -136,7 +136,7 @@ def test_spans_are_consecutive_samples_of_one_axis_and_side() -> None:
 def test_samples_near_a_rail_or_a_loss_are_excluded() -> None:
     low = np.zeros((100, 3))
     low[40, 1], low[80, 0] = -RAIL, np.nan
-    good = trusted(low, SETTINGS)
+    good = usable(low, SETTINGS)
     assert not good[24:57].any() and not good[64:97].any()
     assert good[:24].all() and good[57:64].all() and good[97:].all()
 
@@ -166,8 +166,8 @@ def test_bias_gain_and_delay_are_recovered(gain: float, delay_s: float) -> None:
 def test_a_noisy_channel_does_not_shrink_its_own_gain() -> None:
     """The noise is larger than the motion: regressed the other way round the gain would come out below a half."""
     stretch = stretch_of(Wide(gain=1.05, noise=4.0), seconds=50.0)
-    good = trusted(stretch.low_mps2, SETTINGS) & (stretch.low_s > 1.5)
-    high = read_beside(stretch, 0.0)[:, 2]
+    good = usable(stretch.low_mps2, SETTINGS) & (stretch.low_s > 1.5)
+    high = read_wide(stretch, 0.0)[:, 2]
     both = good & np.isfinite(high)
     assert 1.0 / np.polyfit(high[both], stretch.low_mps2[both, 2], 1)[0] > 2.0
     assert align([stretch], DualRangeSettings()).gain[2] == pytest.approx(1.05, abs=0.03)
@@ -245,12 +245,12 @@ def test_a_shock_beyond_the_rail_is_recovered(peak_g: float) -> None:
 def test_a_span_is_taken_over_only_where_high_g_is_there_and_agrees() -> None:
     stretch = stretch_of(Wide())
     found = found_in(stretch)
-    right = read_beside(stretch, 0.0) - np.array(Wide().bias)
+    right = read_wide(stretch, 0.0) - np.array(Wide().bias)
     assert covered(found, stretch, right, SETTINGS) == found
     lost = right.copy()
     lost[np.searchsorted(stretch.low_s, found[0].end_s) + MARGIN, 2] = np.nan
     assert covered(found, stretch, lost, SETTINGS) == []
-    assert covered(found, stretch, np.minimum(right, 0.99 * AGREES * RAIL), SETTINGS) == []
+    assert covered(found, stretch, np.minimum(right, 0.99 * MIN_AGREEMENT * RAIL), SETTINGS) == []
     assert covered(found, stretch, -right, SETTINGS) == []
 
 
