@@ -51,7 +51,7 @@ def drive(ride: Mapping[str, Arriving]) -> Driven:
                 frames.append(pipeline.push(name, one.stamps_ns[part], one.accel_mps2[part]))
                 health[name].arrived(part.stop - part.start)
         if slot % round(LOOK_S / SLOT_S) == 0:
-            looks.append(Look(clock[0], {status.of: status for status in watch.look()}))
+            looks.append(Look(clock[0], {status.of: status for status in watch.check()}))
     return Driven(pipeline, joined(frames), tuple(looks))
 
 

@@ -60,7 +60,7 @@ def judged(fault: Fault, sensor: str) -> Row:
         *([f"not normal {WITHIN_S:g} s after it"] if not fault.lasts and recovered is None else []),
     )
     said = next((m for m in _messages(driven, sensor) if any(word in m for word in fault.says)), "")
-    return Row(fault.name, sensor, said, recovered, driven.pipeline.lost(sensor).missing_s, wrong)
+    return Row(fault.name, sensor, said, recovered, driven.pipeline.losses(sensor).missing_s, wrong)
 
 
 def _messages(driven: Driven, sensor: str) -> list[str]:
@@ -79,14 +79,14 @@ def _about_others(driven: Driven, sensor: str) -> Iterator[str]:
         said = {message for message in said if not any(word in message for word in BEGINNING)}
         if name != sensor and said:
             yield f"{name} is blamed: {sorted(said)}"
-        if name != sensor and driven.pipeline.lost(name).missing_s > 0.0:
-            yield f"{name} is called missing for {driven.pipeline.lost(name).missing_s:.3f} s"
+        if name != sensor and driven.pipeline.losses(name).missing_s > 0.0:
+            yield f"{name} is called missing for {driven.pipeline.losses(name).missing_s:.3f} s"
 
 
 def _missed(driven: Driven, sensor: str, fault: Fault) -> Iterator[str]:
     """What is missing is said, and nothing that is not."""
     low, high = fault.missing_s
-    found = driven.pipeline.lost(sensor).missing_s
+    found = driven.pipeline.losses(sensor).missing_s
     if not low <= found <= high + 0.02:
         yield f"{found:.3f} s are called missing, {low:g} to {high:g} are"
 
@@ -138,7 +138,7 @@ def _wrong_doses(driven: Driven, sensor: str, fault: Fault) -> Iterator[str]:
     """Never more than was there, but for what clipping and jitter make of it; without losses as much."""
     clean, found = unspoilt().pipeline.exposure(), driven.pipeline.exposure()
     for name, dose in found.sensors.items():
-        whole, bound = clean.sensors[name], driven.pipeline.lost(name).lower_bound
+        whole, bound = clean.sensors[name], driven.pipeline.losses(name).lower_bound
         if not np.isfinite([dose.vdv_mps175, dose.aw_mps2, dose.peak_mps2]).all():
             yield f"{name}: a dose that is no number"
         if name == sensor and not fault.exact:

@@ -16,9 +16,10 @@ import numpy as np
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.body.parameters import LOWER, UPPER
 from biodyn_core.body.subject import load_subject
-from biodyn_core.exposure.exposure_store import digest
+from biodyn_core.exposure.checkpoint import digest
 from biodyn_core.exposure.limits import load_limits
 from biodyn_core.identification.phase1 import Search
+from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, frame_id_of
@@ -26,7 +27,7 @@ from biodyn_ros.base.resources import config_file, subject_file
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
 from biodyn_ros.blue_trident.found import find_exports
 from biodyn_ros.fit.campaign_file import load_campaign
-from biodyn_ros.node.state import StateFile, belongs_to
+from biodyn_ros.node.exposure_store import StateFile, identity_of
 from biodyn_ros.work.checkpoint import Checkpoint
 from biodyn_ros.work.kept import Kept as KeptParts
 from faults.ride import ride, subject
@@ -93,7 +94,7 @@ def _states(directory: Path) -> list[bytes]:
         one = ride()[name]
         pipeline.push(name, one.stamps_ns[:2000], one.accel_mps2[:2000])
     file = StateFile(directory / "good.json")
-    file.close(pipeline.kept(belongs_to(subject(), {})))
+    file.close(ContinuedExposure(pipeline).checkpoint(identity_of(subject(), {})))
     return [file.path.read_bytes()]
 
 
@@ -105,9 +106,9 @@ def _state(path: Path) -> None:
             path.write_text(json.dumps(document | {"digest": digest(document.get("kept"))}))
     except (ValueError, RecursionError):
         pass
-    kept = StateFile(path).read()
-    assert kept is not None
-    Pipeline(subject()).resume(kept)
+    checkpoint = StateFile(path).read()
+    assert checkpoint is not None
+    ContinuedExposure(Pipeline(subject())).resume(checkpoint)
 
 
 def _import(path: Path) -> None:

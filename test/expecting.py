@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from biodyn_core.base.errors import LONGEST, InputError
+from biodyn_core.base.errors import MAX_CHARACTERS, InputError
 
 
 def refusal(reader: Callable[[Path], Any], path: Path) -> str:
@@ -17,7 +17,7 @@ def refusal(reader: Callable[[Path], Any], path: Path) -> str:
     with pytest.raises(InputError) as told:
         reader(path)
     line = str(told.value)
-    assert line.startswith(f"{path}: ") and "\n" not in line and len(line) <= LONGEST
+    assert line.startswith(f"{path}: ") and "\n" not in line and len(line) <= MAX_CHARACTERS
     return line
 
 

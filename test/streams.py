@@ -16,7 +16,8 @@ from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, imu_streams, load_case
-from biodyn_core.pipeline.pipeline import Exposure, Pipeline
+from biodyn_core.pipeline.exposure import Exposure
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.resources import subject_file

@@ -38,7 +38,7 @@ def block(
 def aligner(*blocks: Block, keep_s: float = 100.0) -> Aligner:
     """An aligner that has these blocks."""
     made = Aligner(keep_s)
-    made.feed(blocks)
+    made.add(blocks)
     return made
 
 
@@ -177,7 +177,7 @@ def test_an_instant_waits_until_its_four_later_neighbours_are_there():
     grid = np.array([time[20] + 0.2 / RATE_HZ])
     waiting = Aligner(100.0)
     for n in range(40):
-        waiting.feed([block(time[n : n + 1], np.cos(time[n : n + 1]), n == 0)])
+        waiting.add([block(time[n : n + 1], np.cos(time[n : n + 1]), n == 0)])
         values, answered = waiting.read(grid, EPOCH_NS)
         assert answered == (1 if n >= 20 + HALF_WIDTH else 0)
         assert np.isnan(values[0]) == (answered == 0)
@@ -217,7 +217,7 @@ def test_the_edge_of_a_run_is_answered_once_the_next_run_has_come():
     made = aligner(block(time, np.ones(50), True))
     edge = np.array([time[47] + 1e-4])
     assert made.read(edge, EPOCH_NS)[1] == 0  # its neighbours may still come
-    made.feed([block(time[:10] + 1.0, np.ones(10), True)])
+    made.add([block(time[:10] + 1.0, np.ones(10), True)])
     values, answered = made.read(edge, EPOCH_NS)
     assert answered == 1 and np.isnan(values[0])  # they will not
 
@@ -259,7 +259,7 @@ def test_an_instant_is_reached_where_reading_answers_it(count, at, ahead, on_a_s
 def test_forgetting_the_past_leaves_the_rest_readable():
     time, values = np.arange(500) / RATE_HZ, np.random.default_rng(2).standard_normal(500)
     made, wanted = aligner(block(time, values, True)), aligner(block(time, values, True))
-    made.forget(time[200], EPOCH_NS)
+    made.drop(time[200], EPOCH_NS)
     grid = np.sort(np.random.default_rng(3).uniform(time[200], time[-5], 300))
     np.testing.assert_array_equal(made.read(grid, EPOCH_NS)[0], wanted.read(grid, EPOCH_NS)[0])
     assert made.read(time[:10], EPOCH_NS)[1] == 10 and np.isnan(made.read(time[:10], EPOCH_NS)[0]).all()
@@ -269,7 +269,7 @@ def test_an_hour_is_not_kept_where_a_second_is_asked_for():
     made = Aligner(keep_s=1.0)
     for second in range(120):
         time = second + np.arange(1000) / 1000.0
-        made.feed([block(time, np.sin(time), second == 0)])
+        made.add([block(time, np.sin(time), second == 0)])
         grid = np.array([time[-1] - 0.9])  # a second back is readable
         values, answered = made.read(grid, EPOCH_NS)
         assert answered == 1

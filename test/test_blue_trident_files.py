@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from streams import subject
 from trident import TAKE, G, capture_u_files, imported, nexus_text, samples, shock, still, write_capture_u
 
-from biodyn_core.base.errors import LONGEST, InputError
+from biodyn_core.base.errors import MAX_CHARACTERS, InputError
 from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_core.conditioning.dual_range import DualRangeSettings, Stretch
 from biodyn_core.conditioning.range_alignment import align, bias, levels
@@ -147,7 +147,7 @@ def test_a_broken_file_is_one_line_and_leaves_no_bag(name: str, tmp_path: Path) 
         return
     with pytest.raises(InputError) as told:
         imported(file, tmp_path / "b.mcap", {"seat": "TS-1"})
-    assert said in str(told.value) and "\n" not in str(told.value) and len(str(told.value)) <= LONGEST
+    assert said in str(told.value) and "\n" not in str(told.value) and len(str(told.value)) <= MAX_CHARACTERS
     assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
 
 

@@ -20,7 +20,7 @@ from world import seats, sensors
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
-from biodyn_core.conditioning.tilt import laid_level, rotation_to_vertical
+from biodyn_core.conditioning.tilt import horizontal_axes, rotation_to_vertical
 from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
@@ -162,7 +162,7 @@ def test_a_known_motion_comes_back_from_any_mounting(axes: Floats, azimuth_deg: 
 @given(st.floats(-1.0, 1.0), st.floats(-np.pi, np.pi))
 def test_the_level_axes_are_axes_whichever_way_is_up(height: float, around_rad: float) -> None:
     side = np.sqrt(1.0 - height**2)
-    axes = laid_level((height, side * np.cos(around_rad), side * np.sin(around_rad)))
+    axes = horizontal_axes((height, side * np.cos(around_rad), side * np.sin(around_rad)))
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
     np.testing.assert_allclose(axes[2], [height, side * np.cos(around_rad), side * np.sin(around_rad)], atol=1e-12)
@@ -173,8 +173,8 @@ def test_an_upside_down_sensor_keeps_its_axes_where_the_smallest_rotation_does_n
     """Why it is not by that one: leaning by 2 degrees to one side or the other would turn it around."""
     one, other = ((np.sin(lean), 0.0, -np.cos(lean)) for lean in (np.deg2rad(2.0), np.deg2rad(-2.0)))
     across = (0.0, np.sin(np.deg2rad(2.0)), -np.cos(np.deg2rad(2.0)))
-    np.testing.assert_allclose(laid_level(one), laid_level(other), atol=0.08)
-    np.testing.assert_allclose(laid_level(one), laid_level(across), atol=0.08)
+    np.testing.assert_allclose(horizontal_axes(one), horizontal_axes(other), atol=0.08)
+    np.testing.assert_allclose(horizontal_axes(one), horizontal_axes(across), atol=0.08)
     assert np.abs(rotation_to_vertical(np.array(one)) - rotation_to_vertical(np.array(across))).max() > 1.9
 
 
@@ -260,7 +260,7 @@ def test_what_is_masked_of_the_vertical_is_masked_of_the_rest(sensor: str, chang
         for column in (*seat.horizontal_mps2.T, *seat.rates_radps.T):
             np.testing.assert_array_equal(np.isnan(column), masked)
         assert np.isnan(recording.measured_mps2[masked]).all()
-        assert masked.any() == any(line.startswith("seat: misread") for line in recording.warnings)
+        assert masked.any() == any(line.startswith("seat: invalid samples") for line in recording.warnings)
 
 
 def test_channels_change_nothing_else() -> None:

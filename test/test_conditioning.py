@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from uncompiled import Uncompiled
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.conditioning.conditioner import Conditioner, ConditioningSettings, group_delay_s
+from biodyn_core.conditioning.conditioner import Conditioner, ConditioningSettings
+from biodyn_core.conditioning.low_pass import group_delay_s
 from biodyn_core.conditioning.tilt import rotation_to_vertical
 from biodyn_core.kernels import compiling
 
@@ -61,7 +62,7 @@ def test_around_upside_down_the_rotation_stays_one(off):
     assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-7)
 
 
-def test_a_gain_error_is_levelled_all_the_same_and_told():
+def test_a_gain_error_is_levelled_and_reported():
     accel = ride(2.0)
     found = Conditioned(stamps(len(accel)), 1.08 * raw(accel))
     assert found.status.gravity_mps2 == pytest.approx(1.08 * naive.GRAVITY)
@@ -69,7 +70,7 @@ def test_a_gain_error_is_levelled_all_the_same_and_told():
     assert any("gravity at rest reads 10.59" in warning for warning in found.status.warnings)
 
 
-def test_gravity_is_taken_from_the_first_rest_and_what_was_before_is_not_counted():
+def test_gravity_is_from_the_first_rest_and_earlier_samples_do_not_count():
     accel = np.concatenate([ride(4.0)[2000:], np.zeros((2000, 3)), ride(3.0)])
     found = Conditioned(stamps(len(accel)), raw(accel))
     assert found.status.gravity_mps2 == pytest.approx(naive.GRAVITY, rel=1e-3)
@@ -79,7 +80,7 @@ def test_gravity_is_taken_from_the_first_rest_and_what_was_before_is_not_counted
     np.testing.assert_allclose(found.levelled[-1000:], accel[-1000:], atol=0.02)
 
 
-def test_without_rest_motion_is_averaged_and_told():
+def test_without_rest_motion_is_averaged_and_reported():
     seconds = 14.0
     accel = ride(seconds + 1.0)[1130:][: round(seconds * RATE_HZ)]
     found = Conditioned(stamps(len(accel)), raw(accel))
@@ -110,7 +111,7 @@ FAULTS = [
 @pytest.mark.parametrize(
     ("stamps_ns", "samples", "told"), FAULTS, ids=lambda value: value if type(value) is str else ""
 )
-def test_a_hopeless_sensor_is_told_in_one_line_and_answers_nothing(stamps_ns, samples, told):
+def test_a_faulty_sensor_has_a_one_line_fault_and_no_blocks(stamps_ns, samples, told):
     found = Conditioned(stamps_ns, samples)
     assert found.blocks == []
     assert found.status.fault.startswith("seat: ") and told in found.status.fault
@@ -120,7 +121,7 @@ def test_a_hopeless_sensor_is_told_in_one_line_and_answers_nothing(stamps_ns, sa
 @pytest.mark.parametrize(
     ("stamps_ns", "samples", "told"), FAULTS, ids=lambda value: value if type(value) is str else ""
 )
-def test_a_sensor_that_is_mended_meanwhile_is_believed(stamps_ns, samples, told):
+def test_a_repaired_sensor_is_used(stamps_ns, samples, told):
     found = Conditioned(stamps_ns, samples)
     later = int(stamps_ns[-1]) - START_NS + 10**9
     accel = ride(3.0)
@@ -132,7 +133,7 @@ def test_a_sensor_that_is_mended_meanwhile_is_believed(stamps_ns, samples, told)
 
 
 @pytest.mark.parametrize(("cutoff_hz", "fits"), [(100.0, True), (150.0, False)])
-def test_the_rate_must_carry_the_low_pass(cutoff_hz, fits):
+def test_the_rate_must_be_sufficient_for_the_low_pass(cutoff_hz, fits):
     found = Conditioned(stamps(1000, 300.0), STILL[:1000], conditioning=ConditioningSettings(cutoff_hz=cutoff_hz))
     assert (found.status.fault is None) is fits
     assert fits or "375 to 20000 Hz are needed" in found.status.fault
@@ -195,7 +196,7 @@ def test_one_g_at_the_first_sample_never_reaches_the_filter():
 # --- time ------------------------------------------------------------------------------------------------------------
 
 
-def test_even_stamps_come_back_less_the_delay():
+def test_even_stamps_are_kept_without_the_delay():
     found = Conditioned(stamps(5000), STILL[:5000])
     delay_ns = round(found.status.filter_delay_s * 1e9)
     np.testing.assert_array_equal(found.stamps_ns, stamps(5000)[-len(found.stamps_ns) :] - delay_ns)
@@ -221,7 +222,7 @@ def test_rate_and_time_are_recovered_from_jittering_stamps(rate_hz, ppm):
     assert (found.status.filled, found.status.late, found.status.runs) == (0, 0, 1)
 
 
-def test_a_clock_whose_rate_changes_is_followed():
+def test_a_drifting_clock_is_tracked():
     # 300 ppm faster after five seconds, which no quartz does; never more than 0.6 ms behind, and then followed.
     count = round(60.0 * RATE_HZ)
     period_s = np.where(np.arange(count) < 5.0 * RATE_HZ, 1.0, 1.0 - 300e-6) / RATE_HZ
@@ -243,7 +244,7 @@ def test_missing_stamps_at_rest_do_not_spoil_the_rate():
 
 @settings(max_examples=40)
 @given(st.lists(st.tuples(st.integers(1300, 3800), st.integers(1, 54)), max_size=4))
-def test_lost_samples_are_drawn_in_and_counted(gaps):
+def test_lost_samples_are_interpolated_and_counted(gaps):
     accel = ride(3.5, frequency_hz=2.0)
     lost = np.zeros(len(accel), dtype=bool)
     for begin, length in gaps:
@@ -269,7 +270,7 @@ def runs_of(flags: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def test_what_is_drawn_in_is_a_straight_line():
+def test_interpolation_is_linear():
     accel = ride(3.0)
     kept = np.delete(np.arange(len(accel)), np.arange(2000, 2030))
     found = Conditioned(stamps(len(accel))[kept], raw(accel)[kept])
@@ -300,7 +301,7 @@ BAD = [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e5, np.float64(np.finfo(float).m
 
 @pytest.mark.parametrize("value", BAD)
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_sample_that_cannot_be_is_as_good_as_lost(value, axis):
+def test_an_impossible_sample_counts_as_lost(value, axis):
     accel = ride(3.0)
     samples, kept = raw(accel), np.ones(len(accel), dtype=bool)
     for at in (300, 1800, 1801, 2500):  # the first while it looks for rest
@@ -314,7 +315,7 @@ def test_a_sample_that_cannot_be_is_as_good_as_lost(value, axis):
 
 @settings(max_examples=60)
 @given(st.integers(880, 925), st.integers(1, 40), st.sampled_from(BAD))
-def test_bad_samples_around_the_end_of_rest_poison_nothing(begin, length, value):
+def test_bad_samples_around_the_end_of_rest_have_no_effect(begin, length, value):
     accel = ride(2.0)
     samples = raw(accel)
     samples[begin : begin + length] = value
@@ -355,7 +356,7 @@ def test_duplicates_and_late_samples_change_nothing(extra):
     np.testing.assert_array_equal(found.low_passed, wanted.low_passed)
 
 
-def test_stamps_that_jump_back_begin_a_new_run_and_time_inside_goes_on():
+def test_stamps_that_jump_back_begin_a_new_run_with_increasing_time():
     accel = ride(3.0)
     laps = 4
     found = Conditioned(np.tile(stamps(len(accel)), laps), np.tile(raw(accel), (laps, 1)))
@@ -467,7 +468,7 @@ def test_a_survey_in_plain_python_sees_what_the_compiled_one_does(record, cuts):
 
 @settings(max_examples=40)
 @given(faulty(), CUTS, st.sampled_from([{}, {"cutoff_hz": 200.0}, {"rest_rms_mps2": 0.01, "rest_patience_s": 2.0}]))
-def test_where_rest_alone_is_looked_for_the_causal_path_begins(record, cuts, how):
+def test_the_rest_mode_finds_the_begin_of_the_causal_path(record, cuts, how):
     stamps_ns, samples = record
     causal, rest = (Conditioner("seat", ConditioningSettings(**how), mode) for mode in ("causal", "rest"))
     for here in np.split(np.arange(len(stamps_ns)), cuts):
@@ -503,7 +504,7 @@ def test_nothing_in_nothing_out():
     assert (status.accepted, status.runs, status.uncounted_s, status.fault) == (0, 0, 0.0, None)
 
 
-def test_arrays_as_messages_bring_them_are_taken():
+def test_read_only_and_strided_arrays_are_accepted():
     accel = ride(2.0)
     wide = np.zeros((len(accel), 6), dtype=">f8")
     wide[:, ::2] = raw(accel)
@@ -551,8 +552,8 @@ def test_without_gravity_and_without_a_vertical_the_fault_says_what_to_do():
 
 
 @pytest.mark.parametrize("vertical", [(0.0, 0.0, 0.0), (np.nan, 0.0, 1.0), (0.0, np.inf, 0.0)])
-def test_a_vertical_that_is_no_direction_is_refused(vertical):
-    with pytest.raises(InputError, match=r"seat: vertical .* is no direction"):
+def test_an_invalid_vertical_is_refused(vertical):
+    with pytest.raises(InputError, match=r"seat: vertical .* is not a direction"):
         Conditioner("seat", vertical=vertical)
 
 
@@ -631,7 +632,7 @@ def test_zero_phase_takes_a_run_of_any_length(length):
         np.testing.assert_allclose(found.blocks[-1].low_passed_mps2, found.blocks[-1].levelled_mps2[:, 2], atol=0.05)
 
 
-def test_zero_phase_answers_a_run_once_it_has_ended():
+def test_zero_phase_returns_a_run_at_its_end():
     conditioner = Conditioner("seat", mode="zero_phase")
     assert conditioner.push(stamps(5000), STILL[:5000]) == []
     (block,) = conditioner.push(stamps(6000)[5000:] + 10**9, STILL[:1000])
@@ -643,7 +644,7 @@ def test_zero_phase_answers_a_run_once_it_has_ended():
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 2.0, 2.5, 3.7, 10.0, 100.0, 249.0, RATE_HZ, 5000.0, 20_000.0])
-def test_a_survey_tells_of_a_sensor_of_any_rate_and_answers_nothing(rate_hz):
+def test_a_survey_gives_the_status_of_any_rate_without_blocks(rate_hz):
     count = max(40, round(2.0 * rate_hz))
     kept = np.delete(np.arange(count), [count // 2, count // 2 + 1, count - 5])
     noisy = STILL[:1] + 0.02 * np.random.default_rng(11).standard_normal((count, 3))

@@ -1,4 +1,4 @@
-"""Conditioning against clocks as bad as the field's: drift, jitter, bursts, leaps, repeats, loss and flat lines."""
+"""Conditioning with clocks as in the field: drift, jitter, bursts, leaps, repeats, losses and flat readings."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def test_coarse_stamps_of_any_rate_lose_and_invent_nothing(rate_hz, quantum_ms, 
 
 @pytest.mark.parametrize("ppm", [-500.0, -50.0, 500.0])
 @pytest.mark.parametrize("jitter_ms", [0.0, 0.05])
-def test_a_drifting_clock_is_followed_and_told_in_ppm(ppm, jitter_ms):
+def test_a_drifting_clock_is_tracked_and_reported_in_ppm(ppm, jitter_ms):
     own_hz = RATE_HZ * (1.0 + ppm * 1e-6)
     stamps_ns = stamps(COUNT, own_hz) + (jittering(jitter_ms) - stamps(COUNT))
     found = Conditioned(stamps_ns, MARKED)
@@ -173,12 +173,12 @@ def test_a_backlog_after_a_long_stall_does_not_run_ahead_of_the_clock():
 
 
 @pytest.mark.parametrize("later_hz", [500.0, 900.0, 1600.0, 3000.0])
-def test_a_rate_that_left_that_at_rest_is_told(later_hz):
+def test_a_rate_that_differs_from_that_at_rest_is_reported(later_hz):
     stamps_ns = np.concatenate([stamps(3000), stamps(3000)[-1] + stamps(20_000, later_hz)[1:] - START_NS])
     status = Conditioned(stamps_ns, STILL[np.zeros(len(stamps_ns), dtype=int)]).status
     # Faster than at rest, what is too much comes late; slower, it is drawn in or the clock cannot follow.
     counted = status.late if later_hz > RATE_HZ else status.filled
-    told = any("rate is 2 % off" in warning for warning in status.warnings)
+    told = any("rate differs by 2 %" in warning for warning in status.warnings)
     assert told or counted > 0.8 * 20_000 * abs(RATE_HZ / later_hz - 1.0) > 4000
 
 
@@ -213,7 +213,7 @@ def test_a_second_publisher_of_every_message_changes_nothing(behind):
         assert getattr(status, name) == pytest.approx(getattr(wanted.status, name), rel=1e-9), name
 
 
-def test_a_second_publisher_and_a_gap_are_told_apart():
+def test_a_second_publisher_and_a_gap_are_distinguished():
     kept = np.delete(INDEX, np.arange(9000, 9030))
     found = Conditioned(np.repeat(stamps(COUNT)[kept], 2), np.repeat(MARKED[kept], 2, axis=0))
     assert found.status.filled == 30 and found.status.duplicate == found.status.accepted
@@ -221,7 +221,7 @@ def test_a_second_publisher_and_a_gap_are_told_apart():
 
 
 @pytest.mark.parametrize("late_s", [0.002, 0.05])
-def test_the_few_that_come_out_of_order_are_as_good_as_lost(late_s):
+def test_few_samples_out_of_order_count_as_lost(late_s):
     rng = np.random.default_rng(6)
     arrival = INDEX / RATE_HZ
     out = rng.random(COUNT) < 0.01
@@ -255,7 +255,7 @@ signs = pytest.mark.parametrize("sign", [-1, 1])
 @clocks
 @signs
 @pytest.mark.parametrize("many", [1, 5, 19])
-def test_a_few_stamps_an_hour_away_cost_themselves_and_nothing_else(clock, sign, many):
+def test_a_few_stray_stamps_lose_only_their_samples(clock, sign, many):
     stamps_ns = CLOCKS[clock][0].copy()
     stamps_ns[9000 : 9000 + many] += sign * HOUR_NS
     found, whole = Conditioned(stamps_ns, MARKED), Conditioned(CLOCKS[clock][0], MARKED)
@@ -268,7 +268,7 @@ def test_a_few_stamps_an_hour_away_cost_themselves_and_nothing_else(clock, sign,
 
 @clocks
 @pytest.mark.parametrize("what", ["zero", "bad"])
-def test_unset_stamps_and_bad_readings_cost_themselves_and_nothing_else(clock, what):
+def test_unset_stamps_and_bad_readings_lose_only_their_samples(clock, what):
     hit = np.random.default_rng(8).random(COUNT) < 0.02
     hit[:1000] = hit[-1000:] = False
     hit[20_000:20_040] = True
@@ -286,7 +286,7 @@ def test_unset_stamps_and_bad_readings_cost_themselves_and_nothing_else(clock, w
 @clocks
 @signs
 @pytest.mark.parametrize("leap_ns", [2 * 10**9, HOUR_NS, 2 * 10**15, 10**18])
-def test_thirty_stamps_in_a_row_are_believed_and_their_return_too(clock, sign, leap_ns):
+def test_thirty_stamps_in_a_row_confirm_a_leap_and_its_return(clock, sign, leap_ns):
     stamps_ns = CLOCKS[clock][0].copy()
     stamps_ns[9000:9030] += sign * leap_ns
     found = Conditioned(stamps_ns, MARKED)
@@ -364,7 +364,7 @@ def test_stamps_that_freeze_for_a_while_are_followed_again(clock, many):
     assert np.abs(last_s).max() < close_s + 0.1 * 0.5 / RATE_HZ
 
 
-def test_a_driver_that_sets_no_stamps_is_told_and_believed_once_it_does():
+def test_a_driver_without_stamps_is_reported_until_it_sets_them():
     unset = Conditioned(np.zeros(2000, dtype=np.int64), STILL[:2000])
     assert unset.blocks == [] and unset.status.unset == 2000
     assert "header stamps are zero: use log time" in unset.status.fault
@@ -374,7 +374,7 @@ def test_a_driver_that_sets_no_stamps_is_told_and_believed_once_it_does():
 
 
 @pytest.mark.parametrize("set_first", [0, 1, 15])
-def test_the_unset_are_told_whatever_came_before(set_first):
+def test_unset_stamps_are_reported_after_any_samples(set_first):
     stamps_ns = np.concatenate([stamps(set_first), np.zeros(1000, dtype=np.int64)])
     for cuts in ((), range(1, len(stamps_ns))):
         assert "stamps are zero" in Conditioned(stamps_ns, STILL[: len(stamps_ns)], cuts).status.fault
@@ -394,7 +394,7 @@ def test_a_record_that_ends_right_behind_a_gap_keeps_its_last_samples(many, gap_
     assert found.stamps_ns[-1] == (end[-1] if many > 1 else end[-2]) - round(found.status.filter_delay_s * 1e9)
 
 
-def test_a_leap_that_the_record_ends_with_is_not_believed():
+def test_a_leap_at_the_end_of_a_record_is_not_confirmed():
     end = stamps(5000)
     end[-10:] += HOUR_NS
     found = Conditioned(end, marked(5000))
@@ -418,7 +418,7 @@ STREAMS = {
 
 @pytest.mark.parametrize("kind", STREAMS)
 @pytest.mark.parametrize("rested", [False, True])
-def test_a_million_useless_samples_are_not_kept(kind, rested):
+def test_memory_is_bounded_over_a_million_unusable_samples(kind, rested):
     conditioner = Conditioner("seat")
     if rested:
         conditioner.push(stamps(3000), STILL[:3000])

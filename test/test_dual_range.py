@@ -1,4 +1,4 @@
-"""Dual range: reading, comparing and taking over, against pulses and sines that are known at every instant."""
+"""Dual range: interpolation, comparison and merging, against pulses and sines in closed form."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from trident import HIGH_HZ, LOW_HZ, RAIL, G, Wide, high_g, low_g, shock
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.dual_range import (
-    AGREES,
     FADE,
     HIGH_RAIL_MPS2,
     MARGIN,
+    MIN_AGREEMENT,
     DualRangeSettings,
     Span,
     Stretch,
     covered,
     read_at,
-    read_beside,
+    read_wide,
     saturated,
     shares,
     spans,
     take_over,
-    trusted,
+    usable,
 )
 from biodyn_core.conditioning.range_alignment import Alignment, align, bias, levels, plausible, set_right
 
@@ -104,7 +104,7 @@ def test_channels_on_the_same_instants_are_matched_not_filtered() -> None:
     t = np.arange(100) / 250.0
     high = np.random.default_rng(2).standard_normal((100, 3))
     kept = np.arange(100) != 50
-    read = read_beside(Stretch(t, high, t[kept], high[kept], 250.0, shared=True), 0.0)
+    read = read_wide(Stretch(t, high, t[kept], high[kept], 250.0, shared=True), 0.0)
     assert np.array_equal(read[kept], high[kept]) and np.isnan(read[50]).all()
 
 
@@ -112,7 +112,7 @@ def test_high_g_at_its_own_rail_is_no_reading() -> None:
     t = np.arange(100) / 250.0
     high = np.zeros((100, 3))
     high[40, 1] = HIGH_RAIL_MPS2
-    read = read_beside(Stretch(t, high, t, high, 250.0, shared=True), 0.0)
+    read = read_wide(Stretch(t, high, t, high, 250.0, shared=True), 0.0)
     assert np.isnan(read[40, 1]) and np.isfinite(read[40, [0, 2]]).all()
 
 
@@ -133,10 +133,10 @@ def test_spans_are_consecutive_samples_of_one_axis_and_side() -> None:
     assert spans(np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 3), dtype=np.int8)) == []
 
 
-def test_nothing_near_a_rail_or_a_loss_is_trusted() -> None:
+def test_samples_near_a_rail_or_a_loss_are_excluded() -> None:
     low = np.zeros((100, 3))
     low[40, 1], low[80, 0] = -RAIL, np.nan
-    good = trusted(low, SETTINGS)
+    good = usable(low, SETTINGS)
     assert not good[24:57].any() and not good[64:97].any()
     assert good[:24].all() and good[57:64].all() and good[97:].all()
 
@@ -145,7 +145,7 @@ def test_nothing_near_a_rail_or_a_loss_is_trusted() -> None:
 
 
 @pytest.mark.parametrize(("gain", "delay_s"), [(1.0, 0.0), (1.04, 0.0031), (0.96, -0.0044), (1.0, 0.0123)])
-def test_bias_gain_and_delay_come_back(gain: float, delay_s: float) -> None:
+def test_bias_gain_and_delay_are_recovered(gain: float, delay_s: float) -> None:
     wide = Wide(gain=gain, delay_s=delay_s)
     stretch = stretch_of(wide)
     found = align([stretch], SETTINGS)
@@ -166,8 +166,8 @@ def test_bias_gain_and_delay_come_back(gain: float, delay_s: float) -> None:
 def test_a_noisy_channel_does_not_shrink_its_own_gain() -> None:
     """The noise is larger than the motion: regressed the other way round the gain would come out below a half."""
     stretch = stretch_of(Wide(gain=1.05, noise=4.0), seconds=50.0)
-    good = trusted(stretch.low_mps2, SETTINGS) & (stretch.low_s > 1.5)
-    high = read_beside(stretch, 0.0)[:, 2]
+    good = usable(stretch.low_mps2, SETTINGS) & (stretch.low_s > 1.5)
+    high = read_wide(stretch, 0.0)[:, 2]
     both = good & np.isfinite(high)
     assert 1.0 / np.polyfit(high[both], stretch.low_mps2[both, 2], 1)[0] > 2.0
     assert align([stretch], DualRangeSettings()).gain[2] == pytest.approx(1.05, abs=0.03)
@@ -182,13 +182,13 @@ def test_a_body_at_rest_supports_neither_gain_nor_delay() -> None:
     assert means is not None and bias(means, found)[2] == pytest.approx(9.0 + 0.05 * G, abs=0.03)
 
 
-def test_without_anything_to_compare_nothing_is_claimed() -> None:
+def test_without_a_comparison_gain_and_delay_stay_nominal() -> None:
     none = Stretch(np.empty(0), np.empty((0, 3)), np.empty(0), np.empty((0, 3)), LOW_HZ)
     assert align([], SETTINGS) == align([none], SETTINGS) == Alignment()
     assert levels(none, SETTINGS) is None
 
 
-def test_channels_of_two_sensors_are_not_taken_for_one() -> None:
+def test_channels_of_two_sensors_are_implausible() -> None:
     one, other = stretch_of(Wide()), stretch_of(Wide(gain=0.6))
     assert plausible(align([one], SETTINGS)) and not plausible(align([other], SETTINGS))
 
@@ -216,7 +216,7 @@ def test_the_share_is_the_same_for_any_cut() -> None:
 
 
 @pytest.mark.parametrize("peak_g", [20.0, 60.0, 150.0])
-def test_a_shock_beyond_the_rail_comes_back(peak_g: float) -> None:
+def test_a_shock_beyond_the_rail_is_recovered(peak_g: float) -> None:
     wide = Wide(gain=1.03, delay_s=0.0031)
     stretch = stretch_of(wide, peak_g=peak_g)
     found = align([stretch], SETTINGS)
@@ -245,12 +245,12 @@ def test_a_shock_beyond_the_rail_comes_back(peak_g: float) -> None:
 def test_a_span_is_taken_over_only_where_high_g_is_there_and_agrees() -> None:
     stretch = stretch_of(Wide())
     found = found_in(stretch)
-    right = read_beside(stretch, 0.0) - np.array(Wide().bias)
+    right = read_wide(stretch, 0.0) - np.array(Wide().bias)
     assert covered(found, stretch, right, SETTINGS) == found
     lost = right.copy()
     lost[np.searchsorted(stretch.low_s, found[0].end_s) + MARGIN, 2] = np.nan
     assert covered(found, stretch, lost, SETTINGS) == []
-    assert covered(found, stretch, np.minimum(right, 0.99 * AGREES * RAIL), SETTINGS) == []
+    assert covered(found, stretch, np.minimum(right, 0.99 * MIN_AGREEMENT * RAIL), SETTINGS) == []
     assert covered(found, stretch, -right, SETTINGS) == []
 
 

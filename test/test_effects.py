@@ -368,7 +368,7 @@ def test_what_is_just_beyond_the_least_strength_is_as_good_as_none() -> None:
 def test_a_chain_too_stiff_to_step_is_refused_in_one_line() -> None:
     theta = SUBJECT.parameters.vector()
     theta[5] = 1e6
-    with pytest.raises(InputError, match=r"the chain is too stiff: .* steps a sample, at most 2000 are made"):
+    with pytest.raises(InputError, match=r"the chain is too stiff: .* steps per sample, at most 2000 are allowed"):
         Chain.of_theta(theta, 70.0, "segment").simulate(shock(), RATE_HZ)
 
 

@@ -1,4 +1,4 @@
-"""Doses: formulas and closed forms; and of every meter the laws of streaming, breaks and reset."""
+"""Meters: formulas and closed forms of doses, and streaming, breaks and reset of every meter."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_shocks_have_the_doses_of_the_closed_form_however_they_are_cut(weighting
     assert found.peak_mps2 == pytest.approx(np.abs(wanted).max(), rel=3e-3)  # a peak between two samples
 
 
-def test_a_step_of_level_brings_mtvv_up_with_a_second():
+def test_a_step_of_level_raises_mtvv_over_a_second():
     # 16 Hz: the mean square of a sine ripples by 1 / (4 pi 16) = 0.5 % around the exponential.
     amplitude = 3.0 * abs(naive.weighting("Wk", 16.0))
     for seconds in (0.5, 1.0, 2.0, 4.0):
@@ -164,7 +164,7 @@ def test_a_shock_that_has_left_the_second_leaves_no_rounding_error():
     assert meter.rolling()[0].mtvv_linear_mps2 == pytest.approx(1e-3, rel=ROUNDING)
 
 
-def test_mtvv_remembers_the_loudest_moment_and_aw_forgets_it():
+def test_mtvv_keeps_the_maximum_and_aw_averages():
     loud = dose(sine(16.0, 3.0, 4.0))
     then_quiet = dose(np.concatenate([sine(16.0, 3.0, 4.0), np.zeros((30_000, 1))]))
     assert then_quiet.mtvv_mps2 == pytest.approx(loud.mtvv_mps2, rel=1e-3)  # the filter's ringing
@@ -183,7 +183,7 @@ def test_scaling_the_input_scales_every_figure(seed, factor):
 
 
 @given(SEEDS, st.integers(1, 900), st.integers(1, 900))
-def test_joined_records_add_fourth_powers_and_squares(seed, first, second):
+def test_concatenated_records_add_fourth_powers_and_squares(seed, first, second):
     accel = noise(seed, 2.0)[: first + second]
     # Behind the break the second record is felt less the level the first has left.
     level = naive.slow_level(accel[:first, 0], RATE_HZ, LEVEL_S)
@@ -205,7 +205,7 @@ def test_a_channel_of_nothing_has_no_crest_factor():
     assert [d.aw_mps2 for d in fresh.rolling()] == [0.0, 0.0]
 
 
-def test_channels_do_not_touch_each_other():
+def test_channels_are_independent():
     accel = noise(3, 1.0, columns=3)
     accel[200, 1] = np.nan
     meter = DoseMeter("Wk", RATE_HZ, 3, WINDOW_S)
@@ -312,7 +312,7 @@ BREAKS = st.one_of(st.none(), st.sampled_from([0.0, 0.3 / RATE_HZ, 0.5, 1e5]))
 @pytest.mark.parametrize("name", METERS)
 @given(SEEDS, st.integers(1, 899), BREAKS)
 @settings(max_examples=40)
-def test_nothing_before_a_break_is_felt_behind_it_but_the_level(name, seed, at, seconds):
+def test_only_the_level_survives_a_break(name, seed, at, seconds):
     accel = noise(seed, 0.8, columns=METERS[name][0])[:900]
     accel[:at] += 50.0  # a record that ends far from rest
     since_reset = figures(broken(name, accel, at, seconds))
@@ -370,14 +370,14 @@ def test_parts_of_a_sample_add_up_over_many_breaks():
 
 
 @pytest.mark.parametrize("seconds", [-1e-9, -5.0, math.inf, math.nan])
-def test_a_break_that_cannot_be_is_refused(seconds):
+def test_an_impossible_break_is_refused(seconds):
     meter = DoseMeter("Wk", RATE_HZ, 1, WINDOW_S)
     with pytest.raises(InputError, match="it lasts 0 s or longer"):
         meter.skip(seconds)
 
 
 @pytest.mark.parametrize("name", METERS)
-def test_reset_starts_since_reset_anew_and_leaves_rolling_alone(name):
+def test_reset_zeroes_since_reset_and_keeps_rolling(name):
     accel = noise(7, 1.5, columns=METERS[name][0])
     meter, untouched = (fed(name, accel, []) for _ in range(2))
     half = len(figures(meter)) // 2
@@ -415,7 +415,7 @@ def vdv_of(meter) -> float:
 
 
 @pytest.mark.parametrize("plane", [False, True])
-def test_a_settled_lean_costs_nothing_behind_a_break(plane):
+def test_a_settled_tilt_adds_no_dose_behind_a_break(plane):
     def fresh():
         return HorizontalMeter(RATE_HZ, WINDOW_S) if plane else DoseMeter("Wd", RATE_HZ, 1, WINDOW_S)
 
@@ -430,7 +430,7 @@ def test_a_settled_lean_costs_nothing_behind_a_break(plane):
 
 
 @pytest.mark.parametrize("behind_s", [0.5, 1.0, 2.0])
-def test_a_lean_that_has_not_settled_costs_less_than_a_start_from_zero(behind_s):
+def test_an_unsettled_tilt_adds_less_dose_than_a_start_from_zero(behind_s):
     lean = leaning(2.0, 20.0)
     found = behind_a_break(DoseMeter("Wd", RATE_HZ, 1, WINDOW_S), lean[:, None], 3.0 + behind_s, 0.5)
     from_zero = dose(lean[round((3.5 + behind_s) * RATE_HZ) :], "Wd").vdv_mps175
@@ -508,7 +508,7 @@ def test_msdv_of_a_slow_sine_is_its_weighted_amplitude_times_the_root_of_half_th
 
 @settings(max_examples=10)
 @given(st.lists(st.integers(0, 30_000), max_size=6).map(sorted), SEEDS)
-def test_msdv_does_not_care_for_cuts(cuts, seed):
+def test_msdv_is_the_same_for_any_cut(cuts, seed):
     accel = noise(seed, 120.0, 250.0)[:, 0]
     assert sickness(accel, 250.0, tuple(cuts)) == sickness(accel, 250.0)
 
@@ -524,7 +524,7 @@ def test_a_short_record_has_no_msdv_and_a_break_does_not_lengthen_it():
     assert motion_sickness_mps15(meter.since_reset()[0]) is None
 
 
-def test_a_lean_costs_no_motion_sickness_behind_a_break():
+def test_a_tilt_adds_no_motion_sickness_dose_behind_a_break():
     sway = 0.3 * sine(0.167, 1.0, 300.0, 250.0) + leaning(20.0, 300.0, 250.0)[:, None]
     whole = sickness(sway[:, 0], 250.0)
     meter = DoseMeter("Wf", 250.0, 1, WINDOW_S)
@@ -537,7 +537,7 @@ def test_a_lean_costs_no_motion_sickness_behind_a_break():
 # --- reset, rolling --------------------------------------------------------------------------------------------------
 
 
-def test_filters_and_oscillators_go_on_through_a_reset():
+def test_filters_and_oscillators_continue_over_a_reset():
     accel = noise(8, 2.0)
     sections = naive.weighted("Wk", np.convolve(accel[:, 0], np.ones(9) / 9.0, "same"), RATE_HZ)
     meter = DoseMeter("Wk", RATE_HZ, 1, WINDOW_S)
@@ -615,7 +615,7 @@ def filtered(accel: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("window_s", [0.5, 3.0])
-def test_the_rolling_window_forgets_a_shock_when_it_has_passed(window_s):
+def test_a_shock_leaves_the_rolling_window(window_s):
     meters = [
         DoseMeter("Wk", RATE_HZ, 1, window_s),
         DriMeter(RATE_HZ, window_s),
@@ -634,7 +634,7 @@ def test_the_rolling_window_forgets_a_shock_when_it_has_passed(window_s):
 
 
 @given(SEEDS, st.floats(-10.0, 10.0))
-def test_a_direction_is_the_plane_turned_by_hand(seed, angle):
+def test_a_direction_is_the_rotated_plane(seed, angle):
     accel = noise(seed, 0.7, columns=2)
     meter = HorizontalMeter(RATE_HZ, WINDOW_S)
     meter.push(accel)
@@ -654,7 +654,7 @@ def test_half_a_turn_changes_nothing(seed):
     np.testing.assert_allclose(meter.along(angles), meter.along(angles + np.pi), rtol=1e-9)
 
 
-def test_motion_along_one_line_is_felt_along_it_alone():
+def test_motion_along_one_line_has_no_dose_across_it():
     meter = HorizontalMeter(RATE_HZ, WINDOW_S)
     meter.push(noise(1, 1.0) * [[math.cos(0.7), math.sin(0.7)]])
     aw, vdv = meter.along([0.7, 0.7 + np.pi / 2.0])
@@ -673,7 +673,7 @@ def test_one_missing_axis_is_a_break_for_both():
 # --- residual --------------------------------------------------------------------------------------------------------
 
 
-def test_residual_is_the_rms_of_the_rows_both_know():
+def test_residual_is_the_rms_over_common_rows():
     rng = np.random.default_rng(9)
     predicted, measured = rng.standard_normal((2, 500, 3))
     predicted[10:30, 0], measured[20:40, 0], measured[:, 2] = np.nan, np.nan, np.nan

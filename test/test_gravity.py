@@ -1,4 +1,4 @@
-"""Gravity offline: rest anywhere in the record, the mean over motion, another record; every sample counts."""
+"""Gravity offline: rest anywhere in the record, the mean over motion, another record; all samples count."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_rest_is_found_anywhere(begin_s):
     assert "no rest at the begin: gravity is from the rest at" in found.warning(vertical_given=False)
 
 
-def test_without_rest_the_mean_of_the_record_is_taken_and_the_option_that_helps_is_named():
+def test_without_rest_the_mean_over_motion_is_used_with_a_remedy():
     samples = swaying(6.0)
     found = searched(samples)
     assert found.origin == "motion"
@@ -88,14 +88,14 @@ def test_without_rest_the_mean_of_the_record_is_taken_and_the_option_that_helps_
 
 @pytest.mark.parametrize("table_s", [2.0, 30.0])
 @pytest.mark.parametrize("before", [False, True])
-def test_a_sensor_that_lies_on_a_table_does_not_tell_the_vertical_of_the_ride(table_s, before):
+def test_rest_on_a_table_is_not_used(table_s, before):
     ride, table = swaying(8.0, still=None), swaying(table_s, still=(0.0, table_s))[:, [1, 2, 0]]
     # Taken in the hand first, so that the record does not begin at rest.
     samples = np.concatenate([swaying(1.0)[:, [2, 0, 1]], table, ride] if before else [ride, table])
     found = searched(samples)
-    assert found.origin == "motion" and found.turned
+    assert found.origin == "motion" and found.tilted
     assert np.degrees(np.arccos(found.mean_mps2[2] / np.linalg.norm(found.mean_mps2))) < (10.0 if before else 1.0)
-    assert "rests only where it is turned by more than 30 deg" in found.warning(vertical_given=False)
+    assert "rests only where it is tilted by more than 30 deg" in found.warning(vertical_given=False)
     # Rest in the ride's own mounting is taken, wherever it lies.
     own = np.concatenate([samples, swaying(1.5, still=(0.0, 1.5))])
     assert searched(own).origin == "rest" and searched(own).mean_mps2[2] == pytest.approx(G, abs=0.01)
@@ -108,7 +108,7 @@ def test_zeros_of_a_sensor_that_starts_late_are_no_rest():
 
 
 @pytest.mark.parametrize(("samples", "stamp_ns"), [(500, None), (3000, 7)])
-def test_what_cannot_be_searched_is_left_to_conditioning(samples, stamp_ns):
+def test_faulty_records_are_left_to_conditioning(samples, stamp_ns):
     # Shorter than rest_s, and stamps that stand still.
     readings = swaying(samples / RATE_HZ)
     stamps_ns = None if stamp_ns is None else np.full(len(readings), START_NS)
@@ -140,7 +140,7 @@ def tilted(mean: np.ndarray, deg: float) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(("deg", "alike"), [(3.0, True), (8.0, False)])
-def test_rest_of_another_record_serves_where_the_sensor_was_mounted_alike(deg, alike):
+def test_rest_of_another_record_is_used_for_the_same_mounting(deg, alike):
     own = Gravity((0.0, 0.0, G), "motion")
     other = Gravity(tilted(np.array([0.0, 0.0, G]), deg), "rest")
     far = Gravity(tilted(np.array([0.0, 0.0, G]), deg + 1.0), "begin")

@@ -1,4 +1,4 @@
-"""Headings about the vertical, of sensors turned as nobody told, and joints that bend between them."""
+"""Headings of sensors about the vertical, and joints that bend between them."""
 
 import dataclasses
 import math
@@ -16,7 +16,7 @@ from biodyn_core.body.model import predict
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.channels import Channels
-from biodyn_core.conditioning.tilt import laid_level
+from biodyn_core.conditioning.tilt import horizontal_axes
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.recording.heading import bend_rates_radps, headings_rad
 from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
@@ -66,14 +66,14 @@ def away_rad(found: float, sensor: str) -> float:
     return abs(math.remainder(found - (TURNED[sensor] - TURNED["seat"]), 2.0 * math.pi))
 
 
-def test_every_sensor_is_found_turned_as_it_is() -> None:
+def test_every_heading_is_found() -> None:
     found = headings_rad(sitting_there(), RATE_HZ)
     assert tuple(found) == MEASURED_SEGMENTS
     assert max(away_rad(angle, name) for name, angle in found.items()) < 0.1
     assert all(-math.pi <= angle <= math.pi for angle in found.values())
 
 
-def test_a_gyro_tells_motion_from_gravity() -> None:
+def test_a_gyro_separates_motion_from_gravity() -> None:
     """A head that nods by itself feels more gravity than motion."""
     nodding = sitting_there(nod=0.02)
     blind = {name: dataclasses.replace(one, rates_radps=None) for name, one in nodding.items()}
@@ -82,7 +82,7 @@ def test_a_gyro_tells_motion_from_gravity() -> None:
     assert "head" not in without
 
 
-def test_without_gyros_a_body_that_hardly_nods_is_found_all_the_same() -> None:
+def test_without_gyros_the_heading_of_a_still_head_is_found() -> None:
     found = headings_rad(
         {name: dataclasses.replace(one, rates_radps=None) for name, one in sitting_there(nod=0.0005).items()}, RATE_HZ
     )
@@ -91,12 +91,12 @@ def test_without_gyros_a_body_that_hardly_nods_is_found_all_the_same() -> None:
 
 
 @pytest.mark.parametrize(("sideways", "sway"), [(0.02, 0.0), (0.0, 0.5)])
-def test_what_is_hardly_moved_or_not_by_the_seat_has_no_heading(sideways: float, sway: float) -> None:
+def test_too_little_common_motion_gives_no_heading(sideways: float, sway: float) -> None:
     """Less is leaked from the vertical, and what each does by itself tells nothing."""
     assert headings_rad(sitting_there(max(sideways, 1e-9), max(sway, 1e-9), nod=1e-5), RATE_HZ) == {}
 
 
-def test_a_sensor_that_goes_its_own_way_has_none_and_those_above_it_have() -> None:
+def test_a_sensor_without_a_heading_is_skipped() -> None:
     channels = sitting_there()
     lost = seen("neck", band(np.random.default_rng(99), 2, 0.4, 20.0, 0.5), leans(0.01)["neck"])
     found = headings_rad(channels | {"neck": lost}, RATE_HZ)
@@ -107,7 +107,7 @@ def test_a_sensor_that_goes_its_own_way_has_none_and_those_above_it_have() -> No
     assert headings_rad(channels | {"seat": nothing}, RATE_HZ) == {} == headings_rad({}, RATE_HZ)
 
 
-def test_what_is_masked_turns_nothing() -> None:
+def test_masked_samples_do_not_change_headings() -> None:
     channels = sitting_there()
     found = headings_rad(channels, RATE_HZ)
     horizontal, rates = channels["head"].horizontal_mps2.copy(), channels["head"].rates_radps
@@ -215,7 +215,7 @@ def test_a_joint_that_nods_in_a_foreign_world_comes_back_by_its_length_and_axis(
         key=lambda one: one.cost,
     )
     axes = one.worn["seat"].axes
-    forward = laid_level(tuple(axes[:, 2]))[0] @ axes
+    forward = horizontal_axes(tuple(axes[:, 2]))[0] @ axes
     pitch = 0.5 * math.pi - math.atan2(forward[1], forward[0])
     assert found.x[0] == pytest.approx(0.4, rel=rel)
     assert abs(math.remainder(found.x[1] - pitch, math.pi)) < 0.15

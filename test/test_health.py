@@ -1,4 +1,4 @@
-"""Statuses tell of now: what is wrong while it is, settling behind a gap, and then that all is well."""
+"""Statuses are about the present: a fault while it lasts, settling behind a gap, and then no fault."""
 
 from __future__ import annotations
 
@@ -23,48 +23,48 @@ from biodyn_ros.node.health import (
     Status,
 )
 
-LOOK_SAMPLES = round(0.5 * RATE_HZ)
+CHECK_SAMPLES = round(0.5 * RATE_HZ)
 
 
 class Node:
-    """The pipeline fed half a second at a time, with a look behind each, as live has them."""
+    """The pipeline, pushed half a second at a time, with a check after each, as live."""
 
     def __init__(self, streams) -> None:
         self.pipeline, self.streams, self.at = Pipeline(subject()), streams, 0
         self.health = {name: SensorHealth(publishers=1) for name in SENSORS}
-        self.watch = HealthMonitor(self.pipeline, self.health)
+        self.monitor = HealthMonitor(self.pipeline, self.health)
         self.statuses: dict[str, Status] = {}
 
-    def look(self, looks: int = 1) -> None:
-        """Half a second more, and a look."""
-        for _ in range(looks):
+    def advance(self, checks: int = 1) -> None:
+        """Push half a second and check, so many times."""
+        for _ in range(checks):
             for one in self.streams:
-                part = slice(self.at, self.at + LOOK_SAMPLES)
+                part = slice(self.at, self.at + CHECK_SAMPLES)
                 self.pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
-                self.health[one.sensor].arrived(LOOK_SAMPLES)
-            self.at += LOOK_SAMPLES
-            self.judge()
+                self.health[one.sensor].arrived(CHECK_SAMPLES)
+            self.at += CHECK_SAMPLES
+            self.check()
 
-    def judge(self) -> None:
-        """A look, without anything having come."""
-        self.statuses = {status.of: status for status in self.watch.look()}
+    def check(self) -> None:
+        """Check without new samples."""
+        self.statuses = {status.of: status for status in self.monitor.check()}
 
-    def says(self, name: str) -> tuple[int, str]:
+    def status(self, name: str) -> tuple[int, str]:
         """Level and message of a sensor, or of `prediction`."""
         return self.statuses[name].level, self.statuses[name].message
 
-    def predicts(self) -> tuple[int, str]:
+    def prediction(self) -> tuple[int, str]:
         """Level and message of the model."""
-        return self.says("prediction")
+        return self.status("prediction")
 
 
 def faulty(sensor: str, spoil) -> tuple:
-    """Streams of which one is spoilt by a function of its stamps and samples, from the third second on."""
+    """Streams, one of them changed by a function of its stamps and samples from the third second on."""
     found = []
     for one in noisy_streams(6.0):
         stamps_ns, accel = one.stamps_ns.copy(), one.accel_mps2.copy()
         if one.sensor == sensor:
-            spoil(stamps_ns, accel, slice(6 * LOOK_SAMPLES, 6 * LOOK_SAMPLES + 100))
+            spoil(stamps_ns, accel, slice(6 * CHECK_SAMPLES, 6 * CHECK_SAMPLES + 100))
         found.append(dataclasses.replace(one, stamps_ns=stamps_ns, accel_mps2=accel))
     return tuple(found)
 
@@ -83,32 +83,32 @@ def unset(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
 
 @pytest.mark.parametrize("sensor", [SEAT, "head"])
 @pytest.mark.parametrize(("spoil", "said"), [(nan, "no numbers"), (clipped, "clipped"), (unset, "never set")])
-def test_a_cause_is_named_while_it_lasts_and_is_no_alarm_two_seconds_later(sensor: str, spoil, said: str) -> None:
+def test_a_fault_is_a_warning_while_it_lasts_and_not_two_seconds_later(sensor: str, spoil, said: str) -> None:
     node = Node(faulty(sensor, spoil))
-    node.look(6)
-    assert node.says(sensor) == (OK, "streaming")
-    node.look()
-    level, message = node.says(sensor)
+    node.advance(6)
+    assert node.status(sensor) == (OK, "streaming")
+    node.advance()
+    level, message = node.status(sensor)
     assert level == WARN and said in message
-    assert all(node.says(name) == (OK, "streaming") for name in SENSORS if name != sensor)
-    node.look(4)
-    assert node.says(sensor) == (OK, "streaming") and node.predicts() == (OK, "predicting")
+    assert all(node.status(name) == (OK, "streaming") for name in SENSORS if name != sensor)
+    node.advance(4)
+    assert node.status(sensor) == (OK, "streaming") and node.prediction() == (OK, "predicting")
     values = node.statuses[sensor].values
     assert values["lower_bound"] == "true" and values["settling"] == "false"
 
 
-def test_an_engine_that_idles_is_named_within_seconds_with_the_parameter_that_helps() -> None:
+def test_an_idling_engine_is_reported_with_the_parameter_to_set() -> None:
     streams = [
         dataclasses.replace(one, accel_mps2=one.accel_mps2 + 0.42 * np.sqrt(2.0) * engine(len(one.stamps_ns)))
         for one in noisy_streams(6.0, "road")
     ]
     node = Node(streams)
-    node.look(3)
-    level, message = node.says(SEAT)
+    node.advance(3)
+    level, message = node.status(SEAT)
     assert level == WARN and "moves by 0.4" in message and "set rest_rms_mps2 above 0.4" in message
     assert "after 10 s (rest_patience_s) motion is averaged, 1." in message
-    assert node.predicts() == (WARN, f"seat: {message}")
-    # What it names does help.
+    assert node.prediction() == (WARN, f"seat: {message}")
+    # The named value helps.
     above = float(message.split("rest_rms_mps2 above ")[1].split(";")[0]) + 0.05
     pipeline = Pipeline(subject(), ConditioningSettings(rest_rms_mps2=above))
     (seat,) = (one for one in streams if one.sensor == SEAT)
@@ -121,63 +121,63 @@ def engine(count: int) -> np.ndarray:
     return np.sin(2.0 * np.pi * 25.0 * np.arange(count) / RATE_HZ)[:, None] * [0.0, 0.0, 1.0]
 
 
-def test_what_begins_anew_behind_a_gap_is_settling_and_then_is_not() -> None:
+def test_filters_settle_behind_a_gap() -> None:
     node = Node(faulty(SEAT, unset))  # 100 samples without a stamp are a gap
-    node.look(7)
+    node.advance(7)
     assert node.statuses[SEAT].values["settling"] == "true"
-    node.look()
-    assert node.predicts() == (OK, "settling behind a gap of the seat")
-    node.look(2)
-    assert node.predicts() == (OK, "predicting")
+    node.advance()
+    assert node.prediction() == (OK, "settling behind a gap of the seat")
+    node.advance(2)
+    assert node.prediction() == (OK, "predicting")
 
 
-def test_settling_takes_as_long_as_the_slowest_filter_of_what_is_shown_at_once() -> None:
+def test_the_settling_time_is_that_of_the_slowest_filter() -> None:
     time_constant_s = 1.0 / (2.0 * np.pi * CURVES["Wk"].f1_hz * np.sqrt(0.5))
     assert pytest.approx(2.5 * time_constant_s, rel=0.02) == SETTLING_S
 
 
-def test_a_model_that_leaves_its_range_is_an_error_while_it_does() -> None:
+def test_a_diverging_model_is_an_error_while_it_diverges() -> None:
     node = Node(noisy_streams(6.0))
-    node.look(6)
-    node.pipeline._seat.divergences += 3
-    node.look()
-    assert node.predicts() == (
+    node.advance(6)
+    node.pipeline.predictor.divergences += 3
+    node.advance()
+    assert node.prediction() == (
         ERROR,
         "the model left its range at 3 samples, none of them predicted: it began at rest",
     )
-    node.look(2)
-    assert node.predicts() == (OK, "predicting")
+    node.advance(2)
+    assert node.prediction() == (OK, "predicting")
 
 
-def test_two_publishers_and_a_clock_set_anew_are_said() -> None:
+def test_two_publishers_and_a_set_clock_are_reported() -> None:
     node = Node(noisy_streams(6.0))
-    node.look(4)
+    node.advance(4)
     node.health["neck"].publishers = 2
-    node.judge()
-    assert node.says("neck") == (WARN, "2 publishers send to it: whose are the samples?")
+    node.check()
+    assert node.status("neck") == (WARN, "2 publishers on its topic, one is allowed")
 
     def set_ahead(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
         stamps_ns[here.start :] += 3600 * 10**9
 
     node = Node(faulty("head", set_ahead))
-    node.look(11)
-    level, message = node.says("head")
+    node.advance(11)
+    level, message = node.status("head")
     assert level == WARN and message.startswith("its clock was set +3600.") and "not compared" in message
 
 
-def test_stamps_that_lie_off_the_seat_s_are_warned_of() -> None:
+def test_an_offset_from_the_seat_s_stamps_is_a_warning() -> None:
     node = Node(noisy_streams(6.0))
-    node.look(6)
+    node.advance(6)
     for ahead_ms, level in ((19, OK), (-21, WARN)):
         for name, late_ms in ((SEAT, 30), ("head", 30 - ahead_ms)):
             node.health[name] = arriving(late_ms)
-        node.judge()
-        assert node.says("head")[0] == level
+        node.check()
+        assert node.status("head")[0] == level
         assert float(node.statuses["head"].values["clock_off_ms"]) == pytest.approx(ahead_ms, abs=0.01)
-    told = "its stamps lie -21 ms off the seat's, by clock or transport: its residual tells of that"
-    assert node.says("head") == (WARN, told)
-    # A simulated clock times no arrival.
-    assert next(status for status in node.watch.look(arrivals_tell=False) if status.of == "head").level == OK
+    warning = "its stamps differ by -21 ms from the seat's, by clock or transport: its residual contains that"
+    assert node.status("head") == (WARN, warning)
+    # A simulated clock is too coarse for arrivals.
+    assert next(status for status in node.monitor.check(compare_clocks=False) if status.of == "head").level == OK
 
 
 def arriving(late_ms: int) -> SensorHealth:
@@ -190,7 +190,7 @@ def arriving(late_ms: int) -> SensorHealth:
     return health
 
 
-def test_the_offset_of_a_clock_that_drifts_is_that_of_now() -> None:
+def test_the_offset_of_a_drifting_clock_is_the_present_one() -> None:
     health, second = SensorHealth(), 10**9
     for number in range(60):
         stamp = number * second
@@ -201,12 +201,12 @@ def test_the_offset_of_a_clock_that_drifts_is_that_of_now() -> None:
     assert health.offset_s == pytest.approx(0.005 - 59 * 100e-6, abs=1e-4)
 
 
-def test_every_cause_is_counted_somewhere() -> None:
+def test_every_cause_has_a_count() -> None:
     counted = {"lost", "errors"} | set(vars(Pipeline(subject()).status(SEAT)))
     assert set(CAUSES) <= counted
 
 
-def test_numbers_that_are_missing_are_lost_and_another_publisher_begins_its_own() -> None:
+def test_missing_sequence_numbers_are_losses_and_each_publisher_has_its_own() -> None:
     health = SensorHealth()
     for number, received in ((7, 1), (9, 3), (14, 6), (2, 7), (3, 8)):  # 2 comes from another one
         health.numbered(number, received)

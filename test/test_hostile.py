@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from biodyn_core.base.errors import LONGEST
+from biodyn_core.base.errors import MAX_CHARACTERS
 from faults.hostile import LONGEST_S, MOST_BYTES, attacked, spoilt
 from faults.readers import READERS, as_file
 
@@ -26,7 +26,7 @@ def test_what_is_good_is_read(name: str, tmp_path: Path) -> None:
 def test_what_is_spoilt_is_one_line_at_most(name: str) -> None:
     lines = 0
     for one in attacked(name, COUNT, seed=1):
-        assert "\n" not in one.said and len(one.said) <= LONGEST
+        assert "\n" not in one.said and len(one.said) <= MAX_CHARACTERS
         assert one.seconds < LONGEST_S and one.grown_bytes < MOST_BYTES
         lines += bool(one.said)
     assert lines > COUNT // 10  # otherwise nothing was spoilt

@@ -1,4 +1,4 @@
-"""Injury criteria: DRI and HIC against published answers, closed forms, another integrator and brute force."""
+"""Injury criteria: DRI and HIC against published values, closed forms, another integrator and brute force."""
 
 from __future__ import annotations
 
@@ -117,12 +117,12 @@ def test_dri_time_goes_on_while_samples_are_missing():
             assert meter.since_reset().time_s == pytest.approx(lost_s + at)
 
 
-def test_a_lean_that_the_oscillator_meets_at_rest_is_no_compression_to_speak_of():
+def test_a_tilt_adds_little_compression():
     lost = naive.GRAVITY * (math.cos(math.radians(10.0)) - 1.0)  # what 10 degrees take from the vertical
     assert dri(np.full(3000, lost)).as_printed < 0.025
 
 
-def test_dri_tells_when_since_reset():
+def test_dri_time_is_since_reset():
     meter = DriMeter(1000.0, WINDOW_S)
     first, second = naive.half_sine(30.0, 0.04, 1.0, 1000.0)[:, None], naive.half_sine(60.0, 0.04, 1.0, 1000.0)[:, None]
     meter.push(np.concatenate([first, second]))
@@ -139,7 +139,7 @@ def test_dri_tells_when_since_reset():
     ("compression", "band"),
     [(0.0, "< 5.2"), (5.19, "< 5.2"), (5.2, "5.2-13.0"), (13.0, "13.0-17.7"), (17.7, "> 17.7 (AIS 2+ threshold)")],
 )
-def test_the_bands_are_numbers_and_nobody_is_told_to_be_dead(compression, band):
+def test_the_bands_are_numeric(compression, band):
     assert Dri(compression, 99.0, 0.0).band == band
     assert not any("surviv" in label for _, label in DRI_BANDS)
 
@@ -215,7 +215,7 @@ def test_hic_is_brute_force_where_the_window_is_whole_samples(rate_hz):
 
 @pytest.mark.parametrize("cuts", [(), (600, 601, 640)])
 @pytest.mark.parametrize(("rate_hz", "near_s"), [(1000.0, 1e-9), (RATE_HZ, 1.0 / RATE_HZ)])
-def test_hic_tells_where_its_window_lies(rate_hz, near_s, cuts):
+def test_hic_has_the_window_of_its_maximum(rate_hz, near_s, cuts):
     """A half-sine of 20 ms is best where tan x = 5/3 x, over 0.633 of it, around its middle: 12.7 ms."""
     pulse = vertical(naive.half_sine(40.0, 0.02, 1.5, rate_hz, begin_s=0.62))
     pulse[-round(0.2 * rate_hz) :] = np.nan  # what is missing behind it changes nothing
@@ -231,7 +231,7 @@ def test_hic_tells_where_its_window_lies(rate_hz, near_s, cuts):
     assert meter.since_reset().vertical == pytest.approx((end - begin) / rate_hz * mean_g**2.5, rel=ROUNDING)
 
 
-def test_the_window_of_hic_counts_breaks_and_begins_anew_at_a_reset():
+def test_the_window_of_hic_includes_breaks_and_restarts_at_a_reset():
     pulse = vertical(naive.half_sine(40.0, 0.02, 0.5, 1000.0, begin_s=0.3)) * naive.GRAVITY
     meter = HicMeter(1000.0, 0.015, WINDOW_S)
     meter.push(0.5 * pulse)
@@ -241,15 +241,15 @@ def test_the_window_of_hic_counts_breaks_and_begins_anew_at_a_reset():
     assert sum(meter.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(second, abs=1e-9)
     meter.push(0.9 * pulse)
     assert sum(meter.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(second, abs=1e-9)
-    kept = meter.kept()
+    totals = meter.totals()
     meter.reset()
     assert meter.since_reset().windows_s["resultant"] is None
     meter.push(0.2 * pulse)
     assert sum(meter.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(first, abs=1e-9)
-    # Another run counts on: the larger pulse of both tells the window, by the time since the first began.
+    # A later run continues: the window is that of the larger pulse, by the time since the first run began.
     for share, wanted in ((0.5, second), (2.0, 3.5 + first)):
         after = HicMeter(1000.0, 0.015, WINDOW_S)
-        after.resume(kept)
+        after.resume(totals)
         after.push(share * pulse)
         assert sum(after.since_reset().windows_s["resultant"]) / 2.0 == pytest.approx(wanted, abs=1e-9)
 

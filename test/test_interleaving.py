@@ -1,4 +1,4 @@
-"""Samples of several sensors in the order of their stamps: nothing lost, each sensor's order kept, none far ahead."""
+"""Interleaving: samples of several sensors in the order of their stamps, complete and bounded in lead."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def test_every_sample_comes_once_in_its_sensor_s_order_and_none_is_far_ahead(beg
 
 @pytest.mark.parametrize("astray_ns", [-START_NS, -(10**10), 10**10, 10**18], ids=["unset", "before", "ahead", "wild"])
 @pytest.mark.parametrize("at", [0, 700, -1])
-def test_a_stamp_that_lies_astray_holds_up_no_sensor(astray_ns: int, at: int) -> None:
+def test_a_stray_stamp_delays_no_sensor(astray_ns: int, at: int) -> None:
     usual = {name: stamps(0.0, 2.0, 1125.0) for name in ("head", "neck", "seat")}
     given_ns = {name: one.copy() for name, one in usual.items()}
     given_ns["head"][at] += astray_ns
     assert furthest_ahead_s(given_ns, usual) <= SLICE_S + 2e-3  # its own step counts as none
 
 
-def test_a_leap_that_all_make_keeps_them_together() -> None:
+def test_a_common_leap_keeps_sensors_together() -> None:
     usual = {name: stamps(begin, 2.0, 1125.0) for name, begin in (("head", 0.0), ("neck", 0.1), ("seat", 0.0))}
     given_ns = {name: np.where(one > START_NS + 12 * 10**8, one - 14 * 10**9, one) for name, one in usual.items()}
     assert furthest_ahead_s(given_ns, usual) <= SLICE_S + 2e-3

@@ -1,4 +1,4 @@
-"""Limits files: what is shipped, sets that decide and sets beside them, and what is refused."""
+"""Limits files: the shipped one, deciding and additional sets, and refused content."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.exposure.limits import EU_LIMITS, Limits, LimitSet, load_limits
 
 SHIPPED = Path(__file__).parents[1] / "config" / "limits.yaml"
-EU, ISO = EU_LIMITS.deciding, EU_LIMITS.beside[0]
+EU, ISO = EU_LIMITS.deciding, EU_LIMITS.additional[0]
 
 
 def as_file(limits: LimitSet) -> dict[str, object]:
@@ -20,10 +20,10 @@ def as_file(limits: LimitSet) -> dict[str, object]:
     return {name: value for name, value in limits.to_dict().items() if value is not None}
 
 
-def test_the_shipped_limits_are_the_directive_and_beside_it_the_papers_pair():
+def test_the_shipped_limits_are_the_directive_and_the_papers_pair():
     assert load_limits(SHIPPED) == EU_LIMITS
     assert EU_LIMITS.deciding == LimitSet("2002/44/EC", 0.5, 9.1, 1.15, 21.0)
-    assert EU_LIMITS.beside == (LimitSet("ISO 2631-1 caution zone", None, 8.5, None, 17.0),)
+    assert EU_LIMITS.additional == (LimitSet("ISO 2631-1 caution zone", None, 8.5, None, 17.0),)
 
 
 @pytest.fixture
@@ -61,13 +61,13 @@ def test_a_file_of_several_sets_says_which_decides(written):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ({"decides": "2002/44/EC"}, "missing, unknown or wrong: sets"),
         ({"sets": [as_file(EU)]}, "missing, unknown or wrong: decides"),
         ({"sets": [as_file(EU)], "decides": "2002/44/EC", "colour": "red"}, "missing, unknown or wrong: colour"),
-        ({"sets": {"EU": as_file(EU)}, "decides": "2002/44/EC"}, "sets is no list"),
-        ({"sets": [], "decides": "2002/44/EC"}, "an empty one"),
+        ({"sets": {"EU": as_file(EU)}, "decides": "2002/44/EC"}, "sets is not a list"),
+        ({"sets": [], "decides": "2002/44/EC"}, "is empty"),
         (
             {"sets": [as_file(EU)], "decides": "ISO"},
             "decides is 'ISO', allowed are the sources of the sets: 2002/44/EC",
@@ -75,30 +75,30 @@ def test_a_file_of_several_sets_says_which_decides(written):
         ({"sets": [as_file(EU)], "decides": ["2002/44/EC"]}, "decides is ['2002/44/EC']"),
         ({"sets": [as_file(EU), as_file(EU)], "decides": "2002/44/EC"}, "'2002/44/EC' is there twice"),
         ({"sets": [as_file(EU), 7], "decides": "2002/44/EC"}, "sets[1]: source is needed"),
-        ({"sets": [as_file(EU), {"source": "x"}], "decides": "2002/44/EC"}, "sets[1]: no value at all"),
+        ({"sets": [as_file(EU), {"source": "x"}], "decides": "2002/44/EC"}, "sets[1]: no value, give"),
     ],
 )
-def test_several_sets_that_do_not_fit_are_told(refused, content, said):
-    assert said in refused(content)
+def test_invalid_sets_are_refused(refused, content, message):
+    assert message in refused(content)
 
 
 @pytest.mark.parametrize("key", ["action_a8_mps2", "action_vdv_mps175", "limit_a8_mps2", "limit_vdv_mps175"])
 def test_half_a_pair_and_a_key_too_many_are_refused(refused, key):
     limits = EU.to_dict()
     del limits[key]
-    said = refused(limits)
-    assert key in said and "come together" in said
+    message = refused(limits)
+    assert key in message and "belong together" in message
     assert "unknown: action_a8" in refused({**EU.to_dict(), "action_a8": 0.5})
 
 
 @pytest.mark.parametrize("source", [None, "", "  ", 2631, ["a"]])
-def test_a_set_says_where_it_comes_from(refused, source):
+def test_a_set_needs_a_source(refused, source):
     assert "source is " in refused({**EU.to_dict(), "source": source})
 
 
 @pytest.mark.parametrize("key", ["action_a8_mps2", "action_vdv_mps175", "limit_a8_mps2", "limit_vdv_mps175"])
 @pytest.mark.parametrize("value", [0, -1.0, float("nan"), float("inf"), "0.5", True, None, [0.5], 10**400])
-def test_what_is_no_positive_number_is_named(refused, key, value):
+def test_a_value_that_is_not_positive_is_named(refused, key, value):
     assert f"{key} is " in refused({**EU.to_dict(), key: value})
 
 
@@ -123,5 +123,5 @@ def test_a_missing_file_is_named(tmp_path):
 
 @pytest.mark.parametrize("measure", ["a8_mps2", "vdv_mps175"])
 def test_a_limit_below_its_action_value_is_refused_by_name(refused, measure):
-    said = refused({**EU.to_dict(), f"limit_{measure}": 0.3})
-    assert f"limit_{measure} lies below action_{measure}" in said
+    message = refused({**EU.to_dict(), f"limit_{measure}": 0.3})
+    assert f"limit_{measure} lies below action_{measure}" in message

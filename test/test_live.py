@@ -1,4 +1,4 @@
-"""The live node over real rclpy and DDS, built in-process: what it answers, what it reports, what it survives."""
+"""The live node over real rclpy and DDS, in-process: outputs, diagnostics, faults."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_it_predicts_every_sample_of_every_segment_as_the_pipeline_does(graph: G
     assert {message.header.frame_id for message in typed} == {"head"}
 
 
-def test_behind_a_stall_longer_than_comparisons_wait_everything_that_arrived_is_compared(graph: Graph) -> None:
+def test_after_a_long_stall_all_arrived_samples_are_compared(graph: Graph) -> None:
     whole = [
         f"qos_overrides./{topic}.subscription.{policy}"
         for topic in topics.INPUT.values()
@@ -129,7 +129,7 @@ def test_behind_a_stall_longer_than_comparisons_wait_everything_that_arrived_is_
     graph.wait(lambda: not missing(), "every comparison")
 
 
-def test_messages_that_the_queue_cannot_hold_are_counted_as_lost_without_the_event_that_deadlocks(graph: Graph) -> None:
+def test_messages_beyond_the_queue_are_counted_as_lost(graph: Graph) -> None:
     node = graph.active(queue_depth=200, state_file="none")
     assert node._sensors is not None
     for subscription in node._sensors._subscriptions.values():
@@ -182,7 +182,7 @@ def test_exposure_and_residual_are_published_and_agree_with_the_pipeline(graph: 
     assert node.count_publishers("/biodyn/exposure/seat/time_to_action_value") == 1
 
 
-def test_samples_are_sent_only_where_somebody_listens(graph: Graph) -> None:
+def test_samples_are_sent_to_subscribed_topics_alone(graph: Graph) -> None:
     tester = graph.node()
     measured = graph.collect(tester, AccelStamped, topics.absolute(topics.MEASURED["head"]), raw=True)
     pelvis = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["pelvis"]), raw=True)
@@ -193,13 +193,13 @@ def test_samples_are_sent_only_where_somebody_listens(graph: Graph) -> None:
     graph.wait(lambda: len(pelvis) > 4000 and len(measured) > 3000, "measured and predicted")
 
 
-def test_a_column_nobody_listens_to_is_not_even_read(graph: Graph) -> None:
+def test_a_column_without_subscribers_is_not_read(graph: Graph) -> None:
     node, tester = graph.node("speaker"), graph.node()
     output = AccelTopics(node, topics.PREDICTED)
     head = graph.collect(tester, AccelStamped, "/speaker/predicted/head/accel", raw=True)
     column = list(topics.PREDICTED).index("head")
     graph.wait(lambda: output.publishers[column].get_subscription_count() > 0, "the head's column matched")
-    output.look_who_listens()
+    output.update_subscribers()
     # What is no number at all would raise if it were looked at.
     values = np.array([[None] * column + [1.0], [None] * column + [math.nan]], dtype=object)
     output.publish(PredictedFrames(np.array([1, 2]), values))
@@ -208,7 +208,7 @@ def test_a_column_nobody_listens_to_is_not_even_read(graph: Graph) -> None:
     assert decode_accel_stamped(head)[1][:, 2].tolist() == [1.0]
 
 
-def test_without_a_sensor_predictions_go_on_and_the_status_says_which(graph: Graph) -> None:
+def test_without_a_sensor_predictions_continue_and_its_status_says_so(graph: Graph) -> None:
     tester = graph.node()
     head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
     diagnostics = Diagnostics(graph, tester)
@@ -222,7 +222,7 @@ def test_without_a_sensor_predictions_go_on_and_the_status_says_which(graph: Gra
     graph.wait(lambda: diagnostics.says("pelvis", WARN, "silent for"), "the pelvis is silent")
 
 
-def test_a_dead_seat_stops_predictions_and_says_so_and_comes_back(graph: Graph) -> None:
+def test_a_silent_seat_stops_predictions_until_it_sends_again(graph: Graph) -> None:
     tester = graph.node()
     head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
     diagnostics = Diagnostics(graph, tester)
@@ -255,7 +255,7 @@ def test_a_publisher_of_another_type_is_an_error_naming_the_topic(graph: Graph) 
         graph.wait(lambda: diagnostics.says("head", ERROR, wanted), "the wrong type")
 
 
-def test_an_override_of_qos_is_of_its_own_topic_alone(graph: Graph) -> None:
+def test_a_qos_override_applies_to_its_own_topic_alone(graph: Graph) -> None:
     given = (
         ("/imu/seat/data.subscription.reliability", "reliable"),
         ("/biodyn/predicted/pelvis/accel.publisher.reliability", "best_effort"),
@@ -279,7 +279,7 @@ def test_incompatible_qos_is_an_error_naming_the_topic(graph: Graph) -> None:
     )
 
 
-def test_a_message_that_cannot_be_read_is_counted_and_survived(graph: Graph) -> None:
+def test_an_unreadable_message_is_counted_and_skipped(graph: Graph) -> None:
     tester = graph.node()
     head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
     diagnostics = Diagnostics(graph, tester)
@@ -303,7 +303,7 @@ def test_a_message_that_cannot_be_read_is_counted_and_survived(graph: Graph) -> 
     assert seen.accepted + round(seen.uncounted_s * seen.rate_hz) == head_count
 
 
-def test_predictions_and_diagnostics_go_on_while_the_clock_stands_still(graph: Graph) -> None:
+def test_predictions_and_diagnostics_continue_while_the_clock_stands_still(graph: Graph) -> None:
     tester = graph.node()
     head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
     dri = graph.collect(tester, Float64, "/biodyn/exposure/dri")
@@ -316,7 +316,7 @@ def test_predictions_and_diagnostics_go_on_while_the_clock_stands_still(graph: G
     graph.wait(lambda: diagnostics.says("prediction", ERROR, "silent"), "the watchdog")
 
 
-def test_without_the_events_executor_the_plain_one_serves(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_events_executor_the_plain_one_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rclpy.experimental.events_executor", None)
     with ros_graph() as graph:
         assert isinstance(graph.executor, SingleThreadedExecutor)
@@ -329,7 +329,7 @@ def test_without_the_events_executor_the_plain_one_serves(monkeypatch: pytest.Mo
         graph.wait(lambda: len(head) > 500, "predictions")
 
 
-def test_reset_and_mark_answer(graph: Graph) -> None:
+def test_reset_and_mark_respond(graph: Graph) -> None:
     tester = graph.node()
     marks = graph.collect(tester, String, topics.absolute(topics.MARKS))
     node = graph.active()
@@ -337,7 +337,7 @@ def test_reset_and_mark_answer(graph: Graph) -> None:
     graph.wait(sensors.matched, "six inputs matched")
     sensors.send()
     graph.wait(lambda: SEAT in node.pipeline.exposure().sensors, "exposure")
-    for service, text in (("reset", "starts anew"), ("mark", "mark 1 at")):
+    for service, text in (("reset", "is set to zero"), ("mark", "mark 1 at")):
         client = tester.create_client(Trigger, f"/biodyn/{service}")
         graph.wait(client.service_is_ready, service)
         future = client.call_async(Trigger.Request())
@@ -348,7 +348,7 @@ def test_reset_and_mark_answer(graph: Graph) -> None:
     graph.wait(lambda: [message.data for message in marks] == ["mark 1"], "the mark is told")
 
 
-def test_lifecycle_listens_only_while_active(graph: Graph) -> None:
+def test_the_node_subscribes_only_while_active(graph: Graph) -> None:
     node = graph.live()
     assert node.count_subscribers(topics.INPUT[SEAT]) == 0
     node.trigger_configure()
@@ -367,7 +367,7 @@ def test_lifecycle_listens_only_while_active(graph: Graph) -> None:
     node.trigger_shutdown()
 
 
-def test_a_subject_that_cannot_be_read_fails_the_transition_in_one_line(graph: Graph) -> None:
+def test_an_unreadable_subject_fails_the_transition_in_one_line(graph: Graph) -> None:
     node = graph.live(subject_file="nobody")
     node.trigger_configure()
     assert node.failure is not None
@@ -397,7 +397,7 @@ def test_a_parameter_of_the_wrong_type_is_named(graph: Graph) -> None:
     assert "parameter window_s is 'long', expected a number" in (node.failure or "")
 
 
-def test_a_node_that_cannot_be_configured_may_be_told_better(graph: Graph, tmp_path: Path) -> None:
+def test_parameters_can_be_corrected_after_a_failed_configure(graph: Graph, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     node = graph.live(state_file=str(tmp_path / "file" / "state.json"))
     node.trigger_configure()
@@ -407,7 +407,7 @@ def test_a_node_that_cannot_be_configured_may_be_told_better(graph: Graph, tmp_p
     assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
 
 
-def test_a_parameter_is_not_changed_behind_the_pipeline_s_back(graph: Graph) -> None:
+def test_a_parameter_change_after_configure_is_refused(graph: Graph) -> None:
     node = graph.active()
     (result,) = node.set_parameters([Parameter("cutoff_hz", value=50.0)])
     assert not result.successful
@@ -427,7 +427,7 @@ def filter_delay_s(pipeline: Pipeline) -> float:
     return pipeline.status(seat.sensor).filter_delay_s
 
 
-def test_whole_numbers_serve_as_real_ones(graph: Graph) -> None:
+def test_whole_numbers_are_accepted_for_real_ones(graph: Graph) -> None:
     node = graph.active(window_s=20, exposure_rate_hz=5)
     assert node.pipeline.settings.window_s == 20.0
     assert isinstance(params.read(node, LiveSettings).exposure_rate_hz, float)
@@ -470,7 +470,7 @@ class other_participant:  # noqa: N801 - used as a with-statement's word
         rclpy.try_shutdown(context=self._context)
 
 
-def test_a_page_that_cannot_be_served_is_told_and_costs_nobody_the_ride(graph) -> None:
+def test_a_page_that_cannot_be_served_does_not_stop_the_node(graph) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -482,7 +482,7 @@ def test_a_page_that_cannot_be_served_is_told_and_costs_nobody_the_ride(graph) -
         assert diagnostics.says("prediction", ERROR, "has sent nothing"), "the node runs"
 
 
-def test_a_place_that_is_none_is_refused_on_configure(graph) -> None:
+def test_an_invalid_page_host_is_refused_on_configure(graph) -> None:
     node = graph.live(dashboard=True, page_host="everywhere")
     node.trigger_configure()
     assert node.failure == "page_host is 'everywhere', an address is needed: 127.0.0.1, ::1, 0.0.0.0"

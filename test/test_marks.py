@@ -1,4 +1,4 @@
-"""Marks: the latest on the page, and those of a recording in what its replay leaves."""
+"""Marks: on the live page and in the results of a replay."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, STRING_TYPE, decode_string, encode_imu
 from biodyn_ros.base import topics
-from biodyn_ros.node.health import MARKS_KEPT, HealthMonitor
+from biodyn_ros.node.health import MARKS_SHOWN, HealthMonitor
 from biodyn_ros.replay.replaying import replay_to_directory
 from biodyn_ros.replay.text import summary
 
@@ -69,10 +69,10 @@ def test_a_string_that_is_cut_is_refused(message: bytes) -> None:
         decode_string(message)
 
 
-def test_the_latest_marks_are_kept_the_newest_first() -> None:
-    watch = HealthMonitor(Pipeline(subject()), {})
-    for number in range(MARKS_KEPT + 2):
-        mark = watch.mark(START_NS * 1e-9 + number)
-    assert mark.name == f"mark {MARKS_KEPT + 2}"
-    assert [mark.name for mark in watch.marks] == [f"mark {number}" for number in range(MARKS_KEPT + 2, 2, -1)]
-    assert str(watch.marks[0]) == f"mark {MARKS_KEPT + 2} at {START_NS * 1e-9 + MARKS_KEPT + 1:.3f} s"
+def test_the_latest_marks_are_shown_newest_first() -> None:
+    monitor = HealthMonitor(Pipeline(subject()), {})
+    for number in range(MARKS_SHOWN + 2):
+        mark = monitor.mark(START_NS * 1e-9 + number)
+    assert mark.name == f"mark {MARKS_SHOWN + 2}"
+    assert [mark.name for mark in monitor.marks] == [f"mark {number}" for number in range(MARKS_SHOWN + 2, 2, -1)]
+    assert str(monitor.marks[0]) == f"mark {MARKS_SHOWN + 2} at {START_NS * 1e-9 + MARKS_SHOWN + 1:.3f} s"

@@ -1,4 +1,4 @@
-"""The chain: printed tables, linear laws, and DOP853 on the paper's own matrices for everything that is transient."""
+"""The chain: printed tables, linear laws, and DOP853 on the paper's matrices for transients."""
 
 from __future__ import annotations
 

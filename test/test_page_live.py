@@ -271,7 +271,7 @@ def marks_and_resets(browser: Browser) -> None:
     assert browser.page.evaluate("snapshot.seat.counted_s") > counted, "once is not enough"
     browser.page.click("#reset")
     browser.until(f"snapshot.seat.counted_s < {counted}", 10.0)
-    assert "starts anew" in browser.text("#said")
+    assert "is set to zero" in browser.text("#said")
 
 
 def it_says_that_the_seat_is_silent(browser: Browser) -> None:

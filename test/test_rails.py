@@ -273,7 +273,7 @@ def test_live_replay_and_info_count_the_same_and_figures_are_lower_bounds(tmp_pa
     line = re.compile(r"seat: \d+ readings lie at the sensor's own limit of \+19\.60 and -19\.60 m/s\^2 \(below")
     assert any(line.match(warning) for warning in document["warnings"])
     live = run(streams, in_turn(streams, 1)).pipeline
-    assert live.lost("seat").clipped == railed.sum()
+    assert live.losses("seat").clipped == railed.sum()
     health = SensorHealth()
     health.arrived()
     shown = sensor_status("seat", health, live)
@@ -289,14 +289,14 @@ def test_since_reset_counts_what_came_since_though_the_rail_is_found_later():
     reset_at = 1340 + 5 * 6  # five stays lie before it
     pipeline = Pipeline(subject())
     pipeline.push("seat", stamps_ns[:reset_at], samples[:reset_at])
-    assert pipeline.lost("seat").clipped == 0
+    assert pipeline.losses("seat").clipped == 0
     pipeline.reset()
     pipeline.push("seat", stamps_ns[reset_at:], samples[reset_at:])
-    assert pipeline.status("seat").clipped == 18 and pipeline.lost("seat").clipped == 8
+    assert pipeline.status("seat").clipped == 18 and pipeline.losses("seat").clipped == 8
     pipeline.reset()
-    assert pipeline.lost("seat").clipped == 0 and not pipeline.lost("seat").lower_bound
+    assert pipeline.losses("seat").clipped == 0 and not pipeline.losses("seat").lower_bound
     pipeline.push("seat", stamps_ns[-1:] + 1_000_000, np.array([[0.0, 0.0, TWO_G + 0.1]]))
-    assert pipeline.status("seat").clipped == 0 == pipeline.lost("seat").clipped
+    assert pipeline.status("seat").clipped == 0 == pipeline.losses("seat").clipped
 
 
 def test_a_recording_masks_what_lies_at_a_rail():

@@ -1,4 +1,4 @@
-"""Recordings: what conditioning and masks leave of raw samples, against streams whose truth is known."""
+"""Recordings: conditioned and masked samples against streams with known truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, load_case
 from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_core.identification.problem import Case
-from biodyn_core.recording.body_sensor import LEFT_OF_AN_ERROR
+from biodyn_core.recording.body_sensor import REACH_SHARE
 from biodyn_core.recording.flags import around, stretches
 from biodyn_core.recording.recording import (
     WARM_UP_S,
@@ -166,10 +166,10 @@ def test_the_low_pass_reaches_no_further_than_said():
     impulse = np.zeros(4001)
     impulse[2000] = 1.0
     answer = np.abs(signal.sosfiltfilt(sos, impulse))
-    assert answer[: 2000 - REACH].max() < LEFT_OF_AN_ERROR * answer.max()
+    assert answer[: 2000 - REACH].max() < REACH_SHARE * answer.max()
 
 
-def test_a_clipped_seat_masks_everybody_until_the_model_has_settled():
+def test_a_clipped_seat_masks_all_segments_until_the_model_has_settled():
     streams, row = independent_streams(6.0), 3000
     good = one(streams)
     recording = one(changed(streams, "seat", clip_at(row, 1)))
@@ -181,11 +181,11 @@ def test_a_clipped_seat_masks_everybody_until_the_model_has_settled():
     assert np.isfinite(recording.measured_mps2[end + 2 : -100]).all()
     assert np.isfinite(recording.seat_mps2).all()
     assert np.abs(recording.seat_mps2 - good.seat_mps2)[end:].max() < 0.01  # its level alone
-    assert any(line.startswith("seat: misread, so all segments are masked") for line in recording.warnings)
+    assert any(line.startswith("seat: invalid samples, so all segments are masked") for line in recording.warnings)
 
 
 @pytest.mark.parametrize(("lost", "is_masked"), [(1, False), (3, False), (4, True), (40, True)])
-def test_short_gaps_are_bridged_and_longer_ones_masked(lost, is_masked):
+def test_short_gaps_are_interpolated_and_longer_ones_masked(lost, is_masked):
     streams, row = independent_streams(6.0), 4000
     good = one(streams, keep_level=True)
     recording = one(changed(streams, "head", without(slice(row, row + lost))), keep_level=True)
@@ -239,7 +239,7 @@ def test_a_gap_of_the_seat_splits_the_record():
         assert np.nanstd(difference, axis=0).max() < 0.005  # the levels of parts differ, nothing else
 
 
-def test_a_part_that_is_too_short_is_left_out_and_said():
+def test_a_part_that_is_too_short_is_left_out_and_reported():
     streams = changed(noisy_streams(6.0), "seat", without(slice(6000, 6200)))
     recording = one(streams)
     assert any(line.startswith("a part is left out: ") and "too short" in line for line in recording.warnings)
@@ -248,7 +248,7 @@ def test_a_part_that_is_too_short_is_left_out_and_said():
 # --- levels ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_body_that_leans_over_loses_its_level_and_the_record_says_so():
+def test_a_changed_level_is_subtracted_and_reported():
     def lean(stamps, samples):
         samples[1000:, 2] -= 0.5
         return stamps, samples
@@ -290,7 +290,7 @@ def test_a_level_comes_from_the_longest_stretch_or_not_at_all():
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
-def test_a_missing_segment_stays_without_numbers_and_is_said():
+def test_a_missing_segment_is_nan_and_reported():
     recording = one([stream for stream in independent_streams(6.0) if stream.sensor != "neck"])
     assert np.isnan(recording.measured_mps2[:, MEASURED_SEGMENTS.index("neck")]).all()
     assert np.isfinite(recording.measured_mps2[100:-100, HEAD]).all()
@@ -303,7 +303,10 @@ def test_a_missing_segment_stays_without_numbers_and_is_said():
         (lambda: independent_streams(6.0)[1:], "drive: seat: not in the record"),
         (lambda: independent_streams(6.0)[:1], "nor is any other segment: nothing to compare"),
         (lambda: independent_streams(3.0), "2.14 s between rest, gaps and ends are too short: 3 s are needed"),
-        (lambda: [quiet(stream) for stream in independent_streams(6.0)], "without excitation nothing can be told"),
+        (
+            lambda: [quiet(stream) for stream in independent_streams(6.0)],
+            "without excitation nothing can be identified",
+        ),
         (lambda: [slow(stream) for stream in independent_streams(6.0)], "a rate of 112.9 Hz does not fit"),
         (
             lambda: [first(stream, 500) for stream in independent_streams(6.0)],
@@ -311,7 +314,7 @@ def test_a_missing_segment_stays_without_numbers_and_is_said():
         ),
     ],
 )
-def test_what_cannot_be_fitted_to_is_refused_in_one_line(streams, said):
+def test_an_unusable_record_is_refused_in_one_line(streams, said):
     with pytest.raises(InputError) as refusal:
         recorded(streams())
     assert said in str(refusal.value)
@@ -339,7 +342,7 @@ def test_a_spike_is_no_excitation():
         recorded(streams)
 
 
-def test_a_spike_is_no_peak_of_the_seat_that_anything_was_fitted_to():
+def test_a_spike_is_no_seat_peak_of_the_fit():
     streams = independent_streams(6.0)
     plain, spiked = (one(each) for each in (streams, changed(streams, "seat", clip_at(5000, 1))))
     assert spiked.seat_misread_s > 0.0 == plain.seat_misread_s
@@ -386,7 +389,7 @@ def test_the_representative_trial_has_the_largest_head_rms_behind_the_warm_up():
 
 
 @given(st.lists(st.booleans(), max_size=40), st.integers(0, 5), st.integers(0, 5), st.integers(1, 4))
-def test_flags_widen_as_a_loop_would_have_it(flags, before, after, least):
+def test_widened_flags_equal_those_of_a_loop(flags, before, after, least):
     runs = []
     for i, flag in enumerate(flags):
         if flag and (i == 0 or not flags[i - 1]):

@@ -23,7 +23,7 @@ from biodyn_ros.base.wording import bound, duration, left, number, sentence, sho
 from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
-from biodyn_ros.replay.traces import DIGEST_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Traces
+from biodyn_ros.replay.traces import BATCH_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Traces
 from biodyn_ros.reports.downsampling import BIN_NS
 from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
@@ -75,7 +75,7 @@ def document() -> dict[str, object]:
         "cutoff_hz": 80.0,
         "limits": EU_LIMITS.deciding.to_dict(),
         "limits_beside": [
-            EU_LIMITS.beside[0].to_dict() | {"zone": "below_action_value", "zone_reason": "lower than 8.5"}
+            EU_LIMITS.additional[0].to_dict() | {"zone": "below_action_value", "zone_reason": "lower than 8.5"}
         ],
         "sensors": {name: measured(0.1 + 0.011 * i) for i, name in enumerate(SENSORS)},
         "predicted": {name: measured(0.2 + 0.013 * i) | {"status": "not_validated"} for i, name in enumerate(SEGMENTS)},
@@ -196,7 +196,7 @@ def test_any_cut_gives_the_envelope_and_event_of_the_whole(cuts, late, digest, b
     stamps, predicted, measured = record(3000)
     traces = Traces()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(traces_of_replay, "DIGEST_SAMPLES", digest)
+        patch.setattr(traces_of_replay, "BATCH_SAMPLES", digest)
         patch.setattr(traces_of_replay, "ENVELOPE_BINS", bins)
         patch.setattr(traces_of_replay, "EVENT_HALF_NS", 150_000_000)
         feed(traces, stamps, predicted, measured, cuts, late)
@@ -242,7 +242,7 @@ def test_memory_is_flat_in_the_length_of_the_record():
         feed(traces, stamps, *(block * rng.random((280, 6)) for _ in range(2)), [])
         most = max(most, traces.stored_samples)
     # One batch, two streams of recent instants and of bins, and the event.
-    assert most < DIGEST_SAMPLES + 560 + 2 * (6100 + ENVELOPE_BINS) + 2 * 2001
+    assert most < BATCH_SAMPLES + 560 + 2 * (6100 + ENVELOPE_BINS) + 2 * 2001
 
 
 def test_predictions_without_measurement_are_not_hoarded():
@@ -440,7 +440,7 @@ def test_ratios_that_were_not_measured_clear_nothing():
 
 
 def test_a_set_that_states_no_a8_shows_none(tmp_path):
-    changed = document() | {"limits": EU_LIMITS.beside[0].to_dict()}
+    changed = document() | {"limits": EU_LIMITS.additional[0].to_dict()}
     assert "A(8), m/s² 0.0187 – –" in page_of(tmp_path, changed).text
     assert "A(8) so far 0.0187 m/s^2 of no value stated, VDV so far 2.32 m/s^1.75 of 8.5 / 17" in summary(changed)
 

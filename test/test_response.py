@@ -1,4 +1,4 @@
-"""Spectra against SciPy, known filters and their textbook errors; the driving point against the chain's own algebra."""
+"""Spectra against SciPy, known filters and textbook errors; the driving point against the chain's algebra."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_unrelated_signals_exceed_the_chance_coherence_one_time_in_twenty():
         assert np.mean(above) == pytest.approx(0.05, abs=0.02)
 
 
-def test_one_segment_tells_nothing():
+def test_one_segment_has_no_significance():
     found = cross_spectra([(noise(2.0, 1), noise(2.0, 2)[:, None])], RATE_HZ)
     assert found.segments[0] == 1
     assert found.averages[0] == pytest.approx(1.0)
@@ -297,7 +297,7 @@ def test_forces_of_three_bodies_are_refused_unless_asked_for():
 # --- peaks -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_peak_is_looked_for_only_where_it_may_be():
+def test_a_peak_is_searched_within_its_flags():
     frequency = np.arange(5.0)
     magnitude = np.array([1.0, np.nan, 5.0, 2.0, 3.0])
     assert peak(frequency, magnitude) == (2.0, 5.0)

@@ -1,4 +1,4 @@
-"""Rest: which of the first seconds of a sensor count as rest, whatever their stamps suffer."""
+"""Rest: the seconds of a sensor that count as rest, with faulty stamps and readings."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ def looked(stamps_ns: np.ndarray, samples: np.ndarray, cuts=()) -> tuple[Rest | 
         made.add(*part)
         while True:
             try:
-                rest = made.look()
+                rest = made.find()
             except InputError as error:
                 faults.append(str(error))
                 continue
             break
         if rest is not None:
             dropped = made.dropped
-            return rest, faults, dropped, made.end() + sum(len(left) for left, _ in parts[n + 1 :])
+            return rest, faults, dropped, made.clear() + sum(len(left) for left, _ in parts[n + 1 :])
     return None, faults, made.dropped, made.collected - made.dropped
 
 
@@ -70,7 +70,7 @@ def test_the_rms_about_the_mean_of_all_axes_decides(rms_mps2, still):
     assert (rest is not None) is still
 
 
-def test_impatience_averages_motion():
+def test_after_patience_motion_is_averaged():
     rest, _, dropped, _ = looked(stamps(even_s(15_000)), noisy(15_000, 2.0))
     assert rest.in_motion and rest.samples == dropped == pytest.approx(10.4 * RATE_HZ, abs=0.4 * RATE_HZ + 1)
     np.testing.assert_allclose(rest.mean_mps2, [0.0, 0.0, naive.GRAVITY], atol=0.1)
@@ -88,19 +88,19 @@ def test_a_few_samples_before_breaks_are_not_kept():
     made, index = window(), np.arange(200_000)
     for part in np.split(index, 200):
         made.add(stamps(part / RATE_HZ + part // 400), noisy(1000))
-        assert made.look() is None
+        assert made.find() is None
         assert made.collected - made.dropped <= 400
 
 
 @pytest.mark.parametrize("slow_hz", [1.0, 2.0, 4.0, 9.0])
-def test_a_slow_sensor_rests_as_well(slow_hz):
+def test_a_slow_sensor_has_a_rest(slow_hz):
     rest, faults, dropped, _ = looked(stamps(even_s(30, slow_hz)), noisy(30))
     assert faults == [] and not rest.in_motion and dropped == 10
     assert rest.period_s == pytest.approx(1.0 / slow_hz, rel=1e-9)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.2, 0.4])
-def test_what_was_lost_at_rest_passed_all_the_same(share):
+def test_lost_samples_at_rest_count_as_time(share):
     kept_s = np.append(lost_at_random(share, 3), 0.84)
     rest, _, dropped, left = looked(stamps(kept_s), noisy(len(kept_s)))
     assert (dropped, left) == (COUNT, 1) and rest.samples == len(kept_s) - 1
@@ -110,7 +110,7 @@ def test_what_was_lost_at_rest_passed_all_the_same(share):
 
 
 @pytest.mark.parametrize(("behind", "rms_mps2"), [(0, 0.0), (0, 0.02), (1, 0.02), (7, 0.02)])
-def test_what_comes_twice_counts_once(behind, rms_mps2):
+def test_repeated_samples_count_once(behind, rms_mps2):
     order = np.argsort(np.concatenate([np.arange(1000), np.arange(1000) + behind + 0.5]), kind="stable") % 1000
     rest, _, dropped, _ = looked(stamps(even_s(1000))[order], noisy(1000, rms_mps2)[order])
     assert rest.period_s == pytest.approx(1.0 / RATE_HZ, rel=1e-6) and rest.jitter_s < 1e-9
@@ -127,7 +127,7 @@ def test_readings_that_repeat_within_a_coarse_stamp_are_not_dropped(quantum_ms, 
     assert rest.coarse and rest.period_s == pytest.approx(1.0 / RATE_HZ, rel=2e-3)
 
 
-def test_samples_out_of_order_are_told_from_jitter():
+def test_samples_out_of_order_are_distinguished_from_jitter():
     order = np.argsort(even_s(1000) + np.random.default_rng(4).uniform(0.0, 0.02, 1000), kind="stable")
     disordered, *_ = looked(stamps(even_s(1000))[order], noisy(1000))
     assert disordered.jitter_s < 1e-6  # its stamps are good, and what comes late is late
@@ -147,14 +147,14 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("kind", FAULTS)
-def test_stamps_that_do_not_move_on_are_told_and_dropped(kind):
+def test_stamps_that_stand_still_are_reported_and_dropped(kind):
     stamps_ns, told = FAULTS[kind]
     rest, faults, dropped, left = looked(stamps_ns, noisy(len(stamps_ns)))
     assert rest is None and faults and all(told in fault for fault in faults)
     assert left < 40_000 and dropped + left == len(stamps_ns)
 
 
-def test_readings_that_are_none_are_told_once_patience_ran_out():
+def test_missing_readings_are_reported_after_patience():
     rest, faults, _, _ = looked(stamps(even_s(15_000)), np.full((15_000, 3), np.nan))
     assert rest is None and faults == ["no finite sample arrived: check the sensor"]
 
@@ -188,11 +188,11 @@ def records(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
 
 @settings(max_examples=150)
 @given(records(), st.lists(st.integers(0, 3000), max_size=10).map(sorted))
-def test_any_cut_tells_the_same(record, cuts):
+def test_any_cut_gives_the_same_rest(record, cuts):
     assert looked(*record, cuts) == looked(*record)
 
 
 @settings(max_examples=8)
 @given(records())
-def test_sample_by_sample_it_tells_the_same(record):
+def test_sample_by_sample_gives_the_same_rest(record):
     assert looked(*record, range(1, len(record[0]))) == looked(*record)

@@ -1,4 +1,4 @@
-"""Sampling clock: what stamps tell of it, whatever they suffer."""
+"""Sampling clock: period and losses from faulty stamps."""
 
 from __future__ import annotations
 
@@ -60,6 +60,6 @@ def test_stamps_of_late_callbacks_are_no_losses(delay_ms, seed):
 
 
 @pytest.mark.parametrize("stamps_s", [[], [0.0], [0.0, 1.0]])
-def test_two_stamps_tell_no_rate(stamps_s):
+def test_two_stamps_give_no_rate(stamps_s):
     with pytest.raises(InputError, match="fewer than three different samples"):
         fit_clock(np.array(stamps_s))

@@ -1,4 +1,4 @@
-"""Shocks found while driving: known pulses, block cuts, silent channels, stamps that leap."""
+"""Shocks: known pulses, block cuts, silent channels, leaping stamps."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from biodyn_core.pipeline.frames import MeasuredFrames, PredictedFrames
-from biodyn_core.pipeline.shocks import APART_NS, KEPT, Shocks
+from biodyn_core.pipeline.shocks import MAX_SHOCKS, SEPARATION_NS, Shocks
 
 RATE_HZ = 1000.0
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -62,14 +62,14 @@ def test_pulses_below_the_threshold_are_none_and_close_ones_are_one():
     assert oldest.peak_ns == EPOCH_NS + 1_410_000_000
 
 
-def test_the_last_five_are_kept_the_newest_first():
+def test_the_last_five_are_listed_newest_first():
     pulses = {1.0 + at: 6.0 + at for at in range(8)}
     peaks = [shock.seat_mps2 for shock in found(*ride(10.0, pulses))]
-    assert len(peaks) == KEPT
+    assert len(peaks) == MAX_SHOCKS
     assert peaks == pytest.approx([13.0, 12.0, 11.0, 10.0, 9.0])
 
 
-def test_a_channel_that_gives_nothing_is_not_zero():
+def test_a_channel_without_values_is_nan():
     (shock,) = found(*ride(3.0, {1.0: 20.0}, neck=False))
     assert np.isnan(shock.measured_mps2[4])
     assert np.isfinite(shock.measured_mps2[5])
@@ -94,4 +94,4 @@ def test_block_cuts_change_nothing(cuts, seed):
         hits = ride(4.0, pulses)[1].stamps_ns[seat >= 5.0]
         assert shock.begin_ns in hits
         assert shock.last_ns in hits
-        assert not np.any((hits > shock.last_ns) & (hits <= shock.last_ns + APART_NS))
+        assert not np.any((hits > shock.last_ns) & (hits <= shock.last_ns + SEPARATION_NS))

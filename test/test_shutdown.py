@@ -1,4 +1,4 @@
-"""Ends of processes: bounded whatever hangs, silent and 0 where nothing does, and not held up by a backlog."""
+"""Shutdown of processes: bounded in time, silent with exit code 0, not delayed by a backlog."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rclpy.task import Future
 from ros import STARTUP_S, Graph, Sensors
 from std_msgs.msg import Empty
 from streams import noisy_streams
-from test_state import newest
+from test_exposure_store import newest
 
 from biodyn_core.base.segments import SENSORS
 from biodyn_ros.base.shutdown import Shutdown
@@ -50,7 +50,7 @@ NAMED = "biodyn test: {} has not ended 0.3 s after SIGTERM: the process is ended
     ],
     ids=["nothing hangs", "a second signal", "a stage", "Python itself", "a thread", "the interpreter's end"],
 )
-def test_an_end_is_bounded_and_the_stage_that_hangs_is_named(node: str, behind: str, code: int, said: str) -> None:
+def test_a_shutdown_is_bounded_and_names_the_stage_that_hangs(node: str, behind: str, code: int, said: str) -> None:
     words = _ASKED.replace("NODE", node).replace("BEHIND", behind)
     done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == code, done.stderr

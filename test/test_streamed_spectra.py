@@ -1,4 +1,4 @@
-"""Spectra and waterfalls of streams: the averages of the whole, however it is cut, in memory that stays flat."""
+"""Spectra and waterfalls of streams: averages of the whole record for any cut, in constant memory."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def fed(whole: MeasuredFrames, cuts: list[int]) -> ReplaySpectra:
     return found
 
 
-def test_a_replay_finds_the_gains_that_were_put_in() -> None:
+def test_a_replay_finds_the_injected_gains() -> None:
     document = fed(frames(), [70, 71, 2500]).spectra()
     assert document is not None
     for name, gain in GAIN.items():
@@ -194,7 +194,7 @@ def test_a_replay_keeps_no_more_of_a_longer_record() -> None:
 
 
 @pytest.mark.parametrize("samples", [0, 1, 2, 150])
-def test_what_is_too_short_has_no_spectrum(samples: int) -> None:
+def test_too_short_a_record_has_no_spectrum(samples: int) -> None:
     found = fed(frames(samples), [])
     assert found.spectra() is None and found.waterfall() is None
 

@@ -1,4 +1,4 @@
-"""Subject files: what is written comes back, what is wrong is told with file and key, shipped ones are the paper's."""
+"""Subject files: written and read back, faults with file and key, the shipped ones equal the paper's."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def changed(key: str, value: object, inner: str | None = None) -> dict:
 
 
 @given(SUBJECTS)
-def test_what_is_written_comes_back(tmp_path_factory, subject):
+def test_a_written_subject_is_read_back(tmp_path_factory, subject):
     path = tmp_path_factory.mktemp("subject") / "s.yaml"
     path.write_text(subject.to_yaml(), encoding="utf-8")
     back = load_subject(path)
@@ -80,7 +80,7 @@ def test_what_is_written_comes_back(tmp_path_factory, subject):
 
 
 @given(SUBJECTS)
-def test_the_mapping_comes_back(subject):
+def test_the_mapping_is_read_back(subject):
     assert Subject.from_dict(subject.to_dict()) == subject
 
 
@@ -196,7 +196,7 @@ def test_a_value_out_of_range_is_named_with_what_is_allowed(refused, key, inner,
 
 @pytest.mark.parametrize("key", ["body_mass_kg", "stature_m"])
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "70", True, None, [70], 10**400])
-def test_what_is_no_number_is_named(refused, key, value):
+def test_a_value_that_is_no_number_is_named(refused, key, value):
     assert f"{key} is " in refused(changed(key, value))
 
 
@@ -213,7 +213,7 @@ def test_an_item_of_a_list_that_is_no_number_is_named_with_its_place(refused, va
 
 
 @pytest.mark.parametrize("value", [0.2, "0.2 0.2", {"pelvis": 0.2}, None])
-def test_what_is_no_list_is_named(refused, value):
+def test_a_value_that_is_no_list_is_named(refused, value):
     assert "parameters.damping_ratio is " in refused(changed("parameters", value, "damping_ratio"))
 
 

@@ -1,4 +1,4 @@
-"""Names that do not exist: the message names the nearest one that does: of files, sensors, topics, serials, keys."""
+"""Suggestions for unknown files, sensors, topics, serials and keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stamps that leap and return, clocks set anew, and pauses: what is compared, what is missing, whose clock is apart."""
+"""Timelines: stamps that leap and return, clocks that are set, and pauses: comparison, missing time, offsets."""
 
 from __future__ import annotations
 
@@ -56,63 +56,63 @@ def without(streams: Iterable[ImuStream], sensors: Iterable[str], begin_s: float
 
 @pytest.mark.parametrize("by_ns", [HOUR_NS, -HOUR_NS])
 @pytest.mark.parametrize("sensor", [SEAT, "head"])
-def test_comparisons_go_on_once_stamps_that_leapt_away_return(sensor: str, by_ns: int) -> None:
+def test_comparisons_continue_when_leapt_stamps_return(sensor: str, by_ns: int) -> None:
     streams = noisy_streams(SECONDS)
     pipeline, measured, _ = pushed(leapt(streams, [sensor], by_ns, 3.0, 4.0))
     whole, same, _ = pushed(streams)
     late = slice(-int(2.0 * RATE_HZ), -50)
     assert np.isfinite(measured[late]).all()
     np.testing.assert_allclose(measured[late], same[late], atol=2e-3)  # the clock is tracked anew, so not to the bit
-    assert pipeline.clock_apart_s(sensor) == 0.0
+    assert pipeline.timelines.offset_s(sensor) == 0.0
     for name in SENSORS:
-        assert pipeline.lost(name).missing_s == pytest.approx(whole.lost(name).missing_s, abs=0.05), name
+        assert pipeline.losses(name).missing_s == pytest.approx(whole.losses(name).missing_s, abs=0.05), name
 
 
 @pytest.mark.parametrize("by_ns", [HOUR_NS, -HOUR_NS])
 @pytest.mark.parametrize("sensor", [SEAT, "head"])
-def test_a_clock_set_anew_costs_nothing_but_what_was_not_sent(sensor: str, by_ns: int) -> None:
+def test_a_set_clock_loses_only_the_silence(sensor: str, by_ns: int) -> None:
     streams = without(noisy_streams(SECONDS), [sensor], 3.0, 4.0)
     pipeline, *_ = pushed(leapt(streams, [sensor], by_ns, 4.0, 99.0))
-    assert pipeline.clock_apart_s(sensor) == pytest.approx(by_ns * 1e-9, abs=0.3)
-    assert pipeline.lost(sensor).missing_s == pytest.approx(1.0, abs=0.3)
+    assert pipeline.timelines.offset_s(sensor) == pytest.approx(by_ns * 1e-9, abs=0.3)
+    assert pipeline.losses(sensor).missing_s == pytest.approx(1.0, abs=0.3)
     for name in SENSORS:
         if name != sensor:
-            assert pipeline.lost(name).missing_s == 0.0 and pipeline.clock_apart_s(name) == 0.0
+            assert pipeline.losses(name).missing_s == 0.0 and pipeline.timelines.offset_s(name) == 0.0
 
 
-def test_where_all_leap_alike_it_was_a_pause_and_is_missing() -> None:
+def test_a_common_leap_is_a_missing_pause() -> None:
     pipeline, measured, _ = pushed(leapt(noisy_streams(SECONDS), SENSORS, HOUR_NS, 4.0, 99.0))
     for name in SENSORS:
-        assert pipeline.clock_apart_s(name) == 0.0
-        assert pipeline.lost(name).missing_s == pytest.approx(3600.0, abs=0.1)
+        assert pipeline.timelines.offset_s(name) == 0.0
+        assert pipeline.losses(name).missing_s == pytest.approx(3600.0, abs=0.1)
     assert np.isfinite(measured[-2000:-50]).all()
 
 
 def test_a_sensor_that_is_away_and_returns_by_its_own_clock_misses_what_the_others_saw() -> None:
     pipeline, *_ = pushed(without(noisy_streams(SECONDS), ["head"], 3.0, 6.0))
-    assert pipeline.clock_apart_s("head") == 0.0
-    assert pipeline.lost("head").missing_s == pytest.approx(3.0, abs=0.05)
+    assert pipeline.timelines.offset_s("head") == 0.0
+    assert pipeline.losses("head").missing_s == pytest.approx(3.0, abs=0.05)
 
 
 def test_a_sensor_that_falls_silent_behind_a_clock_set_anew_is_silent() -> None:
     streams = leapt(noisy_streams(SECONDS), ["head"], HOUR_NS, 3.0, 99.0)
     pipeline, *_ = pushed(without(streams, ["head"], 5.0, 99.0))
-    assert pipeline.lost("head").missing_s == pytest.approx(len(streams[0].stamps_ns) / RATE_HZ - 5.0, abs=0.3)
-    assert pipeline.lost(SEAT).missing_s == 0.0
+    assert pipeline.losses("head").missing_s == pytest.approx(len(streams[0].stamps_ns) / RATE_HZ - 5.0, abs=0.3)
+    assert pipeline.losses(SEAT).missing_s == 0.0
 
 
 def test_a_leap_of_the_last_sensor_left_is_a_pause() -> None:
     """Nobody else tells whether its clock was set, so its gap counts: the figures are lower bounds."""
     streams = leapt(noisy_streams(SECONDS), [SEAT], HOUR_NS, 6.0, 99.0)
     pipeline, *_ = pushed(without(streams, [name for name in SENSORS if name != SEAT], 2.0, 99.0))
-    assert pipeline.lost(SEAT).missing_s == pytest.approx(3600.0, abs=0.1)
+    assert pipeline.losses(SEAT).missing_s == pytest.approx(3600.0, abs=0.1)
 
 
 def test_sensors_whose_clocks_are_hours_apart_from_the_start_are_neither_late_nor_silent() -> None:
     pipeline, *_ = pushed(leapt(noisy_streams(SECONDS), ["neck"], HOUR_NS, 0.0, 99.0))
-    assert pipeline.clock_apart_s("neck") == pytest.approx(3600.0, abs=0.3)
+    assert pipeline.timelines.offset_s("neck") == pytest.approx(3600.0, abs=0.3)
     for name in SENSORS:
-        assert pipeline.lost(name).missing_s == 0.0, name
+        assert pipeline.losses(name).missing_s == 0.0, name
 
 
 def test_clocks_that_drift_apart_for_hours_are_no_silence() -> None:
@@ -122,9 +122,9 @@ def test_clocks_that_drift_apart_for_hours_are_no_silence() -> None:
         slow_ns = np.rint((one.stamps_ns - one.stamps_ns[0]) * (0.2 if one.sensor == "head" else 0.0)).astype(np.int64)
         streams.append(dataclasses.replace(one, stamps_ns=one.stamps_ns - slow_ns))
     pipeline, *_ = pushed(streams)
-    assert [pipeline.lost(name).missing_s for name in SENSORS] == [0.0] * 6
+    assert [pipeline.losses(name).missing_s for name in SENSORS] == [0.0] * 6
     pipeline, *_ = pushed(without(streams, ["head"], 6.0, 99.0))
-    assert pipeline.lost("head").missing_s == pytest.approx(len(streams[0].stamps_ns) / RATE_HZ - 6.0, abs=0.3)
+    assert pipeline.losses("head").missing_s == pytest.approx(len(streams[0].stamps_ns) / RATE_HZ - 6.0, abs=0.3)
 
 
 def test_a_looping_bag_with_one_dead_sensor_misses_that_one_for_good() -> None:
@@ -138,13 +138,13 @@ def test_a_looping_bag_with_one_dead_sensor_misses_that_one_for_good() -> None:
         for a, b in zip(dead, one, strict=True)
     ]  # fmt: skip
     pipeline, *_ = pushed(two)
-    assert pipeline.lost("neck").missing_s == pytest.approx(2.0 * len(one[0].stamps_ns) / RATE_HZ - 2.0, abs=0.3)
-    assert pipeline.lost(SEAT).missing_s == pytest.approx(0.0, abs=0.05)
+    assert pipeline.losses("neck").missing_s == pytest.approx(2.0 * len(one[0].stamps_ns) / RATE_HZ - 2.0, abs=0.3)
+    assert pipeline.losses(SEAT).missing_s == pytest.approx(0.0, abs=0.05)
 
 
 def test_a_clock_that_is_half_a_minute_behind_makes_no_other_sensor_late() -> None:
     pipeline, *_ = pushed(leapt(noisy_streams(SECONDS), ["neck"], -30 * 10**9, 0.0, 99.0))
-    assert [pipeline.lost(name).missing_s for name in SENSORS] == [0.0] * 6
+    assert [pipeline.losses(name).missing_s for name in SENSORS] == [0.0] * 6
 
 
 def test_a_sensor_that_joins_behind_a_reset_is_late_since_then() -> None:
@@ -158,7 +158,7 @@ def test_a_sensor_that_joins_behind_a_reset_is_late_since_then() -> None:
         for one in streams:
             part = slice(at, at + BLOCK)
             pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
-    assert pipeline.lost("neck").missing_s == pytest.approx(5.5 - 28 * BLOCK / RATE_HZ, abs=0.02)
+    assert pipeline.losses("neck").missing_s == pytest.approx(5.5 - 28 * BLOCK / RATE_HZ, abs=0.02)
 
 
 @pytest.mark.parametrize("sensor", [SEAT, "head"])
@@ -177,13 +177,13 @@ def test_a_sensor_that_is_silent_for_longer_than_the_window_has_no_rolling_figur
 def test_a_clock_set_back_by_less_than_a_second_costs_what_it_treads_again(back_s: float) -> None:
     """Stamps have no gap there, but what was measured meanwhile is in no figure."""
     pipeline, *_ = pushed(leapt(noisy_streams(SECONDS), [SEAT], -round(1e9 * back_s), 4.0, 99.0))
-    lost, status = pipeline.lost(SEAT), pipeline.status(SEAT)
+    lost, status = pipeline.losses(SEAT), pipeline.status(SEAT)
     assert lost.missing_s == pytest.approx(back_s, abs=0.01) and lost.lower_bound
     assert status.runs == 2 and not status.warnings
     assert any("seat: its stamps went back by" in line for line in sensor_warnings(pipeline, SENSORS))
     for name in SENSORS:
         if name != SEAT:
-            assert pipeline.lost(name).missing_s == 0.0, name
+            assert pipeline.losses(name).missing_s == 0.0, name
 
 
 def test_samples_held_up_behind_others_are_no_clock_set_back() -> None:
@@ -195,4 +195,4 @@ def test_samples_held_up_behind_others_are_no_clock_set_back() -> None:
     pipeline, *_ = pushed(streams)
     for name in SENSORS:
         assert pipeline.status(name).set_back_s == 0.0
-        assert pipeline.lost(name).missing_s == pytest.approx(35 / RATE_HZ, abs=0.003), name
+        assert pipeline.losses(name).missing_s == pytest.approx(35 / RATE_HZ, abs=0.003), name

@@ -1,4 +1,4 @@
-"""The bundled bag through two processes over DDS: what the live node publishes is what replay computes."""
+"""The bundled bag through two processes over DDS: the live node publishes the results of replay."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.attitude import estimated_attitude, true_vertical_mps2
-from biodyn_core.conditioning.tilt import laid_level
+from biodyn_core.conditioning.tilt import horizontal_axes
 from biodyn_core.kernels.attitude import follow_attitude
 from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
 
@@ -59,7 +59,7 @@ def test_with_and_without_channels_the_vertical_is_the_same() -> None:
     np.testing.assert_array_equal(recorded().measured_mps2, recorded(channels=True).measured_mps2)
 
 
-def test_a_small_gap_of_the_gyro_is_bridged() -> None:
+def test_a_small_gap_of_the_gyro_is_interpolated() -> None:
     def with_gap(rates: np.ndarray, seconds: float) -> np.ndarray:
         changed = rates.copy()
         changed[6000 : 6000 + round(seconds * RATE_HZ)] = np.nan
@@ -95,18 +95,18 @@ def test_behind_a_short_break_of_a_sensor_its_lean_goes_on_and_a_longer_one_is_n
 @pytest.mark.parametrize(
     ("rates_of", "why"),
     [
-        (np.rad2deg, "nobody seated does"),
+        (np.rad2deg, "impossible for a seated person"),
         (lambda rates: rates + 0.2 * np.sin(np.arange(len(rates)))[:, None], "does not rest"),
     ],
     ids=["deg/s", "restless"],
 )
-def test_a_gyro_that_cannot_be_believed_changes_nothing_and_is_named(rates_of, why: str) -> None:
+def test_an_implausible_gyro_changes_nothing_and_is_reported(rates_of, why: str) -> None:
     found = recorded(rates_of)
     np.testing.assert_array_equal(found.measured_mps2, recorded(keep_lean=True).measured_mps2)
     assert sum("head: " in line and why in line and "at rest" in line for line in found.warnings) == 1
 
 
-def test_one_gyro_in_another_unit_is_believed_of_no_sensor() -> None:
+def test_one_gyro_in_another_unit_disables_all() -> None:
     """In deg/s a seat that hardly rocks says a lean that might be somebody's; the head's says one that is nobody's."""
     time_s, true, force, rates = swaying(15.0)
     stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
@@ -123,7 +123,7 @@ def test_one_gyro_in_another_unit_is_believed_of_no_sensor() -> None:
     assert set(read(1.0).leans) == {"seat", "head"}
     found = read(np.rad2deg(1.0))
     assert found.leans == {}
-    assert any("seat: another gyro of the record is not believed" in line for line in found.warnings)
+    assert any("seat: another gyro of the record is not plausible" in line for line in found.warnings)
     np.testing.assert_allclose(found.measured_mps2, recorded(keep_lean=True).measured_mps2, atol=1e-9)
 
 
@@ -150,7 +150,7 @@ def test_how_far_it_leans_on_the_mean_is_said_in_the_axes_of_its_channels() -> N
     assert np.degrees(np.arcsin(np.linalg.norm(lean))) == pytest.approx(6.0, abs=0.3)
     # At rest again, but leaning, gravity shows along the horizontal axes as minus the lean.
     first = MOUNTED.inv().apply([0.0, 0.0, 1.0])
-    level = laid_level(tuple(first))[:2] @ gravity[-1] / STANDARD_GRAVITY_MPS2
+    level = horizontal_axes(tuple(first))[:2] @ gravity[-1] / STANDARD_GRAVITY_MPS2
     np.testing.assert_allclose(lean, -level, atol=0.006)
     assert np.linalg.norm(recorded().leans["head"]) < 0.02 and recorded(keep_lean=True).leans == {}
 
@@ -174,5 +174,5 @@ def test_a_bias_does_not_add_up_for_ever() -> None:
 
 def test_a_lean_beyond_anybodys_is_refused() -> None:
     rates = np.tile([0.0, 0.5, 0.0], (500, 1))
-    with pytest.raises(ValueError, match="nobody seated"):
+    with pytest.raises(ValueError, match="impossible for a seated person"):
         estimated_attitude(np.zeros((500, 3)), rates, 100.0, STANDARD_GRAVITY_MPS2)

@@ -1,4 +1,4 @@
-"""The weightings: printed table, standard's formula and sampled filter, each against the others."""
+"""Weightings: printed table, formula of the standard and sampled filter against each other."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_above_the_band_the_filter_stops_what_the_curve_stops(name, rate_hz, mor
 
 @pytest.mark.parametrize("rate_hz", [1129.3, 4000.0, 20_000.0])
 @pytest.mark.parametrize("name", ["Wf", "We"])
-def test_poles_near_one_cost_no_digits_that_matter(name, rate_hz):
+def test_poles_near_one_keep_their_precision(name, rate_hz):
     # We at 1 Hz and Wf at 0.08 Hz: poles within 1e-4 of 1. The same recursion with 64 bits of mantissa.
     rng = np.random.default_rng(5)
     count = round(3.0 * rate_hz)
@@ -196,7 +196,7 @@ def test_a_step_of_level_leaves_no_constant(name):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("rate_hz", [250.0, 1129.3, 4000.0])
 @pytest.mark.parametrize("level", [1.7, -9.80665])
-def test_settled_sections_say_nothing_of_a_level_and_all_of_what_comes_on_top(name, rate_hz, level):
+def test_settled_sections_pass_changes_and_no_level(name, rate_hz, level):
     sections = weighting_sections(name, rate_hz)
     on_top = np.random.default_rng(6).standard_normal(500)
     state, y = np.ones((len(sections), 2, 2)), np.empty((500, 2))
@@ -256,7 +256,7 @@ def test_the_streaming_filter_is_scipys_block_by_block(name, rate_hz, cuts, seed
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1129.3, 100.0, 249.0, np.nan])
-def test_a_rate_that_does_not_carry_the_curve_is_refused(rate_hz):
+def test_a_rate_that_is_too_low_is_refused(rate_hz):
     with pytest.raises(InputError, match="at least 250 Hz is needed"):
         weighting_sections("Wk", rate_hz)
 
@@ -266,6 +266,6 @@ def test_an_unknown_weighting_is_refused_with_those_known():
         weighting_sections("Wx", 1129.3)
 
 
-def test_the_design_cannot_be_spoilt_by_its_user():
+def test_the_cached_design_cannot_be_changed():
     weighting_sections("Wk", 1129.3)[:] = 0.0
     assert weighting_sections("Wk", 1129.3)[0, 0] > 0.5

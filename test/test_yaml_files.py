@@ -1,4 +1,4 @@
-"""YAML files of strangers: nothing is run, nothing hangs, nothing is taken that is ambiguous; one line says why."""
+"""YAML files from strangers: refused in one line where ambiguous, recursive or too large."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from expecting import refusal
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.yaml_files import LARGEST_BYTES, MOST_ALIASES, read_yaml
+from biodyn_core.base.yaml_files import MAX_ALIASES, MAX_BYTES, read_yaml
 from biodyn_core.body.subject import load_subject
 from biodyn_core.exposure.limits import load_limits
 from biodyn_ros.fit.campaign_file import load_campaign
@@ -18,8 +18,8 @@ LAUGHS = "a: &a [x, x]\n" + "\n".join(
 )
 
 BAD = {
-    "billion laughs": (LAUGHS, f"more than {MOST_ALIASES} aliases"),
-    "larger than anybody writes": ("a: 1\n" + "#" * LARGEST_BYTES, "larger than 1024 KiB"),
+    "billion laughs": (LAUGHS, f"more than {MAX_ALIASES} aliases"),
+    "larger than anybody writes": ("a: 1\n" + "#" * MAX_BYTES, "larger than 1024 KiB"),
     "a tag that runs code": ("!!python/object/apply:os.system ['true']", "could not determine a constructor"),
     "deeper than the stack": ("[" * 20_000, "not a YAML file"),
     "not UTF-8": (b"\xff\xfe\x00", "not a YAML file"),
@@ -54,7 +54,7 @@ def test_a_few_aliases_are_fine(tmp_path: Path) -> None:
     assert read_yaml(path) == {"a": [1, 2], "b": [1, 2], "c": {"d": 1, "e": 2}}
 
 
-def test_a_file_that_leads_back_to_itself_is_refused(tmp_path: Path) -> None:
+def test_a_recursive_alias_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "given.yaml"
     path.write_text("&a {subjects: [*a]}")
     with pytest.raises(InputError, match=r"given\.yaml: "):

@@ -1,1 +1,1 @@
-"""What every part uses: array types, segments, errors, settings, YAML files and wording."""
+"""Shared basics: array types, segments, errors, settings, YAML files and wording."""

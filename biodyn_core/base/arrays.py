@@ -1,4 +1,4 @@
-"""The arrays that are passed about, by what they hold."""
+"""Array types by their elements."""
 
 from __future__ import annotations
 

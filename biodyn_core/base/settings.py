@@ -1,6 +1,6 @@
-"""How a setting is described: default, unit, range and meaning in one dataclass field, once.
+"""Settings: dataclass fields that hold default, unit, range and meaning.
 
-ROS parameters, the configuration file and the tables of the README are derived from these fields.
+ROS parameters, options, the parameters file and tables of the documents are derived from these fields.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from biodyn_core.base.suggestions import did_you_mean
 
 @dataclass(frozen=True)
 class Range:
-    """What a setting may be, both ends included, and what it means."""
+    """Allowed values of a setting, both ends included, and its meaning."""
 
     meaning: str
     unit: str = ""
@@ -33,12 +33,12 @@ def setting(
     upper: float = math.inf,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """A dataclass field that carries its own description."""
+    """A dataclass field with its description."""
     return dataclasses.field(default=default, metadata={"range": Range(meaning, unit, lower, upper, choices)})
 
 
 def check_settings(settings: Any) -> None:
-    """Raise InputError naming the first field that is not finite, out of its range or none of its choices."""
+    """Raise InputError for the first field that is not finite, outside its range or not among its choices."""
     for item in described(settings):
         allowed: Range = item.metadata["range"]
         value = getattr(settings, item.name)
@@ -53,5 +53,5 @@ def check_settings(settings: Any) -> None:
 
 
 def described(settings: Any) -> list[dataclasses.Field[Any]]:
-    """The fields of a dataclass that are settings; settings of a part are described there."""
+    """The fields of a dataclass that are settings."""
     return [item for item in dataclasses.fields(settings) if "range" in item.metadata]

@@ -1,4 +1,4 @@
-"""Suggestions: the known name that is nearest to an unknown one, as the end of the message that refuses it."""
+"""Suggestions: the known name nearest to an unknown one, as the end of an error message."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Final
 
-MOST_FILES: Final = 10_000
-"""A directory with more files is not searched to its end."""
+MAX_FILES: Final = 10_000
+"""Number of files in a directory that are searched."""
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
-    """Return "; did you mean NAME?" with the nearest known name, whatever its capitals; empty where none is near."""
+    """Return "; did you mean NAME?" with the nearest known name, in any case; empty where none is near."""
     near = _nearest(name, known)
     return f"; did you mean {near}?" if near else ""
 
@@ -24,8 +24,8 @@ def did_you_mean_file(path: str | Path) -> str:
     try:
         while not missing.parent.exists():
             missing = missing.parent
-        there = [] if missing.exists() else [file.name for file in islice(missing.parent.iterdir(), MOST_FILES)]
-    except (OSError, ValueError):  # a directory that cannot be read, or a name that no file can have
+        there = [] if missing.exists() else [file.name for file in islice(missing.parent.iterdir(), MAX_FILES)]
+    except (OSError, ValueError):  # an unreadable directory, or an impossible file name
         return ""
     near = _nearest(missing.name, there)
     return f"; did you mean {missing.parent / near}?" if near else ""

@@ -1,4 +1,4 @@
-"""Counts and numbers as a reader sees them: "1 sample", "2 samples", and three significant digits everywhere."""
+"""Wording of counts and numbers: "1 sample", "2 samples", and three significant digits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def counted(count: int, one: str, many: str | None = None) -> str:
 
 
 def number(value: float | None) -> str:
-    """Three significant digits without an exponent where that is possible; a dash for what is not known."""
+    """Three significant digits, without an exponent if possible; a dash for an unknown value."""
     if value is None or math.isnan(value):
         return "–"
     decimals = decimal_places(value)
@@ -19,7 +19,7 @@ def number(value: float | None) -> str:
 
 
 def number_below(value: float, limit: float) -> str:
-    """The same, with as many more digits as show that the value lies below a limit."""
+    """The same, with further digits until the text is below a limit like the value."""
     shown, digits = number(value), 4
     while value < limit <= float(shown) and digits <= 17:
         shown, digits = f"{value:.{digits}g}", digits + 1
@@ -27,6 +27,6 @@ def number_below(value: float, limit: float) -> str:
 
 
 def decimal_places(value: float) -> int | None:
-    """Decimal places of three significant digits, once rounded to them; None where an exponent may be needed."""
+    """Decimal places of a value rounded to three significant digits; None where an exponent may be needed."""
     size = abs(float(f"{value:.3g}"))
     return max(0, 2 - math.floor(math.log10(size))) if 1e-3 <= size < 1e6 else None

@@ -1,4 +1,4 @@
-"""YAML files that people write: read safely, no larger than any of them is, every key given once."""
+"""YAML files that people write: read safely, limited in size, each key given once."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ import yaml
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 
-LARGEST_BYTES: Final = 2**20
-"""Nobody writes so much; a hundred subjects of a campaign take a twentieth."""
+MAX_BYTES: Final = 2**20
+"""Twenty times a campaign of a hundred subjects."""
 
-MOST_ALIASES: Final = 32
-"""References to what stands elsewhere in a file: a few are handy, many nested ones stand for more than memory holds."""
+MAX_ALIASES: Final = 32
+"""Nested aliases of a few kilobytes can expand to more than the memory."""
 
 
 def read_yaml(path: str | Path) -> object:
-    """What a YAML file holds; raises InputError, naming the file, for what is none, too large, or ambiguous."""
+    """The content of a YAML file; raises InputError, naming the file, where it is none, too large, or ambiguous."""
     try:
         with Path(path).open("rb") as file:
-            data = file.read(LARGEST_BYTES + 1)
-        if len(data) > LARGEST_BYTES:
-            raise InputError(f"larger than {LARGEST_BYTES // 2**10} KiB, so not a YAML file that anybody wrote")
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise InputError(f"larger than {MAX_BYTES // 2**10} KiB, too large for a YAML file written by a person")
         return yaml.load(data.decode("utf-8"), _Loader)  # noqa: S506 - a SafeLoader with checks
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}){did_you_mean_file(path)}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # PyYAML lets ValueErrors of a bad date or int out
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: PyYAML's for a bad date or number
         raise InputError(f"{path}: not a YAML file ({' '.join(str(error).split())})") from error
 
 
@@ -41,9 +41,9 @@ def mapping_of(
     optional: Sequence[str] | None = (),
     kind: str = "key",
 ) -> dict[str, Any]:
-    """A mapping with all that is required, and nothing beyond it but what is optional, None for anything.
+    """A mapping with all required keys and no others but optional ones; optional None: any others.
 
-    Raises InputError naming the place and the key; kind: what its keys are.
+    Raises InputError naming the place and the key; kind: word for its keys.
     """
     if not isinstance(value, Mapping):
         raise InputError(f"{where}: expected keys and values, got {type(value).__name__}")
@@ -59,25 +59,25 @@ def mapping_of(
 
 
 def text_of(value: object, where: str) -> str:
-    """A text that says something; raises InputError naming the place."""
+    """A text that is not empty; raises InputError naming the place."""
     if not isinstance(value, str) or not value.strip():
         raise InputError(f"{where} is {value!r}, expected a text")
     return value
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML lets a later key silently replace an earlier one; for parameters of a person and limits that is an error."""
+    """A repeated key is an error: in plain YAML the later one silently replaces the earlier."""
 
     def __init__(self, stream: str) -> None:
         super().__init__(stream)
         self._aliases = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Return a node; raises InputError where too many stand for others."""
+        """Return a node; raises InputError for too many aliases."""
         if self.check_event(yaml.AliasEvent):  # type: ignore[no-untyped-call]
             self._aliases += 1
-            if self._aliases > MOST_ALIASES:
-                raise InputError(f"more than {MOST_ALIASES} aliases (*name): write out what they stand for")
+            if self._aliases > MAX_ALIASES:
+                raise InputError(f"more than {MAX_ALIASES} aliases (*name): write out their content")
         node: yaml.Node | None = super().compose_node(parent, index)  # type: ignore[no-untyped-call]
         return node
 
@@ -86,7 +86,7 @@ class _Loader(yaml.SafeLoader):
         seen: set[Any] = set()
         for key_node, _ in node.value:
             if key_node.tag == "tag:yaml.org,2002:merge":
-                continue  # `<<`: what stands here goes before what is merged
+                continue  # `<<`: keys of the mapping itself override merged ones
             key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
             if not isinstance(key, Hashable):
                 continue  # refused by the loader itself

@@ -1,4 +1,4 @@
-"""Constants of joints and segments: what theta says of a body, of one or of many at once (Zaman et al., Eq. 5-16)."""
+"""Constants of joints and segments from theta, of one body or of many at once (Zaman et al., Eq. 5-16)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Constants:
 
     @classmethod
     def of(cls, theta: Floats, body_mass_kg: float, mass_matrix: MassMatrix) -> Constants:
-        """Those of theta (..., 15), which may lie outside Table 1 (Eq. 5-8, 10-12, 16)."""
+        """The constants of theta (..., 15), which may lie outside Table 1 (Eq. 5-8, 10-12, 16)."""
         mass = theta[..., MASS_SCALE, None] * MASS_FRACTION * body_mass_kg
         cascade = np.ascontiguousarray(np.cumsum(mass[..., ::-1], axis=-1)[..., ::-1])
         # Stiffness and damping come from the cascade masses under both conventions of M (Eq. 8, 11).

@@ -1,4 +1,4 @@
-"""Effect assembly: how the effects of a chain go into its integrator, with their constants, states and memory."""
+"""Effect assembly: the effects of a chain in its integrator, with their constants, states and memory."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _NO_DRIVE: Final = np.empty((0, 0))
 
 @dataclass(frozen=True)
 class Element:
-    """An effect in a chain: its segment or joint, 0 to 5, or how its force spreads over all six, and its constants.
+    """An effect in a chain: its segment or joint, 0 to 5, or the spread of its force over all six, and its constants.
 
-    channels are what it needs beside the seat's vertical, delay_s is how far it looks back; the stiffness and damping
-    are the most that it may add there, own_rate_per_s the largest eigenvalue of its own states.
+    channels: inputs beyond the seat's vertical; delay_s: of its memory; stiffness and damping: the largest that it may
+    add there; own_rate_per_s: the largest eigenvalue of its own states.
     """
 
     effect: Effect
@@ -38,7 +38,7 @@ class Element:
 
 
 class EffectAssembly:
-    """The integrator with some elements in it, for one step; its constants p also hold what the elements remember."""
+    """The integrator with some elements, for one step; its constants p also hold the elements' memory."""
 
     def __init__(self, elements: Sequence[Element], step_s: float) -> None:
         self.channels = tuple(dict.fromkeys(name for element in elements for name in element.channels))
@@ -57,19 +57,19 @@ class EffectAssembly:
             states[place] = drive[0, column]
 
     def drive(self, channels: Mapping[str, Floats] | None) -> Floats:
-        """The channels that the elements need, (n, d), or (0, 0); raises InputError for one that is missing."""
+        """The channels that the elements need, (n, d), or (0, 0); raises InputError for a missing one."""
         if not self.channels:
             return _NO_DRIVE
         found = channels or {}
         for name in self.channels:
             if name not in found:
                 raise InputError(f"an effect needs the channel {name}, which is not measured here")
-        # What is masked drives nothing.
+        # A masked sample is zero input.
         return np.ascontiguousarray(np.column_stack([np.nan_to_num(found[name]) for name in self.channels]))
 
 
 def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
-    """What an element writes into the integrator."""
+    """An element's part of the integrator."""
     effect = element.effect
     role: Role = "force on a segment" if effect.place == "segment" else "force of a joint"
     if effect.limit is not None:
@@ -83,7 +83,7 @@ def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
 
 
 def _past(effect: Effect, step_s: float) -> int:
-    """Steps that cover the longest delay: the same for every delay, so that the integrator's text is."""
+    """Steps that cover the longest delay, the same for every delay, so that one compiled integrator serves all."""
     longest_s = next((p.upper for p in effect.parameters if p.name == effect.delay), 0.0)
     return math.ceil(longest_s / step_s) + 3 if longest_s > 0.0 else 0
 
@@ -95,7 +95,7 @@ def _constants(element: Element, piece: Piece, step_s: float) -> Floats:
 
 
 def _drive_states(pieces: Sequence[Piece]) -> list[tuple[int, int]]:
-    """Which state begins as which column of the drive."""
+    """(state, column) of the states that begin at a column of the drive."""
     found, state = [], 0
     for piece in pieces:
         found += [(state + i, column) for i, column in enumerate(piece.drives)]

@@ -1,6 +1,6 @@
 """Chain: the six-degree-of-freedom seated upper body; its matrices, linear response, modes and time response.
 
-Zaman et al., Eq. 1-20; what the paper contradicts itself on is a named option (`mass_matrix`, `seat_force`).
+Zaman et al., Eq. 1-20; contradictions of the paper are named options (`mass_matrix`, `seat_force`).
 Vertical axis only. Not validated beyond the paper's two adult men, upright, without backrest.
 """
 
@@ -31,8 +31,8 @@ CASCADE_FORCES: Final = "forces under mass_matrix cascade are those of a body th
 MAX_STEP_S: Final = 1e-3
 """Largest integration step, the paper's own setting (3.3)."""
 
-MOST_SUBSTEPS: Final = 2000
-"""A chain that asks for more steps a sample is no body's, and would never answer."""
+MAX_SUBSTEPS: Final = 2000
+"""A chain that needs more steps per sample is no body's, and too slow to integrate."""
 
 MAX_EIGENVALUE_STEP: Final = 1.0
 """Largest |eigenvalue| x step. RK4 is stable to 2.78; the rest is room for strain stiffening."""
@@ -49,7 +49,7 @@ class Modes:
 
 @dataclass(frozen=True)
 class Response:
-    """What `simulate` answers: absolute accelerations, relative displacements and velocities, each (n, 6)."""
+    """Result of `simulate`: absolute accelerations, relative displacements and velocities, each (n, 6)."""
 
     rate_hz: float
     seat_mps2: Floats
@@ -63,8 +63,8 @@ class Chain:
     """The chain's physical constants, all of shape (6,), joints and segments inferior to superior.
 
     mass_kg are the segments' masses; inertia_kg is the diagonal of M, equal to them unless the subject says `cascade`.
-    elements are what effects add in time, but for those on the seat and on sensors (`predict`). Matrices, modes and
-    frequency responses are those of the chain without them.
+    elements are the effects on joints and segments (others: `predict`). Matrices, modes and frequency responses are
+    those of the chain without elements.
     """
 
     mass_matrix_form: MassMatrix
@@ -97,7 +97,7 @@ class Chain:
         )
 
     def with_effects(self, effects: Iterable[AppliedEffect]) -> Chain:
-        """The same chain with effects; one of no strength is left out."""
+        """The same chain with effects; effects of zero strength are left out."""
         more = [self._element(applied) for applied in effects if applied.effect.in_chain and not applied.absent]
         return dataclasses.replace(self, elements=(*self.elements, *more)) if more else self
 
@@ -115,7 +115,7 @@ class Chain:
             own_rate_per_s=effect.own_rate_per_s(joint, applied.values),
             stiffness_n_per_m=stiffness,
             damping_n_s_per_m=damping,
-            # On the seat, each segment gets as much of the force as it is inert.
+            # On the seat, the force is shared in proportion to the segments' inertia.
             spread=tuple((self.inertia_kg / self.inertia_kg.sum()).tolist()) if everywhere else (),
         )
 
@@ -130,7 +130,7 @@ class Chain:
         )
 
     def _whole(self) -> Joint:
-        """The whole body, which no joint holds."""
+        """The whole body, without a joint below."""
         whole_kg = float(self.inertia_kg.sum())
         return Joint(0.0, 0.0, 0.0, whole_kg, whole_kg)
 
@@ -209,7 +209,7 @@ class Chain:
 
     @functools.cached_property
     def largest_eigenvalue_rad_per_s(self) -> float:
-        """Largest |eigenvalue| of the linear state matrix, 1/s, with the most that effects may add to it."""
+        """Largest |eigenvalue| of the linear state matrix, 1/s, with the largest contribution of effects."""
         inverse, K, C = 1.0 / self.inertia_kg[:, None], self.K, self.C
         for element in self.elements:
             at = np.zeros(N_SEGMENTS)
@@ -222,19 +222,19 @@ class Chain:
         return max([largest, *(element.own_rate_per_s for element in self.elements)])
 
     def substeps(self, rate_hz: float) -> int:
-        """How many steps the integrator takes from one sample to the next; InputError for a chain too stiff to step."""
+        """Integration steps per sample; raises InputError for a chain that is too stiff."""
         longest_s = min(MAX_STEP_S, MAX_EIGENVALUE_STEP / self.largest_eigenvalue_rad_per_s)
         needed = 1.0 / (rate_hz * longest_s)
-        if not needed <= MOST_SUBSTEPS:
+        if not needed <= MAX_SUBSTEPS:
             named = ", ".join(element.effect.name for element in self.elements)
             blame = f" with {named}" if named else ""
             raise InputError(
-                f"the chain{blame} is too stiff: {needed:.3g} steps a sample, at most {MOST_SUBSTEPS} are made"
+                f"the chain{blame} is too stiff: {needed:.3g} steps per sample, at most {MAX_SUBSTEPS} are allowed"
             )
         return math.ceil(needed - 1e-9)
 
     def simulate(self, seat_mps2: ArrayLike, rate_hz: float, channels: Mapping[str, Floats] | None = None) -> Response:
-        """Answer a seat acceleration (n,) from rest, with the state over time; method and channels as in `Stepper`."""
+        """Response to a seat acceleration (n,) from rest, with the state over time; see `Stepper`."""
         seat = np.ascontiguousarray(seat_mps2, dtype=np.float64)
         motion = np.empty((seat.size, 2 * N_SEGMENTS))
         accel = Stepper(self, rate_hz).push(seat, motion, channels)
@@ -244,9 +244,9 @@ class Chain:
 def predict(
     subject: Subject, seat_mps2: Floats, rate_hz: float, channels: Mapping[str, Floats] | None = None
 ) -> Response:
-    """What a subject does over a seat motion (n,), with every effect on the body and none on its sensors.
+    """Response of a subject to a seat motion (n,), with all effects on the body and none on its sensors.
 
-    channels (n,) by name are what effects need besides. Raises InputError where one is missing.
+    channels (n,) by name: further inputs of effects. Raises InputError for a missing one.
     """
     return Chain.of(subject).simulate(felt(subject.effects, seat_mps2, rate_hz, channels or {}), rate_hz, channels)
 
@@ -254,11 +254,11 @@ def predict(
 class Stepper:
     """The chain in time: seat samples in, absolute accelerations out, the same numbers for any cut into blocks.
 
-    Classical Runge-Kutta, the seat linear between samples (3.3). Substeps are chosen here, once, so that a step is at
-    most 1 ms and at most 1 / |largest eigenvalue|, or given. The chain is at rest at the first sample after `reset`.
+    Classical Runge-Kutta, the seat linear between samples (3.3). Substeps are given, or chosen so that a step is at
+    most 1 ms and at most 1 / |largest eigenvalue|. The chain is at rest at the first sample after `reset`.
 
-    Against DOP853 the accelerations of subject 1, one step a sample, err by 3e-6 (pothole) to 3e-5 (rail); two steps a
-    sample by 2e-7 to 1.3e-6. Taking the seat as linear between samples errs by far more than either.
+    Against DOP853 the accelerations of subject 1, one step per sample, err by 3e-6 (pothole) to 3e-5 (rail); two steps
+    by 2e-7 to 1.3e-6. The seat's linear interpolation errs by far more.
     """
 
     def __init__(self, chain: Chain, rate_hz: float, substeps: int | None = None) -> None:
@@ -271,8 +271,8 @@ class Stepper:
         self._k_alpha = self._k * chain.stiffening_per_m
         self._inverse_mass = 1.0 / chain.inertia_kg
         self._alpha_r = float(chain.rayleigh_rad_per_s)
-        self._wiring = EffectAssembly(chain.elements, self._step_s)
-        self._state = np.zeros(2 * N_SEGMENTS + 1 + self._wiring.states)
+        self._assembly = EffectAssembly(chain.elements, self._step_s)
+        self._state = np.zeros(2 * N_SEGMENTS + 1 + self._assembly.states)
         self._fresh = True
 
     def reset(self) -> None:
@@ -284,24 +284,24 @@ class Stepper:
     ) -> Floats:
         """Advance over seat samples (n,) m/s^2 and return absolute accelerations (n, 6) m/s^2.
 
-        `motion` (n, 12), where given, receives relative displacements and velocities; `channels` (n,) by name are what
-        effects need besides. Raises InputError where one is missing.
+        `motion` (n, 12), if given, receives relative displacements and velocities; `channels` (n,) by name: further
+        inputs of effects. Raises InputError for a missing one.
         """
         accel = np.empty((seat_mps2.shape[0], N_SEGMENTS))
-        drive = self._wiring.drive(channels)
+        drive = self._assembly.drive(channels)
         if seat_mps2.shape[0] == 0:
             return accel
         start = 0
         if self._fresh:
-            # No joint is stretched yet, so nothing has been accelerated: z'' = 0.
+            # No joint is deformed yet, so z'' = 0.
             self._state[:] = 0.0
             self._state[2 * N_SEGMENTS] = seat_mps2[0]
-            self._wiring.begin(self._state[2 * N_SEGMENTS + 1 :], drive)
+            self._assembly.begin(self._state[2 * N_SEGMENTS + 1 :], drive)
             accel[0] = 0.0
             if motion is not None:
                 motion[0] = 0.0
             self._fresh, start = False, 1
-        self._wiring.integrate(
+        self._assembly.integrate(
             seat_mps2[start:],
             drive[start:],
             self._state,
@@ -310,7 +310,7 @@ class Stepper:
             self._k_alpha,
             self._inverse_mass,
             self._alpha_r,
-            self._wiring.p,
+            self._assembly.p,
             self._step_s,
             self.substeps,
             accel[start:],

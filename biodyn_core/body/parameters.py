@@ -1,4 +1,4 @@
-"""The fifteen design variables of a subject: bounds, unit, meaning and source, once; and the maps of the search.
+"""The fifteen design variables of a subject: bounds, unit, meaning and source; and the maps of the search.
 
 theta = [f_n (6), zeta (6), alpha_r, s_nl, m_scale], inferior to superior (Zaman et al., 6.1, Eq. 28).
 """
@@ -67,7 +67,7 @@ PARAMETERS: Final[tuple[Parameter, ...]] = (
 
 N_PARAMETERS: Final = len(PARAMETERS)
 FREQUENCIES: Final = slice(0, N_SEGMENTS)
-"""Where in theta f_n stands; below, the others (Eq. 28)."""
+"""Place of f_n in theta; the others follow (Eq. 28)."""
 
 DAMPINGS: Final = slice(N_SEGMENTS, 2 * N_SEGMENTS)
 RAYLEIGH: Final = 2 * N_SEGMENTS
@@ -124,11 +124,11 @@ class Parameters:
 
 
 UNFITTED: Final = Parameters.from_vector([*np.sqrt(LOWER * UPPER)[:MASS_SCALE], 1.0])
-"""The middle of Table 1 in log space, with m_scale 1: what stands for a person before any fit."""
+"""The middle of Table 1 in log space, with m_scale 1: the parameters of a person before any fit."""
 
 
 def is_fitted(parameters: Parameters) -> bool:
-    """Whether parameters are a person's, and not those that stand for a person before any fit."""
+    """Whether parameters differ from those before any fit."""
     return not np.array_equal(parameters.vector(), UNFITTED.vector())
 
 
@@ -151,6 +151,6 @@ def to_sigmoid(theta: ArrayLike) -> Floats:
 def from_sigmoid(phi: ArrayLike) -> Floats:
     """Map phi, any real (15,), back into Table 1 (Eq. 34)."""
     p = np.asarray(phi, dtype=np.float64)
-    # The two forms of the logistic function: neither overflows for any finite phi.
+    # Two forms of the logistic function, so that none overflows for any finite phi.
     share = np.where(p >= 0, 1.0 / (1.0 + np.exp(-np.abs(p))), np.exp(-np.abs(p)) / (1.0 + np.exp(-np.abs(p))))
     return LOWER + (UPPER - LOWER) * share

@@ -30,7 +30,7 @@ STATURE_M: Final = (1.2, 2.3)
 
 @dataclass(frozen=True)
 class Subject:
-    """A seated person as the model knows them.
+    """A seated person in the model.
 
     `mass_matrix`: `segment` is Newton's M = diag(m_i); `cascade` is Eq. 7 as printed, whose inertia is three times the
     body's. There is no default: the choice changes every number. Raises InputError for values out of range.
@@ -71,7 +71,7 @@ class Subject:
     def from_dict(cls, data: object, unfitted: Parameters | None = None) -> Subject:
         """Read the mapping of a subject file; raises InputError naming the key.
 
-        unfitted: the parameters of a file that has none yet, which is an error otherwise.
+        unfitted: parameters for a file without any, which is an error otherwise.
         """
         if unfitted is not None and isinstance(data, Mapping) and "parameters" not in data:
             return cls.from_dict({**data, "parameters": _parameters_dict(unfitted)})
@@ -107,7 +107,7 @@ def load_subject(path: str | Path, unfitted: Parameters | None = None) -> Subjec
     data = read_yaml(path)
     try:
         return Subject.from_dict(data, unfitted)
-    except (InputError, RecursionError) as error:  # an alias may lead back to where it stands
+    except (InputError, RecursionError) as error:  # an alias may refer to itself
         raise InputError(f"{path}: {error}") from error
 
 

@@ -1,7 +1,7 @@
-"""Synthesis: seat motions of the paper's load cases, and the six IMU streams a subject would give for one.
+"""Synthesis: seat motions of the paper's load cases, and the six IMU streams of a subject for one of them.
 
-Made for demos, players and tests of the machinery. The truth comes from this package's own model: a small residual on
-such a recording proves nothing about the model.
+For demos, players and tests of the software. The truth is this package's own model, so a small residual on such a
+recording proves nothing about the model.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from biodyn_core.body.synthesis_settings import CASES, NATIVE_RATE_HZ, SensorSet
 from biodyn_core.effects import shown
 
 MOTION_S: Final = (2.0, 3600.0)
-"""A motion is at least so long, and a drawn case at most."""
+"""Shortest motion, and longest drawn case."""
 
 TRUTH_RATE_HZ: Final = 4.0 * NATIVE_RATE_HZ
 MARGIN_S: Final = 0.1
-"""Truth made beyond both ends, so that no sensor's clock reaches past it."""
+"""Truth beyond both ends, for sensors with fast or slow clocks."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class SeatMotion:
 
 @dataclass(frozen=True)
 class ImuStream:
-    """What one sensor would have sent: stamps_ns (n,), specific force (n, 3) m/s^2, angular velocity (n, 3) rad/s."""
+    """Data of one sensor: stamps_ns (n,), specific force (n, 3) m/s^2, angular velocity (n, 3) rad/s."""
 
     sensor: str
     stamps_ns: Integers
@@ -65,7 +65,7 @@ class ImuStream:
 def load_case(name: str, seconds: float, rng: np.random.Generator, rate_hz: float = TRUTH_RATE_HZ) -> SeatMotion:
     """Draw a seat motion of one of the paper's load cases (5.3): road, pothole (1-3 g) or rail (3-8 g).
 
-    Fore-aft and pitch companions come with it. Raises InputError for an unknown case or less than two seconds.
+    It contains fore-aft, lateral and pitch motion too. Raises InputError for an unknown case or less than two seconds.
     """
     if name not in _CASES:
         raise InputError(f"case {name!r} is unknown, known are {', '.join(_CASES)}{did_you_mean(name, _CASES)}")
@@ -75,7 +75,7 @@ def load_case(name: str, seconds: float, rng: np.random.Generator, rate_hz: floa
     up = _CASES[name](time, rate_hz, rng)
     forward = 0.3 * _delayed(up, 0.03, rate_hz) + 0.15 * _shaped_noise(time, rate_hz, rng, 3.0)
     left = 0.15 * _shaped_noise(time, rate_hz, rng, 3.0)
-    # Axles meet a bump one after the other, so a bump pitches the vehicle: about 0.02 rad/s per m/s^2 below 5 Hz.
+    # The axles pass a bump one after the other, which pitches the vehicle: about 0.02 rad/s per m/s^2 below 5 Hz.
     slow = signal.sosfiltfilt(signal.butter(2, 5.0, fs=rate_hz, output="sos"), _delayed(up, 0.05, rate_hz))
     fade = _fade(time, seconds)
     return SeatMotion(rate_hz, np.column_stack([forward, left, up]) * fade[:, None], 0.02 * slow * fade)
@@ -85,7 +85,7 @@ def imu_streams(
     subject: Subject, motion: SeatMotion, rng: np.random.Generator, sensors: SensorSettings | None = None,
     start_ns: int = 0, quiet_s: float = 1.0,
 ) -> list[ImuStream]:  # fmt: skip
-    """What six IMUs on a subject would send for a seat motion, with `quiet_s` at rest before and after it."""
+    """Streams of six IMUs on a subject for a seat motion, with `quiet_s` of rest before and after it."""
     settings = sensors or SensorSettings()
     time, accel, pitch = _with_quiet(motion, quiet_s)
     channels = _channels(accel, pitch)
@@ -100,10 +100,7 @@ def imu_streams(
 
 
 def _channels(accel_mps2: Floats, pitch_rate_radps: Floats) -> dict[str, Floats]:
-    """What effects may need beside the vertical: all sensors move fore-aft, sideways and in pitch as the seat does.
-
-    So no joint bends.
-    """
+    """Further inputs of effects: all sensors move fore-aft, sideways and in pitch as the seat, so no joint bends."""
     none = np.zeros_like(pitch_rate_radps)
     motion = {
         "x": accel_mps2[:, 0], "y": accel_mps2[:, 1], "rate_x": none, "rate_y": pitch_rate_radps, "rate_z": none,
@@ -120,7 +117,7 @@ def _sensor(
     rng: np.random.Generator,
     start_ns: int,
 ) -> ImuStream:
-    """One sensor: its own clock decides when it samples, its mounting what it sees, its electronics what it says."""
+    """One sensor with its errors of clock, mounting and electronics."""
     count = int((end_s - 2.0 * MARGIN_S) * settings.rate_hz)
     own_s = MARGIN_S + np.arange(count) / settings.rate_hz
     drift, offset_s = (

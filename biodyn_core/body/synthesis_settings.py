@@ -1,4 +1,4 @@
-"""What synthesis may be told: load cases, and how far synthetic IMUs are from perfect ones."""
+"""Settings of synthesis: load cases, and errors of synthetic IMUs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CASE_S: Final = 10.0
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """How far the synthetic IMUs are from perfect ones."""
+    """Errors of the synthetic IMUs."""
 
     rate_hz: float = setting(NATIVE_RATE_HZ, "sampling rate", "Hz", MIN_RATE_HZ, MAX_RATE_HZ)
     tilt_deg: float = setting(8.0, "mounting tilt, rms per axis", "deg", 0.0, 60.0)

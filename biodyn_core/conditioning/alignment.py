@@ -1,4 +1,4 @@
-"""Alignment: a sensor's conditioned samples read at the seat's instants, whatever order they arrive in."""
+"""Alignment: a sensor's conditioned samples interpolated at the seat's instants, in any order of arrival."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.conditioning.conditioned import Block
 
 LARGEST_ERROR: Final = 0.005
-"""What is read between samples errs by less than this up to the low-pass's cut-off, at every rate that is accepted."""
+"""Largest relative error of interpolation up to the low-pass's cut-off, at every accepted rate."""
 
-FORGOTTEN: Final = 64
-"""Samples that nothing needs are dropped so many at a time: with each instant it took as long as reading does."""
+DROP_SAMPLES: Final = 64
+"""Unneeded samples are dropped so many at a time: dropping at each instant took as long as interpolation."""
 
 _HALF_WIDTHS: Final = (4, 6, 8, 10, 12, 16, 24, 32, 48, 64)
 
@@ -46,7 +46,7 @@ def lagrange_weights(points: int) -> Floats:
 
 
 class Aligner:
-    """Keeps one sensor's recent samples, `keep_s` at most, and answers at grid instants: `feed`, `read`, `forget`."""
+    """Hold one sensor's samples of the last `keep_s`: `add` blocks, `read` at instants, `drop` unneeded samples."""
 
     def __init__(self, keep_s: float) -> None:
         self._keep_s = keep_s
@@ -57,24 +57,24 @@ class Aligner:
         self._runs = 0
         self._half = _HALF_WIDTHS[0]
 
-    def feed(self, blocks: Iterable[Block]) -> None:
-        """Take over a sensor's blocks; what is older than `keep_s` before the newest is dropped."""
+    def add(self, blocks: Iterable[Block]) -> None:
+        """Add a sensor's blocks; drop samples older than `keep_s` before the newest."""
         for block in blocks:
             self._epoch_ns = block.epoch_ns
             self._half = half_width(round(block.rate_hz, 1), block.cutoff_hz)
             self._runs += block.begins_run
             if block.begins_run and self._time_s.size and block.time_s[0] <= self._time_s[-1]:
-                self._return_to(float(block.time_s[0]))
+                self._drop_from(float(block.time_s[0]))
             self._time_s = np.concatenate([self._time_s, block.time_s])
             self._run = np.concatenate([self._run, np.full(block.time_s.shape, self._runs)])
             self._values = np.concatenate([self._values, block.low_passed_mps2])
         if self._time_s.size and self._time_s[0] < self._time_s[-1] - 2.0 * self._keep_s:
-            self._forget(float(self._time_s[-1]) - self._keep_s)
+            self._drop_before(float(self._time_s[-1]) - self._keep_s)
 
     def read(self, grid_s: Floats, epoch_ns: int) -> tuple[Floats, int]:
-        """Answer at instants grid_s (n,) since epoch_ns: (values (n,), how many are answered).
+        """Interpolate at instants grid_s (n,) since epoch_ns: (values (n,), number of instants answered).
 
-        NaN where the sensor has a gap or the edge of a run; unanswered are instants whose neighbours may still come.
+        NaN in a gap of the sensor and at the edges of a run; instants whose neighbours may still come are unanswered.
         """
         out = np.empty(grid_s.shape)
         out.fill(np.nan)
@@ -84,27 +84,27 @@ class Aligner:
 
     @property
     def look_ahead(self) -> int:
-        """Samples that must have come beyond an instant before it is answered."""
+        """Number of samples beyond an instant that its answer needs."""
         return self._half
 
     def reaches(self, time_s: float, epoch_ns: int) -> bool:
-        """Whether an instant is answered: its neighbours have come, or all that is kept lies beyond it."""
+        """Whether an instant can be answered: its neighbours have come, or all samples held lie beyond it."""
         size = self._time_s.size
         if not size:
             return False
         farthest_neighbour_s = float(self._time_s[max(0, size - self._half)])
         return farthest_neighbour_s > time_s + (epoch_ns - self._epoch_ns) * 1e-9
 
-    def forget(self, before_s: float, epoch_ns: int) -> None:
-        """Drop samples that no instant from `before_s` since epoch_ns on can need, a good many at a time."""
-        if self._time_s.size > FORGOTTEN + 2 * self._half:
-            self._forget(before_s + (epoch_ns - self._epoch_ns) * 1e-9)
+    def drop(self, before_s: float, epoch_ns: int) -> None:
+        """Drop the samples that no instant from `before_s` since epoch_ns on needs, many at a time."""
+        if self._time_s.size > DROP_SAMPLES + 2 * self._half:
+            self._drop_before(before_s + (epoch_ns - self._epoch_ns) * 1e-9)
 
-    def _forget(self, before_s: float) -> None:
+    def _drop_before(self, before_s: float) -> None:
         self._keep(slice(max(0, int(np.searchsorted(self._time_s, before_s)) - self._half - 1), None))
 
-    def _return_to(self, time_s: float) -> None:
-        """Stamps had leapt ahead and are back: what came meanwhile would stand before all that follows."""
+    def _drop_from(self, time_s: float) -> None:
+        """Drop the samples from a time on: their stamps had leapt ahead and have returned."""
         self._keep(slice(None, int(np.searchsorted(self._time_s, time_s))))
 
     def _keep(self, part: slice) -> None:

@@ -1,4 +1,4 @@
-"""Channels: what a sensor measures beside its vertical, in a frame of its own that is laid level."""
+"""Channels: a sensor's horizontal accelerations and angular rates, in its own levelled frame."""
 
 from __future__ import annotations
 
@@ -10,32 +10,31 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
-from biodyn_core.conditioning.attitude import STILL_RADPS
+from biodyn_core.conditioning.attitude import MAX_RATE_SCATTER_RADPS
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 
 LARGEST_RATE_RADPS: Final = IMPLAUSIBLE * 34.9
-"""Ten times 2000 deg/s is no reading of a gyro: missing, like one that is not finite."""
+"""Ten times 2000 deg/s is no reading of a gyro; it counts as missing, like one that is not finite."""
 
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """What one sensor measured beside its vertical, on the seat's grid, low-passed and masked (NaN) as that is.
+    """Horizontal accelerations and rates of one sensor on the seat's grid, low-passed and masked (NaN) as its vertical.
 
-    x is the sensor's own first axis laid level, z is up, and y completes them: the second axis laid level where the
-    third points up, against it where it points down. Where the first axis itself stands upright, y is the second laid
-    level. So axes of different sensors agree up to a turn about the vertical, which nobody knows, and those of one
-    sensor stay as long as it is mounted alike.
+    x is the horizontal projection of the sensor's first axis, z is up, and y completes a right-handed frame; where the
+    first axis is nearly vertical, y is the projection of the second. So the axes of two sensors differ by an unknown
+    rotation about the vertical, and those of one sensor stay the same as long as its mounting does.
     """
 
     horizontal_mps2: Floats
-    """(n, 2) along x and y, less the reading at rest and the level since; tilting meanwhile shows as gravity in it."""
+    """(n, 2) along x and y, without the reading at rest and the slow level; a tilt during motion adds gravity."""
     rates_radps: Floats | None
-    """(n, 3) about x, y and z, less the bias at rest; NaN also where the gyro alone has a gap; None without a gyro."""
+    """(n, 3) about x, y and z, without the bias at rest; NaN also in a gap of the gyro alone; None without a gyro."""
 
     def columns(self) -> dict[str, Floats]:
-        """All of it by name, such as `x` or `rate_y`, (n,) each."""
+        """All channels by name, such as `x` or `rate_y`, (n,) each."""
         found = {"x": self.horizontal_mps2[:, 0], "y": self.horizontal_mps2[:, 1]}
         if self.rates_radps is not None:
             found |= {f"rate_{axis}": self.rates_radps[:, i] for i, axis in enumerate("xyz")}
@@ -43,17 +42,19 @@ class Channels:
 
 
 class Gyro:
-    """One sensor's angular rates: `push` them beside its samples, and once these are conditioned `on` their runs."""
+    """One sensor's angular rates: `push` them with its samples, and read them `on` the conditioned runs.
+
+    is_still: whether rates scattered little at rest, so that their bias is known; set by `on`.
+    """
 
     def __init__(self) -> None:
         self._stamps: list[Integers] = []
         self._rates: list[Floats] = []
         self._usable: list[Flags] = []
-        self.still = False
-        """Whether rates scattered little at rest, so that their bias is one; known once it has been taken off."""
+        self.is_still = False
 
     def push(self, stamps_ns: Integers, usable: Flags, rates_radps: Floats | None) -> None:
-        """Take stamps (n,) in order of arrival, whether the accelerations are usable (n,), and rates (n, 3), if any."""
+        """Add stamps (n,) in order of arrival, flags of usable accelerations (n,), and rates (n, 3), if any."""
         rates = np.full((len(stamps_ns), 3), np.nan) if rates_radps is None else np.array(rates_radps, dtype=np.float64)
         rates[~(np.abs(rates) < LARGEST_RATE_RADPS).all(axis=1)] = np.nan
         self._stamps.append(np.array(stamps_ns, dtype=np.int64))
@@ -61,10 +62,10 @@ class Gyro:
         self._usable.append(usable)
 
     def on(self, blocks: Sequence[Block], conditioner: Conditioner) -> list[Floats]:
-        """Rates (n, 3) in the sensor's axes on each of its runs, bias taken off, NaN where none was read.
+        """Rates (n, 3) in the sensor's axes on each of its runs, without bias, NaN where none was read.
 
-        Raises InputError where there is no gyro, which one reading throughout means too (drivers that do not keep
-        REP-145 send zeros), or no bias at rest to take off.
+        Raises InputError without a gyro, also for a constant reading (drivers that ignore REP-145 send zeros), and
+        without rates at rest.
         """
         stamps, usable = np.concatenate(self._stamps), np.concatenate(self._usable)
         rates = np.concatenate(self._rates)
@@ -75,15 +76,15 @@ class Gyro:
         at_rest = at_rest[~np.isnan(at_rest[:, 0])]
         if at_rest.size == 0:
             raise InputError(f"{conditioner.sensor}: no angular rates at rest, so their bias is unknown: left out")
-        self.still = bool((at_rest.std(axis=0) < STILL_RADPS).all())
-        usable[: conditioner.waited] = False
+        self.is_still = bool((at_rest.std(axis=0) < MAX_RATE_SCATTER_RADPS).all())
+        usable[: conditioner.skipped] = False
         read = _paired(np.concatenate([block.stamps_ns for block in blocks]), stamps[usable])
         found = np.where((read >= 0)[:, None], rates[usable][read], np.nan) - at_rest.mean(axis=0)
         return np.split(found, np.cumsum([block.time_s.size for block in blocks])[:-1])
 
 
-def bridged(time_s: Floats, values: Floats) -> Floats:
-    """Values (n, k) of which some are NaN, with a straight line across what is missing, as acceleration has it."""
+def interpolated(time_s: Floats, values: Floats) -> Floats:
+    """Values (n, k) with linear interpolation across NaN, as for acceleration."""
     known = ~np.isnan(values).any(axis=1)
     if not known.any():
         return np.zeros_like(values)
@@ -91,22 +92,22 @@ def bridged(time_s: Floats, values: Floats) -> Floats:
 
 
 def _rest(stamps_ns: Integers, conditioner: Conditioner) -> slice:
-    """The samples, by order of arrival, that a sensor's rest was told by; all but the first of a stamp that it shares.
+    """The samples of a sensor's rest by order of arrival, because time may have leapt back; they are contiguous.
 
-    They came in one piece, and are told by where they came, since time may have leapt back before.
+    Of samples that share the first stamp, the last alone is included.
     """
     if conditioner.gravity is not None:
         begin, end = (conditioner.gravity.samples or (0, 0)) if conditioner.gravity.is_rest else (0, 0)
         return slice(begin, end)
     assert conditioner.rest is not None
-    before = stamps_ns[: conditioner.waited]
-    return slice(int(np.flatnonzero(before == conditioner.rest.epoch_ns)[-1]), conditioner.waited)
+    before = stamps_ns[: conditioner.skipped]
+    return slice(int(np.flatnonzero(before == conditioner.rest.epoch_ns)[-1]), conditioner.skipped)
 
 
 def _paired(stamps_ns: Integers, pushed_ns: Integers) -> Integers:
-    """For each stamp (n,) which of the pushed ones (m,) it is, -1 for none: the second of a stamp is the second there.
+    """For each stamp (n,) the index of the pushed one (m,), -1 for none; equal stamps pair in order.
 
-    Conditioning leaves samples out but keeps their order, and what was truly read keeps its stamp.
+    Conditioning drops samples but keeps their order, and measured samples keep their stamp.
     """
     order, pushed_order = np.argsort(stamps_ns, kind="stable"), np.argsort(pushed_ns, kind="stable")
     ascending, pushed = stamps_ns[order], pushed_ns[pushed_order]

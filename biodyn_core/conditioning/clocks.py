@@ -1,7 +1,7 @@
-"""Clocks: how a sensor's header stamps run against another clock, the recorder's log times or the times of arrival.
+"""Clocks: drift of a sensor's header stamps against another clock, the recorder's log times or times of arrival.
 
-Transport only ever delays, and in bursts. So the smallest lag of each second is kept, and a robust line through these
-tells rate and offset (Theil 1950, Sen 1968). Memory does not grow with the record; block cuts never change a bit.
+Transport delays, in bursts, and never advances. So a robust line through the smallest lag of each second gives rate and
+offset (Theil 1950, Sen 1968). Memory does not grow with the record; block cuts never change a bit.
 """
 
 from __future__ import annotations
@@ -15,38 +15,37 @@ import numpy as np
 from biodyn_core.base.arrays import Floats, Integers
 
 BIN_NS: Final = 1_000_000_000
-"""The smallest lag is taken over one second: longer than the bursts that recorders write in."""
+"""The smallest lag is over one second: longer than the bursts of recorders."""
 
 LEAP_NS: Final = 1_000_000_000
-"""A lag that differs from the usual one by more is no delay: the stamp is astray, or the clock was set."""
+"""A lag that differs from the typical one by more is no delay: the stamp is stray, or the clock was set."""
 
-LEAST_POINTS: Final = 5
-"""Fewer seconds than these tell no rate."""
+MIN_POINTS: Final = 5
+"""Fewer seconds give no rate."""
 
 QUANTUM_NS: Final = 1_000_000
-"""Stamps that move in coarser steps than this are called quantised."""
+"""Stamps that advance in steps of this or more are quantised."""
 
 _BATCH_NS: Final = 8 * BIN_NS
 _BATCH_SAMPLES: Final = 1 << 16
 _WAITING_SAMPLES: Final = 4096
-_MOST_POINTS: Final = 256
+_MAX_POINTS: Final = 256
 _LEAP_CONFIRMED_BY: Final = 20
-_STANDING_SHARE: Final = 0.01
+_MAX_REPEATED_SHARE: Final = 0.01
 _NONE: Final = np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """How one clock runs against the reference, over the longest stretch in which neither leapt.
+    """Drift of one clock against the reference, over the longest stretch in which neither leapt.
 
-    ppm > 0: the sensor's clock runs fast, its stamps gain so many microseconds on the reference in every second; None
-    below LEAST_POINTS seconds. ppm_error: half the 95 % interval of the line (Sen 1968); where stamps are quantised not
-    less than the spread about it over the stretch, for a slow beat of rate and quantum looks like drift.
-    offset_s > 0: the reference reads later than the stamp of the same sample, at the stretch's begin and by the least
-    delay; whether a clock or the transport is late no stamp can tell. scatter_s: standard deviation, by the median, of
-    each second's least lag about the line. seconds: the stretch's length by the reference. leaps: how often either
-    clock was set by more than a second. quantum_s: what the stamps are multiples of, where they are quantised to
-    QUANTUM_NS or coarser.
+    ppm > 0: the sensor's clock is fast, its stamps gain so many microseconds on the reference per second; None below
+    MIN_POINTS seconds. ppm_error: half the 95 % interval of the line (Sen 1968); for quantised stamps at least the
+    spread about it over the stretch, because a slow beat of rate and quantum looks like drift. offset_s > 0: the
+    reference is later than the stamp of the same sample, at the stretch's begin and by the least delay; a late clock
+    and a late transport cannot be distinguished. scatter_s: standard deviation, by the median, of each second's least
+    lag about the line. seconds: the stretch's length by the reference. leaps: how often either clock was set by more
+    than a second. quantum_s: the stamps are multiples of it, None below QUANTUM_NS.
     """
 
     ppm: float | None
@@ -59,19 +58,19 @@ class ClockDrift:
 
     @property
     def copied(self) -> bool:
-        """Whether the reference is the stamps themselves, and so tells nothing of their clock."""
+        """Whether the reference is the stamps themselves."""
         return self.offset_s == 0.0 and self.scatter_s == 0.0 and not self.ppm
 
 
 class _Point(NamedTuple):
-    """The smallest lag of some seconds: when it was, and reference less stamp, ns."""
+    """The smallest lag of some seconds: its time, and reference minus stamp, ns."""
 
     reference_ns: int
     lag_ns: int
 
 
 class ClockComparison:
-    """Compares a sensor's stamps with a reference: `push` both as they come, `result` whenever it is wanted."""
+    """Compare a sensor's stamps with a reference: `push` both, and read the `result` at any time."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[Integers, Integers]] = []
@@ -83,25 +82,25 @@ class ClockComparison:
     def push(self, stamps_ns: Integers, reference_ns: Integers) -> None:
         """Take stamps (n,) and the reference's times (n,) of the same samples, ns, in order of arrival.
 
-        A stamp of zero was never set and counts for nothing. The arrays must not be written to afterwards.
+        Stamps of zero were never set and are ignored. The arrays must not be written to afterwards.
         """
         self._waiting.append((stamps_ns, reference_ns))
         self._waiting_samples += stamps_ns.shape[0]
         if self._waiting_samples >= _WAITING_SAMPLES:
-            self._settle()
+            self._process()
 
     def result(self) -> ClockDrift | None:
-        """What is known so far; None while no stamp was set."""
+        """The drift over the longest stretch so far; None before a stamp is set."""
         history = self._so_far()
         return self._fitted(history.longest, history.leaps)
 
     def since_leap(self) -> ClockDrift | None:
-        """Of the stretch that still goes on, which alone tells how the clock is set now; None while there is none."""
+        """The drift over the present stretch, which alone shows the clock's present setting; None without one."""
         history = self._so_far()
         return self._fitted(history.current, history.leaps)
 
     def _so_far(self) -> _History:
-        self._settle()
+        self._process()
         history = self._history.copy()
         if self._batch[0].size:
             history.add(*self._batch)
@@ -110,8 +109,8 @@ class ClockComparison:
     def _fitted(self, stretch: _Stretch, leaps: int) -> ClockDrift | None:
         return _fitted(stretch, leaps, self._steps.quantum_ns()) if stretch.points() else None
 
-    def _settle(self) -> None:
-        """Digest what waits: every batch that is complete becomes a few points."""
+    def _process(self) -> None:
+        """Reduce every complete batch of the waiting samples to a few points."""
         if not self._waiting:
             return
         stamps_ns, reference_ns = (np.concatenate(part) for part in zip(*self._waiting, strict=True))
@@ -130,7 +129,7 @@ class ClockComparison:
 
 
 def _batch_end(reference_ns: Integers) -> int | None:
-    """Where the first batch ends; None while it is not complete. Slight disorder of the reference ends none."""
+    """End of the first batch, None while it is incomplete; slight disorder of the reference ends none."""
     if reference_ns.size == 0:
         return None
     batch = reference_ns // _BATCH_NS
@@ -142,41 +141,41 @@ def _batch_end(reference_ns: Integers) -> int | None:
 
 
 def _lowest(reference_ns: Integers, lags_ns: Integers) -> tuple[int, list[_Point]]:
-    """The usual lag of a batch, and the smallest of each second, stamps astray left out."""
+    """The typical lag of a batch, and the smallest of each second, without stray stamps."""
     middle = lags_ns.size // 2
-    usual_ns = int(np.partition(lags_ns, middle)[middle])
-    near = np.abs(lags_ns - usual_ns) < LEAP_NS
+    typical_ns = int(np.partition(lags_ns, middle)[middle])
+    near = np.abs(lags_ns - typical_ns) < LEAP_NS
     if not near.all():
         reference_ns, lags_ns = reference_ns[near], lags_ns[near]
     bins = np.maximum.accumulate(reference_ns // BIN_NS)
     edges = [0, *(np.flatnonzero(bins[1:] != bins[:-1]) + 1).tolist(), bins.size]
     lowest = [lo + int(lags_ns[lo:hi].argmin()) for lo, hi in pairwise(edges)]
-    return usual_ns, [_Point(int(reference_ns[i]), int(lags_ns[i])) for i in lowest]
+    return typical_ns, [_Point(int(reference_ns[i]), int(lags_ns[i])) for i in lowest]
 
 
 class _History:
-    """The stretch that runs and the longest one before it: neither clock leapt within either."""
+    """The present stretch and the longest one before it, both without a leap of either clock."""
 
     def __init__(self) -> None:
         self.current, self._before = _Stretch(), _Stretch()
-        self._usual_ns: int | None = None
+        self._typical_ns: int | None = None
         self.leaps = 0
 
     def copy(self) -> _History:
         other = _History()
         other.current, other._before = self.current.copy(), self._before
-        other._usual_ns, other.leaps = self._usual_ns, self.leaps
+        other._typical_ns, other.leaps = self._typical_ns, self.leaps
         return other
 
     def add(self, reference_ns: Integers, lags_ns: Integers) -> None:
-        """Take one batch; one that leapt but is too small to be believed is left out."""
-        usual_ns, points = _lowest(reference_ns, lags_ns)
-        if self._usual_ns is not None and abs(usual_ns - self._usual_ns) > LEAP_NS:
+        """Add one batch; ignore one with a leap that has too few samples to confirm it."""
+        typical_ns, points = _lowest(reference_ns, lags_ns)
+        if self._typical_ns is not None and abs(typical_ns - self._typical_ns) > LEAP_NS:
             if lags_ns.size < _LEAP_CONFIRMED_BY:
                 return
             self.leaps += 1
             self._before, self.current = self.longest, _Stretch()
-        self._usual_ns = usual_ns
+        self._typical_ns = typical_ns
         self.current.add(points, int(reference_ns[0]), int(reference_ns[-1]))
 
     @property
@@ -201,7 +200,7 @@ class _Stretch:
         return other
 
     def add(self, points: list[_Point], begin_ns: int, end_ns: int) -> None:
-        """Take a batch's points, and when its first and last samples were."""
+        """Add a batch's points, and the times of its first and last samples."""
         self.begin_ns = begin_ns if self.begin_ns is None else self.begin_ns
         self.end_ns = end_ns
         for point in points:
@@ -210,8 +209,8 @@ class _Stretch:
                 continue
             self._points.append(_least(self._open))
             self._open = []
-            if len(self._points) == _MOST_POINTS:
-                self._points = [_least(self._points[i : i + 2]) for i in range(0, _MOST_POINTS, 2)]
+            if len(self._points) == _MAX_POINTS:
+                self._points = [_least(self._points[i : i + 2]) for i in range(0, _MAX_POINTS, 2)]
                 self._width *= 2
 
     def points(self) -> list[_Point]:
@@ -231,23 +230,23 @@ def _fitted(stretch: _Stretch, leaps: int, quantum_ns: int | None) -> ClockDrift
     points, begin_ns = stretch.points(), stretch.begin_ns or 0
     least_ns, seconds = points[0].lag_ns, stretch.length_ns * 1e-9
     quantum_s = None if quantum_ns is None else quantum_ns * 1e-9
-    # Whole nanoseconds are subtracted before anything becomes a float, which could not hold them.
+    # Subtract as integers: a float cannot hold whole nanoseconds.
     t = np.array([point.reference_ns - begin_ns for point in points]) * 1e-9
     lag = np.array([point.lag_ns - least_ns for point in points]) * 1e-9
-    ppm, ppm_error, left = None, None, lag
-    if t.size >= LEAST_POINTS and seconds > 0.0 and np.ptp(t) > 0.0:
+    ppm, ppm_error, residual = None, None, lag
+    if t.size >= MIN_POINTS and seconds > 0.0 and np.ptp(t) > 0.0:
         slope, error = _theil_sen(t, lag)
-        left = lag - slope * t
+        residual = lag - slope * t
         if quantum_s is not None:
-            low, high = np.percentile(left, [10.0, 90.0])
+            low, high = np.percentile(residual, [10.0, 90.0])
             error = max(error, float(high - low) / seconds)
         ppm, ppm_error = -1e6 * slope, 1e6 * error
-    level = float(np.median(left))
+    level = float(np.median(residual))
     return ClockDrift(
         ppm=ppm,
         ppm_error=ppm_error,
         offset_s=least_ns * 1e-9 + level,
-        scatter_s=1.4826 * float(np.median(np.abs(left - level))),
+        scatter_s=1.4826 * float(np.median(np.abs(residual - level))),
         seconds=seconds,
         leaps=leaps,
         quantum_s=quantum_s,
@@ -267,13 +266,13 @@ def _theil_sen(t: Floats, y: Floats) -> tuple[float, float]:
 
 
 class _Steps:
-    """What the stamps are multiples of, by their steps."""
+    """The quantum of stamps, by their steps."""
 
     def __init__(self) -> None:
         self._last = _NONE
         self._divisor_ns = 0
-        self._least_ns, self._of_least = 0, 0
-        self._standing = 0
+        self._least_ns, self._least_count = 0, 0
+        self._repeated = 0
         self._count = 0
 
     def add(self, stamps_ns: Integers) -> None:
@@ -283,22 +282,22 @@ class _Steps:
         self._last = stamps_ns[-1:]
         moving = steps_ns[steps_ns != 0]
         self._count += steps_ns.size
-        self._standing += steps_ns.size - moving.size
+        self._repeated += steps_ns.size - moving.size
         if moving.size:
             self._divisor_ns = int(np.gcd(self._divisor_ns, np.gcd.reduce(moving)))
             least_ns = int(moving.min())
-            if not self._of_least or least_ns < self._least_ns:
-                self._least_ns, self._of_least = least_ns, 0
-            self._of_least += int((moving == self._least_ns).sum())
+            if not self._least_count or least_ns < self._least_ns:
+                self._least_ns, self._least_count = least_ns, 0
+            self._least_count += int((moving == self._least_ns).sum())
 
     def quantum_ns(self) -> int | None:
-        """The steps' common divisor, unless it is fine, or simply the period of an even clock."""
+        """The steps' common divisor, unless it is fine, or the period of an even clock."""
         coarse = self._divisor_ns >= QUANTUM_NS
-        on_a_grid = self._least_ns == self._divisor_ns and self._of_least > 0.5 * self._count
-        even = on_a_grid and self._standing <= _STANDING_SHARE * self._count
+        on_a_grid = self._least_ns == self._divisor_ns and self._least_count > 0.5 * self._count
+        even = on_a_grid and self._repeated <= _MAX_REPEATED_SHARE * self._count
         return self._divisor_ns if coarse and not even else None
 
 
 def _to_microseconds(stamps_ns: Integers) -> Integers:
-    """Nearest whole microseconds, as ns: drivers that compute in seconds miss by a nanosecond."""
+    """Nearest whole microseconds, in ns: drivers that compute in seconds err by a nanosecond."""
     return (stamps_ns + 500) // 1000 * 1000

@@ -1,4 +1,4 @@
-"""What conditioning gives: blocks of samples, and what was seen of a sensor."""
+"""Conditioned: results of conditioning: blocks of samples, and the status of a sensor."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from biodyn_core.conditioning.tilt import Vector
 class Block(NamedTuple):
     """Conditioned samples of one sensor, evenly spaced within one run.
 
-    stamps_ns (n,) and time_s (n,) are the instants answered, filter delay taken off (time_s since epoch_ns, the
-    sensor's first stamp, for alignment); levelled_mps2 (n, 3), gravity-free, third axis up, before the low-pass;
-    low_passed_mps2 (n,), vertical, up to cutoff_hz. gap_s: what lies between a run's first sample and the one before.
+    stamps_ns (n,) and time_s (n,) are the instants without the filter delay (time_s since epoch_ns, the sensor's first
+    stamp, for alignment); levelled_mps2 (n, 3), gravity-free, third axis up, before the low-pass; low_passed_mps2 (n,),
+    vertical, up to cutoff_hz. gap_s: gap before the first sample of a run.
     """
 
     stamps_ns: Integers
@@ -40,15 +40,14 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class SensorStatus:
-    """What one sensor's conditioning has seen so far; `fault` says in one line why it answers nothing.
+    """State of one sensor's conditioning; `fault`: why there are no blocks, in one line, None without a fault.
 
-    `waiting` says in one line why gravity is not known yet, and what helps.
-
-    rate_hz follows the sensor's clock; period_s is that of rest, by which lost samples are seconds, 0 before it.
-    Rejected samples by cause: stamp unset, reading not finite, duplicate, late, stamp astray. filled: interpolated;
-    flat: of one that never changed for long. run_s: how long this run goes on, the rest before the first one included,
-    None until there is one. uncounted_s passed before gravity was known, unrested_s of it in motion; set_back_s while
-    stamps were late behind each other, as of a clock that was set back; gap_s lies between runs.
+    waiting: why gravity is still unknown, and the remedy, in one line. rate_hz: tracked by the sensor's clock;
+    period_s: at rest, the length of a lost sample, 0 before rest. Rejected samples by cause: unset stamp, reading not
+    finite, duplicate, late, stray stamp. filled: interpolated; flat: of a long constant reading. run_s: length of the
+    present run, with the rest before the first one, None before it. uncounted_s: time before gravity was known;
+    unrested_s: its part in motion; set_back_s: time with late stamps in a row, as of a clock that was set back;
+    gap_s: between runs.
     """
 
     rate_hz: float | None
@@ -78,21 +77,21 @@ class SensorStatus:
 
     @property
     def rejected(self) -> int:
-        """Samples that were not used, for whatever cause."""
+        """All rejected samples."""
         return self.unset + self.non_finite + self.duplicate + self.late + self.stray
 
     @property
     def filled_s(self) -> float:
-        """Seconds that are interpolated."""
+        """Interpolated seconds."""
         return self.filled * self.period_s
 
     @property
     def flat_s(self) -> float:
-        """Seconds of a reading that never changed for long."""
+        """Seconds of long constant readings."""
         return self.flat * self.period_s
 
     @property
     def recorded_s(self) -> float:
-        """Seconds from the first sample to the newest, by accepted samples: one wild stamp does not count."""
+        """Seconds from the first sample to the newest, by accepted samples, so that a stray stamp has no effect."""
         counted_s = (self.accepted + self.filled) / self.rate_hz if self.rate_hz else 0.0
         return self.uncounted_s + counted_s + self.gap_s

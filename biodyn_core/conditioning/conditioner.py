@@ -1,7 +1,7 @@
 """Conditioning: one sensor's raw stamps and samples become evenly spaced, levelled, gravity-free, low-passed ones.
 
-The same numbers for any cut into blocks. Causal for live and replay: the low-pass's low-frequency group delay is taken
-off the stamps. Zero-phase for identification: a run is answered once it has ended, and nothing is delayed.
+The same numbers for any cut into blocks. Causal for live and replay: the low-pass's group delay at 0 Hz is subtracted
+from the stamps. Zero-phase for identification: a run is filtered at its end, without delay.
 """
 
 from __future__ import annotations
@@ -19,9 +19,11 @@ from biodyn_core.base.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERA
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-from biodyn_core.conditioning.gravity import IDLING_MPS2, Gravity, GravitySearch
+from biodyn_core.conditioning.gravity import Gravity, GravitySearch
+from biodyn_core.conditioning.low_pass import group_delay_s, low_pass_sections, zero_phase
 from biodyn_core.conditioning.rails import Clipping
-from biodyn_core.conditioning.rest import Rest, RestWindow
+from biodyn_core.conditioning.rest import Rest
+from biodyn_core.conditioning.rest_search import RestSearch
 from biodyn_core.conditioning.runs import Runs
 from biodyn_core.conditioning.tilt import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.kernels import rails
@@ -29,60 +31,52 @@ from biodyn_core.kernels import sensor as kernel
 from biodyn_core.kernels.compiling import views
 
 Mode = Literal["causal", "zero_phase", "survey", "rest"]
-"""What comes out: causal or zero-phase answers, or none at all.
+"""The output: causal or zero-phase blocks, or none.
 
-With "survey" only the status of a sensor of any rate; with "rest" only whether, and when, a causal path begins.
+"survey" gives the status of a sensor of any rate alone, "rest" the rest alone at which a causal path would begin.
 """
-
-FILTER_ORDER: Final = 2 * kernel.SECTIONS
-"""Butterworth low-pass of the paper, 5.2; zero-phase it runs forward and backward, -6 dB at the cut-off."""
 
 RATE_PER_CUTOFF: Final = 2.5
 CLOCK_TIME_CONSTANT_S: Final = 5.0
-"""The loop that follows a sensor's clock: slow enough to average jitter, fast enough for any drift of a quartz."""
+"""Of the loop that tracks a sensor's clock: slow enough to average jitter, fast enough for any drift of a quartz."""
 
-JITTER_TOLERATED: Final = 0.35
-"""With more mean jitter than so many periods no stamp tells whether a sample was lost before it."""
+MAX_JITTER: Final = 0.35
+"""With more mean jitter than so many periods, stamps do not show lost samples."""
 
 GRAVITY_TOLERANCE: Final = 0.05
-UNSET: Final = "header stamps are zero: use log time (--time log), or set them in the driver"
-UNSET_TOLERATED: Final = 20
-"""So many stamps of zero while rest is looked for, and more than others, are a driver that sets none."""
-
-RATE_TOLERATED: Final = 0.0199
-"""The tracked rate stays within 2 % of that at rest; one that comes this close is not followed."""
+MAX_RATE_CHANGE: Final = 0.0199
+"""The tracked rate stays within 2 % of that at rest; so close to this bound it is no longer tracked."""
 
 SettingsOf = ConditioningSettings | Mapping[str, ConditioningSettings] | None
-"""Settings of all sensors, or of each by its name; of a sensor that is not named they are the defaults."""
+"""Settings of all sensors, or by the name of each; a sensor without an entry has the defaults."""
 
 
-_NONE_LEFT: Final = np.empty(0, dtype=np.int64), np.empty((0, 3))
+_NO_SAMPLES: Final = np.empty(0, dtype=np.int64), np.empty((0, 3))
 
-_Answered = tuple[Integers, Floats, Floats, Floats]
+_Columns = tuple[Integers, Floats, Floats, Floats]
 """Stamps (n,) ns, times (n,) s, levelled (n, 3) and low-passed m/s^2."""
 
-_Rows = tuple[Integers, Floats, Floats, Floats, Floats, Integers]
-"""The same, then raw readings (n, 3) m/s^2, and by index (n,) which sample each was, -1 where interpolated."""
+_Buffers = tuple[Integers, Floats, Floats, Floats, Floats, Integers]
+"""The same, raw readings (n, 3) m/s^2, and the index (n,) of each sample, -1 where interpolated."""
 
 
 def gravity_search(settings: ConditioningSettings | None, vertical: Vector | None) -> GravitySearch:
-    """Search a record for rest as a sensor with these settings would take it."""
+    """A search for rest in a whole record, by the settings of a sensor."""
     s = settings or ConditioningSettings()
     implausible_mps2 = kernel.IMPLAUSIBLE * s.saturation_mps2
     return GravitySearch(s.rest_s, s.rest_rms_mps2, s.max_gap_s, implausible_mps2, vertical)
 
 
 def settings_for(sensor: str, conditioning: SettingsOf) -> ConditioningSettings | None:
-    """How one sensor is conditioned."""
+    """The settings of one sensor."""
     return conditioning.get(sensor) if isinstance(conditioning, Mapping) else conditioning
 
 
 class Conditioner:
     """One sensor: clock, gaps, vertical and gravity, low-pass. `push` raw samples, get `Block`s, `finish` at the end.
 
-    vertical (3,): where the sensor's axes see up, if rest is not to tell it; its gravity is then the mean along it.
-    gravity: its mean reading, where that is known before the first sample, as offline: conditioning begins there.
-    waited: how many samples came before those that are conditioned, the last one at rest included.
+    vertical (3,): up in the sensor's axes, if rest shall not determine it; gravity is then the mean along it.
+    gravity: the mean reading at rest, if it is known before the first sample, as offline.
     """
 
     def __init__(
@@ -99,37 +93,35 @@ class Conditioner:
         if mode == "zero_phase" and self.settings.gravity_tracker_s is not None:
             raise InputError("gravity_tracker_s is causal: leave it out with zero-phase filtering")
         if vertical is not None and not 0.0 < math.hypot(*vertical) < math.inf:
-            raise InputError(f"{sensor}: vertical {vertical} is no direction: three finite numbers, not all zero")
+            raise InputError(
+                f"{sensor}: vertical {vertical} is not a direction: give three finite numbers, not all zero"
+            )
         self.delay_s = 0.0
         self._given_vertical = vertical
-        # Rest at the begin is found here as it is live, so that both give the same numbers.
+        # Rest at the begin is searched for as live, so that both give the same numbers.
         self.gravity = None if gravity is None or gravity.origin == "begin" else gravity
-        self._fault: str | None = None
-        self.first_ns: int | None = None
-        self.waited = 0
-        self._waiting = self._new_wait()
+        self._search = RestSearch(self.settings, self.gravity is not None, self._begin)
         self._rest: Rest | None = None
-        self._uncounted = 0
-        self._early: list[tuple[Integers, Floats]] = []
+        self._known_from_ns: int | None = None
         self._state = np.zeros(kernel.STATE_SIZE)
         self._counts = np.zeros(kernel.COUNT_SIZE, dtype=np.int64)
         self._rails = np.zeros(rails.STATE_SIZE)
         self._at_extremes = np.zeros(rails.COUNT_SIZE, dtype=np.int64)
-        self._undecided: tuple[Integers, Floats] | None = None
-        self._held: list[Block] = []
+        self._deferred: tuple[Integers, Floats] | None = None
+        self._run_blocks: list[Block] = []
         self.runs = Runs()
         self._run_epoch_ns = 0
 
     def begin_known(self, rest: Rest, stamp_ns: int) -> None:
-        """Begin without rest, from a stamp on: gravity, vertical and clock are known from a run just before.
+        """Begin at a stamp with the gravity, vertical and clock of an earlier rest.
 
         Raises InputError where they do not fit the settings.
         """
         begun = dataclasses.replace(rest, epoch_ns=stamp_ns, last_time_s=0.0)
         self._start(begun)
-        # As behind a gap: whatever comes first is accepted.
+        # As behind a gap: the first sample is accepted at any stamp.
         self._state[kernel.TIME], self._state[kernel.LAST_STAMP] = math.nan, -math.inf
-        self._rest, self._run_epoch_ns, self.first_ns = begun, stamp_ns, stamp_ns
+        self._rest, self._run_epoch_ns, self._known_from_ns = begun, stamp_ns, stamp_ns
 
     # --- in and out --------------------------------------------------------------------------------------------------
 
@@ -137,64 +129,61 @@ class Conditioner:
         """Condition raw specific force (n, 3) m/s^2 with header stamps (n,) ns, in order of arrival."""
         if stamps_ns.shape[0] == 0:
             return []
-        # Copies: what comes from a message may be read-only or strided, and each such kind would be compiled anew.
+        # Copies: arrays of messages may be read-only or strided, and kernels are compiled anew for each such kind.
         stamps_ns = np.array(stamps_ns, dtype=np.int64, order="C")
         samples_mps2 = np.array(samples_mps2, dtype=np.float64, order="C")
         if self._rest is None:
-            look = self._look_for_rest if self.gravity is None else self._look_for_clock
-            found = look(stamps_ns, samples_mps2)
+            found = self._search.push(stamps_ns, samples_mps2)
+            self._counts[kernel.UNSET] = self._search.unset
             if found is None:
                 return []
             stamps_ns, samples_mps2 = found
         return self._condition(stamps_ns, samples_mps2, final=False)
 
     def finish(self) -> list[Block]:
-        """Answer what still waits: a sample that nothing followed, and the last run of a zero-phase sensor."""
-        left = _NONE_LEFT
-        if self._rest is None and self.gravity is not None and self._found_rest(final=True):
-            left = self._collected()
+        """Return the remaining blocks: of a sample without a successor, and of the last run of a zero-phase sensor."""
+        left = _NO_SAMPLES
+        if self._rest is None:
+            left = self._search.finish() or _NO_SAMPLES
+            self._counts[kernel.UNSET] = self._search.unset
         if self._rest is None:
             return []
         return self._condition(*left, final=True) + self._filtered_run()
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate the filters were designed for; known after rest."""
+        """Sampling rate of the filters' design; known after rest."""
         assert self._rest is not None
         return 1.0 / self._rest.period_s
 
     @property
     def rest(self) -> Rest | None:
-        """The rest that gravity and clock are taken from; None while it is looked for."""
+        """The rest of gravity and clock; None while it is searched for."""
         return self._rest
 
-    def zero_phase(self, values: Floats) -> Floats:
-        """Low-pass a whole run (n, ...) forward and backward, as a zero-phase sensor's vertical is; not before rest."""
-        from scipy import signal  # half a second
+    @property
+    def first_ns(self) -> int | None:
+        """Stamp of the first sample, or of the begin with a known rest; None before."""
+        return self._search.first_ns if self._known_from_ns is None else self._known_from_ns
 
-        padding = min(3 * (2 * kernel.SECTIONS + 1), len(values) - 1)
-        filtered: Floats = np.ascontiguousarray(signal.sosfiltfilt(self._sos, values, axis=0, padlen=padding))
-        return filtered
+    @property
+    def skipped(self) -> int:
+        """Number of samples before the conditioned ones, the last one at rest included."""
+        return self._search.skipped
+
+    def zero_phase(self, values: Floats) -> Floats:
+        """Low-pass a whole run (n, ...) like a zero-phase sensor's vertical; not before rest."""
+        return zero_phase(self._sos, values)
 
     @property
     def fault(self) -> str | None:
-        """Why it answers nothing, in one line."""
-        unset = int(self._counts[kernel.UNSET])
-        if self._rest is None and unset >= UNSET_TOLERATED and unset > self._waiting.collected:
-            return f"{self.sensor}: {UNSET}"
-        return self._fault
-
-    @property
-    def _unrested(self) -> int:
-        """Samples that came before the window at rest; all of them where there was none."""
-        rest = self._rest
-        if rest is None or rest.in_motion or self.gravity is not None:
-            return self._uncounted
-        return max(0, self._uncounted - round(rest.last_time_s / rest.period_s) - 1)
+        """Why there are no blocks, in one line; None without a fault."""
+        fault = self._search.fault if self._rest is None else None
+        return fault and f"{self.sensor}: {fault}"
 
     @property
     def _set_back(self) -> int:
-        """Samples that were late behind each other, those of now included."""
+        """Samples that were late in a row, the present ones included."""
         now = int(self._counts[kernel.LATE_IN_A_ROW])
         return int(self._counts[kernel.SET_BACK]) + (now if now >= kernel.LEAP_CONFIRMED_BY else 0)
 
@@ -207,12 +196,12 @@ class Conditioner:
         return self._run_epoch_ns + round(newest_s * 1e9)
 
     def clipping(self) -> Clipping:
-        """What was clipped so far."""
+        """The clipped samples so far."""
         return Clipping.of(int(self._counts[kernel.CLIPPED]), self._rails, self._at_extremes)
 
     def status(self) -> SensorStatus:
-        """What was seen so far."""
-        counts, clipping = [int(v) for v in self._counts], self.clipping()
+        """The state so far."""
+        counts, clipping, search = [int(v) for v in self._counts], self.clipping(), self._search
         known = self._rest is not None
         period_s = self._rest.period_s if self._rest else 0.0
         return SensorStatus(
@@ -233,104 +222,28 @@ class Conditioner:
             clipped=clipping.total,
             runs=self.runs.count,
             run_s=counts[kernel.IN_RUN] * period_s if self.runs.count else None,
-            uncounted_s=self._uncounted * period_s,
-            unrested_s=self._unrested * period_s,
+            uncounted_s=search.uncounted * period_s,
+            unrested_s=search.unrested(self._rest) * period_s,
             set_back_s=self._set_back * period_s,
             gap_s=self.runs.gap_s,
             warnings=tuple(self._warnings(clipping)),
             fault=self.fault,
-            waiting=self._why_waiting(),
+            waiting=None if known else search.reason(),
         )
 
-    # --- rest --------------------------------------------------------------------------------------------------------
-
-    def _new_wait(self) -> RestWindow:
-        s = self.settings
-        return RestWindow(
-            s.rest_s, s.rest_patience_s, s.rest_rms_mps2, s.max_gap_s, kernel.IMPLAUSIBLE * s.saturation_mps2,
-            clock_only=self.gravity is not None,
-        )  # fmt: skip
-
-    def _why_waiting(self) -> str | None:
-        """Why gravity and rate are not known yet, and what helps, in one line; None once they are."""
-        s, waiting = self.settings, self._waiting
-        if self._rest is not None:
-            return None
-        moving_mps2, waited_s = waiting.moving_rms_mps2, waiting.waited_s
-        if moving_mps2 is None or waited_s < s.rest_s:
-            return f"gravity needs {s.rest_s:g} s of samples (rest_s), {waited_s:.2g} s have come"
-        idling = f", or with an engine that idles set rest_rms_mps2 above {moving_mps2:.3f}"
-        return (
-            f"waiting for rest: the sensor moves by {moving_mps2:.3f} m/s^2 rms, {s.rest_rms_mps2:g} is allowed: hold"
-            f" still{idling if moving_mps2 <= IDLING_MPS2 else ''}; after {s.rest_patience_s:g} s (rest_patience_s)"
-            f" motion is averaged, {waited_s:.1f} s have passed"
-        )
-
-    def _look_for_rest(self, stamps_ns: Integers, samples: Floats) -> tuple[Integers, Floats] | None:
-        """Collect until gravity is known; return the samples that come after it, or None while it is not.
-
-        A fault is told and waiting goes on: a sensor that is mended meanwhile is believed.
-        """
-        is_set = stamps_ns != 0
-        if self.first_ns is None and is_set.any():
-            self.first_ns = int(stamps_ns[is_set.argmax()])
-        self._waiting.add(stamps_ns[is_set], samples[is_set])
-        found = self._found_rest()
-        begin = int(np.flatnonzero(is_set)[-self._waiting.end()]) if found else len(stamps_ns)
-        self._counts[kernel.UNSET] += int((~is_set[:begin]).sum())
-        self.waited += begin
-        return (stamps_ns[begin:], samples[begin:]) if found else None
-
-    def _look_for_clock(self, stamps_ns: Integers, samples: Floats) -> tuple[Integers, Floats] | None:
-        """With known gravity: collect until the clock is known; return all samples that came, or None until then."""
-        self._early.append((stamps_ns, samples))
-        is_set = stamps_ns != 0
-        self._waiting.add(stamps_ns[is_set], samples[is_set])
-        return self._collected() if self._found_rest() else None
-
-    def _collected(self) -> tuple[Integers, Floats]:
-        """The samples from the first one on that tells the clock; those before it, behind a break, are not counted."""
-        stamps_ns, samples = (np.concatenate(parts) for parts in zip(*self._early, strict=True))
-        self._early = []
-        self._waiting.end()
-        set_at = np.flatnonzero(stamps_ns != 0)
-        self.waited = int(set_at[min(self._uncounted, set_at.size - 1)])
-        self._counts[kernel.UNSET] += self.waited - int((stamps_ns[: self.waited] != 0).sum())
-        return stamps_ns[self.waited :], samples[self.waited :]
-
-    def _found_rest(self, final: bool = False) -> bool:
-        while True:
-            try:
-                rest = self._waiting.conclude() if final else self._waiting.look()
-                if rest is None:
-                    return False
-                self._begin(rest)
-            except InputError as error:
-                self._fault = f"{self.sensor}: {error}"
-                if final:
-                    return False
-                continue
-            self._fault = None
-            if self.gravity is not None:
-                return True
-            self._uncounted = self._waiting.dropped
-            # By what was counted, not by the first stamp, which may be a wild one.
-            waited_s = (self._uncounted - 1) * rest.period_s
-            self.first_ns = rest.epoch_ns + round(1e9 * (rest.last_time_s - waited_s))
-            return True
+    # --- begin -------------------------------------------------------------------------------------------------------
 
     def _begin(self, rest: Rest) -> None:
-        """Begin behind a rest, or with known gravity at the first sample that tells the clock."""
+        """Begin behind a rest, or with known gravity at the first sample of the clock."""
         if self.gravity is None:
             self._start(rest)
             self._rest, self._run_epoch_ns = rest, rest.epoch_ns
         else:
             known = dataclasses.replace(rest, mean_mps2=self.gravity.mean_mps2, in_motion=False)
             self.begin_known(known, rest.epoch_ns)
-            self._uncounted = self._waiting.before
 
     def _start(self, rest: Rest) -> None:
-        """Design the filters for the rate found; they start in steady state for gravity: zero, once levelled."""
+        """Design the filters for the rate found; they start in steady state: zero, without gravity."""
         rate_hz, settings, s = 1.0 / rest.period_s, self.settings, self._state
         self._check_rate(rate_hz)
         self._gravity_mps2, self._vertical = gravity_and_vertical(rest.mean_mps2, self._given_vertical)
@@ -353,13 +266,11 @@ class Conditioner:
         s[kernel.TRACKER_GAIN] = rest.period_s / tracker_s if tracker_s else 0.0
         self._counts[kernel.TRACKED] = self._counts[kernel.IN_RUN] = rest.samples
         self._max_fill = int(s[kernel.MAX_GAP] / (0.98 * rest.period_s)) + 2
-        self._lone_room = _room(1, self._max_fill)
+        self._single_buffers = _new_buffers(1, self._max_fill)
         self._sos = np.zeros((kernel.SECTIONS, 6))
         self.delay_s = 0.0
         if self.mode in ("causal", "zero_phase"):
-            from scipy import signal  # half a second
-
-            self._sos = signal.butter(FILTER_ORDER, settings.cutoff_hz, fs=rate_hz, output="sos")
+            self._sos = low_pass_sections(settings.cutoff_hz, rate_hz)
         if self.mode == "causal":
             s[kernel.LOW_PASS : kernel.LOW_PASS_STATE] = self._sos.ravel()
             self.delay_s = group_delay_s(self._sos, rate_hz)
@@ -379,13 +290,13 @@ class Conditioner:
             if self.gravity is not None and (line := self.gravity.warning(self._given_vertical is not None)):
                 lines.append(line)
             if abs(self._gravity_mps2 / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
-                lines.append(f"gravity at rest reads {self._gravity_mps2:.2f} m/s^2: gain, unit or mounting is off")
+                lines.append(f"gravity at rest reads {self._gravity_mps2:.2f} m/s^2: gain, unit or mounting is wrong")
             period_s, nominal_s = self._state[kernel.PERIOD], self._state[kernel.NOMINAL]
-            if abs(period_s / nominal_s - 1.0) > RATE_TOLERATED:
-                lines.append("the rate is 2 % off that at rest: samples get lost unnoticed, or the driver changed it")
-            if self._state[kernel.JITTER] > JITTER_TOLERATED * self._rest.period_s and not self._rest.coarse:
+            if abs(period_s / nominal_s - 1.0) > MAX_RATE_CHANGE:
+                lines.append("the rate differs by 2 % from that at rest: unnoticed losses, or a change by the driver")
+            if self._state[kernel.JITTER] > MAX_JITTER * self._rest.period_s and not self._rest.coarse:
                 jitter_ms = 1e3 * float(self._state[kernel.JITTER])
-                lines.append(f"stamps jitter by {jitter_ms:.2g} ms, too much to tell lost samples: some may hide")
+                lines.append(f"stamps jitter by {jitter_ms:.2g} ms, too much to detect lost samples")
         return lines
 
     # --- runs --------------------------------------------------------------------------------------------------------
@@ -393,10 +304,10 @@ class Conditioner:
     def _condition(self, stamps_ns: Integers, samples: Floats, final: bool) -> list[Block]:
         if self.mode == "rest":
             return []
-        if self._undecided is not None:
-            stamps_ns = np.concatenate([self._undecided[0], stamps_ns])
-            samples = np.concatenate([self._undecided[1], samples])
-            self._undecided = None
+        if self._deferred is not None:
+            stamps_ns = np.concatenate([self._deferred[0], stamps_ns])
+            samples = np.concatenate([self._deferred[1], samples])
+            self._deferred = None
         blocks: list[Block] = []
         done, n = 0, stamps_ns.shape[0]
         while done < n:
@@ -405,26 +316,26 @@ class Conditioner:
             if block is not None:
                 blocks += self._answer(block)
             if why == kernel.UNDECIDED:
-                self._undecided = stamps_ns[done:], samples[done:]
+                self._deferred = stamps_ns[done:], samples[done:]
                 break
             if why == kernel.NEW_RUN:
                 blocks += self._end_run(int(stamps_ns[done]))
         return blocks
 
     def _advance(self, stamps_ns: Integers, samples: Floats, final: bool) -> tuple[int, Block | None, int]:
-        """One call of the kernel: (samples consumed, what it wrote, why it stopped)."""
+        """One call of the kernel: (samples consumed, block written, reason of its stop)."""
         assert self._rest is not None
-        epoch_ns, is_lone = self._run_epoch_ns, stamps_ns.shape[0] == 1
-        room = self._lone_room if is_lone else _room(stamps_ns.shape[0], self._max_fill)
+        epoch_ns, is_single = self._run_epoch_ns, stamps_ns.shape[0] == 1
+        buffers = self._single_buffers if is_single else _new_buffers(stamps_ns.shape[0], self._max_fill)
         if self.mode == "survey":
-            used, written, why = self._survey(stamps_ns, samples, final, room)
+            used, written, why = self._survey(stamps_ns, samples, final, buffers)
         else:
             used, written, why = kernel.condition(
-                stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts, *room
+                stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts, *buffers
             )  # fmt: skip
         if not written:
             return used, None, why
-        stamps, times, levelled, low_passed, raw, source = room
+        stamps, times, levelled, low_passed, raw, source = buffers
         if self._state.item(kernel.LARGEST) >= rails.LEAST_MPS2:
             self._find_rails(raw[:written], source)
         begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)
@@ -432,14 +343,14 @@ class Conditioner:
         shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
         rows = stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0]
         block = Block(
-            *(_copied(rows) if is_lone else rows), begins_run, gap_s, self._rest.epoch_ns, self.rate_hz,
+            *(_copied(rows) if is_single else rows), begins_run, gap_s, self._rest.epoch_ns, self.rate_hz,
             self.settings.cutoff_hz,
         )  # fmt: skip
         return used, block, why
 
-    def _survey(self, stamps_ns: Integers, samples: Floats, final: bool, room: _Rows) -> tuple[int, int, int]:
-        """The kernel up to its clock, so that nothing behind it is compiled; of `room` only times, raw and source."""
-        _, times, _, _, raw, source = room
+    def _survey(self, stamps_ns: Integers, samples: Floats, final: bool, buffers: _Buffers) -> tuple[int, int, int]:
+        """The kernel up to its clock, so that the rest is not compiled; of `buffers` times, raw and source alone."""
+        _, times, _, _, raw, source = buffers
         given = views(stamps_ns, samples, self._state, self._counts, times, raw, source)
         stamps, read, state, counts, *written = given
         return kernel.regularise(stamps, read, self._run_epoch_ns, final, state, counts, *written)
@@ -452,10 +363,10 @@ class Conditioner:
         rails.find_rails(samples, places, before, joined, limit_mps2, rows, counts)
 
     def _end_run(self, next_ns: int) -> list[Block]:
-        """Nothing integrates across a break: filters start anew, and time that jumped back goes on."""
+        """End the run: filters restart, because nothing integrates across a break."""
         blocks = self._filtered_run()
         self._state[kernel.LOW_PASS_STATE : kernel.MAX_GAP] = 0.0
-        # Seconds count anew from each run's first stamp: those since another epoch would be too coarse to tell a rate.
+        # Seconds since each run's first stamp: since an earlier epoch they would be too coarse for a rate.
         self._run_epoch_ns = next_ns
         self.runs.end(next_ns, 1.0 / self.rate_hz)
         return blocks
@@ -464,37 +375,29 @@ class Conditioner:
         if self.mode == "causal":
             return [block]
         if self.mode == "zero_phase":
-            self._held.append(block)
+            self._run_blocks.append(block)
         return []
 
     def _filtered_run(self) -> list[Block]:
-        """The run that is held, filtered forward and backward."""
-        if not self._held:
+        """The run that has ended, filtered forward and backward."""
+        if not self._run_blocks:
             return []
-        stamps, times, levelled = (np.concatenate([block[k] for block in self._held]) for k in range(3))
-        run = self._held[0]._replace(
+        stamps, times, levelled = (np.concatenate([block[k] for block in self._run_blocks]) for k in range(3))
+        run = self._run_blocks[0]._replace(
             stamps_ns=stamps, time_s=times, levelled_mps2=levelled, low_passed_mps2=self.zero_phase(levelled[:, 2])
         )
-        self._held = []
+        self._run_blocks = []
         return [run]
 
 
-def _room(samples: int, max_fill: int) -> _Rows:
-    """Where the kernel writes; what lies in it is handed out without a copy."""
+def _new_buffers(samples: int, max_fill: int) -> _Buffers:
+    """Arrays that the kernel writes to; blocks are views of them."""
     size = samples + max_fill + 2
     stamps, source = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
     return stamps, np.empty(size), np.empty((size, 3)), np.empty((size, 1)), np.empty((size, 3)), source
 
 
-def _copied(rows: _Answered) -> _Answered:
-    """Live a block is one row of sixty: copied out, it holds no more than that, and its room serves again."""
+def _copied(rows: _Columns) -> _Columns:
+    """Copies, so that a live block of one row does not keep the buffers, which are used again."""
     stamps, times, levelled, low_passed = rows
     return stamps.copy(), times.copy(), levelled.copy(), low_passed.copy()
-
-
-def group_delay_s(sos: Floats, rate_hz: float) -> float:
-    """Group delay at 0 Hz of second-order sections, seconds."""
-    delay = 0.0
-    for b0, b1, b2, a0, a1, a2 in sos.tolist():
-        delay += (b1 + 2.0 * b2) / (b0 + b1 + b2) - (a1 + 2.0 * a2) / (a0 + a1 + a2)
-    return delay / rate_hz

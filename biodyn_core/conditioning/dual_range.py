@@ -1,7 +1,7 @@
-"""Dual range: where a 16 g channel is at its rail, a 200 g channel beside it takes over, set right against the first.
+"""Dual range: a corrected 200 g channel replaces a 16 g channel of the same sensor at its rail, axis by axis.
 
-Where the one is at its rail, how the other reads between its samples, and how it fades in and out. What the second is
-off by is `range_alignment`'s. An axis is taken over for itself.
+Spans at the rail, interpolation of the wide channel, and fading between both. `range_alignment` measures the errors of
+the wide channel.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 Signs = NDArray[np.int8]
 
 HIGH_RAIL_MPS2: Final = 0.995 * 200.0 * STANDARD_GRAVITY_MPS2
-"""From here on the 200 g channel is at its own rail."""
+"""The 200 g channel is at its own rail from here on."""
 
 MARGIN: Final = 2
-"""Samples on either side of a saturated one that are taken over whole: the sensor's own low-pass smears its rail."""
+"""Samples on either side of a saturated one that are replaced too: the sensor's own low-pass smears its rail."""
 
 FADE: Final = 4
-"""Samples beyond these over which one channel gives way to the other, as a raised cosine, so that there is no step."""
+"""Samples beyond these over which the channels fade into each other, as a raised cosine, without a step."""
 
 GUARD: Final = 16
-"""Samples beyond the rail, either side, that are not trusted in the comparison of the channels."""
+"""Samples beyond the rail, on either side, that are excluded from the comparison of the channels."""
 
-AGREES: Final = 0.8
-"""Where one channel is at its rail the other must reach this share of it, or they do not tell of the same motion."""
+MIN_AGREEMENT: Final = 0.8
+"""Where one channel is at its rail, the other must reach this share of it, else they measure different motions."""
 
 _HALF: Final = 16
 _SHAPE: Final = 5.65
-"""Of the Kaiser window: 60 dB beside a band edge that 32 samples make 180 Hz wide at 1600 Hz."""
+"""Of the Kaiser window: 60 dB outside a band edge, which is 180 Hz wide for 32 samples at 1600 Hz."""
 
 _EDGE: Final = 0.43
-"""-6 dB of the reader per rate of the slower channel: 484 Hz of 1125 Hz, so that nothing folds back below 470 Hz."""
+"""-6 dB of the interpolator per rate of the slower channel: 484 Hz of 1125 Hz, without aliasing below 470 Hz."""
 
 
 class Span(NamedTuple):
@@ -55,7 +55,7 @@ class Span(NamedTuple):
 class Stretch:
     """Both channels around some saturations: low_mps2 (n, 3) at low_s (n,), high_mps2 (m, 3) at high_s (m,), ascending.
 
-    low_hz: rate of the fine channel. shared: both were laid on the same instants already, and are not read in between.
+    low_hz: rate of the fine channel. shared: both have the same instants already and are not interpolated.
     """
 
     low_s: Floats
@@ -67,7 +67,7 @@ class Stretch:
 
 
 def saturated(low_mps2: Floats, settings: DualRangeSettings) -> Signs:
-    """Which readings (n, 3) are at the rail, axis by axis: 1 above, -1 below, 0 if not, nor if not finite."""
+    """Side of readings (n, 3) at the rail, axis by axis: 1 above, -1 below, 0 for others and for those not finite."""
     over = np.abs(low_mps2) >= settings.saturation_mps2
     return np.where(over, np.sign(low_mps2), 0.0).astype(np.int8)
 
@@ -75,8 +75,8 @@ def saturated(low_mps2: Floats, settings: DualRangeSettings) -> Signs:
 def spans(number: Integers, low_s: Floats, sides: Signs) -> list[Span]:
     """The saturations of a stream, in order of their begin, from its saturated samples alone.
 
-    number (k,) counts all samples of the stream: consecutive ones of one axis and side are one span; low_s (k,), sides
-    (k, 3) as `saturated` gives them.
+    number (k,): index among all samples of the stream; consecutive samples of one axis and side are one span. low_s
+    (k,), sides (k, 3): as of `saturated`.
     """
     found = []
     for axis in range(3):
@@ -89,10 +89,10 @@ def spans(number: Integers, low_s: Floats, sides: Signs) -> list[Span]:
 
 
 def read_at(times_s: Floats, values: Floats, at_s: Floats, slower_hz: float) -> Floats:
-    """Read samples (m, k) at other instants (n,), band-limited to the slower of the two rates: (n, k).
+    """Interpolate samples (m, k) at other instants (n,), band-limited to the slower of the two rates: (n, k).
 
-    A Kaiser-windowed sinc through 32 samples, its weights made to add up to one. NaN where any of the samples is
-    missing: at the ends, across a gap, and beside a NaN.
+    A Kaiser-windowed sinc through 32 samples, its weights normalised to a sum of one. NaN where any of the samples is
+    missing: at the ends, across a gap, and near a NaN.
     """
     out = np.full((at_s.size, values.shape[1]), np.nan)
     if times_s.size < 2 * _HALF:
@@ -115,14 +115,14 @@ def read_at(times_s: Floats, values: Floats, at_s: Floats, slower_hz: float) -> 
 
 
 def _kernel(edge: float) -> tuple[Floats, Floats]:
-    """The reader's weight (n,) by the distance in samples (n,), finely tabulated; edge in cycles per sample."""
+    """The interpolator's weight (n,) by distance in samples (n,), finely tabulated; edge in cycles per sample."""
     distance = np.linspace(0.0, _HALF, 1 << 15)
     window = np.i0(_SHAPE * np.sqrt(np.clip(1.0 - (distance / _HALF) ** 2, 0.0, 1.0)))
     return distance, np.sinc(2.0 * edge * distance) * window
 
 
-def read_beside(stretch: Stretch, delay_s: float) -> Floats:
-    """The wide channel at the instants of the fine one (n, 3); NaN where it has none, or is at its own rail."""
+def read_wide(stretch: Stretch, delay_s: float) -> Floats:
+    """The wide channel at the instants of the fine one (n, 3); NaN without a sample, or at its own rail."""
     high = np.where(np.abs(stretch.high_mps2) < HIGH_RAIL_MPS2, stretch.high_mps2, np.nan)
     if not stretch.shared:
         return read_at(stretch.high_s, high, stretch.low_s + delay_s, stretch.low_hz)
@@ -132,27 +132,27 @@ def read_beside(stretch: Stretch, delay_s: float) -> Floats:
     return np.where((stretch.high_s[at] == stretch.low_s)[:, None], high[at], np.nan)
 
 
-def trusted(low_mps2: Floats, settings: DualRangeSettings) -> Flags:
-    """Which instants (n,) of the fine channel are finite and far enough from any rail, on all axes."""
+def usable(low_mps2: Floats, settings: DualRangeSettings) -> Flags:
+    """Flags (n,) of samples of the fine channel that are finite and far enough from any rail, on all axes."""
     bad = (saturated(low_mps2, settings) != 0).any(axis=1) | ~np.isfinite(low_mps2).all(axis=1)
     return ~_widened(bad, GUARD)
 
 
 def covered(found: Sequence[Span], stretch: Stretch, right_mps2: Floats, settings: DualRangeSettings) -> list[Span]:
-    """The spans that can be taken over: the wide channel is there all along, and reaches the rail as the other does."""
+    """The spans in which the wide channel is complete and reaches the rail as well."""
     kept = []
     for span in found:
         first, last = np.searchsorted(stretch.low_s, (span.begin_s, span.end_s))
         reach = MARGIN + FADE
         values = right_mps2[max(first - reach, 0) : last + reach + 1, span.axis]
         inside = right_mps2[first : last + 1, span.axis]
-        if np.isfinite(values).all() and (span.sign * inside).max() >= AGREES * settings.saturation_mps2:
+        if np.isfinite(values).all() and (span.sign * inside).max() >= MIN_AGREEMENT * settings.saturation_mps2:
             kept.append(span)
     return kept
 
 
 def shares(low_s: Floats, period_s: float, taken: Sequence[Span]) -> Floats:
-    """How much of each reading comes from the wide channel, 0 to 1, (n, 3); a function of time alone."""
+    """Share of the wide channel in each reading, 0 to 1, (n, 3); a function of time alone."""
     out = np.zeros((low_s.size, 3))
     reach_s = (MARGIN + FADE + 0.5) * period_s
     for span in taken:
@@ -169,12 +169,12 @@ def shares(low_s: Floats, period_s: float, taken: Sequence[Span]) -> Floats:
 
 
 def take_over(low_mps2: Floats, right_mps2: Floats, share: Floats) -> Floats:
-    """The fine channel with the wide one, set right, in the place of its rail, (n, 3)."""
+    """The fine channel, with the corrected wide one at its rail, (n, 3)."""
     return np.where(share > 0.0, (1.0 - share) * low_mps2 + share * np.where(share > 0.0, right_mps2, 0.0), low_mps2)
 
 
 def _widened(flags: Flags, by: int) -> Flags:
-    """The flags with as many neighbours on either side."""
+    """The flags with so many neighbours on either side."""
     if not flags.size:
         return flags
     ones = np.convolve(flags.astype(np.int64), np.ones(2 * by + 1, dtype=np.int64), mode="full")

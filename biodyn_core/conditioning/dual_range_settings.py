@@ -1,4 +1,4 @@
-"""When a sensor's wide channel takes over."""
+"""Settings of dual-range sensors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 
 @dataclass(frozen=True)
 class DualRangeSettings:
-    """When the wide channel takes over."""
+    """Conditions under which the wide channel replaces the fine one."""
 
     saturation_mps2: float = setting(
         ConditioningSettings.saturation_mps2,

@@ -1,7 +1,7 @@
-"""Gravity: the mean reading of one sensor at rest, searched for in a whole record before it is conditioned.
+"""Gravity: the mean reading of one sensor at rest, searched for in a whole record before conditioning.
 
-A live sensor waits for rest, and its samples until then are not counted. Offline all samples are at hand: rest may lie
-anywhere in the record, and conditioning begins at the first sample.
+A live sensor waits for rest, and its samples until then are not counted. Offline, rest may be anywhere in the record,
+and conditioning begins at the first sample.
 """
 
 from __future__ import annotations
@@ -26,27 +26,26 @@ SAME_MOUNTING_MPS2: Final = 0.86
 """Means of one sensor in two records differ by less than this, 5 deg of tilt, where it was mounted alike."""
 
 IDLING_MPS2: Final = 1.0
-"""An engine that idles shakes a seat by less, rms: rest_rms_mps2 is not to be set higher than this."""
+"""An idling engine shakes a seat by less, rms: rest_rms_mps2 must not be set higher."""
 
 PARTS: Final = 4
-"""A window at rest may begin at any of so many parts of its length, so that rest need not last for two windows."""
+"""A window at rest may begin at any of so many parts of its length, so that a rest of less than two is found."""
 
-TURNED_DEG: Final = 30.0
-"""A sensor that rests turned by more than this from its mean in motion was worn otherwise: it lies on a table, or is
-being put on. Nobody seated leans so far on the mean."""
+MAX_TILT_DEG: Final = 30.0
+"""A sensor tilted by more at rest, against its mean in motion, was mounted otherwise: on a table, or in a hand. A
+seated person does not lean so far on average."""
 
-EVEN: Final = 0.75
-"""The parts of a window hold about equally many samples: fewer than this share of the most mean a gap."""
+MIN_PART_SHARE: Final = 0.75
+"""The parts of a window hold about equally many samples: a part below this share of the largest has a gap."""
 
 
 @dataclass(frozen=True)
 class Gravity:
     """Mean reading of one sensor, (3,) m/s^2: gravity and bias together.
 
-    at_s: where the averaged stretch begins in the record. samples: its first sample and the one behind it, in order of
-    arrival; None at the begin, where conditioning finds them, and where another record (source) was averaged.
-    quietest_mps2: least rms of any window of a record without rest. turned: it rests in the record, but otherwise
-    mounted than in motion.
+    at_s: begin of the averaged stretch in the record. samples: its first sample and the one behind it, in order of
+    arrival; None at the begin, where conditioning finds them, and for another record (source). quietest_mps2: least rms
+    of any window of a record without rest. tilted: there is a rest in the record, but mounted otherwise than in motion.
     """
 
     mean_mps2: Vector
@@ -55,15 +54,15 @@ class Gravity:
     samples: tuple[int, int] | None = None
     quietest_mps2: float | None = None
     source: str = ""
-    turned: bool = False
+    tilted: bool = False
 
     @property
     def is_rest(self) -> bool:
-        """Whether it was averaged over rest in its own record."""
+        """Whether the mean is over a rest in the sensor's own record."""
         return self.origin in ("begin", "rest")
 
     def warning(self, vertical_given: bool) -> str | None:
-        """Where it comes from, in one line; None for rest at the begin."""
+        """The origin in one line; None for rest at the begin."""
         if self.origin == "begin":
             return None
         if self.origin == "rest":
@@ -71,8 +70,10 @@ class Gravity:
         if self.origin == "other_record":
             return f"no rest in the record: gravity is from the rest in {self.source}"
         averaged = "the length of gravity" if vertical_given else "gravity"
-        if self.turned:
-            return f"rests only where it is turned by more than {TURNED_DEG:g} deg: {averaged} is the mean over motion"
+        if self.tilted:
+            return (
+                f"rests only where it is tilted by more than {MAX_TILT_DEG:g} deg: {averaged} is the mean over motion"
+            )
         line = f"no rest in the record: {averaged} is the mean over motion"
         if self.quietest_mps2 is not None and self.quietest_mps2 <= IDLING_MPS2:
             line += (
@@ -82,11 +83,11 @@ class Gravity:
 
 
 class GravitySearch:
-    """`push` the samples of one sensor in order of arrival until it is `decided`, then ask for the `result`.
+    """`push` the samples of one sensor in order of arrival until it is `decided`, then read the `result`.
 
-    Rest at the begin is taken as a live sensor takes it. Later rest is taken where the sensor is mounted as in motion,
-    the first such window. Memory grows by a row for each quarter of rest_s. rest_s, rest_rms_mps2, max_gap_s,
-    implausible_mps2: as `RestWindow`. vertical (3,): the direction of up in the axes of the sensor, if it is given.
+    Rest at the begin is found as live. Else the result is the first window at rest with the mounting of the motion.
+    Memory grows by a row for each quarter of rest_s. rest_s, rest_rms_mps2, max_gap_s, implausible_mps2: see
+    `RestWindow`. vertical (3,): the direction of up in the sensor's axes, if it is given.
     """
 
     def __init__(
@@ -105,7 +106,7 @@ class GravitySearch:
 
     @property
     def decided(self) -> bool:
-        """Whether later samples change nothing: it rests at the begin, or conditioning will refuse the stamps."""
+        """Whether later samples change nothing: there is rest at the begin, or conditioning will refuse the stamps."""
         return self._is_faulty or self._at_begin is not None
 
     def push(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
@@ -114,7 +115,7 @@ class GravitySearch:
             return
         is_set = stamps_ns != 0
         if self._first_window is not None:
-            self._look_at_begin(self._first_window, stamps_ns[is_set], samples_mps2[is_set])
+            self._check_begin(self._first_window, stamps_ns[is_set], samples_mps2[is_set])
         # NaN compares as False.
         usable = np.flatnonzero(is_set & (np.abs(samples_mps2) < self._implausible_mps2).all(axis=1))
         if usable.size:
@@ -122,31 +123,31 @@ class GravitySearch:
         self._arrived += len(stamps_ns)
 
     def result(self) -> Gravity | None:
-        """The record has ended: the rest found, else the mean over motion.
+        """End the record: the rest found, else the mean over motion.
 
-        None where the record is shorter than rest_s, shows no gravity, or is faulty.
+        None for a record that is shorter than rest_s, without gravity, or faulty.
         """
         if self._is_faulty or self._first_window is not None:
             return None
         self._close_part()
         return self._at_begin or self._of_parts()
 
-    def _look_at_begin(self, window: RestWindow, stamps_ns: Integers, samples_mps2: Floats) -> None:
-        """Judge the first window as a live sensor does."""
+    def _check_begin(self, window: RestWindow, stamps_ns: Integers, samples_mps2: Floats) -> None:
+        """Search for rest at the begin, as live."""
         window.add(stamps_ns, samples_mps2)
         try:
-            rest = window.look()
+            rest = window.find()
         except InputError:
             self._is_faulty = True
             return
         if rest is None:
             return
         self._first_window = None
-        if not rest.in_motion and self._shows_gravity(rest.mean_mps2):
+        if not rest.in_motion and self._has_gravity(rest.mean_mps2):
             self._at_begin = Gravity(rest.mean_mps2, "begin")
 
     def _add(self, stamps_ns: Integers, samples_mps2: Floats, arrival: Integers) -> None:
-        """Sum samples part by part; a part that is complete may complete a window at rest."""
+        """Sort samples into parts of time, and close complete parts."""
         if self._epoch_ns is None:
             self._epoch_ns = int(stamps_ns[0])
         slots = (stamps_ns - self._epoch_ns) // self._part_ns
@@ -158,7 +159,7 @@ class GravitySearch:
             self._open.append((arrival[begin:end], samples_mps2[begin:end]))
 
     def _close_part(self) -> None:
-        """Sum the open part in one piece: block cuts change no number."""
+        """Sum the open part at once, so that block cuts change no number."""
         if not self._open:
             return
         arrival, samples = (np.concatenate(pieces) for pieces in zip(*self._open, strict=True))
@@ -171,7 +172,7 @@ class GravitySearch:
         )  # fmt: skip
 
     def _of_parts(self) -> Gravity | None:
-        """The first window at rest whose mounting is that of the motion, else the mean over motion."""
+        """The first window at rest with the mounting of the motion, else the mean over motion."""
         windows = self._windows()
         quiet = [at for at, window in windows.items() if window.rms_mps2 <= self._rest_rms_mps2]
         resting = {at + k for at in quiet for k in range(PARTS)}
@@ -179,36 +180,36 @@ class GravitySearch:
         if not moving:
             return None
         motion = _joined(moving)
-        rests = [windows[at] for at in quiet if self._shows_gravity(windows[at].mean_mps2)]
+        rests = [windows[at] for at in quiet if self._has_gravity(windows[at].mean_mps2)]
         for window in rests:
-            if angle_deg(window.mean_mps2, motion.mean_mps2) <= TURNED_DEG:
+            if angle_deg(window.mean_mps2, motion.mean_mps2) <= MAX_TILT_DEG:
                 at_s = 1e-9 * window.slot * self._part_ns
                 return Gravity(window.mean_mps2, "rest", at_s, (window.first, window.end))
-        if not self._shows_gravity(motion.mean_mps2):
+        if not self._has_gravity(motion.mean_mps2):
             return None
         quietest_mps2 = None if rests else min((window.rms_mps2 for window in windows.values()), default=None)
         return Gravity(
             motion.mean_mps2, "motion", samples=(motion.first, motion.end), quietest_mps2=quietest_mps2,
-            turned=bool(rests),
+            tilted=bool(rests),
         )  # fmt: skip
 
     def _windows(self) -> dict[int, _Part]:
-        """Windows without a gap, by the place of their first part."""
+        """Windows without a gap, by the index of their first part."""
         found = {}
         for at in range(len(self._parts) - PARTS + 1):
             parts = self._parts[at : at + PARTS]
             sizes = [part.size for part in parts]
             follows = all(later.slot == part.slot + 1 for part, later in pairwise(parts))
-            if follows and min(sizes) >= EVEN * max(sizes):
+            if follows and min(sizes) >= MIN_PART_SHARE * max(sizes):
                 found[at] = _joined(parts)
         return found
 
-    def _shows_gravity(self, mean_mps2: Vector) -> bool:
+    def _has_gravity(self, mean_mps2: Vector) -> bool:
         return gravity_and_vertical(mean_mps2, self._vertical)[1] is not None
 
 
 class _Part(NamedTuple):
-    """Sums over a stretch of samples: its slot in time, first sample and the one behind it, count, sum, squares."""
+    """Sums over a stretch of samples: slot in time, first sample and the one behind it, count, sum, sum of squares."""
 
     slot: int
     first: int
@@ -244,9 +245,9 @@ def angle_deg(one: Vector, other: Vector) -> float:
 
 
 def from_other_record(own: Gravity, others: Iterable[tuple[str, Gravity]]) -> Gravity:
-    """The gravity of a sensor without rest from its rest in another record, if it was mounted alike there.
+    """The gravity of a sensor without rest, from its rest in another record with the same mounting.
 
-    others: (name of the record, gravity there). The nearest mean is taken; without one its own mean over motion stays.
+    others: (name of the record, gravity there). The nearest mean is the result, without one the own mean over motion.
     """
     if own.origin != "motion":
         return own
@@ -254,4 +255,4 @@ def from_other_record(own: Gravity, others: Iterable[tuple[str, Gravity]]) -> Gr
     apart_mps2, name, nearest = min(rested, key=lambda each: each[0], default=(math.inf, "", own))
     if apart_mps2 > SAME_MOUNTING_MPS2:
         return own
-    return replace(own, mean_mps2=nearest.mean_mps2, origin="other_record", samples=None, source=name, turned=False)
+    return replace(own, mean_mps2=nearest.mean_mps2, origin="other_record", samples=None, source=name, tilted=False)

@@ -1,4 +1,4 @@
-"""Clipped samples: readings from the set limit on, and readings at a rail that was found below it."""
+"""Rails: clipped samples, at readings from the set limit on and at a rail found below it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from biodyn_core.kernels import rails as kernel
 LEAST_MPS2: Final = kernel.LEAST_MPS2
 
 ONE_STEP: Final = 2.0**-15
-"""By so much, a step of 16 bits, a sensor's range may differ from side to side."""
+"""Largest difference of a sensor's range between sides: a step of 16 bits."""
 
 _PLACES: Final = np.arange(kernel.COUNT_SIZE)
 _LIES_AT: Final = np.array(
@@ -28,10 +28,10 @@ _LIES_AT: Final = np.array(
 
 @dataclass(frozen=True, eq=False)
 class Clipping:
-    """What one sensor has clipped so far; by side is: of each axis its largest readings, then its smallest ones.
+    """Clipped samples of one sensor; the sides are the largest readings of each axis, then its smallest ones.
 
-    saturated: samples beyond the set limit, in no place. extremes_mps2 (6,) by side, 0 where there is none;
-    is_rail (6,); samples (27,) by place, as `kernels.rails` counts them.
+    saturated: samples beyond the set limit, in no place. extremes_mps2 (6,) by side, 0 for none; is_rail (6,); samples
+    (27,) by place, as `kernels.rails` counts them.
     """
 
     saturated: int
@@ -41,10 +41,10 @@ class Clipping:
 
     @classmethod
     def of(cls, saturated: int, rows: Floats, samples: Integers) -> Clipping:
-        """Read it from what the kernel carries on: rows (132,) and samples (27,)."""
+        """Read the kernel's state: rows (132,) and samples (27,)."""
         table = rows.reshape(kernel.ROWS, kernel.ROW_SIZE)
         extremes, is_rail = table[:, kernel.EXTREME], table[:, kernel.FOUND] > 0.0
-        if is_rail.any():  # that of one side is that of all sides that reach it
+        if is_rail.any():  # a rail of one side is one of every side that reaches it
             apart = np.abs(extremes[:, np.newaxis] - extremes[is_rail])
             is_rail = np.any(apart <= ONE_STEP * extremes[is_rail], axis=1)
         return cls(saturated, np.tile([1.0, -1.0], kernel.AXES) * extremes, is_rail, samples.copy())
@@ -55,14 +55,14 @@ class Clipping:
         return self.before(self)
 
     def before(self, earlier: Clipping) -> int:
-        """Clipped samples up to an earlier look, by the rails that are known now."""
+        """Clipped samples up to an earlier state, by the rails known now."""
         if not self.is_rail.any():
             return earlier.saturated
         still = self.is_rail & (self.extremes_mps2 == earlier.extremes_mps2)
         return earlier.saturated + int(earlier.samples[_LIES_AT[still].any(axis=0)].sum())
 
     def at_rails(self, samples_mps2: Floats) -> Flags:
-        """Which samples (n, 3) have a reading at a rail: (n,)."""
+        """Flags (n,) of samples (n, 3) with a reading at a rail."""
         found = np.zeros(len(samples_mps2), dtype=np.bool_)
         for side in np.flatnonzero(self.is_rail):
             rail = self.extremes_mps2[side]
@@ -70,7 +70,7 @@ class Clipping:
         return found
 
     def warning(self, saturation_mps2: float) -> str | None:
-        """One line on the rails below the set limit; None where there is none."""
+        """One line on the rails below the set limit; None without any."""
         sides = self.is_rail & (np.abs(self.extremes_mps2) < saturation_mps2)
         if not sides.any():
             return None

@@ -1,9 +1,8 @@
-"""Range alignment: what a 200 g channel is off by, against the 16 g channel beside it.
+"""Range alignment: bias, gain and delay of a 200 g channel against the 16 g channel of the same sensor.
 
-Its bias is large and wanders with temperature, its scale is off by a few percent, its clock or its filter may lie a
-little off. All of that is measured on the spot, over the seconds around saturations in which the first channel is to be
-trusted (a *stretch*), by least squares with the fine channel as the regressor, so that the noise of the coarse one does
-not shrink its gain:
+Its bias is large and drifts with temperature, its gain errs by a few percent, its clock or filter may add a delay. All
+are measured over the seconds around saturations in which the fine channel is usable (a *stretch*), by least squares
+with the fine channel as the regressor, so that the noise of the coarse one does not reduce the gain:
 
     high(t) = gain low(t - delay) + bias
 
@@ -19,16 +18,16 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
-from biodyn_core.conditioning.dual_range import Stretch, read_beside, trusted
+from biodyn_core.conditioning.dual_range import Stretch, read_wide, usable
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 
-LEAST_TRUSTED: Final = 100
-"""With fewer samples than this a stretch says nothing of its bias."""
+MIN_USABLE: Final = 100
+"""Fewer samples of a stretch give no bias."""
 
 GAIN_ERROR: Final = 0.01
-"""A gain is used where its standard error is below this, and a third of what it is off by; else it is 1."""
+"""Largest standard error of a gain that is used, and at most a third of its deviation from 1; else it is 1."""
 
-GAIN_OFF: Final = 0.25
+MAX_GAIN_DEVIATION: Final = 0.25
 DELAY_ERROR_S: Final = 0.0002
 LONGEST_DELAY_S: Final = 0.02
 
@@ -38,9 +37,9 @@ _BASE: Final = 8
 
 @dataclass(frozen=True)
 class Alignment:
-    """What the wide channel is off by: gain (3,), delay; and the rms of what is left between the two, (3,) m/s^2.
+    """Gain (3,) and delay of the wide channel, and the rms of the residual between both, (3,) m/s^2.
 
-    measured: which of the gains (3,) the data supported; delay_measured: whether they supported the delay.
+    measured: whether each gain (3,) is significant; delay_measured: whether the delay is.
     """
 
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -51,7 +50,7 @@ class Alignment:
 
 
 def align(stretches: Sequence[Stretch], settings: DualRangeSettings) -> Alignment:
-    """Measure gain and delay of the wide channel over some stretches; what they do not support stays 1 and 0."""
+    """Measure gain and delay of the wide channel over some stretches; values that are not significant stay 1 and 0."""
     delay_s, delay_measured = _delay(stretches, settings)
     pairs = [_pair(stretch, delay_s, settings) for stretch in stretches]
     low = [part - part.mean(axis=0) for part, _ in pairs if len(part)]
@@ -73,28 +72,28 @@ def align(stretches: Sequence[Stretch], settings: DualRangeSettings) -> Alignmen
 
 
 def plausible(alignment: Alignment) -> bool:
-    """Whether the two channels can be one sensor's at all."""
-    return all(abs(gain - 1.0) <= GAIN_OFF for gain in alignment.gain)
+    """Whether the two channels can be of one sensor."""
+    return all(abs(gain - 1.0) <= MAX_GAIN_DEVIATION for gain in alignment.gain)
 
 
 def levels(stretch: Stretch, settings: DualRangeSettings) -> Floats | None:
-    """Means of low and high (2, 3) m/s^2 where both are to be trusted; None where too little of a stretch is.
+    """Means of both channels (2, 3) m/s^2 over usable samples; None for too few of them.
 
-    Over seconds no delay matters to them.
+    A delay does not matter to means over seconds.
     """
     low, high = _pair(stretch, 0.0, settings)
-    return np.array([low.mean(axis=0), high.mean(axis=0)]) if len(low) >= LEAST_TRUSTED else None
+    return np.array([low.mean(axis=0), high.mean(axis=0)]) if len(low) >= MIN_USABLE else None
 
 
 def bias(levels_mps2: Floats, alignment: Alignment) -> Floats:
-    """The bias of the wide channel (3,) m/s^2 where it and the fine one have these means."""
-    off: Floats = levels_mps2[1] - levels_mps2[0] * alignment.gain
-    return off
+    """The bias of the wide channel (3,) m/s^2 from the means of both channels."""
+    found: Floats = levels_mps2[1] - levels_mps2[0] * alignment.gain
+    return found
 
 
 def set_right(stretch: Stretch, alignment: Alignment, bias_mps2: Floats) -> Floats:
-    """The wide channel at the instants of the fine one, its bias, gain and delay taken off, (n, 3)."""
-    return (read_beside(stretch, alignment.delay_s) - bias_mps2) / np.array(alignment.gain)
+    """The wide channel at the instants of the fine one, corrected for bias, gain and delay, (n, 3)."""
+    return (read_wide(stretch, alignment.delay_s) - bias_mps2) / np.array(alignment.gain)
 
 
 def _three(values: Sequence[float]) -> tuple[float, float, float]:
@@ -102,59 +101,59 @@ def _three(values: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _pair(stretch: Stretch, delay_s: float, settings: DualRangeSettings) -> tuple[Floats, Floats]:
-    """Both channels (k, 3) where both are to be trusted."""
-    high = read_beside(stretch, delay_s)
-    good = trusted(stretch.low_mps2, settings) & np.isfinite(high).all(axis=1)
+    """Both channels (k, 3) where both are usable."""
+    high = read_wide(stretch, delay_s)
+    good = usable(stretch.low_mps2, settings) & np.isfinite(high).all(axis=1)
     return stretch.low_mps2[good], high[good]
 
 
 def _delay(stretches: Sequence[Stretch], settings: DualRangeSettings) -> tuple[float, bool]:
-    """By how much the wide channel is late, seconds: a search, then Gauss-Newton; 0 where its error is too large."""
+    """Delay of the wide channel, seconds: a search, then Gauss-Newton; 0 where its error is too large."""
     if all(stretch.shared for stretch in stretches):
         return 0.0, False
-    delay_s, error_s = _roughly(stretches, settings), np.inf
+    delay_s, error_s = _coarse_delay_s(stretches, settings), np.inf
     for _ in range(4):
         slope, excess, energy = _slopes(stretches, delay_s, settings)
         if energy <= 0.0:
             return 0.0, False
         error_s = float(np.std(excess)) / np.sqrt(energy)
-        # Read too late, the wide channel is ahead by the slope.
+        # The wide channel read too late is ahead by the slope.
         delay_s -= float(np.clip((slope * excess).sum() / energy, -_STEP_S, _STEP_S))
     holds = error_s < DELAY_ERROR_S and abs(delay_s) > 3.0 * error_s and abs(delay_s) < LONGEST_DELAY_S
     return (delay_s, True) if holds else (0.0, False)
 
 
-def _roughly(stretches: Sequence[Stretch], settings: DualRangeSettings) -> float:
-    """The delay that leaves least between the channels, to a millisecond, the wide one read on straight lines."""
+def _coarse_delay_s(stretches: Sequence[Stretch], settings: DualRangeSettings) -> float:
+    """The delay with the least residual between the channels, to a millisecond, by linear interpolation."""
     grid_s = np.arange(-LONGEST_DELAY_S, LONGEST_DELAY_S + 0.5 * _STEP_S, _STEP_S)
-    left = np.zeros(grid_s.size)
+    residual = np.zeros(grid_s.size)
     for stretch in stretches:
-        good = trusted(stretch.low_mps2, settings)
+        good = usable(stretch.low_mps2, settings)
         there = np.isfinite(stretch.high_mps2).all(axis=1)
-        if good.sum() < LEAST_TRUSTED or there.sum() < LEAST_TRUSTED:
+        if good.sum() < MIN_USABLE or there.sum() < MIN_USABLE:
             continue
         for number, delay_s in enumerate(grid_s):
             for axis in range(3):
                 at_s = stretch.low_s[good] + delay_s
                 high = np.interp(at_s, stretch.high_s[there], stretch.high_mps2[there, axis])
-                left[number] += float(np.var(high - stretch.low_mps2[good, axis])) * at_s.size
-    return float(grid_s[int(np.argmin(left))]) if left.any() else 0.0
+                residual[number] += float(np.var(high - stretch.low_mps2[good, axis])) * at_s.size
+    return float(grid_s[int(np.argmin(residual))]) if residual.any() else 0.0
 
 
 def _slopes(stretches: Sequence[Stretch], delay_s: float, settings: DualRangeSettings) -> tuple[Floats, Floats, float]:
     """The fine channel's slope (k, 3), the wide one's excess at a delay (k, 3), and the slope's energy without noise.
 
-    A slope spans so many samples that its neighbour shares none with it: their product is the motion's alone.
+    A slope shares no sample with its neighbour, so their product contains no noise.
     """
     slopes, excesses, energy = [np.empty((0, 3))], [np.empty((0, 3))], 0.0
     for stretch in stretches:
-        high = read_beside(stretch, delay_s)
+        high = read_wide(stretch, delay_s)
         slope = np.full(stretch.low_mps2.shape, np.nan)
         low, low_s = stretch.low_mps2, stretch.low_s
         if low_s.size > 2 * _BASE:
             rise = low[2 * _BASE :] - low[: -2 * _BASE]
             slope[_BASE:-_BASE] = rise / (low_s[2 * _BASE :] - low_s[: -2 * _BASE])[:, None]
-        good = trusted(low, settings) & np.isfinite(high + slope).all(axis=1)
+        good = usable(low, settings) & np.isfinite(high + slope).all(axis=1)
         if good.any():
             excess = high[good] - low[good]
             slopes.append(slope[good])

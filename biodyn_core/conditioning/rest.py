@@ -1,4 +1,4 @@
-"""Rest: the first seconds of a sensor in which nothing moves, and its mean reading there, gravity and bias together."""
+"""Rest: the first seconds of a sensor without motion, and its mean reading there, gravity and bias together."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.sampling_clock import clock_of
 from biodyn_core.kernels.sensor import LEAP_S
 
-_STANDING_SAMPLES: Final = 1_000
-"""So many samples without a later stamp mean that stamps stand still."""
+_CONSTANT_SAMPLES: Final = 1_000
+"""So many samples with one stamp mean that stamps do not advance."""
 
-_LEAST_SAMPLES: Final = 10
-"""Fewer samples than this are no rest, however slow the sensor."""
+_MIN_SAMPLES: Final = 10
+"""A rest has at least so many samples, however slow the sensor."""
 
-_MOST_PER_S: Final = 50_000.0
-"""More samples than this in a second of a sensor's stamps come from no sensor: the stamps do not move on."""
+_MAX_PER_S: Final = 50_000.0
+"""No sensor sends more samples in a second: with more the stamps do not advance."""
 
-_SLOW_STEPS: Final = 5.0
-"""A step of the stamps up to so many typical ones is no gap: a slow sensor is not one that is full of gaps."""
+_MAX_STEPS: Final = 5.0
+"""A step of the stamps up to so many typical ones is no gap, so that a slow sensor has none."""
 
 _TYPICAL_STEPS: Final = 100
-"""The first so many steps of a window tell the typical one; no more, so that block cuts never change the verdict."""
+"""The typical step is the median of so many at the begin of a window, a fixed number, so that cuts change nothing."""
 
-_STANDING: Final = "stamps stand still: use log time (--time log), or mend the driver's stamps"
+_CONSTANT: Final = "stamps stand still: use log time (--time log), or correct the driver's stamps"
 
 
 @dataclass(frozen=True)
 class Rest:
     """A sensor at rest: its clock by its stamps, its mean reading, and the last reading, all (3,) m/s^2.
 
-    last_time_s since epoch_ns, fitted; jitter_s mean absolute; samples: how many the clock was fitted to; coarse:
-    several samples share a stamp; in_motion: no rest came, and motion was averaged instead.
+    last_time_s: since epoch_ns, fitted. jitter_s: mean absolute. samples: number in the fit of the clock. coarse:
+    several samples share a stamp. in_motion: without a rest, the mean over motion.
     """
 
     epoch_ns: int
@@ -51,11 +51,14 @@ class Rest:
 
 
 class RestWindow:
-    """Collects the first seconds of a sensor until one window of them is at rest, or patience runs out.
+    """Collect the first seconds of a sensor until one window of them is at rest, or patience ends.
 
-    No window spans a gap or a jump of the stamps: behind one, waiting starts anew. Readings from `implausible_mps2` on
-    count for the clock alone. clock_only: gravity is known, so that all windows together tell the clock, at rest or
-    not, until a gap, the end of the record, or of patience.
+    No window contains a gap or a jump of the stamps: waiting restarts behind it. Readings from `implausible_mps2` on
+    count for the clock alone. clock_only: gravity is known, and all windows together give the clock, at rest or not,
+    until a gap, the end of the record, or of patience.
+
+    dropped: samples that are no longer collected. before: samples before the averaged ones. moving_rms_mps2: of the
+    last window, if it moved; None before.
     """
 
     def __init__(
@@ -70,31 +73,29 @@ class RestWindow:
         self._clock_only = clock_only
         self._rest_s, self._patience_s, self._rms_mps2 = rest_s, patience_s, rms_mps2
         self._max_gap_s, self._implausible_mps2 = max_gap_s, implausible_mps2
-        self._room: tuple[Integers, Floats] = np.empty(0, dtype=np.int64), np.empty((0, 3))
-        self._stamps_ns, self._samples = self._room
+        self._buffer: tuple[Integers, Floats] = np.empty(0, dtype=np.int64), np.empty((0, 3))
+        self._stamps_ns, self._samples = self._buffer
         self._start = 0
         self._first = 0
         self.dropped = 0
         self.moving_rms_mps2: float | None = None
-        """Of the last window that was judged and moved; None before."""
         self._broken = False
         self.before = 0
-        """How many samples came before those that were averaged."""
 
     def add(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
         """Collect stamps (n,) ns and samples (n, 3) m/s^2, in order of arrival."""
         held, end = len(self._stamps_ns), len(self._stamps_ns) + len(stamps_ns)
-        if end > len(self._room[0]):
-            # Twice what is needed: copied sample by sample, ten minutes of patience would cost more than they last.
-            self._room = np.empty(2 * end, dtype=np.int64), np.empty((2 * end, 3))
-            self._room[0][:held], self._room[1][:held] = self._stamps_ns, self._samples
-        self._room[0][held:end], self._room[1][held:end] = stamps_ns, samples_mps2
-        self._stamps_ns, self._samples = self._room[0][:end], self._room[1][:end]
+        if end > len(self._buffer[0]):
+            # Twice the size needed: copied sample by sample, ten minutes of patience would take longer than they last.
+            self._buffer = np.empty(2 * end, dtype=np.int64), np.empty((2 * end, 3))
+            self._buffer[0][:held], self._buffer[1][:held] = self._stamps_ns, self._samples
+        self._buffer[0][held:end], self._buffer[1][held:end] = stamps_ns, samples_mps2
+        self._stamps_ns, self._samples = self._buffer[0][:end], self._buffer[1][:end]
 
-    def look(self) -> Rest | None:
-        """Return the rest found, None while more must come; InputError where what came cannot be one.
+    def find(self) -> Rest | None:
+        """The rest found, None while it needs more samples; raises InputError for samples that cannot contain one.
 
-        Either way but the second, what was judged is dropped and counted: the next look begins behind it.
+        A result or an error drops the samples it is about: the next search begins behind them.
         """
         while True:
             end = self._window_end()
@@ -106,48 +107,50 @@ class RestWindow:
             self.moving_rms_mps2 = rms_mps2 if moving and len(window) > 1 else None
             waited_s = 1e-9 * int(self._stamps_ns[end] - self._stamps_ns[self._first])
             if not moving or waited_s >= self._patience_s or self._broken:
-                return self._told(self._first if moving else self._start, end, moving)
+                return self._drop_as_rest(self._first if moving else self._start, end, moving)
             self._start = end
 
     def conclude(self) -> Rest | None:
-        """The record has ended: return what all windows so far tell of the clock, None where there was none."""
-        return self._told(self._first, len(self._stamps_ns), in_motion=True) if self._start > self._first else None
+        """End the record: the clock of all windows so far, None without any."""
+        return (
+            self._drop_as_rest(self._first, len(self._stamps_ns), in_motion=True) if self._start > self._first else None
+        )
 
     @property
     def waited_s(self) -> float:
-        """Seconds of stamps since the first sample that is still looked at."""
+        """Seconds of stamps since the first sample that is still collected."""
         stamps_ns = self._stamps_ns[self._first :]
         return 1e-9 * int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0.0
 
     @property
     def collected(self) -> int:
-        """Samples that came so far."""
+        """Number of samples so far."""
         return self.dropped + len(self._stamps_ns)
 
-    def end(self) -> int:
-        """Forget what came after the rest, which the newest samples only can have done: how many did."""
+    def clear(self) -> int:
+        """Drop the samples after the rest, which are the newest ones; return their number."""
         left = len(self._stamps_ns)
         self._drop(left)
-        self._room = self._stamps_ns, self._samples = np.empty(0, dtype=np.int64), np.empty((0, 3))
+        self._buffer = self._stamps_ns, self._samples = np.empty(0, dtype=np.int64), np.empty((0, 3))
         return left
 
     def _window_end(self) -> int | None:
         """End of the window that begins at `_start`, moved behind the first break in it; None while it is not full."""
         while True:
             stamps_ns = self._stamps_ns[self._start :]
-            first = stamps_ns[:_STANDING_SAMPLES]
-            if first.size == _STANDING_SAMPLES and first.max() == first.min():
-                self._drop(self._start + _STANDING_SAMPLES)
-                raise InputError(_STANDING)
+            first = stamps_ns[:_CONSTANT_SAMPLES]
+            if first.size == _CONSTANT_SAMPLES and first.max() == first.min():
+                self._drop(self._start + _CONSTANT_SAMPLES)
+                raise InputError(_CONSTANT)
             past = np.flatnonzero(stamps_ns - stamps_ns[:1] >= round(self._rest_s * 1e9))
-            past = past[past >= _LEAST_SAMPLES]
+            past = past[past >= _MIN_SAMPLES]
             inside = stamps_ns[: past[0] + 1] if past.size else stamps_ns
             steps_s = np.diff(inside) * 1e-9
             if past.size == 0 and steps_s.size < _TYPICAL_STEPS:
                 return None
-            longest_s = max(self._max_gap_s, _SLOW_STEPS * float(np.median(steps_s[:_TYPICAL_STEPS])))
+            longest_s = max(self._max_gap_s, _MAX_STEPS * float(np.median(steps_s[:_TYPICAL_STEPS])))
             breaks = np.flatnonzero((steps_s > longest_s) | (steps_s < -LEAP_S))
-            most = int(_MOST_PER_S * self._rest_s)
+            most = int(_MAX_PER_S * self._rest_s)
             if breaks.size and breaks[0] < most:
                 behind = self._start + int(breaks[0]) + 1
                 self._broken = self._clock_only and self._start > self._first
@@ -156,11 +159,11 @@ class RestWindow:
                 self._drop(behind)
             elif inside.size > most:
                 self._drop(self._start + most)
-                raise InputError(_STANDING)
+                raise InputError(_CONSTANT)
             else:
                 return self._start + int(past[0]) if past.size else None
 
-    def _told(self, begin: int, end: int, in_motion: bool) -> Rest:
+    def _drop_as_rest(self, begin: int, end: int, in_motion: bool) -> Rest:
         stamps_ns, samples = self._stamps_ns[begin:end], self._samples[begin:end]
         readings = self._plausible(begin, end)
         self.before = self.dropped + begin
@@ -169,7 +172,7 @@ class RestWindow:
             raise InputError("no finite sample arrived: check the sensor")
         stamps_s = np.asarray(stamps_ns - stamps_ns[0], dtype=np.float64) * 1e-9
         clock, coarse = clock_of(stamps_s, samples)
-        # What was lost meanwhile passed too, and what came twice passed once.
+        # In sampling periods: lost samples count, repeated ones count once.
         self.dropped += round(clock.last_s / clock.period_s) + 1 - len(stamps_s)
         mean, last = readings.mean(axis=0).tolist(), readings[-1].tolist()
         return Rest(
@@ -178,13 +181,13 @@ class RestWindow:
         )  # fmt: skip
 
     def _plausible(self, begin: int, end: int) -> Floats:
-        # Squares of what no sensor reads may overflow, and one such sample spoils a mean; NaN compares as False.
+        # One implausible sample makes a mean useless, and its square may overflow; NaN compares as False.
         part = self._samples[begin:end]
         plausible: Floats = part[(np.abs(part) < self._implausible_mps2).all(axis=1)]
         return plausible
 
     def _drop(self, end: int) -> None:
-        self._room = self._room[0][end:], self._room[1][end:]
+        self._buffer = self._buffer[0][end:], self._buffer[1][end:]
         self._stamps_ns, self._samples = self._stamps_ns[end:], self._samples[end:]
         self._start = self._first = 0
         self.dropped += end

@@ -1,4 +1,4 @@
-"""Sampling clock: period and times that a sensor's stamps tell, be they jittered, in bursts, quantised or repeated."""
+"""Sampling clock: a sensor's period and times by its stamps: jittered, in bursts, quantised or repeated."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 
 _EVEN: Final = 0.1
-"""Mean jitter, in periods, up to which stamps count as even."""
+"""Largest mean jitter of even stamps, in periods."""
 
 _COMPLETE: Final = 0.4
-"""Where no stamp lies further than so many periods from an even clock none is lost: a single loss bends it by 0.5."""
+"""Without losses no stamp lies further from an even clock, in periods: a single loss shifts it by 0.5."""
 
-_LEAST_BEAT: Final = 0.25
-"""Stamps keep a beat whose spectral line is at least so strong: that of Gaussian jitter of 0.27 periods rms."""
+_MIN_LINE: Final = 0.25
+"""Least spectral line of periodic stamps: that of Gaussian jitter of 0.27 periods rms."""
 
-_LEAST_BEATS: Final = 10
-"""Fewer stamps than this keep no beat."""
+_MIN_LINE_STAMPS: Final = 10
+"""Fewer stamps have no spectral line."""
 
-_BEAT_SAMPLES: Final = 1024
-"""The first so many stamps tell their beat: its spectrum costs by the square of their number."""
+_SPECTRUM_STAMPS: Final = 1024
+"""The spectrum is of the first so many stamps: its cost grows with the square of their number."""
 
-_SHARED_BEATS: Final = 0.05
-"""More samples than this that share a beat with the one before mean that it is not the samples' own."""
+_MAX_SHARED: Final = 0.05
+"""Largest share of samples in the period of the sample before; with more the line is not the samples' own."""
 
 _REGULAR: Final = 0.2
-"""Of n samples lost at random some lies further than this times sqrt(n) periods from an even clock (by simulation)."""
+"""With n random losses, some stamp lies further than this times sqrt(n) periods from an even clock (by simulation)."""
 
 
 class Clock(NamedTuple):
@@ -45,16 +45,16 @@ class Clock(NamedTuple):
 def clock_of(stamps_s: Floats, samples: Floats) -> tuple[Clock, bool]:
     """The clock of stamps (n,) and samples (n, 3) in order of arrival, and whether several samples share a stamp.
 
-    A sample that came twice counts once. Raises InputError below three stamps.
+    A repeated sample counts once. Raises InputError below three stamps.
     """
-    coarse = not _told_apart(stamps_s, samples)
+    coarse = not _repeats_are_duplicates(stamps_s, samples)
     return _in_order(stamps_s if coarse else stamps_s[_first_of_each(stamps_s, samples)]), coarse
 
 
 def _in_order(stamps_s: Floats) -> Clock:
     """The clock of stamps (n,) in order of arrival, or of the sorted ones where these are even.
 
-    Jitter does not sort into an even clock, so such samples came out of order.
+    Sorted jitter gives no even clock, so even sorted stamps mean samples out of order.
     """
     clock = fit_clock(stamps_s)
     if (np.diff(stamps_s) >= 0.0).all():
@@ -63,11 +63,11 @@ def _in_order(stamps_s: Floats) -> Clock:
     return in_order if in_order.jitter_s < _EVEN * in_order.period_s else clock
 
 
-def _told_apart(stamps_s: Floats, samples: Floats) -> bool:
-    """Whether a sample with stamp and reading of another is that one again, and not one more of coarse stamps.
+def _repeats_are_duplicates(stamps_s: Floats, samples: Floats) -> bool:
+    """Whether a sample with stamp and reading of another is a duplicate, and not a further sample of a coarse stamp.
 
-    It is if readings repeat within a stamp far more often than from one stamp to the next. Where they repeat anyway,
-    all of a stamp must be alike, and as many under each.
+    It is where readings repeat within a stamp far more often than from one stamp to the next. Where they repeat
+    everywhere, all readings of a stamp must be equal, and their number the same under each.
     """
     order = np.argsort(stamps_s, kind="stable")
     stamps_s, samples = stamps_s[order], samples[order]
@@ -83,29 +83,29 @@ def _told_apart(stamps_s: Floats, samples: Floats) -> bool:
 
 
 def _first_of_each(stamps_s: Floats, samples: Floats) -> Integers:
-    """Indices of the samples that are no repetition of an earlier one, ascending."""
+    """Indices of the samples without repetitions of earlier ones, ascending."""
     rows = np.column_stack([stamps_s, samples])
     return np.sort(np.unique(rows, axis=0, return_index=True)[1])
 
 
 def fit_clock(stamps_s: Floats) -> Clock:
-    """Fit an even clock to stamps (n,) in order of arrival; jittered, in bursts, quantised, or with samples lost.
+    """Fit an even clock to stamps (n,) in order of arrival: jittered, in bursts, quantised, or with losses.
 
-    Samples are counted as lost only in gaps that jitter does not explain; raises InputError below three stamps.
+    Samples count as lost only in gaps larger than jitter; raises InputError below three stamps.
     """
     if stamps_s.size < 3:
         raise InputError("fewer than three different samples: the rate is unknown")
     even = _line(np.arange(stamps_s.size, dtype=np.float64), stamps_s)
     if even.worst_s < _COMPLETE * even.period_s:
         return even
-    clock, lost = _by_typical_step(stamps_s) or _by_beat(stamps_s, even.period_s) or _with_losses(stamps_s, even)
-    # What stays closer to an even clock than losses would lost nothing: its stamps are quantised, late, or in bursts.
+    clock, lost = _by_typical_step(stamps_s) or _by_spectrum(stamps_s, even.period_s) or _with_losses(stamps_s, even)
+    # Stamps closer to an even clock than with losses are complete: quantised, late, or in bursts.
     regular = even.worst_s < _REGULAR * math.sqrt(max(lost, 0.0)) * even.period_s
     return even if regular or even.jitter_s < clock.jitter_s else clock
 
 
 def _by_typical_step(stamps_s: Floats) -> tuple[Clock, float] | None:
-    """The clock of stamps whose steps are whole multiples of the typical one, and how many samples seem lost."""
+    """The clock of stamps whose steps are whole multiples of the typical one, and the number of losses."""
     gaps_s = np.diff(stamps_s)
     typical_s = float(np.median(gaps_s))
     if typical_s <= 0.0:
@@ -117,39 +117,39 @@ def _by_typical_step(stamps_s: Floats) -> tuple[Clock, float] | None:
     return clean, float(periods.sum() - periods.size)
 
 
-def _by_beat(stamps_s: Floats, longest_period_s: float) -> tuple[Clock, float] | None:
-    """The clock whose beat the stamps keep, by their spectrum, and how many samples seem lost.
+def _by_spectrum(stamps_s: Floats, longest_period_s: float) -> tuple[Clock, float] | None:
+    """The clock of the strongest line in the stamps' spectrum, and the number of losses.
 
-    Losses do not hide a beat, jitter of a third of a period does. They only make a period look longer, by a quarter for
-    one sample in five. None where there is no such beat, or where several samples would share one.
+    Losses do not hide the line, jitter of a third of a period does. They only increase the mean step, by a quarter for
+    one sample in five. None without a line, or where several samples would share a period.
     """
     time_s = stamps_s - stamps_s[0]
-    first = time_s[:_BEAT_SAMPLES]
+    first = time_s[:_SPECTRUM_STAMPS]
     span_s = float(first.max())
-    if longest_period_s <= 0.0 or span_s <= 0.0 or stamps_s.size < _LEAST_BEATS:
+    if longest_period_s <= 0.0 or span_s <= 0.0 or stamps_s.size < _MIN_LINE_STAMPS:
         return None
     frequency = np.arange(0.98 / longest_period_s, 1.35 / longest_period_s, 0.25 / span_s)
     turn, step = (np.exp(-2j * np.pi * f * first) for f in (frequency[0], 0.25 / span_s))
-    beat = np.empty(frequency.size, dtype=np.complex128)
+    line = np.empty(frequency.size, dtype=np.complex128)
     for k in range(frequency.size):
-        beat[k] = turn.mean()
+        line[k] = turn.mean()
         turn *= step
-    best = int(np.argmax(np.abs(beat)))
-    if np.abs(beat[best]) < max(_LEAST_BEAT, 6.0 / math.sqrt(first.size)):
+    best = int(np.argmax(np.abs(line)))
+    if np.abs(line[best]) < max(_MIN_LINE, 6.0 / math.sqrt(first.size)):
         return None
-    index = np.rint(frequency[best] * first + np.angle(beat[best]) / (2.0 * np.pi))
+    index = np.rint(frequency[best] * first + np.angle(line[best]) / (2.0 * np.pi))
     while index.size < time_s.size:
-        # The beat of a part counts the beats of one twice as long.
+        # The period of a part numbers the stamps of a part twice as long.
         period_s, begin_s = np.polyfit(index, first, 1)
         first = time_s[: 2 * index.size]
         index = np.rint((first - begin_s) / period_s)
-    if (np.diff(index) <= 0.0).mean() > _SHARED_BEATS:
+    if (np.diff(index) <= 0.0).mean() > _MAX_SHARED:
         return None
     return _line(index - index[0], stamps_s), float(index[-1] - index[0] + 1.0 - index.size)
 
 
 def _with_losses(stamps_s: Floats, clock: Clock) -> tuple[Clock, float]:
-    """The clock, and how many samples seem lost; starting from that of a stream which lost none."""
+    """The clock and the number of losses, starting from the clock without losses."""
     gaps_s = np.diff(stamps_s)
     typical_s = float(np.median(gaps_s))
     spread_s = 1.4826 * float(np.median(np.abs(gaps_s - typical_s)))
@@ -158,7 +158,7 @@ def _with_losses(stamps_s: Floats, clock: Clock) -> tuple[Clock, float]:
         longest_s = max(1.5 * clock.period_s, clock.period_s + 5.0 * spread_s)
         lost = np.where(gaps_s > longest_s, np.maximum(np.rint(gaps_s / clock.period_s) - 1.0, 0.0), 0.0)
         if lost.sum() > 0.5 * stamps_s.size:
-            lost[:] = 0.0  # not a stream that loses most of itself, but one that comes in bursts
+            lost[:] = 0.0  # no stream loses that much: it comes in bursts
         clock = _line(np.concatenate([[0.0], np.cumsum(1.0 + lost)]), stamps_s)
     return clock, float(lost.sum())
 

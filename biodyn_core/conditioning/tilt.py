@@ -1,4 +1,4 @@
-"""Levelling: where gravity points in a sensor's axes, and the rotation that turns it upright."""
+"""Tilt: the direction of gravity in a sensor's axes, and the rotation of that direction to the vertical."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Vector = tuple[float, float, float]
 LEAST_GRAVITY_MPS2: Final = 0.5 * STANDARD_GRAVITY_MPS2
 UP: Final = (0.0, 0.0, 1.0)
 
-UPRIGHT: Final = 0.9
-"""A first axis whose cosine with the vertical is this or more, 26 degrees, has no direction once it is laid level."""
+MAX_COSINE: Final = 0.9
+"""A first axis within 26 degrees of the vertical, by its cosine, has no direction in the horizontal plane."""
 
 
 def gravity_and_vertical(mean_mps2: Vector, given: Vector | None) -> tuple[float, Vector | None]:
-    """Gravity (m/s^2) and vertical (unit vector, None where too little gravity shows) of a sensor's mean at rest.
+    """Gravity (m/s^2) and vertical (unit vector, None with too little gravity) of a sensor's mean at rest.
 
-    Along a given vertical, gravity is the mean's part along it: what is left of it where a driver has taken it off.
+    With a given vertical, gravity is the mean's component along it, also where a driver has subtracted gravity.
     """
     if given is not None:
         size = math.hypot(*given)
@@ -34,24 +34,24 @@ def gravity_and_vertical(mean_mps2: Vector, given: Vector | None) -> tuple[float
     return norm, (mean_mps2[0] / norm, mean_mps2[1] / norm, mean_mps2[2] / norm)
 
 
-def laid_level(up: Vector) -> Floats:
-    """Level axes x, y and z as rows, (3, 3), in those of a sensor that sees up so: x is its first axis, laid level.
+def horizontal_axes(up: Vector) -> Floats:
+    """Horizontal axes x and y and the vertical z as rows, (3, 3), in the axes of a sensor with this direction of up.
 
-    Where the first axis itself stands upright, y is the second, laid level.
+    x is the projection of the sensor's first axis; where that is nearly vertical, y is the projection of the second.
     """
     z = np.array(up) / np.linalg.norm(up)
-    own = 1 if abs(z[0]) >= UPRIGHT else 0
+    own = 1 if abs(z[0]) >= MAX_COSINE else 0
     level = np.eye(3)[own] - z[own] * z
     level /= np.linalg.norm(level)
     return np.array([level, np.cross(z, level), z] if own == 0 else [np.cross(level, z), level, z])
 
 
 def first_axis_rad(up: Vector) -> float:
-    """Direction of the sensor's own first axis, laid level, in the axes that `rotation_to_vertical` leaves; radians.
+    """Direction of the sensor's own first axis in the horizontal plane, after `rotation_to_vertical`, radians.
 
-    Zero for a sensor that lies flat. One that is tilted about both axes is turned in the plane too.
+    Zero for a sensor that lies flat; a tilt about both axes also turns it in the plane.
     """
-    x, y, _ = (rotation_to_vertical(np.array(up)) @ laid_level(up)[0]).tolist()
+    x, y, _ = (rotation_to_vertical(np.array(up)) @ horizontal_axes(up)[0]).tolist()
     return math.atan2(y, x)
 
 

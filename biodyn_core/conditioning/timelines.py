@@ -1,8 +1,7 @@
-"""Timelines: what sensors' stamps say beside each other, where a clock was set anew, and where nothing is sent.
+"""Timelines: the stamps of sensors against each other: clocks that were set, late sensors, silent sensors.
 
-All sensors are stamped on one timeline, their own. A sensor whose stamps leap while the others go on has had its clock
-set: it goes on being counted, nothing but the time it was away is missing. Where most leap alike, a bag loops, or
-nothing was recorded meanwhile.
+A sensor whose stamps leap while the others go on has had its clock set: its counting goes on, and only its silence is
+missing. Where most sensors leap alike, a bag loops or the recording paused.
 """
 
 from __future__ import annotations
@@ -15,56 +14,56 @@ from biodyn_core.base.segments import SEAT
 from biodyn_core.conditioning.conditioner import Conditioner
 
 JOINED_APART_S: Final = 60.0
-"""A sensor that joins has another clock where its stamps differ by more; with less it may just be late."""
+"""A sensor whose first stamps differ from the others' by more has another clock; with less it is late."""
 
-REMEMBERED: Final = 8
-"""So many times that a clock was set are told from a return."""
+MAX_OFFSETS: Final = 8
+"""Number of former clock offsets of a sensor that are recognised when its clock returns to them."""
 
 
-class _Apart(NamedTuple):
-    """How far a sensor's clock is ahead of the others', and what to add to the gaps that its conditioning counts."""
+class _Offset(NamedTuple):
+    """How far a sensor's clock is ahead of the others', and the correction of the gaps that its conditioning counts."""
 
-    by_s: float
+    ahead_s: float
     gap_s: float
 
 
-_TOGETHER: Final = _Apart(0.0, 0.0)
+_NO_OFFSET: Final = _Offset(0.0, 0.0)
 
 
 class Timelines:
-    """`note` a sensor after each push; ask how late it began, how long it is silent, how far its clock is apart.
+    """`note` a sensor after each push; read how late it began, how long it is silent, and its clock's offset.
 
-    wait_s: what sensors may lag behind each other without being silent.
+    wait_s: the longest lag of a sensor behind the others that is no silence.
     """
 
     def __init__(self, conditioners: Mapping[str, Conditioner], wait_s: float) -> None:
         self._conditioners, self._wait_s = conditioners, wait_s
         self._near_s = 2.0 * wait_s
         self._leapt_s = dict.fromkeys(conditioners, 0.0)
-        self._apart = {name: [_TOGETHER] for name in conditioners}
+        self._offsets = {name: [_NO_OFFSET] for name in conditioners}
         self._began_s: dict[str, float] = {}
         self._sent_ns: dict[str, int] = {}
         self._front_s = self._reset_s = -math.inf
         self._behind_s = dict.fromkeys(conditioners, 0.0)
 
     def note(self, sensor: str) -> None:
-        """A sensor has sent: see whether it joins, whether its stamps have leapt, and where it is beside the others."""
+        """Note that a sensor was pushed: whether it joins, whether its stamps leapt, and its lag behind the others."""
         joins = sensor not in self._began_s
         if joins or self._conditioners[sensor].runs.leapt_s != self._leapt_s[sensor]:
-            self._look(sensor, joins)
+            self._update_offset(sensor, joins)
         newest_ns = self._conditioners[sensor].newest_ns
         if newest_ns is not None and newest_ns != self._sent_ns.get(sensor):
             self._sent_ns[sensor] = newest_ns
-            own_s = 1e-9 * newest_ns - self._apart[sensor][-1].by_s
+            own_s = 1e-9 * newest_ns - self._offsets[sensor][-1].ahead_s
             self._front_s = max(self._front_s, own_s)
             self._behind_s[sensor] = self._front_s - own_s
 
     def reset(self) -> None:
-        """Who joins from now on is late since now."""
+        """A sensor that joins later is late since this reset."""
         self._reset_s = self._front_s
 
-    def _look(self, sensor: str, joins: bool) -> None:
-        """Look at a sensor that joins, or whose stamps have leapt."""
+    def _update_offset(self, sensor: str, joins: bool) -> None:
+        """Update the offset of a sensor that joins, or whose stamps leapt."""
         conditioner, own_s = self._conditioners[sensor], self._newest_s(sensor)
         if own_s is None:
             return
@@ -74,37 +73,37 @@ class Timelines:
         others = [s for name in self._began_s if name != sensor and (s := self._newest_s(name)) is not None]
         if others:
             ahead_s = own_s - max(others)
-            # Where it was ahead of all others before it leapt, they have stopped and tell nothing.
-            apart = abs(ahead_s) > JOINED_APART_S if joins else ahead_s - leapt_s < self._near_s < abs(ahead_s)
-            if apart:
+            # Where it was ahead of all others before the leap, they have stopped, and nothing can be concluded.
+            was_set = abs(ahead_s) > JOINED_APART_S if joins else ahead_s - leapt_s < self._near_s < abs(ahead_s)
+            if was_set:
                 away_s = 0.0 if joins else max(0.0, leapt_s - ahead_s)
-                self._set(sensor, self.apart_s(sensor) + ahead_s, 0.0 if joins else away_s - max(0.0, leapt_s))
+                self._set(sensor, self.offset_s(sensor) + ahead_s, 0.0 if joins else away_s - max(0.0, leapt_s))
         if joins and conditioner.first_ns is not None:
-            began_s = 1e-9 * conditioner.first_ns - self.apart_s(sensor)
-            if ahead_s < -self._near_s:  # its clock is behind, or its samples came late: no other began late by that
+            began_s = 1e-9 * conditioner.first_ns - self.offset_s(sensor)
+            if ahead_s < -self._near_s:  # its clock is behind, or its samples came late: the others did not begin late
                 began_s = max(began_s, min(self._began_s.values()))
             self._began_s[sensor] = began_s
-        self._follow_the_most()
+        self._follow_majority()
 
-    def apart_s(self, sensor: str) -> float:
-        """How far its clock is ahead of that of most, since it was set anew; 0 where it is not."""
-        return self._apart[sensor][-1].by_s
+    def offset_s(self, sensor: str) -> float:
+        """How far a sensor's clock is ahead of the majority's since it was set; 0 where it was not."""
+        return self._offsets[sensor][-1].ahead_s
 
     def gap_s(self, sensor: str) -> float:
-        """What to add to its gaps: the time it was away in place of what its clock was set by."""
-        return self._apart[sensor][-1].gap_s
+        """Correction of a sensor's gaps: its time of silence instead of the step of its clock."""
+        return self._offsets[sensor][-1].gap_s
 
     def late_s(self, sensor: str) -> float:
-        """How long after the first of all sensors, or the last reset, this one began, once longer than `wait_s`."""
+        """How long after the first sensor, or the last reset, this one began; 0 up to `wait_s`."""
         if sensor not in self._began_s:
             return 0.0
         late_s = self._began_s[sensor] - max(min(self._began_s.values()), self._reset_s)
         return late_s if late_s > self._wait_s else 0.0
 
     def silent_s(self, sensor: str) -> float:
-        """How far the others went on since a sensor sent, once that is longer than `wait_s`.
+        """How far the others went on since a sensor's last sample; 0 up to `wait_s`.
 
-        What it lay behind them as it sent is its clock or its way here, and no silence: over hours clocks drift apart.
+        Its lag at that sample belongs to its clock or transport and is no silence: clocks drift apart over hours.
         """
         own_s = self._newest_s(sensor)
         if own_s is None:
@@ -113,31 +112,31 @@ class Timelines:
         return silent_s if silent_s > self._wait_s else 0.0
 
     def _newest_s(self, sensor: str) -> float | None:
-        """The newest stamp on the timeline of most."""
+        """The newest stamp on the majority's timeline."""
         newest_ns = self._conditioners[sensor].newest_ns
-        return None if newest_ns is None else 1e-9 * newest_ns - self.apart_s(sensor)
+        return None if newest_ns is None else 1e-9 * newest_ns - self.offset_s(sensor)
 
     def _set(self, sensor: str, by_s: float, gap_s: float) -> None:
-        """Its clock is apart by so much; where it was so before it has returned, and its conditioning knows."""
-        before = self._apart[sensor]
-        same = [i for i, one in enumerate(before) if abs(one.by_s - by_s) <= self._near_s]
+        """Set a sensor's offset; one that it had before is a return, which its conditioning has handled."""
+        before = self._offsets[sensor]
+        same = [i for i, one in enumerate(before) if abs(one.ahead_s - by_s) <= self._near_s]
         if same:
-            self._apart[sensor] = before[: same[-1] + 1]
+            self._offsets[sensor] = before[: same[-1] + 1]
         else:
-            self._apart[sensor] = [before[0], *before[1:][-REMEMBERED:], _Apart(by_s, before[-1].gap_s + gap_s)]
+            self._offsets[sensor] = [before[0], *before[1:][-MAX_OFFSETS:], _Offset(by_s, before[-1].gap_s + gap_s)]
 
-    def _follow_the_most(self) -> None:
-        """Where most of those that send have leapt, they have not: the others are apart."""
+    def _follow_majority(self) -> None:
+        """Where most of the sending sensors leapt alike, take their timeline: the others have the offset."""
         newest = {name: s for name in self._began_s if (s := self._newest_s(name)) is not None}
         if not newest:
             return
         sending = [name for name, newest_s in newest.items() if newest_s > max(newest.values()) - self._near_s]
         most = max(sending, key=lambda name: (self._alike(name, sending), self._near(name, SEAT)))
-        by_s = self.apart_s(most)
+        by_s = self.offset_s(most)
         if abs(by_s) <= self._near_s:
             return
         for name in self._conditioners:
-            self._set(name, self.apart_s(name) - by_s, 0.0)
+            self._set(name, self.offset_s(name) - by_s, 0.0)
         self._began_s = {name: began_s + by_s for name, began_s in self._began_s.items()}
         self._front_s += by_s
         self._reset_s += by_s
@@ -146,4 +145,4 @@ class Timelines:
         return sum(self._near(sensor, other) for other in sending)
 
     def _near(self, one: str, other: str) -> bool:
-        return abs(self.apart_s(one) - self.apart_s(other)) <= self._near_s
+        return abs(self.offset_s(one) - self.offset_s(other)) <= self._near_s

@@ -1,6 +1,6 @@
 """Injury criteria of one shock: the Dynamic Response Index of the seat and the Head Injury Criterion.
 
-Meters as those of `exposure`. Zaman et al., Eq. 23-25, in the definitions their contradictions forced on us.
+Meters as in `meters`. Zaman et al., Eq. 23-25, in definitions that resolve their contradictions.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ HIC_LENGTHS_S: Final = {"hic15": 0.015, "hic36": 0.036}
 class Dri:
     """Dynamic Response Index: for one upward pulse, not a dose of repeated shocks (Eq. 24, 25).
 
-    `compression` counts spinal compression alone and is the headline; `as_printed` takes |z|. time_s: when it was
-    largest, since reset, breaks included.
+    compression: of spinal compression alone, the main figure; as_printed: of |z|. time_s: of the largest value, since
+    reset, breaks included.
     """
 
     compression: float
@@ -57,8 +57,8 @@ class Window(NamedTuple):
 class Hic:
     """Head Injury Criterion over all windows up to one length: |vertical + 1 g|, |vertical|, resultant (Eq. 23).
 
-    windows_s: by those names begin and end of the window with the largest, since reset, breaks included; below zero
-    where it began before the reset, None where HIC is zero and of rolling figures.
+    windows_s: by these names, begin and end of the window of the largest value, since reset, breaks included; below
+    zero where it began before the reset, None where HIC is zero and for rolling figures.
     """
 
     as_printed: float
@@ -71,8 +71,8 @@ class Hic:
 class DriMeter(Meter):
     """The DRI oscillator driven by the seat's vertical acceleration, gravity-free, exact between samples.
 
-    Behind a break it starts at rest. The level a body's lean leaves in the vertical is of second order, 0.15 m/s^2 at
-    10 degrees, and worth 0.02 of compression; the level of a shock's middle would be worth far more.
+    It restarts at rest behind a break. A tilt leaves a level of second order in the vertical, 0.15 m/s^2 at 10 degrees,
+    which adds 0.02 to compression; a restart from the level within a shock would add far more.
     """
 
     def __init__(self, rate_hz: float, window_s: float) -> None:
@@ -90,7 +90,7 @@ class DriMeter(Meter):
         )
 
     def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long."""
+        """Move on by a break of that length."""
         self._seen[0] += self._tally.skip(seconds)
         self._state[:] = 0.0
 
@@ -99,25 +99,25 @@ class DriMeter(Meter):
         return self._dri(self._tally.since_reset())
 
     def rolling(self) -> Dri:
-        """The largest over the last `window_s`; its time is that of the largest since reset."""
+        """The largest over the last `window_s`; the time is that of the largest since reset."""
         return self._dri(self._tally.rolling())
 
     def reset(self) -> None:
-        """Start "since reset" anew."""
+        """Set everything "since reset" to zero."""
         super().reset()
         self._seen[:] = 0
 
-    def kept(self) -> Floats:
-        """As of every meter, with the seconds that passed and when it was largest, (1, 4)."""
-        return np.column_stack([super().kept(), self._seen[None] / self._rate_hz])
+    def totals(self) -> Floats:
+        """The totals, with the seconds passed and the time of the largest value, (1, 4)."""
+        return np.column_stack([super().totals(), self._seen[None] / self._rate_hz])
 
-    def resume(self, kept: Floats) -> None:
-        """Count on from what was kept."""
-        largest, before = self._tally.since_reset()[0, 0], np.rint(kept[0, 2:] * self._rate_hz).astype(np.int64)
+    def resume(self, totals: Floats) -> None:
+        """Continue from totals of an earlier run."""
+        largest, before = self._tally.since_reset()[0, 0], np.rint(totals[0, 2:] * self._rate_hz).astype(np.int64)
         self._seen += before[0]
-        if kept[0, 0] >= largest:
+        if totals[0, 0] >= largest:
             self._seen[1] = before[1]
-        super().resume(np.ascontiguousarray(kept[:, :2]))
+        super().resume(np.ascontiguousarray(totals[:, :2]))
 
     def _dri(self, rows: Floats) -> Dri:
         scale = DRI_OMEGA_RAD_PER_S**2 / STANDARD_GRAVITY_MPS2
@@ -148,7 +148,7 @@ class HicMeter(Meter):
         )  # fmt: skip
 
     def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long; no window reaches across."""
+        """Move on by a break of that length; no window reaches across it."""
         self._seen += self._tally.skip(seconds)
         self._filled[:, 0] = 0
 
@@ -161,23 +161,23 @@ class HicMeter(Meter):
         return self._hic(self._tally.rolling(), None)
 
     def reset(self) -> None:
-        """Start "since reset" anew."""
+        """Set everything "since reset" to zero."""
         super().reset()
         self._seen[:] = 0
         self._windows[:] = 0.0
 
-    def kept(self) -> Floats:
-        """As of every meter, with begin and end of the windows and the seconds that passed, (3, 4)."""
+    def totals(self) -> Floats:
+        """The totals, with begin and end of the windows and the seconds passed, (3, 4)."""
         passed = np.full((3, 1), float(self._seen[0]))
-        return np.column_stack([super().kept(), np.hstack([self._windows, passed]) / self._rate_hz])
+        return np.column_stack([super().totals(), np.hstack([self._windows, passed]) / self._rate_hz])
 
-    def resume(self, kept: Floats) -> None:
-        """Count on from what was kept."""
-        before = kept[:, 1:] * self._rate_hz
-        larger = kept[:, 0] >= self._tally.since_reset()[:, 0]
+    def resume(self, totals: Floats) -> None:
+        """Continue from totals of an earlier run."""
+        before = totals[:, 1:] * self._rate_hz
+        larger = totals[:, 0] >= self._tally.since_reset()[:, 0]
         self._windows = np.where(larger[:, None], before[:, :2], self._windows + before[0, 2])
         self._seen += round(before[0, 2])
-        super().resume(np.ascontiguousarray(kept[:, :1]))
+        super().resume(np.ascontiguousarray(totals[:, :1]))
 
     def _hic(self, rows: Floats, spans_s: list[list[float]] | None) -> Hic:
         names = ("as_printed", "vertical", "resultant")

@@ -1,6 +1,6 @@
 """Limit assessment: the seat's exposure against action and limit values: zone, time left, projection to eight hours.
 
-The seat alone decides, never a prediction. Directive 2002/44/EC; ISO 2631-1:1997.
+The measured seat alone is assessed, never a prediction. Directive 2002/44/EC; ISO 2631-1:1997.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted, number, number_below
 from biodyn_core.conditioning.conditioner import GRAVITY_TOLERANCE
-from biodyn_core.exposure.exposure_store import Lost
 from biodyn_core.exposure.limits import Kind, Limits, LimitSet, Measure
+from biodyn_core.exposure.losses import Losses
 from biodyn_core.exposure.meters import Dose, HorizontalMeter
 
 Zone = Literal["below_action_value", "above_action_value", "above_limit_value", "undecided"]
@@ -28,21 +28,21 @@ EIGHT_HOURS_S: Final = 8.0 * 3600.0
 PROJECTION_AFTER_S: Final = 20.0 * 60.0
 """A shorter record carries no projection to eight hours unless it is asked for."""
 
-MISSING_SHARE_TRUSTED: Final = 0.01
-"""With more than this missing no time and no projection is given, and nothing is called below its action value."""
+MAX_MISSING_SHARE: Final = 0.01
+"""With a larger share missing there are no times and no projections, and no zone below the action value."""
 
 DEAD_SHARE: Final = 1e-6
-"""An axis that moved less than this share of the strongest has no sensor behind it: any real one has more noise."""
+"""An axis below this share of the strongest one carries no data: any real sensor has more noise."""
 
 
 @dataclass(frozen=True)
 class DataQuality:
-    """What a judgement stands on, since reset: what the seat lost, and its state.
+    """Quality of the seat's data since reset: its losses and its state.
 
-    silent: the seat sends nothing now, others do.
+    silent: the seat sends no samples now, other sensors do.
     """
 
-    lost: Lost
+    losses: Losses
     silent: bool
     gravity_mps2: float | None
     fault: str | None
@@ -52,8 +52,8 @@ class DataQuality:
 class LimitAssessment:
     """The seat against one set of limits: zone with its reason, and the seconds left until action and limit value.
 
-    governing: the measure that is nearest to (or furthest beyond) the value the zone speaks of, counted in time, so
-    that it is also the one that reached it first; axis: that measure's axis. Times are None where withheld or never.
+    governing: the measure that reaches the zone's value first, in time; axis: that measure's axis. Times are None where
+    they are withheld or never come.
     """
 
     source: str
@@ -76,17 +76,17 @@ class ShockRatio:
 
     @property
     def exceeded(self) -> bool | None:
-        """Whether it fires, None where that is unknown."""
+        """Whether the value is above the threshold; None where it is unknown."""
         return None if self.value is None else self.value > self.threshold
 
 
 @dataclass(frozen=True)
 class SeatExposure(LimitAssessment):
-    """The figures that decide, seat alone, and their judgement by the deciding set; `beside` that by the others.
+    """The seat's figures and their assessment by the deciding set; `additional`: by the other sets.
 
     aw and VDV by axis are without k; A(8) and VDV so far are the largest over the axes with k = 1.4, 1.4, 1.0.
-    lower_bound: samples are missing or clipped, or a horizontal axis is. withheld: why there are no times and no
-    projections. projected_from_s: the seconds that were counted; projected_lower_bound: a horizontal axis is missing.
+    lower_bound: samples are missing or clipped, or a horizontal axis is missing. withheld: why there are no times and
+    no projections. projected_from_s: the counted seconds; projected_lower_bound: a horizontal axis is missing.
     shock_ratios: of the governing axis.
     """
 
@@ -105,7 +105,7 @@ class SeatExposure(LimitAssessment):
     projected_from_s: float | None
     projected_lower_bound: bool
     shock_ratios: tuple[ShockRatio, ...]
-    beside: tuple[LimitAssessment, ...]
+    additional: tuple[LimitAssessment, ...]
 
 
 def seat_exposure(
@@ -113,10 +113,10 @@ def seat_exposure(
     horizontal: HorizontalMeter,
     yaw_rad: float | None,
     limits: Limits,
-    grounds: DataQuality,
+    quality: DataQuality,
     project: bool = False,
 ) -> SeatExposure:
-    """Judge the seat: max(1.4 awx, 1.4 awy, awz) and the same for VDV (2002/44/EC; ISO 2631-1:1997, 7.2.3).
+    """Assess the seat: max(1.4 awx, 1.4 awy, awz) and the same for VDV (2002/44/EC; ISO 2631-1:1997, 7.2.3).
 
     Without a yaw the horizontal axes are unknown, and the largest over all directions stands for both: never less than
     either. project: to eight hours from less than 20 minutes too.
@@ -124,20 +124,20 @@ def seat_exposure(
     axes = _Axes.of(vertical, horizontal, yaw_rad)
     a8_axis, vdv_axis = axes.largest(axes.aw_mps2), axes.largest(axes.vdv_mps175)
     seconds = vertical.seconds
-    felt = _Felt(
+    exposure = _Counted(
         {
             "a8": axes.factor(a8_axis) * axes.aw_mps2[a8_axis] * math.sqrt(seconds / EIGHT_HOURS_S),
             "vdv": axes.factor(vdv_axis) * axes.vdv_mps175[vdv_axis],
         },
         {"a8": a8_axis, "vdv": vdv_axis},
         seconds,
-        grounds.lost,
-        at_least=grounds.lost.lower_bound or axes.dead > 0,
-        withheld=_withheld(grounds, seconds),
-        doubt=_doubt(grounds, seconds, axes),
+        quality.losses,
+        lower_bound=quality.losses.lower_bound or axes.dead > 0,
+        withheld=_incomplete(quality, seconds) or _gravity_error(quality),
+        uncertainty=_uncertainty(quality, seconds, axes),
     )
-    deciding = _judge(limits.deciding, felt)
-    projects = felt.withheld is None and (project or seconds >= PROJECTION_AFTER_S) and seconds <= EIGHT_HOURS_S
+    deciding = _assess(limits.deciding, exposure)
+    projects = exposure.withheld is None and (project or seconds >= PROJECTION_AFTER_S) and seconds <= EIGHT_HOURS_S
     scale = EIGHT_HOURS_S / seconds if projects else math.nan
     return SeatExposure(
         **vars(deciding),
@@ -145,24 +145,24 @@ def seat_exposure(
         horizontal=axes.horizontal,
         aw_weighted_mps2=axes.aw_mps2,
         vdv_weighted_mps175=axes.vdv_mps175,
-        a8_so_far_mps2=felt.so_far["a8"],
+        a8_so_far_mps2=exposure.so_far["a8"],
         a8_axis=a8_axis,
-        vdv_so_far_mps175=felt.so_far["vdv"],
+        vdv_so_far_mps175=exposure.so_far["vdv"],
         vdv_axis=vdv_axis,
-        lower_bound=felt.at_least,
-        withheld=felt.withheld,
-        a8_projected_8h_mps2=felt.so_far["a8"] * math.sqrt(scale) if projects else None,
-        vdv_projected_8h_mps175=felt.so_far["vdv"] * scale**0.25 if projects else None,
+        lower_bound=exposure.lower_bound,
+        withheld=exposure.withheld,
+        a8_projected_8h_mps2=exposure.so_far["a8"] * math.sqrt(scale) if projects else None,
+        vdv_projected_8h_mps175=exposure.so_far["vdv"] * scale**0.25 if projects else None,
         projected_from_s=seconds if projects else None,
         projected_lower_bound=axes.dead > 0,
         shock_ratios=_shock_ratios(vertical, axes, deciding.axis),
-        beside=tuple(_judge(each, felt) for each in limits.beside),
+        additional=tuple(_assess(each, exposure) for each in limits.additional),
     )
 
 
 @dataclass(frozen=True)
 class _Axes:
-    """The axes that are known, without k; dead: how many horizontal axes of the sensor did not move at all."""
+    """The known axes, without k; dead: number of horizontal axes without data."""
 
     aw_mps2: dict[str, float]
     vdv_mps175: dict[str, float]
@@ -190,39 +190,42 @@ class _Axes:
         return 1.0 if axis == "z" else HORIZONTAL_FACTOR
 
     def largest(self, figures: dict[str, float]) -> str:
-        """The axis with the largest figure, k applied; z of equals, so that a seat at rest is not called x."""
+        """The axis with the largest figure, k applied; z among equals."""
         return max(figures, key=lambda axis: (self.factor(axis) * figures[axis], axis))
 
 
 @dataclass(frozen=True)
-class _Felt:
-    """A(8) and VDV so far with their axes, and how far they can be relied on."""
+class _Counted:
+    """A(8) and VDV so far with their axes, and their reliability.
+
+    withheld: why times are withheld; uncertainty: why a value that is not reached may be reached all the same.
+    """
 
     so_far: dict[Measure, float]
     axis: dict[Measure, str]
     counted_s: float
-    lost: Lost
-    at_least: bool
+    losses: Losses
+    lower_bound: bool
     withheld: str | None
-    doubt: str | None
+    uncertainty: str | None
 
     @property
     def elapsed_s(self) -> float:
-        """Since reset: what was interpolated, or did not change, was counted."""
-        return self.counted_s + self.lost.absent_s
+        """Seconds since reset; interpolated and flat ones are among the counted."""
+        return self.counted_s + self.losses.absent_s
 
     def used(self, measure: Measure, value: float) -> float:
-        """The share used up of the time after which the value is reached: at 1 it is.
+        """The used share of the time until the value is reached, 1 where it is reached.
 
-        A(8)^2 and VDV^4 grow in proportion to time when exposure goes on as before.
+        A(8)^2 and VDV^4 grow in proportion to time at constant exposure.
         """
         square = (self.so_far[measure] / value) * (self.so_far[measure] / value)
         return square if measure == "a8" else square * square
 
     def left_s(self, used: float) -> float | None:
-        """Seconds until then if exposure went on, and goes on, as it was counted; None for never or withheld.
+        """Seconds until the value is reached at the counted mean exposure; None for never or withheld.
 
-        The seconds of which there is nothing have passed as well: they are taken off what is left.
+        Absent seconds have passed as well and are subtracted.
         """
         if self.withheld is not None or used == 0.0:
             return None
@@ -230,9 +233,9 @@ class _Felt:
         return left if math.isfinite(left) else None
 
 
-def _judge(limits: LimitSet, felt: _Felt) -> LimitAssessment:
+def _assess(limits: LimitSet, exposure: _Counted) -> LimitAssessment:
     used: dict[Kind, dict[Measure, float]] = {
-        kind: {measure: felt.used(measure, value) for measure, value in limits.values(kind).items()}
+        kind: {measure: exposure.used(measure, value) for measure, value in limits.values(kind).items()}
         for kind in ("action", "limit")
     }
     action, limit = max(used["action"].values()), max(used["limit"].values())
@@ -240,28 +243,28 @@ def _judge(limits: LimitSet, felt: _Felt) -> LimitAssessment:
     governing = max(used[at], key=lambda measure: used[at][measure])
     zone: Zone = "undecided"
     if limit >= 1.0:
-        zone, reason = "above_limit_value", _reached(limits, felt, "limit", governing)
+        zone, reason = "above_limit_value", _reached(limits, exposure, "limit", governing)
     elif action >= 1.0:
-        zone, reason = "above_action_value", _reached(limits, felt, "action", governing)
-        if felt.doubt:
-            reason += f"; whether the limit value is reached too is undecided, because {felt.doubt}"
-    elif felt.doubt:
-        reason = f"no value of {limits.source} is reached by what was counted, but {felt.doubt}"
-    elif action * felt.elapsed_s / felt.counted_s < 1.0:
-        zone, reason = "below_action_value", _below(limits, felt)
+        zone, reason = "above_action_value", _reached(limits, exposure, "action", governing)
+        if exposure.uncertainty:
+            reason += f"; whether the limit value is reached too is undecided, because {exposure.uncertainty}"
+    elif exposure.uncertainty:
+        reason = f"the counted exposure reaches no value of {limits.source}, but {exposure.uncertainty}"
+    elif action * exposure.elapsed_s / exposure.counted_s < 1.0:
+        zone, reason = "below_action_value", _below(limits, exposure)
     else:
         reason = (
-            f"the action value of {limits.source} is not reached by what was counted, but would be"
-            f" if the {felt.lost.missing_s:.3g} s missing were like the rest"
+            f"the counted exposure does not reach the action value of {limits.source}, but would reach it"
+            f" if the {exposure.losses.missing_s:.3g} s missing were like the rest"
         )
     return LimitAssessment(
         source=limits.source,
         zone=zone,
         zone_reason=reason,
         governing=governing,
-        axis=felt.axis[governing],
-        time_to_action_value_s=felt.left_s(action),
-        time_to_limit_value_s=felt.left_s(limit),
+        axis=exposure.axis[governing],
+        time_to_action_value_s=exposure.left_s(action),
+        time_to_limit_value_s=exposure.left_s(limit),
     )
 
 
@@ -269,78 +272,73 @@ _NAME: Final[dict[Measure, str]] = {"a8": "A(8)", "vdv": "VDV"}
 _UNIT: Final[dict[Measure, str]] = {"a8": "m/s^2", "vdv": "m/s^1.75"}
 
 
-def _reached(limits: LimitSet, felt: _Felt, kind: Kind, measure: Measure) -> str:
-    least, value = "at least " if felt.at_least else "", limits.values(kind)[measure]
-    shown = f"{least}{number(felt.so_far[measure])}"
-    return f"{_so_far(felt, measure, shown)}: the {kind} value of {value:g} ({limits.source}) is reached"
+def _reached(limits: LimitSet, exposure: _Counted, kind: Kind, measure: Measure) -> str:
+    least, value = "at least " if exposure.lower_bound else "", limits.values(kind)[measure]
+    shown = f"{least}{number(exposure.so_far[measure])}"
+    return f"{_so_far(exposure, measure, shown)}: the {kind} value of {value:g} ({limits.source}) is reached"
 
 
-def _below(limits: LimitSet, felt: _Felt) -> str:
+def _below(limits: LimitSet, exposure: _Counted) -> str:
     values = limits.values("action")
     figures = " and ".join(
-        _so_far(felt, measure, number_below(felt.so_far[measure], values[measure])) for measure in values
+        _so_far(exposure, measure, number_below(exposure.so_far[measure], values[measure])) for measure in values
     )
     stated = f"value{'s' if len(values) > 1 else ''} of {' and '.join(f'{value:g}' for value in values.values())}"
-    missing_s, allowed = felt.lost.missing_s, f"within the {100.0 * MISSING_SHARE_TRUSTED:g} % allowed"
+    missing_s, allowed = exposure.losses.missing_s, f"within the {100.0 * MAX_MISSING_SHARE:g} % allowed"
     missing = f"; {missing_s:.3g} s are missing, {allowed}" if missing_s > 0.0 else ""
     return f"{figures}: below the action {stated} ({limits.source}){missing}"
 
 
-def _so_far(felt: _Felt, measure: Measure, shown: str) -> str:
-    axis = felt.axis[measure]
+def _so_far(exposure: _Counted, measure: Measure, shown: str) -> str:
+    axis = exposure.axis[measure]
     where = "worst horizontal direction" if axis == "worst_direction" else f"axis {axis}"
     return f"{_NAME[measure]} so far is {shown} {_UNIT[measure]} ({where})"
 
 
-def _withheld(grounds: DataQuality, seconds: float) -> str | None:
-    """Why nothing is extrapolated from this record, None where it may be."""
-    return _lacking(grounds, seconds) or _off(grounds)
-
-
-def _lacking(grounds: DataQuality, seconds: float) -> str | None:
-    """What the record lacks, None where that is little."""
-    count, missing = grounds.lost.clipped, grounds.lost.missing_s
-    if count > 0:
-        return f"{counted(count, 'sample is', 'samples are')} clipped at the seat"
+def _incomplete(quality: DataQuality, seconds: float) -> str | None:
+    """How the record is incomplete, None where it is complete enough."""
+    clipped, missing_s = quality.losses.clipped, quality.losses.missing_s
+    if clipped > 0:
+        return f"{counted(clipped, 'sample is', 'samples are')} clipped at the seat"
     if seconds <= 0.0:
         return "nothing was counted at the seat"
-    if missing > MISSING_SHARE_TRUSTED * (seconds + grounds.lost.absent_s):
-        return f"{missing:.3g} s are missing at the seat, more than {100.0 * MISSING_SHARE_TRUSTED:g} %"
+    if missing_s > MAX_MISSING_SHARE * (seconds + quality.losses.absent_s):
+        return f"{missing_s:.3g} s are missing at the seat, more than {100.0 * MAX_MISSING_SHARE:g} %"
     return None
 
 
-def _doubt(grounds: DataQuality, seconds: float, axes: _Axes) -> str | None:
-    """Why a value that was not reached may have been all the same, None where there is no reason to think so."""
-    if grounds.fault is not None:
-        return f"the seat answers nothing ({grounds.fault})"
-    if grounds.silent:
+def _uncertainty(quality: DataQuality, seconds: float, axes: _Axes) -> str | None:
+    """Why a value that is not reached may be reached all the same, None without a reason."""
+    if quality.fault is not None:
+        return f"the seat gives no data ({quality.fault})"
+    if quality.silent:
         return "the seat has fallen silent"
-    if lacking := _lacking(grounds, seconds):
-        return lacking
-    if grounds.lost.flat_s > 0.0:
-        return f"{grounds.lost.flat_s:.3g} s of the seat's readings do not change at all: is it stuck?"
+    if incomplete := _incomplete(quality, seconds):
+        return incomplete
+    if quality.losses.flat_s > 0.0:
+        return f"{quality.losses.flat_s:.3g} s of the seat's readings do not change at all: is it stuck?"
     if axes.dead:
         return (
             "vertical only: the seat gives no horizontal data"
             if axes.horizontal == "missing"
             else "the seat gives no data on one of its horizontal axes"
         )
-    return _off(grounds)
+    return _gravity_error(quality)
 
 
-def _off(grounds: DataQuality) -> str | None:
-    """What gravity says of the seat's readings, None where it reads as it should."""
-    gravity = grounds.gravity_mps2
+def _gravity_error(quality: DataQuality) -> str | None:
+    """How the seat's gravity is wrong, None where it is right."""
+    gravity = quality.gravity_mps2
     if gravity is not None and abs(gravity / STANDARD_GRAVITY_MPS2 - 1.0) <= GRAVITY_TOLERANCE:
         return None
     reads = "nothing" if gravity is None else f"{gravity:.2f} m/s^2"
-    return f"the seat reads {reads} for gravity, so its gain, unit or mounting may be off"
+    return f"the seat reads {reads} for gravity, so its gain, unit or mounting may be wrong"
 
 
 def _shock_ratios(vertical: Dose, axes: _Axes, axis: str) -> tuple[ShockRatio, ...]:
-    """The ratios of ISO 2631-1:1997 that tell whether rms is enough; peak and MTVV are measured for the vertical.
+    """The ratios of ISO 2631-1:1997 above which rms is not enough; peak and MTVV exist for the vertical alone.
 
-    Of both MTVV the larger decides, as 6.3.3 leaves open which average it means.
+    The larger MTVV is used, because 6.3.3 does not say which average it means.
     """
     aw, vdv = axes.aw_mps2[axis], axes.vdv_mps175[axis]
     steady = aw * vertical.seconds**0.25

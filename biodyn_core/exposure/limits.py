@@ -43,17 +43,17 @@ class LimitSet:
 
 @dataclass(frozen=True)
 class Limits:
-    """The set of limits that decides, and those that are shown beside it."""
+    """The set of limits that decides, and additional sets that are shown with it."""
 
     deciding: LimitSet
-    beside: tuple[LimitSet, ...] = ()
+    additional: tuple[LimitSet, ...] = ()
 
 
 EU_LIMITS: Final = Limits(
     deciding=LimitSet("2002/44/EC", 0.5, 9.1, 1.15, 21.0),
-    beside=(LimitSet("ISO 2631-1 caution zone", None, 8.5, None, 17.0),),
+    additional=(LimitSet("ISO 2631-1 caution zone", None, 8.5, None, 17.0),),
 )
-"""The directive decides; beside it the VDV pair of Zaman et al., 4.6, who state no A(8) with it."""
+"""The directive decides; the additional set is the VDV pair of Zaman et al., 4.6, which has no A(8)."""
 
 
 def load_limits(path: str | Path) -> Limits:
@@ -73,7 +73,7 @@ def _limits(data: object) -> Limits:
         return Limits(_limit_set(data, ""))
     if set(data) != {"sets", "decides"} or not isinstance(data["sets"], list) or not data["sets"]:
         keys = {"sets", "decides"}
-        odd = ", ".join(sorted(map(str, set(data) ^ keys))) or "sets is no list, or an empty one"
+        odd = ", ".join(sorted(map(str, set(data) ^ keys))) or "sets is not a list, or is empty"
         near = next((text for key in sorted(map(str, set(data) - keys)) if (text := did_you_mean(key, keys))), "")
         raise InputError(
             f"a list of sets and the source that decides are needed; missing, unknown or wrong: {odd}{near}"
@@ -82,7 +82,7 @@ def _limits(data: object) -> Limits:
     sources = [each.source for each in sets]
     for source in sources:
         if sources.count(source) > 1:
-            raise InputError(f"sets: {source!r} is there twice, every set needs a source of its own")
+            raise InputError(f"sets: {source!r} is there twice, every set needs its own source")
     if data["decides"] not in sources:
         near = did_you_mean(data["decides"], sources)
         allowed = ", ".join(sources)
@@ -97,9 +97,9 @@ def _limit_set(data: object, where: str) -> LimitSet:
     if not isinstance(data, dict) or "source" not in data or set(data) - set(names):
         odd = sorted(map(str, set(data) - set(names))) if isinstance(data, dict) else []
         unknown = f"; unknown: {', '.join(odd)}{did_you_mean(odd[0], names)}" if odd else ""
-        raise InputError(f"{where}source is needed, and of {', '.join(names[1:])} those that it states{unknown}")
+        raise InputError(f"{where}source is needed, with any of {', '.join(names[1:])}{unknown}")
     if not isinstance(data["source"], str) or not data["source"].strip():
-        raise InputError(f"{where}source is {data['source']!r}, expected where the values come from, in words")
+        raise InputError(f"{where}source is {data['source']!r}, expected the origin of the values, as text")
     for name in names[1:]:
         value = data.get(name, 1.0)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
@@ -107,10 +107,10 @@ def _limit_set(data: object, where: str) -> LimitSet:
     for measure in ("a8_mps2", "vdv_mps175"):
         action, limit = f"action_{measure}", f"limit_{measure}"
         if (action in data) != (limit in data):
-            raise InputError(f"{where}{action} and {limit} come together: give both or none")
+            raise InputError(f"{where}{action} and {limit} belong together: give both or none")
         if action in data and data[limit] < data[action]:
             raise InputError(f"{where}{limit} lies below {action}, the limit value is the larger one")
     if len(data) == 1:
-        raise InputError(f"{where}no value at all, give {', '.join(names[1:])} or a pair of them")
+        raise InputError(f"{where}no value, give {', '.join(names[1:])} or a pair of them")
     values = {name: float(data[name]) if name in data else None for name in names[1:]}
     return LimitSet(source=data["source"].strip(), **values)

@@ -1,10 +1,10 @@
-"""Exposure: aw, MTVV, crest factor, VDV and MSDV; live and batch are one class.
+"""Meters: aw, MTVV, crest factor, VDV and MSDV, by one class for live and batch.
 
-Every meter takes blocks of any size and answers since reset and over the last `window_s`; cuts never change a number.
-A NaN sample is missing and `skip(seconds)` is a break of that length, 0 where time jumped back: windows move on by it,
-nothing is counted for it, and filters, oscillators and windows start anew behind it. So what is missing makes every
-figure a lower bound, but for what a weighting adds that starts from a wrong level (`_Weighting`).
-ISO 2631-1:1997; Zaman et al., Eq. 23-27, in the definitions their contradictions forced on us.
+Every meter takes blocks of any size and reads since reset or over the last `window_s`; cuts never change a number.
+A NaN sample is missing. `skip(seconds)` is a break, 0 s where time jumped back: windows move on by it, nothing is
+counted, and filters, oscillators and windows restart behind it. So missing samples make every figure a lower bound,
+except for the false dose of a weighting that restarts from a wrong level (`_Weighting`).
+ISO 2631-1:1997; Zaman et al., Eq. 23-27, in definitions that resolve their contradictions.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ MTVV_AVERAGING_S: Final = 1.0
 LEVEL_SHARE: Final = 0.2
 """A channel's slow level is its mean by a first-order low-pass at this share of the weighting's high-pass frequency.
 
-2 s for Wk and Wd, 10 s for Wf. Shorter, and vibration passes for level; longer, and braking, bends and a body that
-leans over go unnoticed: on cars, trams and buses 1 to 3 s leave the least false dose behind breaks.
+2 s for Wk and Wd, 10 s for Wf. A shorter time takes vibration for level; a longer one misses braking, bends and a
+leaning body. On cars, trams and buses 1 to 3 s leave the least false dose behind breaks.
 """
 
 SHORTEST_MSDV_S: Final = 100.0
-"""No motion sickness dose of less: eight periods of Wf's lower band limit.
+"""A shorter record has no motion sickness dose: eight periods of Wf's lower band limit.
 
 ISO 2631-1:1997, 5.5 asks for a duration of reasonable statistical precision and leaves the figure for Wf open.
 """
@@ -59,17 +59,20 @@ class Dose:
 
     @property
     def mtvv_mps2(self) -> float:
-        """The larger MTVV: the standard allows both averages, and neither is always the larger."""
+        """The larger MTVV: the standard allows both averages, and either may be the larger."""
         return max(self.mtvv_linear_mps2, self.mtvv_exponential_mps2)
 
     @property
     def crest_factor(self) -> float | None:
-        """Weighted peak over aw, None where nothing was felt."""
+        """Weighted peak over aw, None where aw is zero."""
         return self.peak_mps2 / self.aw_mps2 if self.aw_mps2 > 0.0 else None
 
 
 class Tally:
-    """Bins that close into a total since reset and a ring over the window; `sums` columns add, the rest are largest."""
+    """Bins that close into a total since reset and a ring over the window.
+
+    The first `sums` columns of a bin are sums, the others maxima.
+    """
 
     def __init__(self, rate_hz: float, channels: int, columns: int, sums: int, window_s: float) -> None:
         self._rate_hz = rate_hz
@@ -82,11 +85,11 @@ class Tally:
         self.position = np.zeros(2, dtype=np.int64)
 
     def since_reset(self) -> Floats:
-        """What was counted since the last reset, (c, k)."""
+        """The total since reset, (c, k)."""
         return self._join(self.total, self.bin)
 
     def rolling(self) -> Floats:
-        """What was counted within the window, (c, k)."""
+        """The total of the window, (c, k)."""
         past = self.ring.max(axis=0)
         past[:, : self.sums] = self.ring[:, :, : self.sums].sum(axis=0)
         return self._join(past, self.bin)
@@ -96,29 +99,29 @@ class Tally:
         joined[:, : self.sums] = past[:, : self.sums] + now[:, : self.sums]
         return joined
 
-    def kept(self) -> Floats:
-        """What was counted since reset, (c, k), sums by the second: rates differ a little from start to start."""
+    def totals(self) -> Floats:
+        """The total since reset (c, k), sums times the sampling period: measured rates differ between starts."""
         rows = self.since_reset()
         rows[:, : self.sums] /= self._rate_hz
         return rows
 
-    def resume(self, rows: Floats) -> None:
-        """Add what was kept; the rolling window knows nothing of it."""
-        earlier = rows.copy()
+    def resume(self, totals: Floats) -> None:
+        """Add totals of an earlier run; the rolling window stays without them."""
+        earlier = totals.copy()
         earlier[:, : self.sums] *= self._rate_hz
         self.total = self._join(self.total, earlier)
 
     def reset(self) -> None:
-        """Start "since reset" anew; the rolling window goes on."""
+        """Set the total since reset to zero; the rolling window goes on."""
         self.ring[self.position[1] % len(self.ring)] = self.bin
         self.position[:] = 0, self.position[1] + 1
         self.bin[:] = 0.0
         self.total[:] = 0.0
 
     def skip(self, seconds: float) -> int:
-        """Let time pass without samples; returns how many would have come. What is rounded is made good next time."""
+        """Let time pass without samples; return their number. The rounding error is carried to the next break."""
         if not 0.0 <= seconds < math.inf:
-            raise InputError(f"a break of {seconds:g} s cannot be: it lasts 0 s or longer")
+            raise InputError(f"a break of {seconds:g} s is impossible: it lasts 0 s or longer")
         passed = self._left_over + seconds * self._rate_hz
         samples = round(passed)
         self._left_over = passed - samples
@@ -129,7 +132,7 @@ class Tally:
             self.ring[self.position[1] % slots] = self.bin
             self.bin[:] = 0.0
             self.position[1] += closed
-            # The bin that was open when the break came is closed with what it holds, those behind it are empty.
+            # The open bin closes at the break with its present content, the bins behind it are empty.
             self.ring[(self.position[1] - 1 - np.arange(min(closed - 1, slots))) % slots] = 0.0
         return samples
 
@@ -137,10 +140,9 @@ class Tally:
 class _Weighting:
     """A weighting's sections, their state for channels, and each channel's slow level.
 
-    A body that has leaned over since gravity was taken off carries a constant, 1.7 m/s^2 at 10 degrees. Sections that
-    start from zero under it see a step, a false VDV of 0.73 by Wd. So behind a break they start in steady state for the
-    level, the mean of what lies within 1 g; at the very start that is zero. Where the level changes within a break the
-    step remains, as it must.
+    A sensor that has tilted since its rest reads a constant, 1.7 m/s^2 at 10 degrees. Sections that start from zero
+    take it for a step: a false VDV of 0.73 by Wd. So behind a break they start in steady state for the level, the mean
+    of the readings within 1 g, which is zero at the very start. A change of level within a break remains a step.
     """
 
     def __init__(self, name: WeightingName, rate_hz: float, channels: int) -> None:
@@ -150,33 +152,33 @@ class _Weighting:
         self.follow = 1.0 - math.exp(-2.0 * math.pi * LEVEL_SHARE * CURVES[name].f1_hz / rate_hz)
 
     def restart(self) -> None:
-        """Start behind a break."""
+        """Start behind a break, in steady state for the level."""
         for channel, level in enumerate(self.level.tolist()):
             kernels.settle(self.sos, self.state, channel, level)
 
 
 class Meter(ABC):
-    """What all meters have: a tally, whose sums since reset can be kept and gone on from."""
+    """Base of all meters: a tally, whose totals since reset can be stored and continued."""
 
     _tally: Tally
 
     @abstractmethod
     def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long."""
+        """Move on by a break of that length."""
 
     def reset(self) -> None:
-        """Start "since reset" anew."""
+        """Set everything "since reset" to zero."""
         self._tally.reset()
 
-    def kept(self) -> Floats:
-        """What was counted since reset, for `resume` of a meter of another run."""
-        return self._tally.kept()
+    def totals(self) -> Floats:
+        """The totals since reset, for `resume` of a meter of another run."""
+        return self._tally.totals()
 
-    def resume(self, kept: Floats) -> None:
-        """Count on from what was kept; raises InputError for what no meter counts."""
-        if kept.min(initial=0.0) < 0.0:
-            raise InputError("kept with a sum of powers below zero")
-        self._tally.resume(kept)
+    def resume(self, totals: Floats) -> None:
+        """Continue from totals of an earlier run; raises InputError for sums of powers below zero."""
+        if totals.min(initial=0.0) < 0.0:
+            raise InputError("a stored sum of powers is below zero")
+        self._tally.resume(totals)
 
 
 class DoseMeter(Meter):
@@ -202,7 +204,7 @@ class DoseMeter(Meter):
         )  # fmt: skip
 
     def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long."""
+        """Move on by a break of that length."""
         samples = self._tally.skip(seconds)
         self._filled[0] = (self._filled[0] + samples) % (self._squares.shape[1] - 1)
         self._weighting.restart()
@@ -234,9 +236,9 @@ class DoseMeter(Meter):
 class HorizontalMeter(Meter):
     """Wd-weighted aw and VDV of the horizontal plane in every direction at once, from the moments of both axes.
 
-    first_axis_rad: where the sensor's own first axis, laid level, points in the axes that are pushed. What is kept is
-    along the sensor's own, since those that levelling leaves may be others in the next run: of a sensor that hangs
-    upside down they turn with the least lean.
+    first_axis_rad: direction of the sensor's own first axis, laid level, in the axes that are pushed. Stored totals are
+    along the sensor's own axes, because levelling may leave other ones in the next run: those of a sensor that hangs
+    upside down turn with the smallest tilt.
     """
 
     def __init__(self, rate_hz: float, window_s: float, first_axis_rad: float = 0.0) -> None:
@@ -250,17 +252,17 @@ class HorizontalMeter(Meter):
         kernels.planar_dose(accel_mps2, w.sos, w.state, w.follow, w.level, t.bin, t.total, t.ring, t.position, t.length)
 
     def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long."""
+        """Move on by a break of that length."""
         self._tally.skip(seconds)
         self._weighting.restart()
 
-    def kept(self) -> Floats:
-        """What was counted since reset, along the sensor's own axes."""
-        return _turned(self._tally.kept(), self._first_axis_rad)
+    def totals(self) -> Floats:
+        """The totals since reset, along the sensor's own axes."""
+        return _rotated(self._tally.totals(), self._first_axis_rad)
 
-    def resume(self, kept: Floats) -> None:
-        """Count on from what was kept; mixed moments of both axes may be below zero."""
-        self._tally.resume(_turned(kept, -self._first_axis_rad))
+    def resume(self, totals: Floats) -> None:
+        """Continue from totals of an earlier run; mixed moments of both axes may be below zero."""
+        self._tally.resume(_rotated(totals, -self._first_axis_rad))
 
     def along(self, angles_rad: ArrayLike, rolling: bool = False) -> tuple[Floats, Floats]:
         """Return (aw m/s^2, VDV m/s^1.75) along directions (n,) from the first axis, each (n,)."""
@@ -279,19 +281,19 @@ class HorizontalMeter(Meter):
         return aw, (np.maximum(fourth, 0.0) / self._rate_hz) ** 0.25
 
 
-def _turned(rows: Floats, angle_rad: float) -> Floats:
-    """Moments of a plane (1, 9), as `planar_dose` lays them out, along axes turned by an angle."""
+def _rotated(rows: Floats, angle_rad: float) -> Floats:
+    """Moments of a plane (1, 9), as `planar_dose` lays them out, along axes rotated by an angle."""
     along = np.array([math.cos(angle_rad), math.sin(angle_rad)])
     across = np.array([-along[1], along[0]])
-    turned = rows.copy()
+    rotated = rows.copy()
     for begin, power in ((0, 2), (3, 4)):
         moments = rows[:, begin : begin + power + 1]
         for k in range(power + 1):
             factors = np.ones(1)  # of x^(power - j) y^j in (along)^(power - k) (across)^k
             for axis in (along,) * (power - k) + (across,) * k:
                 factors = np.convolve(factors, axis)
-            turned[:, begin + k] = moments @ factors
-    return turned
+            rotated[:, begin + k] = moments @ factors
+    return rotated
 
 
 def motion_sickness_mps15(weighted: Dose) -> float | None:

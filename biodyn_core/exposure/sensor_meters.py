@@ -1,4 +1,4 @@
-"""Metering: one sensor's exposure, measured before the low-pass at the sensor's own rate."""
+"""Sensor meters: the exposure of one sensor, counted before the low-pass at the sensor's own rate."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from biodyn_core.exposure.meters import BIN_S, Dose, DoseMeter, HorizontalMeter,
 from biodyn_core.signals.weighting import WeightingName
 
 BATCH: Final = 128
-"""Exposure is counted in batches of at least so many samples, predictions come first. No figure depends on it."""
+"""Least samples that are counted at once, so that a prediction does not wait for exposure. No figure depends on it."""
 
 
 class Batch:
-    """Gathers rows of one run until there are enough of them to be counted."""
+    """Collect the rows of one run until there are `BATCH` of them."""
 
     def __init__(self) -> None:
         self._rows: list[Floats] = []
         self._size = 0
 
     def add(self, rows: Floats) -> Floats | None:
-        """Add rows (n, c); returns what has gathered once it is enough."""
+        """Add rows (n, c); return all collected rows once they are enough."""
         self._rows.append(rows)
         self._size += rows.shape[0]
         return self.take() if self._size >= BATCH else None
 
     def take(self) -> Floats | None:
-        """Hand out what has gathered, None where that is nothing."""
+        """Return all collected rows, None where there are none."""
         if not self._rows:
             return None
         rows = np.concatenate(self._rows)
@@ -42,9 +42,9 @@ class Batch:
 
 
 class SensorMeters:
-    """Wk for every sensor, Wd, DRI and motion sickness for the seat, HIC for the head, and what else was asked for.
+    """Wk for every sensor; Wd, DRI and motion sickness for the seat; HIC for the head.
 
-    first_axis_rad: see `HorizontalMeter`.
+    also: further weightings of the vertical. first_axis_rad: see `HorizontalMeter`.
     """
 
     def __init__(
@@ -73,12 +73,12 @@ class SensorMeters:
     def push(self, block: Block) -> None:
         """Count a block; nothing integrates across a break."""
         if block.begins_run:
-            self._settle()
+            self._count_batch()
             for meter in self._named.values():
                 meter.skip(block.gap_s)
-        self._digest(self._batch.add(block.levelled_mps2))
+        self._count(self._batch.add(block.levelled_mps2))
 
-    def _digest(self, rows: Floats | None) -> None:
+    def _count(self, rows: Floats | None) -> None:
         if rows is None:
             return
         up = np.ascontiguousarray(rows[:, 2:])
@@ -89,67 +89,67 @@ class SensorMeters:
         for hic in self._hics.values():
             hic.push(rows)
 
-    def _settle(self) -> None:
-        self._digest(self._batch.take())
+    def _count_batch(self) -> None:
+        self._count(self._batch.take())
 
     def vertical(self, rolling: bool = False) -> Dose:
         """The vertical, Wk."""
-        self._settle()
+        self._count_batch()
         return (self._vertical.rolling() if rolling else self._vertical.since_reset())[0]
 
     def also(self, rolling: bool = False) -> dict[str, Dose]:
-        """The vertical by the further weightings."""
-        self._settle()
+        """The vertical, by further weighting."""
+        self._count_batch()
         return {name: (m.rolling() if rolling else m.since_reset())[0] for name, m in self._also.items()}
 
     def plane(self) -> HorizontalMeter:
         """The seat's horizontal plane, Wd."""
-        self._settle()
+        self._count_batch()
         assert self._plane is not None
         return self._plane
 
     def dri(self, rolling: bool) -> Dri:
         """The seat's dynamic response."""
-        self._settle()
+        self._count_batch()
         assert self._dri is not None
         return self._dri.rolling() if rolling else self._dri.since_reset()
 
     def msdv_mps15(self) -> float | None:
         """The seat's motion sickness dose since reset, None while the record is too short for one."""
-        self._settle()
+        self._count_batch()
         assert self._sickness is not None
         return motion_sickness_mps15(self._sickness.since_reset()[0])
 
     def hic(self, name: str, rolling: bool) -> Hic:
         """The head's injury criterion of a name in `HIC_LENGTHS_S`."""
-        self._settle()
+        self._count_batch()
         return self._hics[name].rolling() if rolling else self._hics[name].since_reset()
 
     def reset(self) -> None:
-        """Start "since reset" anew."""
-        self._settle()
+        """Set everything "since reset" to zero."""
+        self._count_batch()
         for meter in self._named.values():
             meter.reset()
 
-    def kept(self) -> dict[str, Floats]:
-        """What was counted since reset, by meter."""
-        self._settle()
-        return {name: meter.kept() for name, meter in self._named.items()}
+    def totals(self) -> dict[str, Floats]:
+        """The totals since reset, by meter."""
+        self._count_batch()
+        return {name: meter.totals() for name, meter in self._named.items()}
 
-    def resume(self, kept: Mapping[str, Floats], gap_s: float) -> None:
-        """Count on from what was kept, so long ago; raises InputError for rows that no meter of this name has."""
-        self._settle()
+    def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
+        """Continue from totals of an earlier run, behind a break; raises InputError for totals that do not fit."""
+        self._count_batch()
         for name, meter in self._named.items():
-            if name in kept:
-                resume_meter(meter, kept[name], name)
-            meter.skip(gap_s)
+            if name in totals:
+                resume_meter(meter, totals[name], name)
+            meter.skip(break_s)
 
 
-def resume_meter(meter: Meter, kept: Floats, name: str) -> None:
-    """Let a meter go on from what was kept; raises InputError where its rows are another meter's, or nobody's."""
-    if kept.shape != meter.kept().shape:
-        raise InputError(f"{name}: kept as {kept.shape}, {meter.kept().shape} are needed")
+def resume_meter(meter: Meter, totals: Floats, name: str) -> None:
+    """Continue a meter from totals; raises InputError where their shape or values are not a meter's of this name."""
+    if totals.shape != meter.totals().shape:
+        raise InputError(f"{name}: the stored totals have shape {totals.shape}, {meter.totals().shape} is needed")
     try:
-        meter.resume(kept)
+        meter.resume(totals)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None

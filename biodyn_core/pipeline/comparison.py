@@ -1,12 +1,13 @@
-"""Comparison: measurement beside prediction on the seat's grid, their residual, and doses of the low-passed sensors.
+"""Comparison: measurement and prediction on the seat's time grid, their residual, and doses of the low-passed sensors.
 
-Instants wait until every sensor has come. The seat's samples give up those that are `wait_s` of stamp time older; what
-is missing then is NaN.
+Instants wait until every sensor has reached them. The seat's samples give up instants that are `wait_s` of stamp time
+older; missing values are NaN.
 """
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict, deque
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -33,7 +34,7 @@ class ResidualMeter(Meter):
         kernels.residual(predicted_mps2, measured_mps2, t.bin, t.total, t.ring, t.position, t.length)
 
     def skip(self, seconds: float) -> None:
-        """Nothing was measured for that long."""
+        """Move on by a break of that length."""
         self._tally.skip(seconds)
 
     def since_reset(self) -> tuple[Floats, Floats]:
@@ -59,36 +60,36 @@ class Compared(NamedTuple):
 
 
 _COMPARED: Final = 3 * len(MEASURED_SEGMENTS)
-"""Columns of measurement, prediction and seat, masked alike; behind them stand all predictions and the seat."""
+"""Columns of measurement, prediction and seat with the same mask; all predictions and the seat follow."""
 
 
-def _side_by_side(seat_mps2: Floats, predicted_mps2: Floats, measured_mps2: Floats) -> Floats:
+def _compared_columns(seat_mps2: Floats, predicted_mps2: Floats, measured_mps2: Floats) -> Floats:
     """Lay out seat (n,), predictions (n, 6) and measurements (n, 5) for one meter: a missing value masks all three."""
-    beside, seat = predicted_mps2[:, MEASURED_SEGMENT_INDEX], seat_mps2[:, None]
-    missing = np.isnan(beside) | np.isnan(measured_mps2)
-    triples = [np.where(missing, np.nan, values) for values in (measured_mps2, beside, seat)]
+    predicted, seat = predicted_mps2[:, MEASURED_SEGMENT_INDEX], seat_mps2[:, None]
+    missing = np.isnan(predicted) | np.isnan(measured_mps2)
+    triples = [np.where(missing, np.nan, values) for values in (measured_mps2, predicted, seat)]
     return np.hstack([*triples, predicted_mps2, seat])
 
 
 def _by_segment(doses: tuple[Dose, ...]) -> dict[str, Compared]:
-    """The doses of `_side_by_side` by segment; without a measured sample all predictions count."""
+    """The doses of `_compared_columns` by segment; without a measured sample all predictions count."""
     triples, segments, seat = doses[:_COMPARED], doses[_COMPARED:-1], doses[-1]
     found = {name: Compared(None, dose, seat) for name, dose in zip(SEGMENTS, segments, strict=True)}
     for column, name in enumerate(MEASURED_SEGMENTS):
-        measured, predicted, under = triples[column :: len(MEASURED_SEGMENTS)]
+        measured, predicted, seat_there = triples[column :: len(MEASURED_SEGMENTS)]
         if measured.seconds > 0.0:
-            found[name] = Compared(measured, predicted, under)
+            found[name] = Compared(measured, predicted, seat_there)
     return {name: compared for name, compared in found.items() if compared.predicted.seconds > 0.0}
 
 
 _NO_BREAK: Final = np.full(1, np.nan)
-"""Before the one instant of a live block: an array for each would cost as much as the rest of it."""
+"""The break_s of a live block of one instant: a new array each time would double the block's cost."""
 
 
 class _Instants(NamedTuple):
     """Instants of the seat that wait for the other sensors: stamps, time, seat (n,), and all predictions (n, 6).
 
-    break_s (n,): what lies before an instant that begins a run, NaN before every other.
+    break_s (n,): length of the break before an instant that begins a run, NaN elsewhere.
     """
 
     stamps_ns: Integers
@@ -108,18 +109,18 @@ class _Instants(NamedTuple):
 
     @classmethod
     def join(cls, parts: list[_Instants]) -> _Instants:
-        """All of them in a row."""
+        """Concatenate several."""
         return parts[0] if len(parts) == 1 else cls(*map(np.concatenate, zip(*parts, strict=True)))
 
     def after(self, at: int) -> _Instants:
-        """Those from `at` on."""
+        """The instants from `at` on."""
         return _Instants(
             self.stamps_ns[at:], self.time_s[at:], self.seat_mps2[at:], self.predicted_mps2[at:], self.break_s[at:]
         )
 
 
 class Comparison:
-    """`seat` and `sensor` feed it, `release` hands out every instant that is complete or given up."""
+    """Add samples by `seat` and `sensor`; `release` returns every instant that is complete or given up."""
 
     def __init__(self, seat_rate_hz: float, wait_s: float, window_s: float) -> None:
         self._wait_s = wait_s
@@ -132,9 +133,9 @@ class Comparison:
         self.compared = DoseMeter("Wk", seat_rate_hz, _COMPARED + N_SEGMENTS + 1, window_s)
 
     def seat(self, block: Block, predicted_mps2: Floats) -> None:
-        """Add the seat's instants with what the model predicts there, (n, 6); what was overdue before is given up."""
+        """Add the seat's instants with their predictions (n, 6); give up the instants that were overdue before."""
         self._epoch_ns = block.epoch_ns
-        if self._pending and block.time_s[0] <= self._pending[-1].time_s[-1]:  # stamps had leapt ahead and are back
+        if self._pending and block.time_s[0] <= self._pending[-1].time_s[-1]:  # stamps that had leapt ahead return
             self._given_up.append(self._released(give_up_s=math.inf))
         elif self.overdue:
             self._given_up.append(self._released(give_up_s=float(self._pending[-1].time_s[-1]) - self._wait_s))
@@ -142,7 +143,7 @@ class Comparison:
 
     def sensor(self, name: str, blocks: list[Block]) -> None:
         """Add another sensor's samples."""
-        self._aligners[name].feed(blocks)
+        self._aligners[name].add(blocks)
 
     @property
     def overdue(self) -> bool:
@@ -155,7 +156,7 @@ class Comparison:
         return all(aligner.reaches(first_s, self._epoch_ns) for aligner in self._aligners.values())
 
     def release(self, give_up: bool = False) -> MeasuredFrames:
-        """Answer what all sensors have reached, and what was given up; everything where `give_up`."""
+        """Answer the instants that all sensors have reached and those given up; all of them where `give_up`."""
         found = self._released(math.inf if give_up else -math.inf)
         if not self._given_up:
             return found
@@ -163,7 +164,7 @@ class Comparison:
         return MeasuredFrames(*map(np.concatenate, zip(*parts, strict=True)))
 
     def _released(self, give_up_s: float) -> MeasuredFrames:
-        """Answer what all sensors have reached, and every instant before `give_up_s`."""
+        """Answer the instants that all sensors have reached, and every instant before `give_up_s`."""
         if not self._pending or not (give_up_s > self._pending[0].time_s[0] or self._first_is_reached()):
             return NO_MEASURED
         grid = _Instants.join(self._pending)
@@ -174,20 +175,20 @@ class Comparison:
         if ready == 0:
             return NO_MEASURED
         for aligner in self._aligners.values():
-            aligner.forget(float(grid.time_s[ready - 1]), self._epoch_ns)
+            aligner.drop(float(grid.time_s[ready - 1]), self._epoch_ns)
         accel = np.column_stack([grid.seat_mps2[:ready], *(values[:ready] for values, _ in answers)])
         measured = np.ascontiguousarray(accel[:, 1:])
         predicted = np.ascontiguousarray(grid.predicted_mps2[:ready, MEASURED_SEGMENT_INDEX])
-        beside = _side_by_side(grid.seat_mps2[:ready], grid.predicted_mps2[:ready], measured)
-        self._count(grid.break_s[:ready], accel, beside, predicted, measured)
+        columns = _compared_columns(grid.seat_mps2[:ready], grid.predicted_mps2[:ready], measured)
+        self._count(grid.break_s[:ready], accel, columns, predicted, measured)
         return MeasuredFrames(grid.stamps_ns[:ready], accel, predicted - measured)
 
     def compared_doses(self, rolling: bool) -> dict[str, Compared]:
-        """Doses by segment since reset, or over the last `window_s`, of what was answered and predicted."""
+        """Doses by segment since reset, or over the last `window_s`, of the instants answered and predicted."""
         return _by_segment(self.compared.rolling() if rolling else self.compared.since_reset())
 
-    def _count(self, break_s: Floats, accel: Floats, beside: Floats, predicted: Floats, measured: Floats) -> None:
-        """Count what was answered, run by run of the seat: nothing integrates across a break."""
+    def _count(self, break_s: Floats, accel: Floats, columns: Floats, predicted: Floats, measured: Floats) -> None:
+        """Count the answered instants, run by run of the seat: nothing integrates across a break."""
         begins = np.flatnonzero(~np.isnan(break_s)).tolist()
         for begin, end in pairwise([*([] if begins[:1] == [0] else [0]), *begins, break_s.size]):
             if not np.isnan(break_s[begin]):
@@ -196,14 +197,35 @@ class Comparison:
                 self.compared.skip(float(break_s[begin]))
             self.doses.push(accel[begin:end])
             self.residual.push(predicted[begin:end], measured[begin:end])
-            self.compared.push(beside[begin:end])
+            self.compared.push(columns[begin:end])
 
     def look_ahead(self) -> int:
-        """Samples that the sensor with the longest interpolator must bring beyond an instant."""
+        """Samples needed beyond an instant by the longest interpolator of all sensors."""
         return max(aligner.look_ahead for aligner in self._aligners.values())
 
     def reset(self) -> None:
-        """Start "since reset" anew."""
+        """Set everything "since reset" to zero."""
         self.residual.reset()
         self.doses.reset()
         self.compared.reset()
+
+
+class EarlyBlocks:
+    """Hold the newest blocks of each sensor, up to `keep_s`, until the seat's rate is known and comparison begins."""
+
+    def __init__(self, keep_s: float) -> None:
+        self._keep_s = keep_s
+        self.blocks: defaultdict[str, deque[Block]] = defaultdict(deque)
+
+    def add(self, sensor: str, blocks: list[Block]) -> None:
+        """Add a sensor's blocks; drop those that the seat's first instants cannot need."""
+        held = self.blocks[sensor]
+        held.extend(blocks)
+        while abs(held[-1].time_s[-1] - held[0].time_s[-1]) > self._keep_s:
+            held.popleft()
+
+    def hand_over(self, comparison: Comparison) -> None:
+        """Move all blocks to a comparison."""
+        for sensor, held in self.blocks.items():
+            comparison.sensor(sensor, list(held))
+        self.blocks.clear()

@@ -1,4 +1,4 @@
-"""Frames: what a push of the pipeline brings forth, predictions and what was measured beside them."""
+"""Frames: results of a push of the pipeline, predictions and aligned measurements."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from biodyn_core.base.segments import N_SEGMENTS, N_SENSORS
 
 
 class PredictedFrames(NamedTuple):
-    """Predictions: stamps_ns (n,) of the instants answered, accel_mps2 (n, 6) absolute, gravity-free, up."""
+    """Predictions: stamps_ns (n,), accel_mps2 (n, 6) absolute, gravity-free, up, NaN where the model diverged."""
 
     stamps_ns: Integers
     accel_mps2: Floats
@@ -21,7 +21,7 @@ NO_PREDICTED: Final = PredictedFrames(np.empty(0, dtype=np.int64), np.empty((0, 
 
 
 class MeasuredFrames(NamedTuple):
-    """Conditioned vertical acceleration on the seat's grid: stamps_ns (n,), accel_mps2 (n, 6) by sensor, NaN: none.
+    """Conditioned vertical acceleration at the seat's instants: stamps_ns (n,), accel_mps2 (n, 6) by sensor, or NaN.
 
     residual_mps2 (n, 5) is predicted minus measured for the five segments that carry a sensor.
     """
@@ -35,7 +35,7 @@ NO_MEASURED: Final = MeasuredFrames(np.empty(0, dtype=np.int64), np.empty((0, N_
 
 
 class Frames(NamedTuple):
-    """What one push brought forth; either part may be empty."""
+    """Results of one push; either part may be empty."""
 
     predicted: PredictedFrames
     measured: MeasuredFrames
@@ -45,7 +45,7 @@ NO_FRAMES: Final = Frames(NO_PREDICTED, NO_MEASURED)
 
 
 def joined(frames: list[Frames]) -> Frames:
-    """What several pushes in a row brought forth, as if it had been one."""
+    """Concatenate the results of several pushes."""
     predicted = [f.predicted for f in frames if f.predicted.stamps_ns.size]
     measured = [f.measured for f in frames if f.measured.stamps_ns.size]
     return Frames(

@@ -1,4 +1,4 @@
-"""Interleaving: samples of several sensors in the order of their stamps, so that no sensor runs ahead of the others."""
+"""Interleaving: samples of several sensors in the order of their stamps, so that no sensor runs ahead."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.kernels.sensor import LEAP_S
 
 Part = tuple[int, int, int]
-"""The number of a series, and the first and the end of its samples."""
+"""Index of a series, first and end of its samples."""
 
 SLICE_S: Final = 0.05
-"""A sensor is ahead of another by less than this: a fraction of the shortest time that comparisons wait."""
+"""Largest lead of a sensor over another: a fraction of the shortest wait_s."""
 
 
 def in_turns(times_s: Sequence[Floats], slice_s: float) -> list[Part]:
-    """Cut series, whose times (n,) s do not decrease, into slices, and order the slices by time, then as given."""
+    """Cut series with times (n,) s that do not decrease into slices, ordered by time, then by series."""
     parts: list[tuple[float, Part]] = []
     for number, time_s in enumerate(times_s):
         slots = np.floor(time_s / slice_s)
@@ -29,9 +29,9 @@ def in_turns(times_s: Sequence[Floats], slice_s: float) -> list[Part]:
 
 
 def in_stamp_order(stamps_ns: Mapping[str, Integers]) -> list[tuple[str, slice]]:
-    """Order samples that arrived of several sensors by their raw stamps (n,) ns; within a sensor their order stays.
+    """Order arrived samples of several sensors by their raw stamps (n,) ns; the order within a sensor stays.
 
-    Single stamps that lie astray do not count, and a leap that all sensors make alike keeps them together.
+    Single stray stamps have no effect, and a common leap of all sensors keeps them together.
     """
     names = [name for name, stamps in stamps_ns.items() if stamps.size]
     if not names:
@@ -42,7 +42,7 @@ def in_stamp_order(stamps_ns: Mapping[str, Integers]) -> list[tuple[str, slice]]
 
 
 def _progress_s(stamps_ns: Integers, epoch_ns: int) -> Floats:
-    """Seconds by stamps that never decrease: steps back and leaps count as none, most stamps keep their time."""
+    """Non-decreasing seconds by stamps: steps back and leaps count as zero, most stamps keep their time."""
     time_s = 1e-9 * (stamps_ns - epoch_ns)
     steps_s = np.diff(time_s, prepend=time_s[0])
     progress_s: Floats = np.cumsum(np.where(np.abs(steps_s) < LEAP_S, np.maximum(steps_s, 0.0), 0.0))

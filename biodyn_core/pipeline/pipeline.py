@@ -1,23 +1,21 @@
-"""Pipeline: six raw streams in, predictions, aligned measurements, residual and exposure out; live and replay are one.
+"""Pipeline: raw streams of six sensors in, predictions, aligned measurements, residuals and exposure out.
 
 The live node pushes from callbacks, replay from a bag. Predictions need the seat alone and never wait; measurements and
-residual wait for the slowest sensor, in stamp time and within a bound. Any cut into blocks and any interleaving of the
+residuals wait for the slowest sensor, in stamp time and within a bound. Any cut into blocks and any interleaving of the
 sensors within that bound gives the same frames.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.segments import HEAD, SEAT, SENSORS
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject
@@ -26,14 +24,12 @@ from biodyn_core.conditioning.conditioner import Conditioner, Mode, SettingsOf, 
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
 from biodyn_core.conditioning.timelines import Timelines
-from biodyn_core.exposure.exposure_store import ExposureCheckpoint, Lost
-from biodyn_core.exposure.injury import Dri, Hic
 from biodyn_core.exposure.limit_assessment import DataQuality, SeatExposure, seat_exposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
-from biodyn_core.exposure.meters import Dose
-from biodyn_core.exposure.sensor_meters import SensorMeters
-from biodyn_core.pipeline.comparison import Compared
-from biodyn_core.pipeline.counting import Counting
+from biodyn_core.exposure.losses import Losses
+from biodyn_core.pipeline.comparison import EarlyBlocks
+from biodyn_core.pipeline.exposure import Exposure, exposure_of
+from biodyn_core.pipeline.exposure_counter import ExposureCounter
 from biodyn_core.pipeline.frames import (
     NO_FRAMES,
     NO_MEASURED,
@@ -46,45 +42,19 @@ from biodyn_core.pipeline.frames import (
 from biodyn_core.pipeline.interleaving import in_turns
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.pipeline.prediction import SeatPredictor
+from biodyn_core.pipeline.run_status import NO_LATENCY, Latency, RunStatus
 
 SLICE_S: Final = 0.25
-"""What sensors still hold at the end is taken from them in turns of so much."""
-
-
-@dataclass(frozen=True)
-class Exposure:
-    """Every figure of one span (since reset, or rolling). Whatever has not been counted yet is absent.
-
-    sensors: Wk-weighted, before the low-pass; predicted and measured_low_passed are comparable with each other. A
-    prediction counts at once and a measurement when it is compared; compared (by segment) counts the same samples of
-    both. also: by weighting and sensor. residual: (rms m/s^2, rms over measured rms in percent) by segment.
-    msdv_mps15 (since reset alone): motion sickness dose of the seat's vertical, Wf.
-    """
-
-    sensors: dict[str, Dose]
-    predicted: dict[str, Dose]
-    measured_low_passed: dict[str, Dose]
-    dri: Dri | None
-    hic15: Hic | None
-    hic36: Hic | None
-    msdv_mps15: float | None
-    also: dict[str, dict[str, Dose]]
-    residual: dict[str, tuple[float, float]]
-    compared: dict[str, Compared]
-
-
-class Latency(NamedTuple):
-    """What an answer waits for beyond transport, seconds: the filter (taken off its stamp), samples to come, others."""
-
-    filter_s: float
-    look_ahead_s: float
-    wait_s: float
+"""At the end, the blocks that sensors still hold are taken in turns of this length."""
 
 
 class Pipeline:
-    """`push(sensor, stamps_ns, samples)` gives frames, `finish()` those still waiting, `exposure()` the figures.
+    """`push` samples and get frames, `finish` for the frames that still wait, `exposure` and `seat` for the figures.
 
-    gravity: of sensors whose whole record was searched for rest, as it can be offline.
+    Each sample is conditioned and counted; the seat's are predicted from, the others' compared with the prediction.
+
+    gravity: of sensors whose whole record was searched for rest, as is possible offline.
+    conditioners, timelines, counter and predictor (None until the seat's rate is known) are the stages.
     """
 
     def __init__(
@@ -96,224 +66,151 @@ class Pipeline:
         mode: Mode = "causal",
         gravity: Mapping[str, Gravity] | None = None,
     ) -> None:
-        self.subject = subject
-        self.settings = settings or PipelineSettings()
-        self.limits = limits
-        self.mode = mode
         _check_effects(subject)
-        self._chain = Chain.of(subject)
+        self.subject, self.limits, self.mode = subject, limits, mode
+        self.settings = settings or PipelineSettings()
         verticals, known = self.settings.verticals(), gravity or {}
-        self._conditioners = {
+        self.conditioners = {
             name: Conditioner(name, settings_for(name, conditioning), mode, verticals.get(name), known.get(name))
             for name in SENSORS
         }
-        self._timelines = Timelines(self._conditioners, self.settings.wait_s)
-        self._counting = Counting(self._conditioners, self._timelines, self.settings)
-        self._seat: SeatPredictor | None = None
+        self.timelines = Timelines(self.conditioners, self.settings.wait_s)
+        self.counter = ExposureCounter(self.conditioners, self.timelines, self.settings)
+        self.predictor: SeatPredictor | None = None
+        self._chain = Chain.of(subject)
+        self._early = EarlyBlocks(2.0 * self.settings.wait_s)
         self._whole_runs: list[tuple[str, Block]] = []
-        self._early: dict[str, deque[Block]] = {name: deque() for name in SENSORS}
+
+    # --- samples in, frames out --------------------------------------------------------------------------------------
 
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
-        if sensor not in self._conditioners:
+        if sensor not in self.conditioners:
             raise InputError(
                 f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}{did_you_mean(sensor, SENSORS)}"
             )
-        return self._push(sensor, *self._counting.earlier.begun(sensor, stamps_ns, samples_mps2))
-
-    def _push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
-        blocks = self._conditioners[sensor].push(stamps_ns, samples_mps2)
-        self._timelines.note(sensor)
-        if self.mode == "zero_phase":  # a whole run at once would leave those that still go on behind
+        blocks = self.conditioners[sensor].push(stamps_ns, samples_mps2)
+        self.timelines.note(sensor)
+        if self.mode == "zero_phase":  # a whole run at once would overtake the sensors whose runs still go on
             self._whole_runs += [(sensor, block) for block in blocks]
             return NO_FRAMES
-        return self._take(sensor, blocks)
+        return self._process(sensor, blocks)
 
     def finish(self) -> Frames:
-        """The record has ended: take what the sensors still hold, and answer every instant with what is there."""
-        frames = [self._push(name, *samples) for name, samples in self._counting.earlier.waiting()]
-        held = self._whole_runs + [(name, block) for name, c in self._conditioners.items() for block in c.finish()]
+        """End the record: process what the sensors still hold, and answer every instant that still waits."""
+        held = self._whole_runs + [(name, block) for name, c in self.conditioners.items() for block in c.finish()]
         self._whole_runs = []
-        frames += [self._take(name, [block]) for name, block in _in_turns(held)]
-        if self._seat:
-            frames.append(Frames(NO_PREDICTED, self._seat.comparison.release(give_up=True)))
+        frames = [self._process(name, [block]) for name, block in _in_turns(held)]
+        if self.predictor:
+            frames.append(Frames(NO_PREDICTED, self.predictor.comparison.release(give_up=True)))
         return joined(frames)
 
-    def reset(self) -> None:
-        """Start exposure "since reset" anew; filters, model and rolling figures go on."""
-        if self._seat:
-            self._seat.reset()
-        self._counting.reset()
-
-    def resume(self, kept: ExposureCheckpoint) -> None:
-        """Go on with the exposure of a run before this one, whose first sample is still to come.
-
-        Raises InputError where it does not fit.
-        """
-        if SEAT in kept.sensors:  # whether what is kept beside it fits is to be known now, not amid the ride
-            self._new_seat_side(1.0 / kept.sensors[SEAT].rest.period_s).resume(kept.beside, 0.0)
-        self._counting.resume(kept)
-
-    def kept(self, belongs: Mapping[str, str]) -> ExposureCheckpoint | None:
-        """Exposure since reset as plain data, None while nothing was counted; belongs: see `ExposureCheckpoint`."""
-        sensors = self._counting.kept()
-        beside = self._seat.kept() if self._seat else self._counting.earlier.beside
-        return ExposureCheckpoint(belongs, sensors, beside) if sensors else None
-
-    def exposure(self, rolling: bool = False) -> Exposure:
-        """The figures since reset, or over the last `window_s`, in which a sensor that is silent counts nothing."""
-        counted = self._counting.rolling() if rolling else self._counting.since_reset()
-        side = self._seat if SEAT in counted else None
-        seat, head = counted.get(SEAT), counted.get(HEAD)
-        return Exposure(
-            sensors={name: meters.vertical(rolling) for name, meters in counted.items()},
-            predicted=side.predicted(rolling) if side else {},
-            measured_low_passed=side.measured(rolling, tuple(counted)) if side else {},
-            dri=seat.dri(rolling) if seat else None,
-            hic15=head.hic("hic15", rolling) if head else None,
-            hic36=head.hic("hic36", rolling) if head else None,
-            msdv_mps15=seat.msdv_mps15() if seat and not rolling else None,
-            also=self._also(counted, rolling),
-            residual=side.residual(rolling) if side else {},
-            compared=side.compared(rolling) if side else {},
-        )
-
-    def _also(self, counted: Mapping[str, SensorMeters], rolling: bool) -> dict[str, dict[str, Dose]]:
-        doses = {name: meters.also(rolling) for name, meters in counted.items()}
-        return {w: {name: by[w] for name, by in doses.items()} for w in self.settings.weightings()}
-
-    def seat(self, project: bool = False) -> SeatExposure | None:
-        """The seat's three axes against the limits, since reset; None until the seat counts.
-
-        project: to eight hours from less than 20 minutes too.
-        """
-        meters = self._counting.since_reset().get(SEAT)
-        if meters is None:
-            return None
-        status = self.status(SEAT)
-        grounds = DataQuality(
-            lost=self.lost(SEAT),
-            silent=self._timelines.silent_s(SEAT) > 0.0,
-            gravity_mps2=status.gravity_mps2,
-            fault=status.fault,
-        )
-        forward_rad = self._forward_rad(status.vertical)
-        return seat_exposure(meters.vertical(), meters.plane(), forward_rad, self.limits, grounds, project)
-
-    def _forward_rad(self, vertical: Vector | None) -> float | None:
-        """The vehicle's forward direction in the seat's levelled axes; None where no yaw, or no vertical, tells it."""
-        if self.settings.yaw_deg is None or vertical is None:
-            return None
-        return first_axis_rad(vertical) - math.radians(self.settings.yaw_deg)
-
-    def status(self, sensor: str) -> SensorStatus:
-        """What a sensor's conditioning has seen."""
-        return self._conditioners[sensor].status()
-
-    def lost(self, sensor: str) -> Lost:
-        """What a sensor lost since reset."""
-        return self._counting.lost(sensor)
-
-    def seconds(self) -> float:
-        """Length of the record by the samples that were accepted: one wild stamp does not count."""
-        return max(conditioner.status().recorded_s for conditioner in self._conditioners.values())
-
-    def clock_apart_s(self, sensor: str) -> float:
-        """How far a sensor's clock was set ahead of the others', so that nothing can be compared; mostly 0."""
-        return self._timelines.apart_s(sensor)
-
-    def latency(self) -> dict[str, Latency]:
-        """What every output waits for: predictions the seat alone, comparisons the slowest sensor, exposure nothing.
-
-        Empty while the seat's rate is unknown.
-        """
-        if self._seat is None:
-            return {}
-        delay_s = self._conditioners[SEAT].delay_s
-        rates = [meters.rate_hz for meters in self._counting.meters.values()]
-        look_ahead_s = self._seat.comparison.look_ahead() / min(rates)
-        compared = Latency(delay_s, look_ahead_s, self.settings.wait_s)
-        return {
-            "predicted": Latency(delay_s, 0.0, 0.0), "measured": compared, "residual": compared,
-            "exposure": Latency(0.0, 0.0, 0.0),
-        }  # fmt: skip
-
-    @property
-    def overdue(self) -> bool:
-        """Whether the seat's next sample gives instants up: push first the samples that have arrived of all sensors."""
-        return self._seat is not None and self._seat.comparison.overdue
-
-    @property
-    def cutoff_hz(self) -> float:
-        """The low-pass's cut-off of the model's input and of comparisons."""
-        return self._conditioners[SEAT].settings.cutoff_hz
-
-    @property
-    def substeps(self) -> int | None:
-        """Integration steps per seat sample; None until the seat's rate is known."""
-        return self._seat.stepper.substeps if self._seat else None
-
-    @property
-    def divergences(self) -> int:
-        """At how many samples the model left its range, was put back to rest, and predicted nothing."""
-        return self._seat.divergences if self._seat else 0
-
-    @property
-    def unpredicted_s(self) -> float:
-        """Seconds since reset for which the model predicted nothing."""
-        return self._seat.unpredicted / self._conditioners[SEAT].rate_hz if self._seat else 0.0
-
-    @property
-    def is_extrapolating(self) -> bool:
-        """Whether the seat moved harder, since reset, than where the subject was fitted, as far as its file says."""
-        fitted_mps2 = self.subject.provenance.get("seat_peak_mps2")
-        if self._seat is None or not isinstance(fitted_mps2, (int, float)):
-            return False
-        return self._seat.seat_peak_mps2 > fitted_mps2
-
-    def _take(self, sensor: str, blocks: list[Block]) -> Frames:
-        """Count what a sensor's conditioning brought forth; the seat's is predicted from, the others' compared."""
+    def _process(self, sensor: str, blocks: list[Block]) -> Frames:
         if not blocks:
             return NO_FRAMES
-        self._counting.count(sensor, blocks)
+        self.counter.count(sensor, blocks)
         return self._predict(blocks) if sensor == SEAT else Frames(NO_PREDICTED, self._compare(sensor, blocks))
 
     def _predict(self, blocks: list[Block]) -> Frames:
-        """Carry the chain over the seat's samples; what they complete in the comparison comes along."""
-        if self._seat is None:
-            rate_hz = self._conditioners[SEAT].rate_hz
-            self._seat = self._new_seat_side(rate_hz)
-            earlier = self._counting.earlier
-            self._seat.resume(earlier.beside, earlier.between_s(SEAT))
-            for sensor, early in self._early.items():
-                if early:
-                    self._seat.comparison.sensor(sensor, list(early))
-            self._early.clear()
-        side, gives_up = self._seat, self.overdue
-        accel = [side.push(block) for block in blocks]
-        measured = side.comparison.release() if gives_up or blocks[0].stamps_ns.size > 1 else NO_MEASURED
+        """Carry the chain over the seat's samples, and release the instants that they complete in the comparison."""
+        if self.predictor is None:
+            self.predictor = self._first_predictor()
+        predictor, gives_up = self.predictor, self.overdue
+        accel = [predictor.push(block) for block in blocks]
+        releases = gives_up or blocks[0].stamps_ns.size > 1
+        measured = predictor.comparison.release() if releases else NO_MEASURED
         if len(blocks) == 1:
             return Frames(PredictedFrames(blocks[0].stamps_ns, accel[0]), measured)
         stamps = np.concatenate([block.stamps_ns for block in blocks])
         return Frames(PredictedFrames(stamps, np.concatenate(accel)), measured)
 
-    def _new_seat_side(self, rate_hz: float) -> SeatPredictor:
+    def _first_predictor(self) -> SeatPredictor:
+        predictor = self.new_predictor(self.conditioners[SEAT].rate_hz)
+        predictor.resume(self.counter.initial.prediction, self.counter.break_s(SEAT))
+        self._early.hand_over(predictor.comparison)
+        return predictor
+
+    def new_predictor(self, rate_hz: float) -> SeatPredictor:
+        """A predictor at rest whose figures start at zero."""
         return SeatPredictor(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s)
 
     def _compare(self, sensor: str, blocks: list[Block]) -> MeasuredFrames:
-        if self._seat is None:
-            # Without a seat nothing is compared: no more is kept than its first instants could ask for.
-            early = self._early[sensor]
-            early.extend(blocks)
-            while abs(early[-1].time_s[-1] - early[0].time_s[-1]) > 2.0 * self.settings.wait_s:
-                early.popleft()
+        if self.predictor is None:
+            self._early.add(sensor, blocks)
             return NO_MEASURED
-        self._seat.comparison.sensor(sensor, blocks)
-        return self._seat.comparison.release()
+        self.predictor.comparison.sensor(sensor, blocks)
+        return self.predictor.comparison.release()
+
+    def reset(self) -> None:
+        """Set exposure "since reset" to zero; filters, model and rolling figures go on."""
+        if self.predictor:
+            self.predictor.reset()
+        self.counter.reset()
+
+    @property
+    def overdue(self) -> bool:
+        """Whether the seat's next sample gives up instants; first push the samples that have arrived of all sensors."""
+        return self.predictor is not None and self.predictor.comparison.overdue
+
+    # --- figures and status ------------------------------------------------------------------------------------------
+
+    def exposure(self, rolling: bool = False) -> Exposure:
+        """The figures since reset, or over the last `window_s`, without the sensors that are silent for that long."""
+        meters = self.counter.rolling() if rolling else self.counter.since_reset()
+        return exposure_of(meters, self.predictor, self.settings.weightings(), rolling)
+
+    def seat(self, project: bool = False) -> SeatExposure | None:
+        """Assess the seat's three axes since reset against the limits; None until the seat counts.
+
+        project: to eight hours from less than 20 minutes too.
+        """
+        meters, status = self.counter.since_reset().get(SEAT), self.status(SEAT)
+        if meters is None:
+            return None
+        quality = DataQuality(self.losses(SEAT), self.timelines.silent_s(SEAT) > 0.0, status.gravity_mps2, status.fault)
+        yaw_rad = self._forward_rad(status.vertical)
+        return seat_exposure(meters.vertical(), meters.plane(), yaw_rad, self.limits, quality, project)
+
+    def _forward_rad(self, vertical: Vector | None) -> float | None:
+        """The vehicle's forward direction in the seat's levelled axes; None where yaw or vertical is unknown."""
+        if self.settings.yaw_deg is None or vertical is None:
+            return None
+        return first_axis_rad(vertical) - math.radians(self.settings.yaw_deg)
+
+    def status(self, sensor: str) -> SensorStatus:
+        """The state of a sensor's conditioning."""
+        return self.conditioners[sensor].status()
+
+    def losses(self, sensor: str) -> Losses:
+        """The losses of a sensor since reset."""
+        return self.counter.losses(sensor)
+
+    def run_status(self) -> RunStatus:
+        """The state of the model and of the outputs."""
+        predictor, seat = self.predictor, self.conditioners[SEAT]
+        fitted_mps2 = self.subject.provenance.get("seat_peak_mps2")
+        peak_mps2 = predictor.seat_peak_mps2 if predictor else 0.0
+        return RunStatus(
+            seconds=max(conditioner.status().recorded_s for conditioner in self.conditioners.values()),
+            cutoff_hz=seat.settings.cutoff_hz,
+            substeps=predictor.stepper.substeps if predictor else None,
+            divergences=predictor.divergences if predictor else 0,
+            unpredicted_s=predictor.unpredicted / seat.rate_hz if predictor else 0.0,
+            is_extrapolating=isinstance(fitted_mps2, (int, float)) and peak_mps2 > fitted_mps2,
+            latency=self._latency(predictor) if predictor else {},
+        )
+
+    def _latency(self, predictor: SeatPredictor) -> dict[str, Latency]:
+        delay_s = self.conditioners[SEAT].delay_s
+        rates = [meters.rate_hz for meters in self.counter.meters.values()]
+        look_ahead_s = predictor.comparison.look_ahead() / min(rates)
+        compared = Latency(delay_s, look_ahead_s, self.settings.wait_s)
+        predicted = Latency(delay_s, 0.0, 0.0)
+        return {"predicted": predicted, "measured": compared, "residual": compared, "exposure": NO_LATENCY}
 
 
 def _in_turns(held: list[tuple[str, Block]]) -> list[tuple[str, Block]]:
-    """Blocks of several sensors cut into slices, so that none runs far ahead of the others."""
+    """Cut the blocks of several sensors into slices in order of time, so that no sensor runs far ahead of another."""
     turns = in_turns([block.epoch_ns * 1e-9 + block.time_s for _, block in held], SLICE_S)
     return [(held[number][0], held[number][1].part(begin, end)) for number, begin, end in turns]
 

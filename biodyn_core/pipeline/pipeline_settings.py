@@ -1,4 +1,4 @@
-"""What the pipeline may be told, and how it is said in words."""
+"""Settings of the pipeline, with those that are lists in one text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PipelineSettings:
-    """What the pipeline itself may be told; conditioning has settings of its own."""
+    """Settings of the pipeline itself; conditioning has its own."""
 
     window_s: float = setting(10.0, "length of the rolling window", "s", 0.5, 3600.0)
     wait_s: float = setting(1.0, "how long measurements wait for the slowest sensor, in stamp time", "s", 0.3, 10.0)
@@ -35,7 +35,7 @@ class PipelineSettings:
         self.weightings()
 
     def verticals(self) -> dict[str, Vector]:
-        """The given verticals by sensor; InputError naming the part that is none."""
+        """The given verticals by sensor; raises InputError for a part that is none."""
         from biodyn_core.base.segments import SENSORS
 
         given: dict[str, Vector] = {}
@@ -53,13 +53,13 @@ class PipelineSettings:
         return given
 
     def weightings(self) -> tuple[WeightingName, ...]:
-        """The further weightings; InputError naming one that is unknown."""
+        """The further weightings; raises InputError for an unknown one."""
         from biodyn_core.signals.weighting import CURVES
 
-        asked = self.also_weighted.replace(",", " ").split()
-        for name in asked:
+        names = self.also_weighted.replace(",", " ").split()
+        for name in names:
             if name not in CURVES:
                 raise InputError(
                     f"also_weighted {name!r} is no weighting, known are {', '.join(CURVES)}{did_you_mean(name, CURVES)}"
                 )
-        return tuple(name for name in CURVES if name in asked)
+        return tuple(name for name in CURVES if name in names)

@@ -1,4 +1,4 @@
-"""Shocks: where the seat jolts, and how hard every sensor and predicted segment was hit by it; live, from frames."""
+"""Shocks: jolts of the seat, with the peaks of every sensor and predicted segment; live, from frames."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import N_SEGMENTS, N_SENSORS, SEAT, SENSORS
 from biodyn_core.pipeline.frames import MeasuredFrames, PredictedFrames
 
-APART_NS: Final = 500_000_000
-"""What exceeds the threshold again within this is the same shock: two periods of the body's lowest mode."""
+SEPARATION_NS: Final = 500_000_000
+"""Two peaks within this time are one shock: two periods of the body's lowest mode."""
 
-KEPT: Final = 5
+MAX_SHOCKS: Final = 5
 
 
 @dataclass(frozen=True)
 class Shock:
-    """One shock: when the seat peaked, and the largest |vertical acceleration| of every channel while it lasted.
+    """One shock: the time of the seat's peak, and the largest |vertical acceleration| of every channel.
 
-    measured_mps2 (6,) by sensor and predicted_mps2 (6,) by segment; NaN where a channel gave nothing.
+    measured_mps2 (6,) by sensor and predicted_mps2 (6,) by segment; NaN for a channel without a value.
     """
 
     peak_ns: int
@@ -52,18 +52,18 @@ class _Rows(NamedTuple):
 class Shocks:
     """`push` frames in the pipeline's order; `latest` are the last five shocks, the newest first.
 
-    A shock begins where the seat's low-passed vertical reaches `threshold_mps2`, and lasts until APART_NS after it last
-    did, so that what the body still does is part of it. Block cuts change nothing.
+    A shock begins where the seat's low-passed vertical reaches `threshold_mps2` and ends SEPARATION_NS after it last
+    does, so that it contains the body's response. Block cuts change nothing.
     """
 
     def __init__(self, threshold_mps2: float) -> None:
         self._threshold_mps2 = threshold_mps2
         self._waiting: deque[PredictedFrames] = deque()
-        self._done: deque[Shock] = deque(maxlen=KEPT)
+        self._done: deque[Shock] = deque(maxlen=MAX_SHOCKS)
         self._open: Shock | None = None
 
     def push(self, predicted: PredictedFrames, measured: MeasuredFrames) -> None:
-        """Take what one push of the pipeline, or several in a row, brought forth."""
+        """Add the frames of one push of the pipeline, or of several."""
         if predicted.stamps_ns.size:
             self._waiting.append(predicted)
         if not measured.stamps_ns.size:
@@ -72,14 +72,14 @@ class Shocks:
         hit = rows.measured_mps2[:, SENSORS.index(SEAT)] >= self._threshold_mps2
         at = 0
         while at < hit.size:
-            at = self._go_on(at, rows, hit) if self._open else self._begin(at, rows, hit)
+            at = self._extend(at, rows, hit) if self._open else self._begin(at, rows, hit)
 
     def latest(self) -> list[Shock]:
-        """The last shocks, the newest first; one that still lasts is the first of them."""
-        return [*([self._open] if self._open else []), *reversed(self._done)][:KEPT]
+        """The last shocks, the newest first, with one that still lasts."""
+        return [*([self._open] if self._open else []), *reversed(self._done)][:MAX_SHOCKS]
 
     def _predicted(self, count: int) -> Floats:
-        """The predictions of the next instants: each that is predicted is released once, in the same order."""
+        """The predictions of the next instants: every predicted instant is released once, in the same order."""
         parts: list[Floats] = []
         while count > 0:
             stamps_ns, accel = self._waiting.popleft()
@@ -90,7 +90,7 @@ class Shocks:
         return np.concatenate(parts)
 
     def _begin(self, at: int, rows: _Rows, hit: Flags) -> int:
-        """Open a shock at the next hit; returns its row, or the end."""
+        """Open a shock at the next hit; return its row, or the end."""
         found = np.flatnonzero(hit[at:])
         if not found.size:
             return hit.size
@@ -99,23 +99,23 @@ class Shocks:
         self._open = Shock(begin_ns, begin_ns, begin_ns, np.full(N_SENSORS, np.nan), np.full(N_SEGMENTS, np.nan))
         return first
 
-    def _go_on(self, at: int, rows: _Rows, hit: Flags) -> int:
-        """Carry the open shock as far as it goes; returns the first row behind it, or the end."""
+    def _extend(self, at: int, rows: _Rows, hit: Flags) -> int:
+        """Extend the open shock as far as it lasts; return the first row behind it, or the end."""
         shock = self._open
         assert shock is not None
         stamps_ns = rows.stamps_ns[at:]
         last_ns = np.maximum.accumulate(np.concatenate([[shock.last_ns], np.where(hit[at:], stamps_ns, 0)]))
-        behind = (stamps_ns > last_ns[:-1] + APART_NS) | (stamps_ns < shock.begin_ns)  # stamps may leap back
+        behind = (stamps_ns > last_ns[:-1] + SEPARATION_NS) | (stamps_ns < shock.begin_ns)  # stamps may leap back
         length = int(behind.argmax()) if behind.any() else stamps_ns.size
-        self._open = replace(_grown(shock, rows.part(at, at + length)), last_ns=int(last_ns[length]))
+        self._open = replace(_with_rows(shock, rows.part(at, at + length)), last_ns=int(last_ns[length]))
         if length < stamps_ns.size:
             self._done.append(self._open)
             self._open = None
         return at + length
 
 
-def _grown(shock: Shock, rows: _Rows) -> Shock:
-    """The shock with more rows in it."""
+def _with_rows(shock: Shock, rows: _Rows) -> Shock:
+    """The shock with further rows."""
     if not rows.stamps_ns.size:
         return shock
     seat = rows.measured_mps2[:, SENSORS.index(SEAT)]

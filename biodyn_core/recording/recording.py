@@ -1,8 +1,7 @@
-"""Recording: what identification and validation fit to, one event of six sensors on the seat's grid, zero-phase.
+"""Recording: data of identification and validation, one event of six sensors on the seat's time grid, zero-phase.
 
-The conditioning is that of the live path but for its filter, which runs forward and backward. What a sensor did not
-truly read is masked, never repaired: clipped and stuck readings, longer gaps, and as far around them as the low-pass
-reaches.
+Conditioning is that of the live path, except for the filter, which runs forward and backward. Invalid samples are
+masked, never repaired: clipped and stuck readings, longer gaps, and all samples within the low-pass's reach of them.
 """
 
 from __future__ import annotations
@@ -31,21 +30,21 @@ from biodyn_core.recording.heading import bend_rates_radps, headings_rad
 from biodyn_core.recording.recording_settings import RecordingSettings
 
 WARM_UP_S: Final = 2.0
-"""A model that starts from rest is not compared before so long (Zaman et al., 5.3), nor behind a seat misread."""
+"""A model that starts from rest is compared after this time (Zaman et al., 5.3), as behind an invalid seat."""
 
 SHORTEST_LEVEL_S: Final = 2.0
-"""A level is taken from at least so long without a mask: three periods of a car's body bounce."""
+"""Shortest stretch without a mask for a level: three periods of a car's body bounce."""
 
-WORTH_A_LINE_S: Final = 0.05
-"""What is masked in all is said from here on: one clipped sample is more, the ends, where nothing is read, less."""
+REPORTED_S: Final = 0.05
+"""Masked time that is reported: one clipped sample masks more, the ends of a record less."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One event, conditioned zero-phase and aligned on the seat's grid: what identification fits to."""
+    """One event, conditioned zero-phase and aligned on the seat's time grid."""
 
     name: str
-    """Where it came from."""
+    """The source, such as a bag."""
     case: str
     """Loading condition: road, pothole, rail, ..."""
     rate_hz: float
@@ -54,18 +53,18 @@ class Recording:
     seat_mps2: Floats
     """(n,) vertical, gravity-free, low-passed, no NaN."""
     measured_mps2: Floats
-    """(n, 5) by `MEASURED_SEGMENTS`, NaN where a sensor brought nothing usable."""
+    """(n, 5) by `MEASURED_SEGMENTS`, NaN without a usable sample."""
     warnings: tuple[str, ...]
     """Quality: clipping, gaps, drift, missing segments, one line each."""
     channels: Mapping[str, Channels] = field(default_factory=dict)
-    """What each of `SENSORS` measured beside its vertical; empty where it was not asked for."""
+    """Further channels by name in `SENSORS`; empty if not requested."""
     leans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """How far the sensors that were set upright lean on the mean, behind the warm-up, along x and y of `Channels`: what
-    of a motion along these they would have read as vertical."""
+    """Mean tilt, behind the warm-up, of the sensors with a known attitude: the share of motion along x and y of
+    `Channels` that they would have read as vertical."""
     seat_misread_s: float = 0.0
-    """Seconds in which the seat was not truly read, or the low-pass reaches what was not."""
+    """Seconds of invalid samples of the seat, and within the low-pass's reach of them."""
     headings: Mapping[str, float] = field(default_factory=dict)
-    """How far x of these sensors' `Channels` is turned to the left of the seat's, rad, where their motion tells it."""
+    """Rotation of x of these sensors' `Channels` to the left of the seat's, rad, where their motion shows it."""
 
     @property
     def begin(self) -> int:
@@ -84,10 +83,10 @@ class Recording:
 
 
 class Recorder:
-    """`push(sensor, stamps_ns, samples)` raw samples as they come, `finish()` gives the recordings; any cut, same bits.
+    """`push` raw samples, `finish` for the recordings; the same bits for any cut into blocks.
 
-    verticals: where sensors' axes see up, for those whose rest is not to tell it. channels: whether the channels of a
-    recording are wanted, for which rates are pushed too. gravity: of sensors whose whole record was searched for rest.
+    verticals: up in the axes of sensors whose rest shall not determine it. channels: whether recordings contain
+    channels, for which rates are pushed too. gravity: of sensors whose whole record was searched for rest.
     """
 
     def __init__(
@@ -118,7 +117,7 @@ class Recorder:
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats, rates_radps: Floats | None = None) -> None:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival.
 
-        rates_radps (n, 3) in the same axes, NaN where there are none: with them verticals stay upright.
+        rates_radps (n, 3) in the same axes, NaN where there are none: with them verticals follow the sensor's tilt.
         """
         if sensor not in self._sensors:
             raise InputError(
@@ -129,20 +128,20 @@ class Recorder:
         self._sensors[sensor].push(stamps_ns, samples_mps2, rates_radps)
 
     def finish(self) -> list[Recording]:
-        """The record has ended: one recording for each run of the seat that can be fitted to, in order.
+        """End the record: one recording for each usable run of the seat, in order.
 
-        Raises UnusableRecording, saying why, where there is none: no seat, no other sensor, too short, no excitation.
+        Raises UnusableRecording without any: no seat, no other sensor, too short, no excitation.
         """
         for sensor in self._sensors.values():
             sensor.finish()
-        believed = not any(sensor.turns_too_far for sensor in self._sensors.values())
+        plausible = not any(sensor.tilt_is_implausible for sensor in self._sensors.values())
         for sensor in self._sensors.values():
-            sensor.set_level(believed, WARM_UP_S)
+            sensor.use_attitude(plausible, WARM_UP_S)
         seat, others = self._sensors[SEAT], [self._sensors[name] for name in MEASURED_SEGMENTS]
         if not seat.runs:
-            raise UnusableRecording(f"{self.name}: {seat.why_nothing()}")
+            raise UnusableRecording(f"{self.name}: {seat.absence()}")
         if not any(sensor.runs for sensor in others):
-            why = f"{others[-1].why_nothing()}, nor is any other segment: nothing to compare"
+            why = f"{others[-1].absence()}, nor is any other segment: nothing to compare"
             raise UnusableRecording(f"{self.name}: {why}")
         aligners = {name: self._sensors[name].aligners(self.settings.bridge_s) for name in MEASURED_SEGMENTS}
         recordings, reasons = [], []
@@ -152,17 +151,17 @@ class Recorder:
             except InputError as error:
                 reasons.append((-run.block.time_s.size, str(error)))
         if not recordings:
-            raise UnusableRecording(f"{self.name}: {min(reasons)[1]}")  # that of the longest run
-        return self._told(recordings, [reason for _, reason in reasons])
+            raise UnusableRecording(f"{self.name}: {min(reasons)[1]}")  # the reason of the longest run
+        return self._labelled(recordings, [reason for _, reason in reasons])
 
     def _recording(self, run: Run, aligners: Mapping[str, Sequence[Aligner]]) -> Recording:
-        """One run of the seat, less the ends that the low-pass could not see beyond, and the others beside it."""
+        """A recording from one run of the seat, without its ends, where the low-pass lacks samples."""
         seat, rate_hz = self._sensors[SEAT], _mean_rate_hz(run.block)
         reach = seat.reach(run.block.rate_hz)
         inner = slice(reach, run.block.time_s.size - reach)
         block = run.block.part(inner.start, inner.stop)
-        misread = seat.misread(run.block, self.settings.bridge_s)
-        tracks = {SEAT: [track[inner] for track in seat.tracks(run, misread, self.settings.bridge_s)]}
+        invalid = seat.invalid(run.block, self.settings.bridge_s)
+        tracks = {SEAT: [track[inner] for track in seat.tracks(run, invalid, self.settings.bridge_s)]}
         unsettled = around(np.isnan(tracks[SEAT][0]), 0, round(WARM_UP_S * rate_hz))
         self._check(tracks[SEAT][0], rate_hz)
         for name in MEASURED_SEGMENTS:
@@ -170,7 +169,7 @@ class Recorder:
             tracks[name] = [np.where(unsettled, np.nan, track) for track in read]
         levels = {name: self._level(vertical, rate_hz) for name, (vertical, *_) in tracks.items()}
         measured = np.column_stack([tracks[name][0] - levels[name] for name in MEASURED_SEGMENTS])
-        channels = {name: self._beside(tracks[name], rate_hz) for name in SENSORS} if self._with_channels else {}
+        channels = {name: self._channels(tracks[name], rate_hz) for name in SENSORS} if self._with_channels else {}
         return Recording(
             name=self.name,
             case=self.case,
@@ -185,62 +184,62 @@ class Recorder:
             headings=headings_rad(channels, rate_hz),
         )
 
-    def _beside(self, tracks: Sequence[Floats], rate_hz: float) -> Channels:
-        """A sensor's tracks but its vertical; what is no sensor in the record has no numbers."""
+    def _channels(self, tracks: Sequence[Floats], rate_hz: float) -> Channels:
+        """A sensor's tracks without its vertical; NaN for a sensor that is not in the record."""
         if len(tracks) == 1:
             return Channels(np.full((tracks[0].size, 2), np.nan), None)
         horizontal = [track - self._level(track, rate_hz) for track in tracks[1:3]]
         return Channels(np.column_stack(horizontal), np.column_stack(tracks[3:]) if tracks[3:] else None)
 
     def _masked(self, unsettled: Flags, measured_mps2: Floats, rate_hz: float) -> Iterator[str]:
-        """How long nothing can be compared, one line for the seat and each segment."""
+        """The masked time, one line for the seat and each segment."""
         if unsettled.any():
             seconds = np.count_nonzero(unsettled) / rate_hz
-            yield f"seat: misread, so all segments are masked there and {WARM_UP_S:g} s on: {seconds:.2f} s"
+            yield f"seat: invalid samples, so all segments are masked there and {WARM_UP_S:g} s on: {seconds:.2f} s"
         for name, column in zip(MEASURED_SEGMENTS, measured_mps2.T, strict=True):
             masked_s = np.count_nonzero(np.isnan(column)) / rate_hz
-            if masked_s > WORTH_A_LINE_S and self._sensors[name].runs:
+            if masked_s > REPORTED_S and self._sensors[name].runs:
                 yield f"{name}: nothing usable in {masked_s:.2f} s of {column.size / rate_hz:.2f} s"
 
     def _check(self, seat_mps2: Floats, rate_hz: float) -> None:
-        """Raise InputError for what no model can be fitted to; what was misread (NaN) is no excitation."""
+        """Raise InputError for a run that no model can be fitted to; NaN counts as no excitation."""
         seconds, s = seat_mps2.size / rate_hz, self.settings
         if seconds < s.shortest_s:
             raise InputError(
                 f"{seconds:.2f} s between rest, gaps and ends are too short: {s.shortest_s:g} s are needed,"
                 f" {WARM_UP_S:g} s of them warm-up: record longer"
             )
-        behind = seat_mps2[round(WARM_UP_S * rate_hz) :]
-        behind = behind[~np.isnan(behind)]
-        rms = float(behind.std()) if behind.size else 0.0
+        moving = seat_mps2[round(WARM_UP_S * rate_hz) :]
+        moving = moving[~np.isnan(moving)]
+        rms = float(moving.std()) if moving.size else 0.0
         if rms < s.least_seat_rms_mps2:
             raise InputError(
                 f"the seat moves by {rms:.2g} m/s^2 rms behind the warm-up, {s.least_seat_rms_mps2:g} are needed:"
-                " without excitation nothing can be told"
+                " without excitation nothing can be identified"
             )
 
     def _level(self, values: Floats, rate_hz: float) -> float:
-        """What is taken off a channel; 0 where its level is kept or cannot be told."""
+        """The level to subtract from a channel; 0 where it is kept or unknown."""
         return 0.0 if self.settings.keep_level else level_mps2(values, rate_hz) or 0.0
 
     def _moved(self, levels: Mapping[str, float]) -> Iterator[str]:
-        """The levels that have moved far since rest, one line each."""
+        """The levels that have changed much since rest, one line each."""
         for name, level in levels.items():
             if abs(level) > self.settings.moved_level_mps2:
-                yield f"{name}: its level has moved by {level:+.2f} m/s^2 since rest (taken off): did it lean over?"
+                yield f"{name}: its level has moved by {level:+.2f} m/s^2 since rest (subtracted): did it tilt?"
 
-    def _told(self, recordings: list[Recording], left_out: list[str]) -> list[Recording]:
-        """The recordings, each named and with what is to be said of all."""
-        of_all = [line for sensor in self._sensors.values() for line in sensor.warnings()]
-        of_all += [f"a part is left out: {reason}" for reason in left_out]
+    def _labelled(self, recordings: list[Recording], left_out: list[str]) -> list[Recording]:
+        """The recordings, each with its name and the warnings about all."""
+        shared = [line for sensor in self._sensors.values() for line in sensor.warnings()]
+        shared += [f"a part is left out: {reason}" for reason in left_out]
         several = len(recordings) > 1
         if several:
-            of_all.append(f"gaps of the seat split the record into {counted(len(recordings), 'recording')}")
+            shared.append(f"gaps of the seat split the record into {counted(len(recordings), 'recording')}")
         return [
             dataclasses.replace(
                 recording,
                 name=f"{self.name} ({number} of {len(recordings)})" if several else self.name,
-                warnings=(*of_all, *recording.warnings),
+                warnings=(*shared, *recording.warnings),
             )
             for number, recording in enumerate(recordings, 1)
         ]
@@ -262,10 +261,10 @@ def _head(recording: Recording) -> Floats:
 
 
 def level_mps2(values: Floats, rate_hz: float) -> float | None:
-    """The level of a channel (n,) with NaN, by its longest stretch without; None where that is too short.
+    """The level of a channel (n,) with NaN, by its longest stretch without NaN; None where that is too short.
 
-    A tapered mean: a plain one (Zaman et al., 5.2: all channels demeaned) takes the velocity gained between the ends
-    for a level.
+    A tapered mean: a plain one (Zaman et al., 5.2: all channels demeaned) contains the change of velocity between the
+    ends.
     """
     begin, end = max(stretches(~np.isnan(values)), key=lambda stretch: stretch[1] - stretch[0], default=(0, 0))
     if end - begin < SHORTEST_LEVEL_S * rate_hz:
@@ -275,7 +274,7 @@ def level_mps2(values: Floats, rate_hz: float) -> float | None:
 
 
 def _mean_rate_hz(block: Block) -> float:
-    """The rate a run truly had; that of its design where it is one sample long."""
+    """The mean rate of a run; the design rate for a run of one sample."""
     return (
         float((block.time_s.size - 1) / (block.time_s[-1] - block.time_s[0]))
         if block.time_s.size > 1

@@ -1,4 +1,4 @@
-"""What a recording must be, and what is masked in it."""
+"""Settings of recordings: requirements, masks and levels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from biodyn_core.base.settings import check_settings, setting
 
 @dataclass(frozen=True)
 class RecordingSettings:
-    """What a recording must be, and what is masked or taken off in it."""
+    """Requirements of a recording, and its masks and levels."""
 
     shortest_s: float = setting(3.0, "shortest recording, the 2 s of warm-up included", "s", 2.5, 3600.0)
     least_seat_rms_mps2: float = setting(

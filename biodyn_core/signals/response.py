@@ -1,7 +1,7 @@
-"""Response over frequency: outputs per input by Welch's method, with their coherence, of records and of streams.
+"""Frequency response: outputs per input by Welch's method, with coherence, of records and of streams.
 
-H1 estimates, S_yx / S_xx: noise on the answer is averaged out, noise on the seat makes them too small. A segment in
-which anything is masked is left out, of the input's spectrum too. The linear model's own response is `Chain`'s.
+H1 estimates, S_yx / S_xx: noise of the output averages out, noise of the input makes them too small. A segment with a
+masked sample is left out, of the input's spectrum too. `Chain` has the linear model's response.
 Zaman et al., 4.1; Welch 1967; Bendat and Piersol, Random Data, 4th ed., 9.2.
 """
 
@@ -24,18 +24,18 @@ Part = tuple[Floats, Floats]
 """One stretch of time: input (n,) and outputs (n, m), NaN where masked."""
 
 CHANCE: Final = 0.05
-"""Signals without anything in common reach `CrossSpectra.chance_coherence` this often."""
+"""Probability that unrelated signals exceed `CrossSpectra.chance_coherence`."""
 
 SAME_RATE: Final = 1e-3
-"""Records are pooled whose rates differ by less than this: 0.05 Hz at 50 Hz."""
+"""Largest relative difference of rates for pooled records: 0.05 Hz at 50 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
 class CrossSpectra:
     """Averaged spectra of one input and m outputs over frequency_hz (f,); NaN for an output without any segment.
 
-    input_psd, output_psd (f, m), one-sided, unit squared per Hz; cross (f, m) is S_yx, conj(X) Y; segments (m,) that
-    were averaged; averages (m,) independent ones they are worth; bandwidth_hz: equivalent noise bandwidth of a line.
+    input_psd, output_psd (f, m), one-sided, unit squared per Hz; cross (f, m) is S_yx, conj(X) Y; segments (m,):
+    number averaged; averages (m,): equivalent number of independent ones; bandwidth_hz: noise bandwidth of a line.
     """
 
     frequency_hz: Floats
@@ -59,21 +59,21 @@ class CrossSpectra:
 
     @property
     def coherence(self) -> Floats:
-        """Share of the output's power that goes linearly with the input, (f, m); 1 for one segment alone."""
+        """Share of the output's power that is linear in the input, (f, m); 1 for a single segment."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.minimum(np.abs(self.cross) ** 2 / (self.input_psd * self.output_psd), 1.0)
 
     @property
     def chance_coherence(self) -> Floats:
-        """Coherence (m,) that unrelated signals exceed at one frequency in twenty; 1 for one segment: it tells nothing.
+        """Coherence (m,) that unrelated signals exceed with probability CHANCE; 1 for a single segment.
 
         1 - CHANCE^(1 / (averages - 1)), after Goodman 1957.
         """
         freedom = np.maximum(self.averages - 1.0, 1e-9)
         return 1.0 - CHANCE ** (1.0 / freedom)
 
-    def tells(self, least_coherence: float) -> Flags:
-        """Where, (f, m), the coherence is above the least that is asked for, and above chance."""
+    def is_coherent(self, least_coherence: float) -> Flags:
+        """Flags (f, m) of a coherence above the required least and above chance."""
         return np.nan_to_num(self.coherence) > np.maximum(self.chance_coherence, least_coherence)
 
     @property
@@ -97,7 +97,7 @@ def cross_spectra(parts: Sequence[Part], rate_hz: float, settings: SpectrumSetti
 
 
 class SpectraMeter:
-    """The same of a stream, in memory that does not grow with it: `push` samples, `part` where time breaks off.
+    """The same of a stream, in constant memory: `push` samples, `part` at a break of time.
 
     Any cut into blocks gives the same averages. Raises InputError as `cross_spectra`, for missing segments at the end.
     """
@@ -126,11 +126,11 @@ class SpectraMeter:
 
     @property
     def stored(self) -> int:
-        """Samples held right now."""
+        """Number of samples held."""
         return self._rows.shape[0]
 
     def part(self) -> None:
-        """Begin another stretch of time: no segment reaches across."""
+        """Begin another stretch of time, which shares no segment with the one before."""
         self._rows = np.empty((0, 1 + self._segments.size))
         self._next = [0] * self._segments.size
 
@@ -174,7 +174,7 @@ class SpectraMeter:
 
 
 def _starts(usable: Flags, begin: int, size: int, step: int) -> tuple[list[int], int]:
-    """Where segments begin from `begin` on: in every stretch without a mask, from its first; and where the next may."""
+    """Begins of segments from `begin` on, in every stretch without a mask from its first sample; and the next begin."""
     starts, at = [], begin
     while at < usable.size:
         seen = usable[at : at + size]
@@ -195,7 +195,7 @@ def _lines(values: Floats, window: Floats, lines: NDArray[np.intp]) -> Complexes
 
 
 def _independent(segments: int, window: Floats, step: int) -> float:
-    """How many independent segments so many overlapping ones are worth (Welch 1967, for a smooth spectrum)."""
+    """Equivalent number of independent segments of overlapping ones (Welch 1967, for a smooth spectrum)."""
     shared = 0.0
     for j in range(1, min(segments, math.ceil(window.size / step))):
         common = window[: window.size - j * step] @ window[j * step :] / (window @ window)
@@ -204,14 +204,14 @@ def _independent(segments: int, window: Floats, step: int) -> float:
 
 
 class Peak(NamedTuple):
-    """Where a magnitude is largest, and how large."""
+    """Frequency and value of a largest magnitude."""
 
     frequency_hz: float
     magnitude: float
 
 
 def peak(frequency_hz: Floats, magnitude: Floats, among: Flags | None = None) -> Peak | None:
-    """The largest magnitude (f,) over the frequencies flagged; None where none is."""
+    """The largest magnitude (f,) over the frequencies flagged; None without any."""
     allowed = np.isfinite(magnitude) if among is None else among & np.isfinite(magnitude)
     if not allowed.any():
         return None
@@ -220,7 +220,7 @@ def peak(frequency_hz: Floats, magnitude: Floats, among: Flags | None = None) ->
 
 
 def common_rate_hz(rates_hz: Sequence[float]) -> float:
-    """The one rate of records that are to be pooled; InputError where they differ."""
+    """The common rate of records to pool; InputError where rates differ."""
     if max(rates_hz) > min(rates_hz) * (1.0 + SAME_RATE):
         listed = ", ".join(f"{rate:g}" for rate in rates_hz)
         raise InputError(f"records of {listed} Hz cannot share spectra: give records of one rate")

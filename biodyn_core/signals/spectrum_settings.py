@@ -1,4 +1,4 @@
-"""How spectra are estimated."""
+"""Settings of spectra."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from biodyn_core.base.settings import check_settings, setting
 
 @dataclass(frozen=True)
 class SpectrumSettings:
-    """How spectra are estimated: Welch's averaged segments, each less its mean, and the frequencies answered."""
+    """Welch's averaged segments, each without its mean, and the range of frequencies."""
 
     window: str = setting("hann", "window of a segment, by SciPy's name")
     segment_s: float = setting(2.0, "length of a segment, whose inverse is the step in frequency", "s", 0.25, 1000.0)

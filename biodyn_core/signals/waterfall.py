@@ -1,6 +1,6 @@
-"""Waterfall: power over time and frequency of a stream, in memory that does not grow with it.
+"""Waterfall: power over time and frequency of a stream, in constant memory.
 
-Periodograms of one second, averaged in bins of time; where there are more bins than `BINS`, neighbours join.
+Periodograms of one second, averaged in bins of time; with more than `BINS` bins, neighbours are merged.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from biodyn_core.base.arrays import Floats, Integers
 
 BIN_NS: Final = 1_000_000_000
 BINS: Final = 240
-"""As many as a page can show, from the first to the last; a longer record doubles their width."""
+"""Most bins that a page can show; a longer record doubles their width."""
 
-MOST_HZ: Final = 50.0
+MAX_HZ: Final = 50.0
 USABLE: Final = 0.45
-"""Nothing is answered beyond this share of the sampling rate."""
+"""Largest frequency per sampling rate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Waterfall:
     """Power spectral density (b, f, m), (unit)^2/Hz, of m channels in bins of time that begin at begins_ns (b,).
 
-    NaN where a channel had no second without a mask. frequency_hz (f,) is spaced evenly.
+    NaN for a channel without an unmasked second. frequency_hz (f,) is spaced evenly.
     """
 
     width_ns: int
@@ -36,13 +36,13 @@ class Waterfall:
 
 
 class WaterfallMeter:
-    """Gathers a waterfall: `push` samples, `part` where time breaks off. Any cut into blocks gives the same."""
+    """Build a waterfall: `push` samples, `part` at a break of time. Any cut into blocks gives the same."""
 
     def __init__(self, rate_hz: float, channels: int) -> None:
-        size = max(2, int(rate_hz * (1.0 + 1e-9)))  # never longer than a bin, which would leave some bins empty
+        size = max(2, int(rate_hz * (1.0 + 1e-9)))  # not longer than a bin, so that no bin stays empty
         self._window = signal.get_window("hann", size)
         frequency = np.arange(size // 2 + 1) * rate_hz / size
-        self._at = np.flatnonzero((frequency > 0.5) & (frequency <= min(MOST_HZ + 0.5, USABLE * rate_hz)))
+        self._at = np.flatnonzero((frequency > 0.5) & (frequency <= min(MAX_HZ + 0.5, USABLE * rate_hz)))
         self._frequency_hz = frequency[self._at]
         self._scale = 2.0 / (rate_hz * float((self._window**2).sum()))
         self._channels, self._width_ns = channels, BIN_NS
@@ -51,11 +51,11 @@ class WaterfallMeter:
 
     @property
     def stored(self) -> int:
-        """Samples and bins held right now."""
+        """Number of samples and bins held."""
         return self._stamps_ns.size + len(self._bins)
 
     def part(self) -> None:
-        """Begin another stretch of time: no periodogram reaches across."""
+        """Begin another stretch of time, which shares no periodogram with the one before."""
         self._stamps_ns, self._rows = np.empty(0, dtype=np.int64), np.empty((0, self._channels))
 
     def push(self, stamps_ns: Integers, values: Floats) -> None:
@@ -83,7 +83,7 @@ class WaterfallMeter:
         self._bins[number] = (total, seen) if before is None else (before[0] + total, before[1] + seen)
 
     def waterfall(self) -> Waterfall:
-        """What was gathered so far."""
+        """The waterfall so far."""
         numbers = sorted(self._bins)
         density = np.full((len(numbers), self._at.size, self._channels), np.nan)
         for row, number in enumerate(numbers):

@@ -1,7 +1,7 @@
 """Frequency weightings of ISO 2631-1 / ISO 8041: the analog curves, and second-order sections that follow them.
 
-A plain bilinear transform of Wk is wrong by 2.65 % at 1129.3 Hz below 80 Hz. So only what acts far below the rate is
-transformed that way; low-pass and transition get their exact poles and a numerator fitted to the whole curve.
+A plain bilinear transform of Wk errs by 2.65 % at 1129.3 Hz below 80 Hz. So only sections far below the rate are
+transformed in this way; low-pass and transition get their exact poles and a numerator fitted to the whole curve.
 Weight at the native rate, before any low-pass or down-sampling: the band limits are part of the curve.
 """
 
@@ -25,17 +25,17 @@ WeightingName = Literal["Wk", "Wd", "Wf", "Wc", "We", "Wj", "Wb"]
 
 _FIT_BAND_HZ: Final = (0.4, 90.0)
 _BILINEAR_FROM: Final = 200.0
-"""From so many times the low-pass frequency on the bilinear transform of all sections is right to 0.01 %."""
+"""Rate per low-pass frequency from which the bilinear transform of all sections errs by less than 0.01 %."""
 
 _LAG_SAMPLES: Final = 0.5
-"""A low-pass alone (Wj) lags more at the lowest rates than sections can; half a sample of delay costs no exposure."""
+"""At the lowest rates a low-pass alone (Wj) lags more than sections can; half a sample of delay changes no dose."""
 
 
 @dataclass(frozen=True)
 class Curve:
     """One weighting's analog constants (ISO 8041-1): band limits f1, f2; transition f3, f4, Q4; step f5, Q5, f6, Q6.
 
-    f3 is infinite where the transition has no zero, f4 where there is none; gain is that above the step.
+    f3 is infinite for a transition without a zero, f4 without a transition; gain: above the step.
     """
 
     f1_hz: float
@@ -75,7 +75,7 @@ def analog_sections(name: WeightingName) -> list[Quotient]:
 
 
 def analog_response(name: WeightingName, frequency_hz: ArrayLike) -> Complexes:
-    """Complex gain of the standard's curve at frequencies (n,), the reference every filter here is tested against."""
+    """Complex gain of the standard's curve at frequencies (n,), the reference of every filter here."""
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
     gain = np.ones_like(s)
     for numerator, denominator in analog_sections(name):
@@ -98,7 +98,7 @@ def _design(name: WeightingName, rate_hz: float) -> tuple[tuple[float, ...], ...
 
 
 def _bilinear(numerator: tuple[float, ...], denominator: tuple[float, ...], rate_hz: float) -> Floats:
-    """Written out, because a high-pass must keep its two zeros at 0 Hz to the last bit."""
+    """Written out, because a high-pass must keep its two zeros exactly at 0 Hz."""
     k = 2.0 * rate_hz
     b, a = (
         np.array([p2 * k**2 + p1 * k + p0, 2.0 * (p0 - p2 * k**2), p2 * k**2 - p1 * k + p0])
@@ -108,7 +108,7 @@ def _bilinear(numerator: tuple[float, ...], denominator: tuple[float, ...], rate
 
 
 def _matched(name: WeightingName, rate_hz: float, before: Floats, poles: Complexes) -> Floats:
-    """Sections (m, 6) with the analog poles (2 m,), which behind the sections `before` make up the whole curve.
+    """Sections (m, 6) with the analog poles (2 m,) that complete the sections `before` to the whole curve.
 
     The numerator is a polynomial in u = 1 - 1/z, exact at 0 Hz and least squares in the relative complex gain.
     """
@@ -117,7 +117,7 @@ def _matched(name: WeightingName, rate_hz: float, before: Floats, poles: Complex
     lag = _LAG_SAMPLES if poles.size == 2 else 0.0
     u = 1.0 - np.exp(-1j * omega)
     share = _response(before, omega) * np.exp(1j * omega * lag) / analog_response(name, frequency)
-    below = -np.expm1(poles / rate_hz)  # 1 - p: small, and its last digits matter
+    below = -np.expm1(poles / rate_hz)  # 1 - p, without cancellation
     for p in below:
         share = share * p / (p + (1.0 - p) * u)
     columns = share[:, None] * u[:, None] ** np.arange(1, poles.size + 1)
@@ -151,5 +151,5 @@ def weighting_sections(name: WeightingName, rate_hz: float) -> Floats:
     if name not in CURVES:
         raise InputError(f"weighting {name!r} is unknown, known are {', '.join(CURVES)}{did_you_mean(name, CURVES)}")
     if not rate_hz >= MIN_RATE_HZ * (1.0 - RATE_TOLERANCE):
-        raise InputError(f"a rate of {rate_hz:g} Hz does not carry {name}: at least {MIN_RATE_HZ:g} Hz is needed")
+        raise InputError(f"a rate of {rate_hz:g} Hz is too low for {name}: at least {MIN_RATE_HZ:g} Hz is needed")
     return np.array(_design(name, round(float(rate_hz), 1)))

@@ -1,1 +1,1 @@
-"""A model's prediction beside an event that it was not fitted to."""
+"""Comparison of a model's prediction with an event that it was not fitted to."""

@@ -1,6 +1,6 @@
-"""Driving point: apparent mass and impedance that the seat feels of a body, of simulated responses or linear.
+"""Driving point: apparent mass and impedance at the seat, of simulated responses or of the linear model.
 
-No force is measured, so both are the model's alone. Zaman et al., 4.2.
+No force is measured, so both are of the model alone. Zaman et al., 4.2.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from biodyn_core.signals.spectrum_settings import SpectrumSettings
 
 @dataclass(frozen=True, eq=False)
 class DrivingPoint:
-    """What the seat feels of a body over frequency_hz (f,): apparent_mass_kg (f,), complex, and its coherence (f,).
+    """Complex apparent_mass_kg (f,) over frequency_hz (f,), and its coherence (f,).
 
-    Where the seat hardly moves the coherence is low, and what stands there is no apparent mass; below chance_coherence
-    nothing is told. body_mass_kg is the whole person's (Eq. 20), upper_body_mass_kg the model's, by which the paper's
-    printed 1.686 and 2.709 are normalised. form and as_printed: which force it is of, as in `Chain.seat_force`.
+    Where the seat hardly moves, the coherence is low and the apparent mass invalid, always below chance_coherence.
+    body_mass_kg is the whole person's (Eq. 20), upper_body_mass_kg the model's, by which the paper's printed 1.686 and
+    2.709 are normalised. form and as_printed: of the force, as in `Chain.seat_force`.
     """
 
     form: SeatForce
@@ -36,8 +36,8 @@ class DrivingPoint:
     body_mass_kg: float
     upper_body_mass_kg: float
 
-    def tells(self, least_coherence: float) -> Flags:
-        """Where, (f,), the coherence is above the least that is asked for, and above chance."""
+    def is_coherent(self, least_coherence: float) -> Flags:
+        """Flags (f,) of a coherence above the required least and above chance."""
         return np.nan_to_num(self.coherence) > max(self.chance_coherence, least_coherence)
 
     @property
@@ -59,7 +59,7 @@ class DrivingPoint:
     def impedance_n_s_per_m(self) -> Complexes:
         """Force over the seat's velocity, (f,) N s/m (Eq. 22).
 
-        S_FV / S_VV is 2 pi i f S_FA / S_AA: integrated over frequency, where a velocity summed up over time drifts.
+        S_FV / S_VV is 2 pi i f S_FA / S_AA: integration over frequency avoids the drift of a velocity over time.
         """
         return 2j * np.pi * self.frequency_hz * self.apparent_mass_kg
 
@@ -71,7 +71,7 @@ def driving_point(
     as_printed: bool = False,
     settings: SpectrumSettings | None = None,
 ) -> DrivingPoint:
-    """Apparent mass and impedance of simulated responses, `WARM_UP_S` of each left out; options of `Chain.seat_force`.
+    """Apparent mass and impedance of simulated responses, without `WARM_UP_S` of each; options of `Chain.seat_force`.
 
     Raises InputError as that does, and as `cross_spectra`.
     """

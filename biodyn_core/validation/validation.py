@@ -1,8 +1,7 @@
-"""Validation: a model's forward prediction of an event it was not fitted to, beside what was measured there.
+"""Validation: a model's forward prediction of an event that it was not fitted to, against the measurement.
 
-Everything is compared behind the warm-up, low-passed on both sides, and where the measurement is masked the prediction
-is left out too. A small error in time passes nothing by itself: the paper's own is below 10 % while its model carries
-2.6 times too much to the head.
+All comparisons are behind the warm-up, low-passed on both sides, with the prediction masked like the measurement. A
+small error over time is not enough: the paper's is below 10 %, and its model transmits 2.6 times too much to the head.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import shown
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter
-from biodyn_core.recording.recording import WORTH_A_LINE_S, Recording
+from biodyn_core.recording.recording import REPORTED_S, Recording
 from biodyn_core.signals.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation.driving_point import DrivingPoint, driving_point, linear_driving_point
@@ -30,14 +29,14 @@ from biodyn_core.validation.driving_point import DrivingPoint, driving_point, li
 _HEAD: Final = SEGMENTS.index(HEAD)
 _MEASURED: Final = dict(zip(MEASURED_SEGMENTS, MEASURED_SEGMENT_INDEX.tolist(), strict=True))
 _WINDOW_S: Final = 1.0
-"""Of rolling figures, which nobody asks for here."""
+"""Of rolling figures, which are not used here."""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedRun:
     """A recording and its prediction; predicted_mps2 (n, 6) is NaN wherever measured_mps2 (n, 6) is masked.
 
-    Both by segment. The central torso, which no sensor sees, is masked in measured_mps2 alone.
+    Both by segment. The central torso, which has no sensor, is masked in measured_mps2 alone.
     """
 
     recording: Recording
@@ -47,11 +46,11 @@ class PredictedRun:
 
     @classmethod
     def of(cls, recording: Recording, subject: Subject) -> PredictedRun:
-        """Predict a recording from its seat alone; raises InputError where the model leaves the finite numbers."""
+        """Predict a recording from its seat alone; raises InputError where the model diverges."""
         channels = recording.named_channels()
         response = predict(subject, recording.seat_mps2, recording.rate_hz, channels)
         if not np.isfinite(response.accel_mps2).all():
-            raise InputError(f"{recording.name}: the model of {subject.name} leaves the finite numbers: fit it anew")
+            raise InputError(f"{recording.name}: the model of {subject.name} diverges: fit it again")
         measured = np.full(response.accel_mps2.shape, np.nan)
         measured[:, MEASURED_SEGMENT_INDEX] = recording.measured_mps2
         predicted = shown(subject.effects, response.accel_mps2, recording.rate_hz, channels).copy()
@@ -66,13 +65,13 @@ class PredictedRun:
 
     @property
     def seat_mps2(self) -> Floats:
-        """What drove the model, (n,)."""
+        """The model's input, (n,)."""
         return self.recording.seat_mps2
 
 
 @dataclass(frozen=True)
 class SegmentError:
-    """How far one segment's prediction is off over time; of a segment that did not move there are no shares."""
+    """Error of one segment's prediction over time; percentages are None for a segment that did not move."""
 
     nrmse_rms_percent: float | None
     nrmse_range_percent: float | None
@@ -92,9 +91,9 @@ class PeakRatio(NamedTuple):
 
 @dataclass(frozen=True)
 class HeadPeaks:
-    """Peaks of seat-to-head transmissibility among the telling_share of frequencies whose measured coherence can tell.
+    """Peaks of seat-to-head transmissibility at frequencies of sufficient measured coherence, which are telling_share.
 
-    predicted_anywhere is among those where its own can, linear_anywhere among all. ratio is None where a peak is.
+    predicted_anywhere: at frequencies of sufficient own coherence; linear_anywhere: at all. ratio: None without a peak.
     """
 
     least_coherence: float
@@ -110,7 +109,7 @@ class HeadPeaks:
 class Exposures:
     """Doses by segment, DRI, and HIC by the name of its window, of low-passed channels behind the warm-up.
 
-    masked: the segments, and the seat, of which anything is missing, so that their figures are lower bounds.
+    masked: segments, and the seat, with missing samples, so that their figures are lower bounds.
     """
 
     seat: Dose
@@ -124,9 +123,9 @@ class Exposures:
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """All that is compared over the runs of one event; errors by measured segment, None for one that was not measured.
+    """All comparisons over the runs of one event; errors by measured segment, None without a measurement.
 
-    measured and predicted are spectra of all segments; both driving points are None where forces were refused.
+    measured and predicted are spectra of all segments; both driving points are None where forces are refused.
     """
 
     subject: Subject
@@ -142,12 +141,12 @@ class Validation:
 
     @property
     def seconds(self) -> float:
-        """How long all runs are, the warm-up included."""
+        """Length of all runs, the warm-up included."""
         return sum(run.seat_mps2.size for run in self.runs) / self.rate_hz
 
     @property
     def mean_nrmse_rms_percent(self) -> float | None:
-        """The mean error of the segments that have a share."""
+        """The mean error of the segments that moved."""
         shares = list(self._shares.values())
         return sum(shares) / len(shares) if shares else None
 
@@ -174,7 +173,7 @@ def validate(
 ) -> Validation:
     """Predict the runs of one event from their seats alone and compare; options of forces as in `Chain.seat_force`.
 
-    Raises InputError for a model that leaves the finite numbers, and as `cross_spectra`.
+    Raises InputError for a model that diverges, and as `cross_spectra`.
     """
     runs = tuple(PredictedRun.of(recording, subject) for recording in recordings)
     rate_hz = common_rate_hz([recording.rate_hz for recording in recordings])
@@ -240,7 +239,7 @@ def _exposures(runs: Sequence[PredictedRun], rate_hz: float) -> Exposures:
 
 
 def _masked(runs: Sequence[PredictedRun]) -> Iterator[str]:
-    """What was not read throughout; the end of a run, where the low-pass sees nothing beyond, is no loss."""
+    """Segments with masked samples; the end of a run, where the low-pass lacks samples, does not count."""
     if any(run.recording.seat_misread_s > 0.0 for run in runs):
         yield SEAT
     for name, column in _MEASURED.items():
@@ -248,7 +247,7 @@ def _masked(runs: Sequence[PredictedRun]) -> Iterator[str]:
             missing = np.isnan(run.measured_mps2[run.begin :, column])
             read = np.flatnonzero(~missing)
             within = missing[: read[-1]].any() if read.size else True
-            if within or missing.sum() > WORTH_A_LINE_S * run.recording.rate_hz:
+            if within or missing.sum() > REPORTED_S * run.recording.rate_hz:
                 yield name
                 break
 
@@ -264,7 +263,7 @@ def _hics(runs: Sequence[PredictedRun], rate_hz: float, side: Callable[[Predicte
 
 
 def _count(runs: Sequence[PredictedRun], meter: Any, rows: Callable[[PredictedRun], Floats]) -> None:
-    """Let a meter count what lies behind the warm-up; the first run's warm-up settles its filters."""
+    """Push the runs to a meter without their warm-up; the first run's warm-up only settles its filters."""
     for number, run in enumerate(runs):
         values = np.ascontiguousarray(rows(run))
         if number == 0:
@@ -286,12 +285,12 @@ def _upward(vertical: Floats) -> Floats:
 def _head_peaks(measured: CrossSpectra, predicted: CrossSpectra, subject: Subject, least_coherence: float) -> HeadPeaks:
     frequency = measured.frequency_hz
     linear = peak(frequency, np.abs(Chain.of(subject).transmissibility(frequency)[:, _HEAD]))
-    tells, model_tells = (spectra.tells(least_coherence)[:, _HEAD] for spectra in (measured, predicted))
-    anywhere = peak(frequency, np.abs(predicted.h1[:, _HEAD]), model_tells)
-    own, model = (peak(frequency, np.abs(spectra.h1[:, _HEAD]), tells) for spectra in (measured, predicted))
+    coherent, model_coherent = (spectra.is_coherent(least_coherence)[:, _HEAD] for spectra in (measured, predicted))
+    anywhere = peak(frequency, np.abs(predicted.h1[:, _HEAD]), model_coherent)
+    own, model = (peak(frequency, np.abs(spectra.h1[:, _HEAD]), coherent) for spectra in (measured, predicted))
     return HeadPeaks(
         least_coherence=max(least_coherence, float(measured.chance_coherence[_HEAD])),
-        telling_share=float(np.mean(tells)),
+        telling_share=float(np.mean(coherent)),
         measured=own,
         predicted=model,
         predicted_anywhere=anywhere,

@@ -8,7 +8,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 
 if TYPE_CHECKING:
     from biodyn_core.exposure.limit_assessment import SeatExposure
-    from biodyn_core.pipeline.pipeline import Exposure
+    from biodyn_core.pipeline.exposure import Exposure
 
 NODE_NAME: Final = "biodyn"
 INPUT: Final = {sensor: f"imu/{sensor}/data" for sensor in SENSORS}

@@ -1,4 +1,4 @@
-"""How callbacks run: on the cheapest executor there is, and one that raises costs nobody the ride."""
+"""Callbacks: the fastest executor available, and a guard by which an exception does not stop the node."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SPIN_S: Final = 0.5
 
 
 def make_executor(context: Any = None) -> Any:
-    """EventsExecutor where rclpy has it, eight times cheaper a message; never the multi-threaded one."""
+    """EventsExecutor where rclpy has it, eight times cheaper per message; never the multi-threaded one."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
@@ -23,22 +23,22 @@ def make_executor(context: Any = None) -> Any:
 
 
 def spin(executor: Any, ended: Future) -> None:
-    """Spin until the future is done, which any thread may do.
+    """Spin until the future is done; any thread may set it.
 
-    EventsExecutor's own `spin` busy-loops in rclpy 7.1, and its `spin_once` comes back after every single message. Its
-    timeout does not count while messages wait: a node that cannot keep up with its sensors ends by the future alone.
+    EventsExecutor's own `spin` busy-loops in rclpy 7.1, and its `spin_once` returns after every message. Its timeout
+    does not run while messages wait: a node slower than its sensors ends by the future alone.
     """
     while not ended.done():
         executor.spin_until_future_complete(ended, timeout_sec=SPIN_S)
 
 
-def guarded(callback: Callable[..., None], tell: Callable[[str], None]) -> Callable[..., None]:
-    """A callback that raises is told of and survived: rclpy swallows what it raises, EventsExecutor ends its loop."""
+def guarded(callback: Callable[..., None], report: Callable[[str], None]) -> Callable[..., None]:
+    """Report a callback's exception and go on: rclpy drops it, EventsExecutor ends its loop."""
 
-    def survived(*arguments: Any) -> None:
+    def run(*arguments: Any) -> None:
         try:
             callback(*arguments)
-        except Exception as error:  # noqa: BLE001 - a node that judges exposure survives a bad message
-            tell(one_line(error))
+        except Exception as error:  # noqa: BLE001 - a bad message must not stop the node
+            report(one_line(error))
 
-    return survived
+    return run

@@ -1,8 +1,8 @@
-"""Health of the live streams: who is silent, late, lost or mismatched, as plain statuses. Knows no ROS.
+"""Health of the live streams: silent, late, lost or mismatched sensors as plain statuses, without ROS.
 
-A status tells of now: a count that has stopped growing is among the values, and no cause for alarm any more.
+A status is about the present: a count that no longer grows stays among the values and raises no warning.
 
-Silence is judged on a steady clock, because a stopped /clock must not hide a dead sensor. Lag is arrival minus stamp
+Silence is measured on a steady clock, because a stopped /clock must not hide a dead sensor. Lag is arrival minus stamp
 less the smallest such offset of the window: an unsynchronised clock or an old bag is not lag.
 """
 
@@ -21,23 +21,24 @@ from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.pipeline.run_status import RunStatus
 from biodyn_ros.base.wording import MODEL, left_range
-from biodyn_ros.node.state import ExposureStore
+from biodyn_ros.node.exposure_store import ExposureStore
 
 SILENT_AFTER_S: Final = 0.5
-CLOCK_OFF_S: Final = 0.02
-"""Stamps that lie further off the seat's, by their arrival, leave nothing of a residual from 12 Hz on."""
+MAX_CLOCK_OFFSET_S: Final = 0.02
+"""Beyond this offset from the seat's stamps, by arrival, a residual has no meaning from 12 Hz on."""
 
 SETTLING_S: Final = 1.4
-"""2.5 time constants of the slowest filter, Wk's high-pass: 8 % is left of any step that a run begins with."""
+"""2.5 time constants of the slowest filter, Wk's high-pass: 8 % of a step at the begin of a run remain."""
 
-OFF: Final = "by clock or transport: its residual tells of that"
+CLOCK_OFFSET_CAUSE: Final = "by clock or transport: its residual contains that"
 
-LOOKS: Final = 2
-"""A count is growing that has grown within so many looks."""
+RECENT_CHECKS: Final = 2
+"""A count grows if it has grown within the last so many checks."""
 
-MARKS_KEPT: Final = 5
-"""So many marks are shown beside the shocks; all are told when they are set."""
+MARKS_SHOWN: Final = 5
+"""The newest marks that the page shows; every mark is published when it is set."""
 
 OK, WARN, ERROR = range(3)
 
@@ -53,18 +54,18 @@ CAUSES: Final = {
     "lost": ("message lost in transport", "messages lost in transport"),
     "errors": ("message refused", "messages refused"),
 }
-"""What is wrong with a sample or message, and with several of them, by its count."""
+"""Text for one and for several faulty samples or messages, by the name of their count."""
 
 COUNTS: Final = (
     "accepted", "unset", "non_finite", "duplicate", "late", "stray", "filled", "flat", "clipped", "runs", "gap_s",
     "set_back_s", "uncounted_s",
 )  # fmt: skip
-"""What of a sensor's conditioning stands in the diagnostics beside rate and gravity."""
+"""Fields of `SensorStatus` in the diagnostics, in addition to rate and gravity."""
 
 
 @dataclass(frozen=True)
 class Mark:
-    """An instant that somebody marked: a running name, and when, by the node's clock."""
+    """An instant marked by a user: a numbered name, and the time by the node's clock."""
 
     name: str
     at_s: float
@@ -75,7 +76,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Status:
-    """What is said of a sensor, of `prediction`, `exposure` or `page`: level, message and values by key."""
+    """Status of a sensor, or of `prediction`, `exposure` or `page`: level, message and values by key."""
 
     of: str
     level: int
@@ -84,14 +85,14 @@ class Status:
 
 
 class CounterDelta:
-    """By how much counts have grown over the last looks."""
+    """Growth of counts over the last checks."""
 
     def __init__(self) -> None:
-        self._before: deque[dict[str, int]] = deque(maxlen=LOOKS)
+        self._before: deque[dict[str, int]] = deque(maxlen=RECENT_CHECKS)
         self.by: dict[str, int] = {}
 
-    def look(self, counts: dict[str, int]) -> None:
-        """Look at the counts as they are now."""
+    def update(self, counts: dict[str, int]) -> None:
+        """Compare the present counts with earlier ones."""
         since = self._before[0] if self._before else {}
         self.by = {key: grown for key, count in counts.items() if (grown := count - since.get(key, 0)) > 0}
         self._before.append(counts)
@@ -99,7 +100,7 @@ class CounterDelta:
 
 @dataclass
 class SensorHealth:
-    """What the transport tells of one sensor; the callbacks note, `HealthMonitor` reads."""
+    """State of one sensor's transport; the callbacks write it, `HealthMonitor` reads it."""
 
     arrived_s: float | None = None
     messages: int = 0
@@ -123,14 +124,14 @@ class SensorHealth:
         self.messages += count
 
     def numbered(self, number: int, received: int) -> None:
-        """Compare the number that the only publisher gave a message with the count received: losses set them apart."""
+        """Count losses by a single publisher's sequence number of a message, against the count received."""
         ahead = number - received
         if self._numbers_from is not None and ahead > self._numbers_from:
             self.lost += ahead - self._numbers_from
         self._numbers_from = ahead
 
     def forget_numbers(self) -> None:
-        """Another publisher has numbers of its own."""
+        """Start anew for another publisher, which has its own sequence numbers."""
         self._numbers_from = None
 
     def refused(self, why: str) -> None:
@@ -139,38 +140,38 @@ class SensorHealth:
         self.last_error = why
 
     def timed(self, stamp_ns: int, arrival_ns: int, window_s: float) -> None:
-        """Note when a message arrived, by the clock that stamps are of; lag is judged over a window."""
+        """Note when a message arrived, by the clock of the stamps; lag is relative to the least offset of a window."""
         self.clock.push(np.array([stamp_ns]), np.array([arrival_ns]))
         arrival_minus_stamp_s = 1e-9 * (arrival_ns - stamp_ns)
         now = self.now()
         while self._offsets_s and self._offsets_s[0][0] < now - window_s:
             self._offsets_s.popleft()
-        # Ascending from the left: what a later, smaller offset makes useless is dropped.
+        # Ascending from the left: a later, smaller offset replaces the larger ones before it.
         while self._offsets_s and self._offsets_s[-1][1] >= arrival_minus_stamp_s:
             self._offsets_s.pop()
         self._offsets_s.append((now, arrival_minus_stamp_s))
         self.lag_s = arrival_minus_stamp_s - self._offsets_s[0][1]
 
-    def look(self, seen: SensorStatus) -> None:
-        """Look at what has gone wrong since the last looks."""
-        own = {"lost": self.lost, "errors": self.errors, "gaps": max(0, seen.runs - 1)}
-        self.growth.look({key: own[key] if key in own else getattr(seen, key) for key in (*CAUSES, "gaps")})
+    def update(self, status: SensorStatus) -> None:
+        """Update the growth of all fault counts."""
+        own = {"lost": self.lost, "errors": self.errors, "gaps": max(0, status.runs - 1)}
+        self.growth.update({key: own[key] if key in own else getattr(status, key) for key in (*CAUSES, "gaps")})
 
     @property
     def causes(self) -> str:
-        """What goes wrong with its samples now, by count."""
-        told = [counted(n, *CAUSES[key]) for key, n in self.growth.by.items() if key in CAUSES]
+        """The faults that grow now, with their counts; empty without any."""
+        lines = [counted(n, *CAUSES[key]) for key, n in self.growth.by.items() if key in CAUSES]
         if "errors" in self.growth.by:
-            told.append(self.last_error)
-        return "; ".join(told)
+            lines.append(self.last_error)
+        return "; ".join(lines)
 
     def compare_clock(self) -> None:
-        """Look anew at how the sensor's stamps run against arrivals; costs a millisecond or two."""
+        """Compare the sensor's stamps with arrivals; takes a millisecond or two."""
         self.drift = self.clock.since_leap()
 
     @property
     def offset_s(self) -> float | None:
-        """By how much arrivals lie behind stamps now, by the least delay; None while that is not known."""
+        """Least delay of arrivals behind stamps, as of now; None while it is unknown."""
         drift = self.drift
         return None if drift is None else drift.offset_s - 1e-6 * (drift.ppm or 0.0) * drift.seconds
 
@@ -180,69 +181,74 @@ class SensorHealth:
         return None if self.arrived_s is None else self.now() - self.arrived_s
 
 
-def is_settling(seen: SensorStatus) -> bool:
-    """Whether filters still ring from how the run began; those that began at rest did so in steady state."""
-    rested = seen.runs == 1 and seen.uncounted_s > 0.0
-    return seen.run_s is not None and not rested and seen.run_s < SETTLING_S
+def is_settling(status: SensorStatus) -> bool:
+    """Whether filters still respond to the begin of the run; a run that begins at rest begins in steady state."""
+    rested = status.runs == 1 and status.uncounted_s > 0.0
+    return status.run_s is not None and not rested and status.run_s < SETTLING_S
 
 
 class HealthMonitor:
-    """Looks at model and sensors a few times a second, and judges them as they are now.
+    """Check model and sensors a few times a second.
 
-    health: by sensor, noted by whoever receives its messages. marks: the latest, the newest first.
+    health: by sensor, written by the receiver of its messages. marks: the latest, the newest first.
     """
 
     def __init__(self, pipeline: Pipeline, health: Mapping[str, SensorHealth]) -> None:
         self._pipeline, self._health = pipeline, health
         self._divergences = CounterDelta()
         self._marks = 0
-        self.marks: deque[Mark] = deque(maxlen=MARKS_KEPT)
+        self.marks: deque[Mark] = deque(maxlen=MARKS_SHOWN)
 
     def mark(self, at_s: float) -> Mark:
-        """Note an instant that somebody marks."""
+        """Add a mark."""
         self._marks += 1
         mark = Mark(f"mark {self._marks}", at_s)
         self.marks.appendleft(mark)
         return mark
 
-    def look(self, arrivals_tell: bool = True) -> list[Status]:
-        """Look: the status of the prediction, and of every sensor.
+    def check(self, compare_clocks: bool = True) -> list[Status]:
+        """The status of the prediction, and of every sensor.
 
-        arrivals_tell: whether arrivals say how a clock is set; a simulated clock moves in steps, and times none.
+        compare_clocks: by arrivals; a simulated clock moves in steps, too coarse for that.
         """
-        self._divergences.look({"divergences": self._pipeline.divergences})
+        run = self._pipeline.run_status()
+        self._divergences.update({"divergences": run.divergences})
         for sensor, health in self._health.items():
-            health.look(self._pipeline.status(sensor))
+            health.update(self._pipeline.status(sensor))
         last_mark = str(self.marks[0]) if self.marks else ""
-        prediction = prediction_status(self._pipeline, self._health[SEAT], self._divergences, last_mark)
-        ahead_s = {sensor: self._ahead_of_seat_s(sensor) if arrivals_tell else None for sensor in self._health}
+        prediction = prediction_status(self._pipeline, run, self._health[SEAT], self._divergences, last_mark)
+        ahead_s = {sensor: self._ahead_of_seat_s(sensor) if compare_clocks else None for sensor in self._health}
         return [
             prediction,
             *(sensor_status(name, one, self._pipeline, ahead_s[name]) for name, one in self._health.items()),
         ]
 
     def _ahead_of_seat_s(self, sensor: str) -> float | None:
-        """By how much a sensor's stamps lie ahead of the seat's, as far as arrivals tell; None while they do not."""
+        """How far a sensor's stamps are ahead of the seat's, by their arrivals; None while that is unknown."""
         own_s, seat_s = self._health[sensor].offset_s, self._health[SEAT].offset_s
         return None if own_s is None or seat_s is None else seat_s - own_s
 
 
-def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: float | None = None) -> Status:
-    """Judge one sensor, as it is now; off_s: by how much its stamps lie ahead of the seat's, by their arrival."""
-    seen, lost, silent = pipeline.status(name), pipeline.lost(name), health.silent_s
-    apart_s, off_ms = pipeline.clock_apart_s(name), 1e3 * (off_s or 0.0)
+def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, ahead_s: float | None = None) -> Status:
+    """Status of one sensor now; ahead_s: how far its stamps are ahead of the seat's, by their arrivals."""
+    seen, losses, silent = pipeline.status(name), pipeline.losses(name), health.silent_s
+    offset_s, ahead_ms = pipeline.timelines.offset_s(name), 1e3 * (ahead_s or 0.0)
     checks: list[tuple[bool, int, Callable[[], str]]] = [
         (bool(health.wrong_type), ERROR, lambda: health.wrong_type),
         (bool(health.incompatible_qos), ERROR, lambda: health.incompatible_qos),
         (seen.fault is not None, ERROR, lambda: seen.fault or ""),
         (silent is None, ERROR if name == SEAT else WARN, lambda: "no message yet"),
         ((silent or 0.0) > SILENT_AFTER_S, ERROR if name == SEAT else WARN, lambda: f"silent for {silent:.1f} s"),
-        (health.publishers > 1, WARN, lambda: f"{health.publishers} publishers send to it: whose are the samples?"),
+        (health.publishers > 1, WARN, lambda: f"{health.publishers} publishers on its topic, one is allowed"),
         (bool(health.causes), WARN, lambda: health.causes),
         (seen.waiting is not None, WARN, lambda: seen.waiting or ""),
-        ("gaps" in health.growth.by, WARN, lambda: "a gap: figures begin anew behind it"),
-        (apart_s != 0.0, WARN, lambda: f"its clock was set {apart_s:+.1f} s against the others': it is not compared"),
-        (abs(off_ms) > 1e3 * CLOCK_OFF_S, WARN, lambda: f"its stamps lie {off_ms:+.0f} ms off the seat's, {OFF}"),
+        ("gaps" in health.growth.by, WARN, lambda: "a gap: filters restart behind it"),
+        (offset_s != 0.0, WARN, lambda: f"its clock was set {offset_s:+.1f} s against the others': it is not compared"),
+        (
+            abs(ahead_ms) > 1e3 * MAX_CLOCK_OFFSET_S,
+            WARN,
+            lambda: f"its stamps differ by {ahead_ms:+.0f} ms from the seat's, {CLOCK_OFFSET_CAUSE}",
+        ),
         (bool(seen.warnings), WARN, lambda: seen.warnings[0] if seen.warnings else ""),
         (is_settling(seen), OK, lambda: "settling behind a gap"),
     ]
@@ -261,27 +267,29 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, off_s: fl
         "lost": str(health.lost),
         "refused": str(health.errors),
         "publishers": str(health.publishers),
-        "clock_apart_s": f"{apart_s:.3f}",
-        "clock_off_ms": _number(off_s and 1e3 * off_s, ".3f"),
-        "missing_s": f"{lost.missing_s:.3f}",
-        "lower_bound": str(lost.lower_bound).lower(),
+        "clock_apart_s": f"{offset_s:.3f}",
+        "clock_off_ms": _number(ahead_s and 1e3 * ahead_s, ".3f"),
+        "missing_s": f"{losses.missing_s:.3f}",
+        "lower_bound": str(losses.lower_bound).lower(),
         "settling": str(is_settling(seen)).lower(),
     }
     return Status(name, level, message, values | {key: f"{getattr(seen, key):g}" for key in COUNTS})
 
 
-def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: CounterDelta, mark: str) -> Status:
-    """Judge the model, as it is now: it predicts while the seat lives. growth: of how often it left its range."""
+def prediction_status(
+    pipeline: Pipeline, run: RunStatus, seat: SensorHealth, growth: CounterDelta, mark: str
+) -> Status:
+    """Status of the model now, which predicts while the seat sends; growth: of its divergences."""
     seen, silent = pipeline.status(SEAT), seat.silent_s
     stopped = seen.fault
-    if silent is None or silent > SILENT_AFTER_S:  # what another publisher is or asks for stops nobody
-        unheard = "has sent nothing" if silent is None else f"is silent for {silent:.1f} s"
-        stopped = stopped or seat.wrong_type or seat.incompatible_qos or unheard
-    lost = growth.by.get("divergences", 0)
+    if silent is None or silent > SILENT_AFTER_S:  # while the seat sends, a second, faulty publisher stops nothing
+        absence = "has sent nothing" if silent is None else f"is silent for {silent:.1f} s"
+        stopped = stopped or seat.wrong_type or seat.incompatible_qos or absence
+    divergences = growth.by.get("divergences", 0)
     checks: list[tuple[bool, int, Callable[[], str]]] = [
         (bool(stopped), ERROR, lambda: f"predictions stopped: seat {stopped}"),
         (seen.waiting is not None, WARN, lambda: f"seat: {seen.waiting}"),
-        (lost > 0, ERROR, lambda: f"{MODEL} {left_range(lost)}"),
+        (divergences > 0, ERROR, lambda: f"{MODEL} {left_range(divergences)}"),
         (is_settling(seen), OK, lambda: "settling behind a gap of the seat"),
     ]
     level, message = next(((level, text()) for wrong, level, text in checks if wrong), (OK, "predicting"))
@@ -289,25 +297,25 @@ def prediction_status(pipeline: Pipeline, seat: SensorHealth, growth: CounterDel
     values = {
         "subject": subject.name,
         "mass_matrix": subject.mass_matrix,
-        "substeps": str(pipeline.substeps or ""),
-        "divergences": str(pipeline.divergences),
+        "substeps": str(run.substeps or ""),
+        "divergences": str(run.divergences),
         "settling": str(is_settling(seen)).lower(),
         "last_mark": mark,
     }
-    for output, latency in pipeline.latency().items():
+    for output, latency in run.latency.items():
         values[f"{output}_latency_ms"] = " + ".join(f"{1e3 * part:.3f}" for part in latency)
     return Status("prediction", level, message, values)
 
 
-def keeping_status(keeper: ExposureStore) -> Status:
-    """Judge whether exposure would survive a restart."""
-    level, message = (WARN, keeper.failed) if keeper.failed else (OK, "kept across restarts")
-    values = {"state_file": str(keeper.path), "went_on": str(keeper.resumed).lower()}
+def storage_status(store: ExposureStore) -> Status:
+    """Status of the exposure file."""
+    level, message = (WARN, store.failure) if store.failure else (OK, "stored across restarts")
+    values = {"state_file": str(store.path), "went_on": str(store.resumed).lower()}
     return Status("exposure", level, message, values)
 
 
 def page_status(address: str, failure: str) -> Status:
-    """Judge whether the live page is served."""
+    """Status of the live page."""
     level, message = (WARN, f"the page is not served: {failure}") if failure else (OK, "the page is served")
     return Status("page", level, message, {"address": address})
 

@@ -1,6 +1,6 @@
 """Layouts for viewers, from the topics of the live node: PlotJuggler's XML, and the JSON of Lichtblick and Foxglove.
 
-    python -m biodyn_ros.node.layouts config/layouts    # makes both files anew
+    python -m biodyn_ros.node.layouts config/layouts    # writes both files
 
 Each shows, a tab after the other: predicted against measured acceleration, exposure, residual, diagnostics.
 """
@@ -36,7 +36,7 @@ PREDICTED_COLOR, MEASURED_COLOR = "#d95f02", "#1b9e77"
 COLORS: Final = (MEASURED_COLOR, PREDICTED_COLOR, "#7570b3", "#e7298a", "#66a61e", "#e6ab02")
 ACCEL, SCALAR = "accel.linear.z", "data"
 STATUS: Final = ("rate_hz", "lag_ms", "missing_s", "clock_off_ms")
-"""Values of a sensor's diagnostics that tell most when they are drawn."""
+"""The most useful values of a sensor's diagnostics over time."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Plot:
 
 
 def motion() -> list[Plot]:
-    """Each segment's predicted acceleration over the measured one; the seat, which drives it all, comes first."""
+    """Each segment's predicted and measured acceleration, the seat first."""
     names = (SEAT, *SEGMENTS)
     return [
         Plot(
@@ -82,7 +82,7 @@ def motion() -> list[Plot]:
 
 
 def exposure() -> list[Plot]:
-    """What is counted since reset: doses, rms, the day's value against its limits, and what counts single shocks."""
+    """Exposure since reset: doses, rms, the day's value against its limits, and criteria of single shocks."""
     seat, lives = f"{EXPOSURE}/seat", ("seat", "head", "predicted/head")
     return [
         Plot("VDV since reset, m/s¹·⁷⁵", _scalars([(f"{EXPOSURE}/{name}/vdv", words(name)) for name in lives])),
@@ -104,7 +104,7 @@ def exposure() -> list[Plot]:
 
 
 def residual() -> list[Plot]:
-    """How far model and measurement are apart, segment by segment."""
+    """The residual between model and measurement, segment by segment."""
     return [
         Plot(
             "residual: rms of predicted less measured over the window, m/s²",
@@ -126,7 +126,7 @@ def _scalars(named: Sequence[tuple[str, str]]) -> tuple[Curve, ...]:
 def plotjuggler() -> str:
     """The layout for PlotJuggler 3: curves are called by topic and field with slashes, diagnostics by status and key.
 
-    Format: plot_docker.cpp and the ROS plugins of github.com/PlotJuggler (DockSplitter: "-" stacks, "|" stands beside).
+    Format: plot_docker.cpp and the ROS plugins of github.com/PlotJuggler (DockSplitter: "-" vertical, "|" horizontal).
     """
     root = ET.Element("root")
     window = ET.SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
@@ -169,9 +169,9 @@ def _tab(window: ET.Element, title: str, plots: list[tuple[str, list[tuple[str, 
     rows = [plots[at : at + columns] for at in range(0, len(plots), columns)]
     stack = _splitter(ET.SubElement(tab, "Container"), "-", len(rows))
     for row in rows:
-        beside = _splitter(stack, "|", len(row))
+        splitter = _splitter(stack, "|", len(row))
         for name, curves in row:
-            area = ET.SubElement(beside, "DockArea", name=name)
+            area = ET.SubElement(splitter, "DockArea", name=name)
             plot = ET.SubElement(area, "plot", mode="TimeSeries", style="Lines", flip_x="false", flip_y="false")
             ET.SubElement(plot, "limitY")
             for series, color in curves:

@@ -1,6 +1,6 @@
-"""The live node: parameters to settings, messages to arrays, answers to messages; no mathematics.
+"""The live node: parameters to settings, messages to arrays, results to messages; no mathematics.
 
-One lifecycle node named `biodyn`. It listens by `subscriptions`, drives the one `Pipeline`, and answers by
+One lifecycle node named `biodyn`. It receives by `subscriptions`, drives the `Pipeline`, and publishes by
 `publications`. Exposure runs on data time, watchdogs on a steady clock.
 """
 
@@ -31,6 +31,7 @@ from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.exposure.limits import EU_LIMITS, load_limits
+from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.base import topics
@@ -40,29 +41,29 @@ from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page
 from biodyn_ros.node import params
 from biodyn_ros.node.callbacks import guarded, make_executor, spin
-from biodyn_ros.node.health import HealthMonitor, Status, keeping_status, page_status
+from biodyn_ros.node.exposure_store import POLICIES, ExposureStore, StateFile, identity_of, state_path
+from biodyn_ros.node.health import HealthMonitor, Status, page_status, storage_status
 from biodyn_ros.node.publications import Publications
 from biodyn_ros.node.snapshot_builder import SnapshotBuilder
-from biodyn_ros.node.state import BELIEVED, ExposureStore, StateFile, belongs_to, state_path
 from biodyn_ros.node.subscriptions import Subscriptions
 from biodyn_ros.node.warmup import warm_up
 
 DRAIN_RATE_HZ: Final = 100.0
-"""One of the six sensors is served at each tick, so that no drain holds up the seat for long."""
+"""One of the six sensors is served at each tick, so that a drain delays the seat only briefly."""
 
 REFRESH_RATE_HZ: Final = 20.0
 DIAGNOSTICS_RATE_HZ: Final = 2.0
 SNAPSHOT_RATE_HZ: Final = 4.0
-KEEP_RATE_HZ: Final = 0.5
-"""How often exposure is kept: what a node that is killed loses of it, and says is missing."""
+STORE_RATE_HZ: Final = 0.5
+"""How often exposure is stored: a node that is killed loses the time since, and reports it as missing."""
 
-LOOK_RATE_HZ: Final = 1.0
-"""How often publishers are looked at, and one of the six clocks, which takes a millisecond or two."""
+TRANSPORT_RATE_HZ: Final = 1.0
+"""How often publishers are checked, and one of the six clocks, which takes a millisecond or two."""
 
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """What the live node itself may be told; the pipeline's settings are parameters beside these."""
+    """Settings of the live node itself; the pipeline's settings are further parameters."""
 
     subject_file: str = setting("subject_1", "path of a subject file, or the name of a bundled subject")
     limits_file: str = setting("", "path of a file with action and limit values; empty: those of 2002/44/EC")
@@ -74,7 +75,7 @@ class LiveSettings:
         "", "file that keeps exposure across restarts; empty: in the user's state directory; none: nowhere"
     )
     kept_exposure: str = setting(
-        "fitting", "which kept exposure a new start continues: a fitting one, any, or none", choices=BELIEVED
+        "fitting", "which kept exposure a new start continues: a fitting one, any, or none", choices=POLICIES
     )
     exposure_max_age_h: float = setting(
         12.0, "how old, by its stamps, a kept exposure may be to be continued", "h", 0.0, 8760.0
@@ -90,9 +91,9 @@ SETTINGS: Final = (LiveSettings, ServingSettings, ConditioningSettings, Pipeline
 
 
 class BiodynNode(LifecycleNode):
-    """The pipeline as a lifecycle node: configured with a subject, active while it listens and answers.
+    """The pipeline as a lifecycle node: configured with a subject, active while it receives and publishes.
 
-    failure: why the last transition that failed did. pipeline: None while nothing is configured.
+    failure: reason of the last transition that failed. pipeline: None while the node is not configured.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -102,17 +103,18 @@ class BiodynNode(LifecycleNode):
         params.declare(self, SETTINGS, qos | params.qos_overrides(self, samples, "publisher"))
         self.failure: str | None = None
         self.pipeline: Pipeline | None = None
-        self._keeper: ExposureStore | None = None
+        self._exposure: ContinuedExposure | None = None
+        self._store: ExposureStore | None = None
         self._page: PageChild | None = None
         self._sensors: Subscriptions | None = None
         self._statuses: list[Status] = []
-        self._timers_made: list[Any] = []
+        self._node_timers: list[Any] = []
         self.add_on_set_parameters_callback(self._on_parameters)
 
     # --- lifecycle ---------------------------------------------------------------------------------------------------
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Read subject and settings, warm the kernels, make publishers and services."""
+        """Read subject and settings, compile the kernels, create publishers and services."""
         return self._transition("configure", self._configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -120,22 +122,22 @@ class BiodynNode(LifecycleNode):
         return self._transition("activate", self._activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening; exposure stays as it is."""
+        """Stop receiving; exposure stays as it is."""
         return self._transition("deactivate", self._deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget subject and filters; exposure is kept in its file."""
+        """Drop subject and filters; exposure stays in its file."""
         return self._transition("clean up", self._cleanup)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening, whatever the state."""
+        """Stop receiving, in any state."""
         return self._transition("shut down", self._deactivate)
 
     def _transition(self, name: str, step: Callable[[], None]) -> TransitionCallbackReturn:
-        """Run one transition; rclpy swallows exceptions, so the cause is logged here in one line."""
+        """Run one transition, and log an exception in one line, because rclpy drops it."""
         try:
             step()
-        except Exception as error:  # noqa: BLE001 - whatever fails, the state machine goes on and the cause is told
+        except Exception as error:  # noqa: BLE001 - the state machine must go on, and the cause is logged
             self.failure = one_line(error)
             self.get_logger().error(f"cannot {name}: {self.failure}")
             return TransitionCallbackReturn.FAILURE
@@ -150,14 +152,14 @@ class BiodynNode(LifecycleNode):
         conditioning, settings = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
         self._warn_of_slow_kernels(warm_up(subject))
         pipeline = Pipeline(subject, conditioning, settings, limits)
-        self._keeper = self._new_keeper(subject)
-        self._showing = SnapshotBuilder(self.settings.shock_mps2)
+        self._exposure, self._store = ContinuedExposure(pipeline), self._new_store(subject)
+        self._snapshots = SnapshotBuilder(self.settings.shock_mps2)
         self._sensors = Subscriptions(
-            self, self.settings.queue_depth, settings.window_s, self._take, lambda: pipeline.overdue
+            self, self.settings.queue_depth, settings.window_s, self._push, lambda: pipeline.overdue
         )
-        self._watch, self._statuses = HealthMonitor(pipeline, self._sensors.health), []
-        self._answers = Publications(self, self.settings.publish_measured)
-        self._services_made = [
+        self._health, self._statuses = HealthMonitor(pipeline, self._sensors.health), []
+        self._publications = Publications(self, self.settings.publish_measured)
+        self._node_services = [
             self.create_service(Trigger, topics.RESET, self._on_reset),
             self.create_service(Trigger, topics.MARK, self._on_mark),
         ]
@@ -165,18 +167,18 @@ class BiodynNode(LifecycleNode):
 
     def _activate(self) -> None:
         self._sensors.open()
-        self._answers.look_who_listens()
+        self._publications.update_subscribers()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timers_made = [
-            self.create_timer(1.0 / rate_hz, guarded(callback, self._tell_of_timer), clock=steady)
+        self._node_timers = [
+            self.create_timer(1.0 / rate_hz, guarded(callback, self._log_timer_error), clock=steady)
             for rate_hz, callback in (
                 (DRAIN_RATE_HZ, self._sensors.drain),
-                (REFRESH_RATE_HZ, self._answers.look_who_listens),
+                (REFRESH_RATE_HZ, self._publications.update_subscribers),
                 (self.settings.exposure_rate_hz, self._publish_exposure),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (SNAPSHOT_RATE_HZ, self._publish_snapshot),
-                (LOOK_RATE_HZ, self._sensors.look_around),
-                (KEEP_RATE_HZ, self._keep),
+                (TRANSPORT_RATE_HZ, self._sensors.check_transport),
+                (STORE_RATE_HZ, self._store_exposure),
             )
         ]
         if self.settings.dashboard:
@@ -188,29 +190,29 @@ class BiodynNode(LifecycleNode):
         self._end_page()
         if self._sensors is not None:
             self._sensors.close()
-        for timer in self._timers_made:
+        for timer in self._node_timers:
             self.destroy_timer(timer)
-        self._timers_made = []
+        self._node_timers = []
 
     def _cleanup(self) -> None:
-        self._keep_for_the_last_time()
-        self._answers.close()
-        for service in self._services_made:
+        self._close_store()
+        self._publications.close()
+        for service in self._node_services:
             self.destroy_service(service)
-        self._sensors = self.pipeline = None
+        self._sensors = self.pipeline = self._exposure = None
 
-    def last_stages(self) -> tuple[tuple[str, Callable[[], None]], ...]:
-        """What is to be done at the end, by name: exposure first, whatever hangs behind it; the page ends meanwhile."""
+    def shutdown_steps(self) -> tuple[tuple[str, Callable[[], None]], ...]:
+        """The steps of a shutdown, by name: exposure first, because later ones may hang; the page ends in parallel."""
         return (
-            ("the exposure file", self._keep_for_the_last_time),
+            ("the exposure file", self._close_store),
             ("asking the page", self._ask_page),
             ("the node", super().destroy_node),
             ("the page", self._end_page),
         )
 
     def destroy_node(self) -> None:
-        """Leave nothing behind but the exposure that is kept."""
-        for _, run in self.last_stages():
+        """End everything; the exposure file remains."""
+        for _, run in self.shutdown_steps():
             run()
 
     def _ask_page(self) -> None:
@@ -229,78 +231,76 @@ class BiodynNode(LifecycleNode):
             )
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Parameters are read on configure; a change that would do nothing until then is refused, not swallowed."""
+        """Refuse a change after configure, where parameters are read: it would have no effect."""
         ours = [change.name for change in changes if change.name in params.names(SETTINGS)]
         if ours and self.pipeline is not None:
             return SetParametersResult(successful=False, reason=f"{ours[0]} is read on configure: clean up first")
         return SetParametersResult(successful=True)
 
-    # --- samples in, answers out -------------------------------------------------------------------------------------
+    # --- samples in, results out -------------------------------------------------------------------------------------
 
-    def _take(self, sensor: str, stamps_ns: Integers, accel_mps2: Floats) -> None:
-        if self._keeper is not None and self._keeper.waits and stamps_ns[0] != 0:  # zero was never set
-            self.get_logger().warning(self._keeper.begin(self.pipeline, sensor, int(stamps_ns[0])))
-        frames = self.pipeline.push(sensor, stamps_ns, accel_mps2)
-        self._answers.frames(frames)
-        self._showing.add(frames)
+    def _push(self, sensor: str, stamps_ns: Integers, accel_mps2: Floats) -> None:
+        if self._store is not None and self._store.pending and stamps_ns[0] != 0:  # a stamp of zero was never set
+            self.get_logger().warning(self._store.begin(self._exposure, sensor, int(stamps_ns[0])))
+        frames = self._exposure.push(sensor, stamps_ns, accel_mps2)
+        self._publications.frames(frames)
+        self._snapshots.add(frames)
 
     def _publish_exposure(self) -> None:
-        self._answers.exposure(self.pipeline)
+        self._publications.exposure(self.pipeline)
 
     def _publish_diagnostics(self) -> None:
-        self._statuses = self._watch.look(arrivals_tell=not self.get_clock().ros_time_is_active)
-        if self._keeper is not None:
-            self._statuses.append(keeping_status(self._keeper))
+        self._statuses = self._health.check(compare_clocks=not self.get_clock().ros_time_is_active)
+        if self._store is not None:
+            self._statuses.append(storage_status(self._store))
         if self._page is not None:
             self._statuses.append(page_status(self._page.address, self._page.failure))
-        self._answers.diagnostics(self._statuses)
+        self._publications.diagnostics(self._statuses)
 
     def _publish_snapshot(self) -> None:
-        """What the page shows, for whoever looks; shocks are found whether anybody does or not."""
-        self._showing.gather()
-        if self._statuses and self._answers.snapshot_is_wanted:
-            snapshot = self._showing.snapshot(self.pipeline, self._statuses, self._watch.marks)
-            self._answers.snapshot(json.dumps(snapshot, allow_nan=False))
+        """Publish the page's content where it is subscribed to; shocks are found in any case."""
+        self._snapshots.update()
+        if self._statuses and self._publications.has_snapshot_subscriber:
+            snapshot = self._snapshots.snapshot(self.pipeline, self._statuses, self._health.marks)
+            self._publications.snapshot(json.dumps(snapshot, allow_nan=False))
 
-    def _tell_of_timer(self, why: str) -> None:
-        self.get_logger().error(f"timer: {why}", throttle_duration_sec=1.0)
+    def _log_timer_error(self, error: str) -> None:
+        self.get_logger().error(f"timer: {error}", throttle_duration_sec=1.0)
 
     # --- exposure across restarts ------------------------------------------------------------------------------------
 
-    def _new_keeper(self, subject: Subject) -> ExposureStore | None:
-        """Where exposure is kept; a place that cannot be written to is told, and costs nobody the ride."""
+    def _new_store(self, subject: Subject) -> ExposureStore | None:
+        """The store of the exposure file; a default path that cannot be written does not stop the node."""
         mapping = {sensor: self.resolve_topic_name(topic) for sensor, topic in topics.INPUT.items()}
-        belongs, s = belongs_to(subject, mapping), self.settings
+        identity, s = identity_of(subject, mapping), self.settings
         try:
             path = state_path(s.state_file, self.get_fully_qualified_name())
-            return (
-                None if path is None else ExposureStore(StateFile(path), belongs, s.exposure_max_age_h, s.kept_exposure)
-            )
+            return path and ExposureStore(StateFile(path), identity, s.exposure_max_age_h, s.kept_exposure)
         except InputError as error:
             if s.state_file:
                 raise
-            self.get_logger().warning(f"exposure is not kept across restarts: {error}")
+            self.get_logger().warning(f"exposure is not stored across restarts: {error}")
             return None
 
-    def _keep(self) -> None:
-        if self._keeper is not None:
-            self._keeper.keep(self.pipeline)
+    def _store_exposure(self) -> None:
+        if self._store is not None:
+            self._store.save(self._exposure)
 
-    def _keep_for_the_last_time(self) -> None:
-        keeper, self._keeper = self._keeper, None
-        if keeper is not None and self.pipeline is not None:
-            guarded(keeper.close, self.get_logger().error)(self.pipeline)
+    def _close_store(self) -> None:
+        store, self._store = self._store, None
+        if store is not None and self._exposure is not None:
+            guarded(store.close, self.get_logger().error)(self._exposure)
 
     # --- services ----------------------------------------------------------------------------------------------------
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.pipeline.reset()
-        kept = self._keeper.reset() if self._keeper is not None else ""
-        return self._done(response, f"exposure since reset starts anew{kept and f'; {kept}'}")
+        self._exposure.reset()
+        stored = self._store.reset() if self._store is not None else ""
+        return self._done(response, f"exposure since reset is set to zero{stored and f'; {stored}'}")
 
     def _on_mark(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        mark = self._watch.mark(1e-9 * self.get_clock().now().nanoseconds)
-        self._answers.mark(mark)
+        mark = self._health.mark(1e-9 * self.get_clock().now().nanoseconds)
+        self._publications.mark(mark)
         return self._done(response, str(mark))
 
     def _done(self, response: Trigger.Response, message: str) -> Trigger.Response:
@@ -315,7 +315,7 @@ def main(args: list[str] | None = None) -> int:
         try:
             given = sys.argv if args is None else ["biodyn_live", *args]
             rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
-        except RCLError as error:  # arguments that ROS cannot read; behind ", at /" it says where in its own source
+        except RCLError as error:  # unreadable arguments; ", at /" begins a place in ROS's own source
             print(f"biodyn live: {str(error).partition(', at /')[0]}", file=sys.stderr)
             return 2
         try:
@@ -323,14 +323,14 @@ def main(args: list[str] | None = None) -> int:
         except InputError as error:
             print(f"biodyn live: {error}", file=sys.stderr)
             return 2
-        except KeyboardInterrupt:  # before it was up
+        except KeyboardInterrupt:  # before the node was up
             return 0
         finally:
             shutdown.through([("the ROS context", rclpy.try_shutdown)])
 
 
 def _run(shutdown: Shutdown) -> int:
-    """Start the node, spin until a signal comes, and end it; the exit code."""
+    """Start the node, spin until a signal comes, and end it; return the exit code."""
     shutdown.stage = "the start"
     node = BiodynNode()
     executor = make_executor()
@@ -342,7 +342,7 @@ def _run(shutdown: Shutdown) -> int:
                 node.trigger_activate()
             if node.failure is not None:
                 return 2
-        # What exists now lives as long as this process: the collector need not walk it again, which takes milliseconds.
+        # The objects of now live as long as the process: excluded from garbage collection, they cost no milliseconds.
         gc.collect()
         gc.freeze()
         ended = Future()
@@ -352,5 +352,5 @@ def _run(shutdown: Shutdown) -> int:
         return 0
     finally:
         shutdown.interrupts = False
-        keep, *others = node.last_stages()
-        shutdown.through((keep, ("the executor", executor.shutdown), *others))
+        store, *others = node.shutdown_steps()
+        shutdown.through((store, ("the executor", executor.shutdown), *others))

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from biodyn_core.base.settings import Range, described
 from biodyn_ros.node.live import SETTINGS
+from biodyn_ros.node.params import description
 
 HEAD: Final = """\
 # The live node's parameters with their defaults. Ranges and meanings are those the node declares;
@@ -23,7 +24,7 @@ HEAD: Final = """\
 
 
 def parameters_yaml() -> str:
-    """Every parameter with its default, and what it means behind it."""
+    """Every parameter with its default, and its meaning in a comment."""
     lines = [
         f"    {item.name}: {_value(item.default)}  # {_meaning(item)}" for kind in SETTINGS for item in described(kind)
     ]
@@ -39,10 +40,8 @@ def _value(default: Any) -> str:
 
 def _meaning(item: dataclasses.Field[Any]) -> str:
     allowed: Range = item.metadata["range"]
-    unit = f" [{allowed.unit}]" if allowed.unit else ""
     span = f", {allowed.lower:g} to {allowed.upper:g}" if math.isfinite(allowed.lower) else ""
-
-    return f"{allowed.meaning}{unit}{span}"
+    return f"{description(item)}{span}"
 
 
 if __name__ == "__main__":

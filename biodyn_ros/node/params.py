@@ -1,7 +1,7 @@
 """Settings as ROS parameters: dataclass fields become declared parameters with descriptors, and dataclasses again.
 
-Whole numbers are taken where a real number is meant, which rclpy alone refuses; an override that no field declares is
-an error naming it, which rclpy alone ignores.
+A whole number is accepted for a real one, which rclpy alone refuses; an override that no field declares is an error
+that names it, which rclpy alone ignores.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def names(kinds: tuple[type[Any], ...]) -> set[str]:
 def declare(node: Node, kinds: tuple[type[Any], ...], qos: Container[str] = ()) -> None:
     """Declare every field of the dataclasses as a parameter; raises InputError for an override that does not fit.
 
-    qos: the overrides of QoS that the node will honour, `qos_overrides.TOPIC.subscription.POLICY`.
+    qos: the overrides of QoS that the node accepts, `qos_overrides.TOPIC.subscription.POLICY`.
     """
     fields = [item for kind in kinds for item in dataclasses.fields(kind)]
     for item in fields:
@@ -44,7 +44,7 @@ def declare(node: Node, kinds: tuple[type[Any], ...], qos: Container[str] = ()) 
         except (InvalidParameterValueException, InvalidParameterTypeException) as error:
             raise InputError(f"parameter {item.name}: {error}") from None
     known = names(kinds)
-    for name in node._parameter_overrides:  # rclpy offers no public list of what was given but never declared
+    for name in node._parameter_overrides:  # rclpy has no public list of overrides that are not declared
         if name.startswith("qos_overrides.") and name not in qos:
             raise InputError(f"parameter {name} overrides nothing: only {OVERRIDABLE}")
         if name not in known and name not in _OF_RCLPY and name not in qos:
@@ -81,14 +81,14 @@ _WORDS: Final = {float: "number", int: "whole number", bool: "true or false", st
 
 
 def description(item: dataclasses.Field[Any]) -> str:
-    """What a parameter means, with its unit."""
+    """A parameter's meaning, with its unit."""
     allowed: Range = item.metadata["range"]
     return f"{allowed.meaning} [{allowed.unit}]" if allowed.unit else allowed.meaning
 
 
 def _descriptor(item: dataclasses.Field[Any], default: Any) -> ParameterDescriptor:
     allowed: Range = item.metadata["range"]
-    # Dynamic, so that 10 is taken for 10.0; `_value` checks the type in rclpy's place.
+    # Dynamic typing, so that 10 is accepted for 10.0; `_value` checks the type instead of rclpy.
     descriptor = ParameterDescriptor(description=description(item), dynamic_typing=True)
     if math.isfinite(allowed.lower) and item.default is not None:
         if isinstance(default, int):

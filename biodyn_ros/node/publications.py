@@ -1,4 +1,4 @@
-"""The node's voice: arrays and figures become messages; samples are serialised only where somebody listens."""
+"""Publications: arrays and figures become messages; samples are serialised only for topics with subscribers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SCALAR_DEPTH: Final = 10
 
 
 class AccelTopics:
-    """The AccelStamped topics of one kind, a column of its frames each."""
+    """The AccelStamped topics of one kind, one for each column of its frames."""
 
     def __init__(self, node: LifecycleNode, names: dict[str, str]) -> None:
         overrides = QoSOverridingOptions.with_default_policies()
@@ -35,8 +35,8 @@ class AccelTopics:
         self._fills = [AccelStampedTemplate(frame_id=name).fill for name in names]
         self._wanted: list[tuple[int, Any, Any]] = []
 
-    def look_who_listens(self) -> None:
-        """Only columns that somebody subscribes to are sent from now on."""
+    def update_subscribers(self) -> None:
+        """From now on send only the columns whose topics have subscribers."""
         outputs = enumerate(zip(self.publishers, self._fills, strict=True))
         self._wanted = [
             (column, publisher.publish, fill)
@@ -45,7 +45,7 @@ class AccelTopics:
         ]
 
     def publish(self, frames: PredictedFrames | MeasuredFrames) -> None:
-        """Send every value that there is."""
+        """Send every value that is not NaN."""
         if self._wanted and frames.stamps_ns.size:
             for stamp_ns, row in zip(frames.stamps_ns.tolist(), frames.accel_mps2.tolist(), strict=True):
                 for column, publish, fill in self._wanted:
@@ -55,7 +55,7 @@ class AccelTopics:
 
 
 def _reliable() -> QoSProfile:
-    """A profile for one publisher: rclpy writes what is overridden into the one that it is given."""
+    """A profile for one publisher: rclpy writes overrides into the given profile."""
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=OUTPUT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -72,19 +72,19 @@ class Publications:
         self._marks = node.create_publisher(String, topics.MARKS, SCALAR_DEPTH)
 
     def close(self) -> None:
-        """Take every publisher down."""
+        """Destroy every publisher."""
         accel = (*self._predicted.publishers, *self._measured.publishers)
         for publisher in (*accel, *self._scalars.values(), self._diagnostics, self._snapshots, self._marks):
             self._node.destroy_publisher(publisher)
 
-    def look_who_listens(self) -> None:
-        """Look anew which topics have subscribers."""
-        self._predicted.look_who_listens()
+    def update_subscribers(self) -> None:
+        """Check which topics have subscribers."""
+        self._predicted.update_subscribers()
         if self._with_measured:
-            self._measured.look_who_listens()
+            self._measured.update_subscribers()
 
     def frames(self, frames: Frames) -> None:
-        """Publish accelerations, of the model and, where asked, of the sensors."""
+        """Publish accelerations of the model and, if configured, of the sensors."""
         self._predicted.publish(frames.predicted)
         self._measured.publish(frames.measured)
 
@@ -97,7 +97,7 @@ class Publications:
             self._scalars[topic].publish(Float64(data=value))
 
     def diagnostics(self, statuses: Sequence[Status]) -> None:
-        """Publish what the node says of itself."""
+        """Publish the statuses."""
         message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -107,12 +107,12 @@ class Publications:
         self._marks.publish(String(data=mark.name))
 
     @property
-    def snapshot_is_wanted(self) -> bool:
-        """Whether anybody listens to snapshots."""
+    def has_snapshot_subscriber(self) -> bool:
+        """Whether the snapshot topic has subscribers."""
         return bool(self._snapshots.get_subscription_count() > 0)
 
     def snapshot(self, text: str) -> None:
-        """Publish what the live page shows."""
+        """Publish the content of the live page."""
         self._snapshots.publish(String(data=text))
 
 

@@ -1,15 +1,19 @@
-"""What the live page shows, gathered beside the ride: four times a second one plain mapping of words and numbers."""
+"""Snapshots: the content of the live page, four times a second, as one plain mapping of texts and numbers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import asdict
+from collections.abc import Container, Iterable
+from dataclasses import asdict, replace
 from typing import Any, Final
 
 from biodyn_core.base.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
+from biodyn_core.exposure.limit_assessment import SeatExposure
+from biodyn_core.exposure.limits import LimitSet, Measure
+from biodyn_core.exposure.losses import Losses
+from biodyn_core.pipeline.exposure import Exposure
 from biodyn_core.pipeline.frames import Frames, joined
-from biodyn_core.pipeline.pipeline import Exposure, Pipeline
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
@@ -20,8 +24,8 @@ from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.meter import meter_readings
 from biodyn_ros.reports.verdict import judge
 
-STILL_MPS2: Final = 0.05
-"""A seat that shakes less moves nobody: a transmissibility would be that of the sensors' noise."""
+LEAST_SEAT_MPS2: Final = 0.05
+"""Below this weighted acceleration of the seat a transmissibility would be that of the sensors' noise."""
 
 ROWS: Final = (*reversed(SEGMENTS), SEAT)
 """From the head down."""
@@ -30,7 +34,7 @@ HEAD_COLUMN: Final = SENSORS.index(HEAD), SEGMENTS.index(HEAD)
 
 
 class SnapshotBuilder:
-    """`add` every push's frames, `gather` a few times a second, `snapshot` when somebody looks."""
+    """`add` every push's frames, `update` a few times a second, `snapshot` while the page is open."""
 
     def __init__(self, shock_mps2: float) -> None:
         self._frames: list[Frames] = []
@@ -40,11 +44,11 @@ class SnapshotBuilder:
         self._bins: dict[str, Bins] = {}
 
     def add(self, frames: Frames) -> None:
-        """Take one push's frames; they must not be written to afterwards."""
+        """Add one push's frames; they must not be written to afterwards."""
         self._frames.append(frames)
 
-    def gather(self) -> None:
-        """Look at what came: shocks, and the bins of the strip that are complete since the last look."""
+    def update(self) -> None:
+        """Process the frames since the last update: shocks, and complete bins of the strip chart."""
         frames, self._frames = joined(self._frames), []
         self._shocks.push(*frames)
         self._predicted.add(*frames.predicted)
@@ -52,89 +56,88 @@ class SnapshotBuilder:
         self._bins = {"predicted": self._predicted.take(), "measured": self._measured.take()}
 
     def snapshot(self, pipeline: Pipeline, statuses: list[Status], marks: Iterable[Mark]) -> dict[str, Any]:
-        """Everything that the page shows of this moment, finite numbers and texts alone."""
-        document = exposure_document(pipeline, "", pipeline.seconds(), [])
+        """The content of the page now, finite numbers and texts alone."""
+        run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(rolling=True)
+        document = exposure_document(pipeline, "", run.seconds, [])
         by_name = {status.of: status for status in statuses}
-        seat, doubt = document["seat"], _doubt(by_name)
+        fault, bounds = _seat_fault(by_name), {name for name in SENSORS if pipeline.losses(name).mean_lower_bound}
+        extrapolated = run.is_extrapolating and seat is not None
         return {
             "version": __version__,
-            "subject": document["subject"],
-            "mass_matrix": document["mass_matrix"],
-            "window_s": document["window_s"],
+            "subject": pipeline.subject.name,
+            "mass_matrix": pipeline.subject.mass_matrix,
+            "window_s": pipeline.settings.window_s,
             "shock_mps2": self._shock_mps2,
-            "limits": document["limits"],
-            "seconds": document["seconds"],
-            "verdict": vars(judge(document, doubt)),
-            "seat": _seat(seat, document, doubt) if seat else None,
+            "limits": pipeline.limits.deciding.to_dict(),
+            "seconds": run.seconds,
+            "verdict": vars(judge(document, fault)),
+            "seat": _seat(seat, pipeline.limits.deciding, pipeline.losses(SEAT), fault) if seat else None,
             "meter": asdict(readings) if (readings := meter_readings(document)) else None,
-            "rows": _rows(pipeline.exposure(rolling=True), by_name, document["sensors"]),
-            "prediction": _status(by_name["prediction"]) | {"extrapolated": _extrapolated(document)},
+            "rows": _rows(rolling, by_name, bounds),
+            "prediction": _status(by_name["prediction"]) | {"extrapolated": extrapolated},
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
             "dri": document["dri"],
-            "shocks": [_shock(shock, document["sensors"]) for shock in self._shocks.latest()],
+            "shocks": [_shock(shock, bounds) for shock in self._shocks.latest()],
             "strip": {name: _strip(bins) for name, bins in self._bins.items()},
             "marks": [asdict(mark) for mark in marks],
         }
 
 
-def _doubt(statuses: dict[str, Status]) -> str:
-    """What is wrong with the seat now that the figures since reset need not show yet."""
+def _seat_fault(statuses: dict[str, Status]) -> str:
+    """The seat's present fault, which the figures since reset may not show yet; empty without one."""
     seat, prediction = statuses[SEAT], statuses["prediction"]
     if seat.level == ERROR or int(seat.values["publishers"]) > 1:
         return f"seat: {seat.message}"
     return "" if seat.values["rate_hz"] else prediction.message
 
 
-def _extrapolated(document: dict[str, Any]) -> bool:
-    return any(each["status"] == "extrapolated" for each in document["predicted"].values())
-
-
 def _status(status: Status) -> dict[str, Any]:
     return {"level": status.level, "message": status.message}
 
 
-def _seat(seat: dict[str, Any], document: dict[str, Any], doubt: str) -> dict[str, Any]:
-    """The seat against its limits: both measures with their values, who governs, and the time left in words.
+def _seat(seat: SeatExposure, limits: LimitSet, losses: Losses, fault: str) -> dict[str, Any]:
+    """The seat against its limits: both measures with their values, the governing one, and the time left in words.
 
-    Nobody is promised time while there is a doubt.
+    The time left is withheld during a fault.
     """
-    seat = seat | ({"withheld": doubt} if doubt else {})
-    limits = document["limits"]
-    figures = (
-        ("A(8)", "a8", "m/s^2", seat["a8_so_far_mps2"], seat["a8_axis"], "a8_mps2"),
-        ("VDV", "vdv", "m/s^1.75", seat["vdv_so_far_mps175"], seat["vdv_axis"], "vdv_mps175"),
+    seat = replace(seat, withheld=fault) if fault else seat
+    action, limit = limits.values("action"), limits.values("limit")
+    figures: tuple[tuple[Measure, str, str, float, str], ...] = (
+        ("a8", "A(8)", "m/s^2", seat.a8_so_far_mps2, seat.a8_axis),
+        ("vdv", "VDV", "m/s^1.75", seat.vdv_so_far_mps175, seat.vdv_axis),
     )
     return {
         "figures": [
             {
-                "name": name, "unit": unit, "so_far": so_far, "axis": words(axis), "governs": seat["governing"] == key,
-                "action": limits[f"action_{suffix}"], "limit": limits[f"limit_{suffix}"],
+                "name": name, "unit": unit, "so_far": so_far, "axis": words(axis), "governs": seat.governing == measure,
+                "action": action.get(measure), "limit": limit.get(measure),
             }
-            for name, key, unit, so_far, axis, suffix in figures
+            for measure, name, unit, so_far, axis in figures
         ],
-        "lower_bound": seat["lower_bound"],
-        "counted_s": seat["seconds"],
-        "missing_s": document["sensors"][SEAT]["missing_s"],
-        "left": {kind: left(kind, seat) for kind in ("action", "limit")},
+        "lower_bound": seat.lower_bound,
+        "counted_s": seat.seconds,
+        "missing_s": losses.missing_s,
+        "left": {kind: left(kind, vars(seat)) for kind in ("action", "limit")},
     }  # fmt: skip
 
 
-def _rows(rolling: Exposure, statuses: dict[str, Status], sensors: dict[str, Any]) -> list[dict[str, Any]]:
-    """From the head down: weighted acceleration of the window, measured and predicted, and how each sensor does.
+def _rows(rolling: Exposure, statuses: dict[str, Status], lower_bounds: Container[str]) -> list[dict[str, Any]]:
+    """From the head down: weighted acceleration of the window, measured and predicted, and each sensor's status.
 
-    Both figures of a segment, their ratios to the seat and the residual count the same samples.
+    Both figures of a segment, their ratios to the seat and the residual are over the same samples. lower_bounds: the
+    sensors whose means are lower bounds.
     """
     rows = []
     for name in ROWS:
-        found, model, seat_mps2 = _side_by_side(rolling, name)
+        found, model, seat_mps2 = _compared_mps2(rolling, name)
         rms_mps2, percent = rolling.residual.get(name, (None, None))
         rows.append(
             {
                 "name": words(name),
                 "measured_mps2": found,
-                "measured_lower_bound": _at_least(name, sensors),
+                "measured_lower_bound": name in lower_bounds,
                 "predicted_mps2": model,
-                "predicted_lower_bound": _at_least(SEAT, sensors),
+                "predicted_lower_bound": SEAT in lower_bounds,
                 "measured_ratio": _ratio(found, seat_mps2) if name != SEAT else None,
                 "predicted_ratio": _ratio(model, seat_mps2),
                 "residual_mps2": rms_mps2,
@@ -147,8 +150,8 @@ def _rows(rolling: Exposure, statuses: dict[str, Status], sensors: dict[str, Any
     return rows
 
 
-def _side_by_side(rolling: Exposure, name: str) -> tuple[float | None, float | None, float]:
-    """Weighted acceleration measured and predicted (None: not known), and of the seat over the same samples, m/s^2."""
+def _compared_mps2(rolling: Exposure, name: str) -> tuple[float | None, float | None, float]:
+    """Weighted acceleration measured and predicted (None: unknown), and of the seat over the same samples, m/s^2."""
     if name == SEAT:
         dose = rolling.measured_low_passed.get(SEAT)
         return (dose.aw_mps2, None, dose.aw_mps2) if dose and dose.seconds > 0.0 else (None, None, 0.0)
@@ -159,7 +162,7 @@ def _side_by_side(rolling: Exposure, name: str) -> tuple[float | None, float | N
 
 
 def _sensor(status: Status) -> dict[str, Any]:
-    """How a sensor does, with its rate and lag, which one that is silent has no more."""
+    """A sensor's status, with rate and lag while it sends."""
     values = status.values
     sends = bool(values["silent_s"]) and float(values["silent_s"]) <= SILENT_AFTER_S
     numbers = {key: float(values[key]) if values[key] and sends else None for key in ("rate_hz", "lag_ms")}
@@ -167,29 +170,24 @@ def _sensor(status: Status) -> dict[str, Any]:
 
 
 def _ratio(figure: float | None, seat_mps2: float) -> float | None:
-    return None if figure is None or seat_mps2 < STILL_MPS2 else figure / seat_mps2
+    return None if figure is None or seat_mps2 < LEAST_SEAT_MPS2 else figure / seat_mps2
 
 
-def _at_least(name: str, sensors: dict[str, Any]) -> bool:
-    """Whether a sensor clipped or stuck since reset, so that it felt more than it says."""
-    return name in sensors and sensors[name]["aw_lower_bound"]
-
-
-def _shock(shock: Shock, sensors: dict[str, Any]) -> dict[str, Any]:
-    """A shock: when, and how hard it hit seat and head."""
+def _shock(shock: Shock, lower_bounds: Container[str]) -> dict[str, Any]:
+    """A shock: its time, and the peaks of seat and head."""
     sensor, segment = HEAD_COLUMN
     return {
         "at_s": 1e-9 * shock.peak_ns,
         "seat_mps2": shock.seat_mps2,
-        "seat_lower_bound": _at_least(SEAT, sensors),
+        "seat_lower_bound": SEAT in lower_bounds,
         "head_measured_mps2": finite(float(shock.measured_mps2[sensor])),
-        "head_lower_bound": _at_least(HEAD, sensors),
+        "head_lower_bound": HEAD in lower_bounds,
         "head_predicted_mps2": finite(float(shock.predicted_mps2[segment])),
     }
 
 
 def _strip(bins: Bins) -> dict[str, Any]:
-    """Bins with their beginnings in seconds, columns by channel; None where a channel gave nothing."""
+    """Bins with their begin in seconds, columns by channel; None where a channel has no value."""
     return {
         "begin_s": (1e-9 * bins.begins_ns).round(1).tolist(),
         "low": [[finite(value) for value in row] for row in bins.low_mps2.round(3).tolist()],

@@ -1,8 +1,8 @@
-"""The node's ears: six subscriptions whose messages become arrays, and what their transport tells of each sensor.
+"""Subscriptions: the messages of six topics become arrays, and their transport is recorded by sensor.
 
-The seat's message is handed on at once, because it carries the model. The other sensors are drained in turn: only the
-comparison needs them, and many messages decode together for the price of a few. Behind a stall the seat's backlog would
-overtake them: before comparisons are given up, the messages of all sensors are taken and handed on by their stamps.
+A message of the seat is pushed at once, because the model needs it. The other sensors are drained in turn: only the
+comparison needs them, and decoding many messages together costs little more than a few. After a stall the seat's
+backlog would overtake them, so before instants are given up, the messages of all sensors are pushed in order of stamps.
 """
 
 from __future__ import annotations
@@ -29,35 +29,35 @@ from biodyn_ros.base import topics
 from biodyn_ros.node.callbacks import guarded
 from biodyn_ros.node.health import SensorHealth
 
-Take = Callable[[str, Integers, Floats], None]
-"""Takes a sensor's stamps (n,) ns and specific force (n, 3) m/s^2."""
+Push = Callable[[str, Integers, Floats], None]
+"""Called with a sensor's name, stamps (n,) ns and specific force (n, 3) m/s^2."""
 
 NUMBERING: Final = "rmw_fastrtps"
-"""Its numbers of messages tell of losses. Its event for lost messages can deadlock the node as one is lost: in Jazzy
-`take_event` and `update_sample_lost` take two locks in opposite order (ros2/rmw_fastrtps, pull request 890).
+"""Its sequence numbers show losses. Its event for lost messages can deadlock the node: in Jazzy `take_event` and
+`update_sample_lost` take two locks in opposite order (ros2/rmw_fastrtps, pull request 890).
 """
 
-MOST_SINGLY: Final = 100
-"""Behind so many single messages of the seat all queues are looked at too: they alone tell numbers, so losses."""
+MAX_SINGLE: Final = 100
+"""After so many single messages of the seat all queues are read: only they give sequence numbers, hence losses."""
 
-IN_ORDER: Final = (*(sensor for sensor in SENSORS if sensor != SEAT), SEAT)
-"""Samples of the same time are handed on in this order: the seat's are compared with the others'."""
+PUSH_ORDER: Final = (*(sensor for sensor in SENSORS if sensor != SEAT), SEAT)
+"""Order of samples of the same time: the seat's are compared with the others'."""
 
 
 class Subscriptions:
-    """`open` them on activation, `close` them again; meanwhile `drain` and `look_around` in turn.
+    """`open` on activation, `close` on deactivation; meanwhile call `drain` and `check_transport` periodically.
 
-    overdue: whether the seat's next sample gives comparisons up. health: what transport tells, by sensor. It outlives a
-    closing, as figures do.
+    overdue: whether the seat's next sample gives up instants. health: state of the transport by sensor; like the
+    figures it survives `close`.
     """
 
     def __init__(
-        self, node: LifecycleNode, depth: int, window_s: float, take: Take, overdue: Callable[[], bool]
+        self, node: LifecycleNode, depth: int, window_s: float, push: Push, overdue: Callable[[], bool]
     ) -> None:
-        self._node, self._depth, self._window_s, self._take, self._overdue = node, depth, window_s, take, overdue
+        self._node, self._depth, self._window_s, self._push, self._overdue = node, depth, window_s, push, overdue
         self.health = {sensor: SensorHealth() for sensor in SENSORS}
         self._subscriptions: dict[str, Any] = {}
-        self._singly = 0
+        self._single = 0
         self._seat_stamp_ns: int | None = None
         self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS}
         self._gids: dict[str, list[bytes]] = {}
@@ -66,22 +66,22 @@ class Subscriptions:
         self._next_compared = itertools.cycle(SENSORS)
 
     def open(self) -> None:
-        """Listen to the six topics."""
-        # The seat first: what it sends while others are being matched is not to be missed.
+        """Subscribe to the six topics."""
+        # The seat first: its samples while other topics are matched must not be lost.
         self._subscriptions[SEAT] = self._subscribe(SEAT, guarded(self._on_seat, partial(self._refuse, SEAT)))
-        for sensor in IN_ORDER[:-1]:
+        for sensor in PUSH_ORDER[:-1]:
             self._inbox[sensor].clear()
-            # Five sensors in six only wait for the next drain: nothing but the append runs per message.
+            # Messages of the other sensors only wait for the next drain: a callback is a plain append.
             self._subscriptions[sensor] = self._subscribe(sensor, self._inbox[sensor].append)
 
     def close(self) -> None:
-        """Listen no more."""
+        """Unsubscribe."""
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self._subscriptions = {}
 
     def drain(self) -> None:
-        """Hand on the next sensor's messages; the seat's have gone already, and only its clock is looked at."""
+        """Push the next sensor's messages; of the seat, whose messages are pushed already, note the arrival alone."""
         sensor = next(self._next_drained)
         if sensor == SEAT:
             stamp_ns, self._seat_stamp_ns = self._seat_stamp_ns, None
@@ -90,19 +90,19 @@ class Subscriptions:
         elif taken := self._arrived(sensor):
             guarded(self._on_messages, partial(self._refuse, sensor))(sensor, taken)
 
-    def look_around(self) -> None:
-        """Look who publishes, and at one of the six clocks, which takes a millisecond or two.
+    def check_transport(self) -> None:
+        """Check the publishers, and one of the six clocks, which takes a millisecond or two.
 
         The event for a wrong message type does not fire across processes, so publishers are polled.
         """
         self.health[next(self._next_compared)].compare_clock()
         for sensor, health in self.health.items():
-            self._look_at_publishers(sensor, health)
+            self._check_publishers(sensor, health)
 
     # --- messages ----------------------------------------------------------------------------------------------------
 
     def _subscribe(self, sensor: str, callback: Callable[[bytes], None]) -> Any:
-        # A profile for each: rclpy writes what is overridden into the one that it is given.
+        # A profile for each: rclpy writes overrides into the given profile.
         qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=self._depth, reliability=ReliabilityPolicy.BEST_EFFORT)
         return self._node.create_subscription(
             Imu,
@@ -118,37 +118,37 @@ class Subscriptions:
         )
 
     def _on_seat(self, message: bytes) -> None:
-        self._singly += 1
-        if self._singly >= MOST_SINGLY or self._overdue():
-            self._singly = 0
-            self._catch_up(self._arrived(SEAT, [message]))
+        self._single += 1
+        if self._single >= MAX_SINGLE or self._overdue():
+            self._single = 0
+            self._push_all(self._arrived(SEAT, [message]))
             return
         stamp_ns, accel_mps2 = decode_imu_one(message)
-        self._take(SEAT, np.array([stamp_ns]), np.array([accel_mps2]))
+        self._push(SEAT, np.array([stamp_ns]), np.array([accel_mps2]))
         self.health[SEAT].arrived()
         self._seat_stamp_ns = stamp_ns
 
     def _on_messages(self, sensor: str, messages: list[bytes]) -> None:
         block = self._decoded(sensor, messages)
         if len(block):
-            self._take(sensor, block.stamps_ns, block.accel_mps2)
+            self._push(sensor, block.stamps_ns, block.accel_mps2)
             self._note_arrival(sensor, int(block.stamps_ns[-1]))
 
-    def _catch_up(self, of_seat: list[bytes]) -> None:
-        """Take the messages that have arrived of all sensors, the seat's are given; hand them on by stamps."""
-        messages = {sensor: of_seat if sensor == SEAT else self._arrived(sensor) for sensor in IN_ORDER}
+    def _push_all(self, of_seat: list[bytes]) -> None:
+        """Push the messages that have arrived of all sensors in order of stamps; the seat's are given."""
+        messages = {sensor: of_seat if sensor == SEAT else self._arrived(sensor) for sensor in PUSH_ORDER}
         blocks = {sensor: self._decoded(sensor, given) for sensor, given in messages.items()}
         for sensor, part in in_stamp_order({sensor: block.stamps_ns for sensor, block in blocks.items()}):
-            take, block = guarded(self._take, partial(self._refuse, sensor)), blocks[sensor]
-            take(sensor, block.stamps_ns[part], block.accel_mps2[part])
+            push, block = guarded(self._push, partial(self._refuse, sensor)), blocks[sensor]
+            push(sensor, block.stamps_ns[part], block.accel_mps2[part])
         for sensor, block in blocks.items():
             if len(block):
                 self._note_arrival(sensor, int(block.stamps_ns[-1]))
 
     def _arrived(self, sensor: str, before: Sequence[bytes] = ()) -> list[bytes]:
-        """Take a sensor's messages: those given, those of its inbox, and those that still wait in its queue.
+        """Take a sensor's messages: the given ones, those of its inbox, and those that still wait in its queue.
 
-        Only the queue tells the numbers of messages: the executor calls back without them.
+        Only the queue gives sequence numbers: the executor calls back without them.
         """
         messages = [*before, *self._inbox[sensor]]
         self._inbox[sensor].clear()
@@ -168,7 +168,7 @@ class Subscriptions:
             return decode_imu([message for message in messages if self._is_readable(sensor, message)])
 
     def _is_readable(self, sensor: str, message: bytes) -> bool:
-        """Whether a message can be decoded; one that cannot is counted and costs nothing but itself."""
+        """Whether a message can be decoded; count one that cannot."""
         try:
             decode_imu_one(message)
         except InputError as error:
@@ -189,11 +189,11 @@ class Subscriptions:
         self.health[sensor].lost += event.total_count_change
 
     def _on_incompatible_qos(self, sensor: str, event: Any) -> None:
-        text = f"{self._topic(sensor)}: a publisher offers incompatible QoS, override it or ours"
+        text = f"{self._topic(sensor)}: a publisher offers incompatible QoS, override its QoS or this node's"
         self.health[sensor].incompatible_qos = text
         self._node.get_logger().error(text)
 
-    def _look_at_publishers(self, sensor: str, health: SensorHealth) -> None:
+    def _check_publishers(self, sensor: str, health: SensorHealth) -> None:
         found = self._node.get_publishers_info_by_topic(self._topic(sensor))
         wrong = [info.topic_type for info in found if info.topic_type != IMU_TYPE]
         text = f"{self._topic(sensor)}: a publisher sends {wrong[0]}, {IMU_TYPE} is needed" if wrong else ""
@@ -204,11 +204,11 @@ class Subscriptions:
             self._gids[sensor] = gids
             health.forget_numbers()
         health.publishers, health.wrong_type = len(found), text
-        if all(self._hears(sensor, info) for info in found if info.topic_type == IMU_TYPE):
-            health.incompatible_qos = ""  # whoever offered it has gone
+        if all(self._is_compatible(sensor, info) for info in found if info.topic_type == IMU_TYPE):
+            health.incompatible_qos = ""  # that publisher has gone
 
-    def _hears(self, sensor: str, publisher: Any) -> bool:
-        """Whether a publisher's QoS is compatible with ours, as far as both are known."""
+    def _is_compatible(self, sensor: str, publisher: Any) -> bool:
+        """Whether a publisher's QoS is compatible with the subscription's, as far as both are known."""
         ours = self._subscriptions[sensor].qos_profile
         return qos_check_compatible(publisher.qos_profile, ours)[0] != QoSCompatibility.ERROR
 
@@ -217,9 +217,9 @@ class Subscriptions:
 
 
 def queued(subscription: Any) -> list[tuple[bytes, Any]]:
-    """Take the messages that wait in a raw subscription's queue, with what rclpy tells of their transport.
+    """Take the messages that wait in a raw subscription's queue, with rclpy's information on their transport.
 
-    The executor finds nothing where it comes for them.
+    The executor then finds the queue empty.
     """
     waiting: list[tuple[bytes, Any]] = []
     with subscription.handle:

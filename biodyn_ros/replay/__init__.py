@@ -1,1 +1,1 @@
-"""`biodyn replay`: the live pipeline over a bag, and its page."""
+"""`biodyn replay`: the live pipeline over a bag, and its report."""

@@ -1,4 +1,4 @@
-"""The page of a replay: one HTML file with the exposure, the predictions beside the measurements, and the residual."""
+"""The report of a replay: one HTML file with exposure, predictions, measurements and residual."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from biodyn_ros.validate.settings import LEAST_COHERENCE
 
 
 def replay_page(document: dict[str, Any], traces: Traces) -> str:
-    """The page of a replay from the mapping of `exposure.json` and the traces of its frames.
+    """The report of a replay from the mapping of `exposure.json` and the traces of its frames.
 
     Raises InputError where jinja2 or matplotlib is missing.
     """
@@ -45,7 +45,7 @@ def replay_page(document: dict[str, Any], traces: Traces) -> str:
 
 
 def frequency_parts(document: dict[str, Any], traces: Traces, origin_ns: int) -> dict[str, Any]:
-    """What the page shows over frequency, and the doses; None for a drawing that nothing was gathered for."""
+    """The drawings over frequency, and of doses; None for a drawing without data."""
     spectra, found, worst = traces.spectra.spectra(), traces.spectra.waterfall(), _worst_residual(document)
     return {
         "bandwidth_hz": spectra["spectra"]["bandwidth_hz"] if spectra else None,
@@ -63,7 +63,7 @@ def _flagged(seat: dict[str, Any] | None) -> bool:
 
 
 def _seat_axes(seat: dict[str, Any] | None) -> list[tuple[str, float, float, float]]:
-    """Axis, factor k, aw and VDV without it, for every axis known."""
+    """Axis, factor k, aw and VDV without k, for every known axis."""
     if seat is None:
         return []
     aw, vdv = seat["aw_weighted_mps2"], seat["vdv_weighted_mps175"]
@@ -78,7 +78,7 @@ def _worst_residual(document: dict[str, Any]) -> tuple[str, float] | None:
 
 
 def _doses(document: dict[str, Any]) -> list[Pair]:
-    """VDV from the head down, predicted and measured after the low-pass; the seat beneath."""
+    """VDV from the head down to the seat, predicted and measured after the low-pass."""
     rows = []
     for name in (*reversed(SEGMENTS), SEAT):
         sides = [document[of].get(name) for of in ("measured_low_passed", "predicted")]

@@ -1,4 +1,4 @@
-"""Replay: the live pipeline over a bag, as fast as it goes, by the same causal path."""
+"""Replay: the live pipeline over a bag, as fast as possible, on the same causal path."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ REPORT: Final = "report.html"
 
 @dataclass(frozen=True)
 class ReplayOptions(ReadingOptions):
-    """How a bag is read and replayed."""
+    """Options of reading and replaying a bag."""
 
     pipeline: PipelineSettings | None = None
     limits: Limits = EU_LIMITS
@@ -46,7 +46,7 @@ class ReplayOptions(ReadingOptions):
 
 @dataclass(frozen=True)
 class Replayed:
-    """What a replay brought: the document of exposure.json and the pipeline behind it."""
+    """Result of a replay: the mapping of exposure.json and the pipeline."""
 
     document: dict[str, Any]
     pipeline: Pipeline
@@ -59,10 +59,10 @@ def replay(
     each: Callable[[Frames], Any] = lambda frames: None,
     progress: OnProgress = unwatched,
 ) -> Replayed:
-    """Drive the pipeline with a bag and hand every push's frames to `each`.
+    """Drive the pipeline with a bag and pass every push's frames to `each`.
 
-    `progress` hears (samples done, samples in all). Raises InputError for a bag without Imu or seat, or whose seat
-    gives no prediction, saying why.
+    `progress` is called with (samples done, samples in all). Raises InputError for a bag without Imu or seat, or with a
+    seat that allows no prediction.
     """
     options = options or ReplayOptions()
     with open_sensors(bag, options) as sensors:
@@ -74,7 +74,7 @@ def replay(
         each(pipeline.finish())
         warnings, marks = sensors.bag_warnings(), sensors.marks()
     check_seat(pipeline.status(SEAT), str(bag))
-    seconds = pipeline.seconds()
+    seconds = pipeline.run_status().seconds
     warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.times]
     warnings += sensor_warnings(pipeline, sensors.times) + sensors.clock_warnings(seconds)
     document = exposure_document(pipeline, str(bag), seconds, warnings, options.project)
@@ -86,7 +86,7 @@ def replay(
 
 
 class PredictedBag:
-    """Writes every frame of a replay to a bag, topics and stamps as the live node publishes them."""
+    """Write every frame of a replay to a bag, with the live node's topics and stamps."""
 
     def __init__(self, writer: BagWriter) -> None:
         self._writer = writer
@@ -94,7 +94,7 @@ class PredictedBag:
             writer.add_topic(topics.absolute(topic), ACCEL_STAMPED_TYPE)
 
     def add(self, frames: Frames) -> None:
-        """Add one push's frames; an instant without a number is not written."""
+        """Add one push's frames; NaN is not written."""
         self._write(topics.PREDICTED, SEGMENTS, frames.predicted.stamps_ns, frames.predicted.accel_mps2)
         self._write(topics.MEASURED, SENSORS, frames.measured.stamps_ns, frames.measured.accel_mps2)
 
@@ -121,10 +121,10 @@ def replay_to_directory(
     predicted: bool = True,
     report: bool = True,
 ) -> Replayed:
-    """Replay a bag into a directory: `predicted.mcap`, `exposure.json`, `report.html`; nothing is left half-written.
+    """Replay a bag into a directory: `predicted.mcap`, `exposure.json`, `report.html`; no file is left half-written.
 
-    The directory is made once there is something to write: a bag that is refused leaves none. What is not asked for is
-    removed, where an earlier replay left it.
+    The directory is made with the first output, so that a refused bag leaves none. Files that are not requested are
+    deleted, if an earlier replay wrote them.
     """
     check_directory(directory)
     listeners: list[Callable[[Frames], None]] = []
@@ -156,7 +156,7 @@ def replay_to_directory(
 
 
 class _LatePredictedBag:
-    """A predicted bag that is begun with the first prediction; taken back, with what was made for it, on failure."""
+    """A predicted bag that begins with the first prediction; on failure it is removed with its new directories."""
 
     def __init__(self, directory: Path, subject: Subject, bag: str, open_files: contextlib.ExitStack) -> None:
         self._directory, self._open_files = directory, open_files
@@ -179,14 +179,14 @@ class _LatePredictedBag:
 
 
 def _make(directory: Path) -> list[Path]:
-    """Make a directory; returns what was not there, innermost first."""
+    """Make a directory; return the new directories, innermost first."""
     made = [path for path in (directory, *directory.parents) if not path.exists()]
     make_directory(directory)
     return made
 
 
 def _unmake_on_failure(made: list[Path]) -> Callable[..., None]:
-    """An exit callback that removes directories that are empty, if there was an error."""
+    """An exit callback that removes empty directories after an error."""
 
     def leave(kind: type[BaseException] | None, *_: object) -> None:
         with contextlib.suppress(OSError):

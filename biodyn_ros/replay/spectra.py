@@ -1,4 +1,4 @@
-"""What a replay's page shows over frequency, gathered while replaying in memory that does not grow with the bag."""
+"""Spectra of a replay's report, computed during the replay in constant memory."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from biodyn_ros.reports.spectra_json import power_document, spectra_document, tr
 Document = dict[str, Any]
 
 RATE_SAMPLES: Final = 1024
-"""The rate is the mean step of so many samples, the first, however they are cut, breaks left out."""
+"""The rate is the mean step of the first so many samples, for any cut, without breaks."""
 
 BREAK_STEPS: Final = 1.5
-"""A step so many times the longest usual one is a break, as is one backwards."""
+"""A step so many times the longest typical one is a break, as is a step back."""
 
-USUAL_PERCENT: Final = 99.0
-"""So many of the first steps are usual: stamps that are quantised stand still and leap by turns."""
+TYPICAL_PERCENT: Final = 99.0
+"""Percentile of the first steps that is the longest typical one: quantised stamps have uneven steps."""
 
-_MOST_HZ: Final = 50.0
-_LOWEST_RATE_HZ: Final = 10.0
+_MAX_HZ: Final = 50.0
+_MIN_RATE_HZ: Final = 10.0
 
 
 class ReplaySpectra:
     """Spectra and waterfall of a replay: `add` the measured part of every push's frames.
 
-    What is predicted is masked where the measurement is, so that both see the same instants; nothing averages across a
-    break of the seat. Cutting the frames differently changes nothing.
+    Predictions are masked like the measurements, so that both are of the same instants; no average spans a break of the
+    seat. Block cuts change nothing.
     """
 
     def __init__(self) -> None:
@@ -46,20 +46,20 @@ class ReplaySpectra:
 
     @property
     def stored(self) -> int:
-        """Rows held right now: instants and bins."""
+        """Number of rows held: instants and bins."""
         return self._count + (self._meters.stored if self._meters else 0)
 
     def add(self, measured: MeasuredFrames) -> None:
-        """Take instants that wait until there is a batch of them."""
+        """Add instants, which are processed in batches."""
         if measured.stamps_ns.size:
             self._waiting.append((measured.stamps_ns, np.hstack([measured.accel_mps2, measured.residual_mps2])))
             self._count += measured.stamps_ns.size
         if self._count > (RATE_SAMPLES if self._meters is None else 4 * RATE_SAMPLES):
-            self._digest()
+            self._process()
 
     def spectra(self) -> Document | None:
-        """The mapping of spectra, transmissibility and power_spectral_density; None for a record that is too short."""
-        self._digest()
+        """The mapping of spectra, transmissibility and power_spectral_density; None for too short a record."""
+        self._process()
         if self._meters is None:
             return None
         try:
@@ -75,11 +75,11 @@ class ReplaySpectra:
 
     def waterfall(self) -> Waterfall | None:
         """Of the five measured segments, then of their residuals; None where there is no second of anything."""
-        self._digest()
+        self._process()
         found = self._meters.waterfall.waterfall() if self._meters else None
         return found if found is not None and found.begins_ns.size else None
 
-    def _digest(self) -> None:
+    def _process(self) -> None:
         if not self._count:
             return
         stamps_ns, values = (np.concatenate(parts) for parts in zip(*self._waiting, strict=True))
@@ -88,10 +88,10 @@ class ReplaySpectra:
             if stamps_ns.size < 2:
                 return
             steps = np.diff(stamps_ns[: RATE_SAMPLES + 1])
-            self._longest_ns = BREAK_STEPS * float(np.percentile(steps, USUAL_PERCENT))
-            usual = steps[(steps >= 0) & (steps <= self._longest_ns)]
-            step_ns = float(usual.mean()) if usual.size else 0.0
-            if not 0.0 < step_ns < 1e9 / _LOWEST_RATE_HZ:
+            self._longest_ns = BREAK_STEPS * float(np.percentile(steps, TYPICAL_PERCENT))
+            typical = steps[(steps >= 0) & (steps <= self._longest_ns)]
+            step_ns = float(typical.mean()) if typical.size else 0.0
+            if not 0.0 < step_ns < 1e9 / _MIN_RATE_HZ:
                 return
             self._meters = _Meters(1e9 / step_ns)
         steps = np.diff(stamps_ns, prepend=stamps_ns[0] if self._last_ns is None else self._last_ns)
@@ -105,12 +105,12 @@ class ReplaySpectra:
 
 
 class _Meters:
-    """Both meters of one rate; one for averages over the whole, one for bins of time."""
+    """Two meters of one rate: of averages over the whole record, and of bins of time."""
 
     def __init__(self, rate_hz: float) -> None:
         self.rate_hz = rate_hz
         self.waterfall = WaterfallMeter(rate_hz, 2 * len(MEASURED_SEGMENTS))
-        highest_hz = min(_MOST_HZ, USABLE * rate_hz)
+        highest_hz = min(_MAX_HZ, USABLE * rate_hz)
         self.welch = SpectraMeter(rate_hz, 2 * N_SEGMENTS, SpectrumSettings(highest_hz=highest_hz))
 
     @property
@@ -125,14 +125,14 @@ class _Meters:
         """Seat, five measured and five residuals by column, (n, 11)."""
         seat, measured, residual = values[:, 0], values[:, 1:6], values[:, 6:]
         self.waterfall.push(stamps_ns, values[:, 1:])
-        answers = np.full((seat.size, 2 * N_SEGMENTS), np.nan)
-        answers[:, MEASURED_SEGMENT_INDEX] = np.where(np.isnan(residual), np.nan, measured)
-        answers[:, N_SEGMENTS + MEASURED_SEGMENT_INDEX] = measured + residual
-        self.welch.push(seat, answers)
+        outputs = np.full((seat.size, 2 * N_SEGMENTS), np.nan)
+        outputs[:, MEASURED_SEGMENT_INDEX] = np.where(np.isnan(residual), np.nan, measured)
+        outputs[:, N_SEGMENTS + MEASURED_SEGMENT_INDEX] = measured + residual
+        self.welch.push(seat, outputs)
 
 
 def _with_sensor(document: Document) -> Document:
-    """Without the central torso, which no sensor ever sees."""
+    """Without the central torso, which has no sensor."""
     return {name: of for name, of in document.items() if name in SENSORS}
 
 

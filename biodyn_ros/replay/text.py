@@ -8,7 +8,7 @@ from biodyn_ros.base.wording import HORIZONTAL, ZONE, bound, duration, number, s
 
 
 def summary(document: dict[str, Any]) -> str:
-    """A page of text: the seat against its limits, exposure by sensor, prediction and residual, warnings."""
+    """Summary: the seat against its limits, exposure by sensor, prediction and residual, warnings."""
     lines = [
         f"{document['bag']}  subject {document['subject']} ({document['mass_matrix']})",
         f"{document['seconds']:.1f} s, {document['uncounted_s']:.2f} s of it uncounted, until gravity was known",
@@ -28,8 +28,8 @@ def summary(document: dict[str, Any]) -> str:
 
 
 def _mark_lines(document: dict[str, Any]) -> list[str]:
-    told = ", ".join(f"{mark['name']} at {mark['time_s']:.3f} s" for mark in document["marks"])
-    return [f"marked: {told}"] if told else []
+    marks = ", ".join(f"{mark['name']} at {mark['time_s']:.3f} s" for mark in document["marks"])
+    return [f"marked: {marks}"] if marks else []
 
 
 def _row(name: str, document: dict[str, Any]) -> str:

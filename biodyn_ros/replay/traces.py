@@ -1,4 +1,4 @@
-"""Traces: what the replay report draws, gathered while replaying in memory that does not grow with the bag."""
+"""Traces: data of the drawings of a replay's report, collected during the replay in constant memory."""
 
 from __future__ import annotations
 
@@ -14,25 +14,23 @@ from biodyn_ros.reports.downsampling import BIN_NS, binned
 from biodyn_ros.reports.motion import EVENT_HALF_NS, Envelope, StrongestEvent
 
 ENVELOPE_BINS: Final = 800
-"""As many bins as a page can show; a longer record doubles their width."""
+"""Most bins that a page can show; a longer record doubles their width."""
 
-DIGEST_SAMPLES: Final = 4096
-"""Frames are digested in batches of so many instants, because a block alone is too short. No figure depends on it."""
+BATCH_SAMPLES: Final = 4096
+"""Frames are processed in batches of so many instants, because single blocks are too short. No figure depends on it."""
 
 RECENT_SAMPLES: Final = 1 << 16
-"""Predictions wait for their measurement no longer than this: 16 s at the highest rate, more than a pipeline waits."""
+"""Predictions that are held for their measurement: 16 s at the highest rate, more than the largest wait_s."""
 
 EVENT_SENSORS: Final = (SENSORS.index(SEAT), SENSORS.index(HEAD))
 
 
 class Traces:
-    """Keeps what the replay report draws, in memory that does not grow with the bag: `add` every push's frames.
-
-    spectra: what it draws over frequency.
+    """Collect the traces of a replay in constant memory: `add` every push's frames; spectra: over frequency.
 
     The envelope has bins of 0.1 s, aligned to whole tenths of a second of stamp time; beyond ENVELOPE_BINS of them
-    neighbours join and the width doubles. The event is EVENT_HALF_NS long on either side of the strongest instant.
-    Cutting the frames differently changes nothing.
+    neighbours are merged and the width doubles. The event reaches EVENT_HALF_NS to either side of the strongest
+    instant. Block cuts change nothing.
     """
 
     def __init__(self) -> None:
@@ -43,59 +41,59 @@ class Traces:
         self._event_open = False
 
     def add(self, frames: Frames) -> None:
-        """Take one push's frames; they must not be written to afterwards."""
+        """Add one push's frames; they must not be written to afterwards."""
         self._predicted.add(frames.predicted.stamps_ns, frames.predicted.accel_mps2)
         self._measured.add(frames.measured.stamps_ns, frames.measured.accel_mps2)
         self.spectra.add(frames.measured)
-        if self._predicted.waiting + self._measured.waiting >= DIGEST_SAMPLES:
-            self._digest()
+        if self._predicted.waiting + self._measured.waiting >= BATCH_SAMPLES:
+            self._process()
 
     def predicted(self) -> Envelope:
         """The envelope of the six segments' predictions."""
-        self._digest()
+        self._process()
         return self._predicted.envelope
 
     def measured(self) -> Envelope:
         """The envelope of the six sensors' measurements."""
-        self._digest()
+        self._process()
         return self._measured.envelope
 
     @property
     def first_ns(self) -> int:
-        """The earliest stamp; 0 where nothing came."""
-        self._digest()
+        """The earliest stamp; 0 without frames."""
+        self._process()
         return min((s.first_ns for s in (self._predicted, self._measured) if s.first_ns is not None), default=0)
 
     def event(self) -> StrongestEvent | None:
-        """What surrounds the strongest instant; None where seat and head gave no number."""
-        self._digest()
+        """The frames around the strongest instant; None without a value of seat and head."""
+        self._process()
         return self._event
 
     @property
     def stored_samples(self) -> int:
-        """Rows held right now: instants and bins."""
+        """Number of rows held: instants and bins."""
         event = 0 if self._event is None else self._event.predicted_ns.size + self._event.measured_ns.size
         return self._predicted.stored + self._measured.stored + self.spectra.stored + event
 
-    def _digest(self) -> None:
+    def _process(self) -> None:
         # A prediction comes before the measurement of its instant, so it is there when the event closes.
-        self._predicted.digest()
-        stamps_ns, accel_mps2 = self._measured.digest()
+        self._predicted.process()
+        stamps_ns, accel_mps2 = self._measured.process()
         if stamps_ns.size == 0:
             return
-        self._look_for_event(stamps_ns, accel_mps2)
+        self._update_event(stamps_ns, accel_mps2)
         last_ns = int(stamps_ns[-1])
         if self._event is not None and self._event_open:
             self._event = self._around(self._event)
             self._event_open = abs(last_ns - self._event.peak_ns) < EVENT_HALF_NS
         for stream in (self._predicted, self._measured):
-            stream.forget_before(last_ns - 2 * EVENT_HALF_NS)
+            stream.drop_before(last_ns - 2 * EVENT_HALF_NS)
 
-    def _look_for_event(self, stamps_ns: Integers, accel_mps2: Floats) -> None:
-        felt = np.abs(accel_mps2[:, EVENT_SENSORS])
-        felt[np.isnan(felt)] = -1.0
-        row, column = divmod(int(felt.argmax()), len(EVENT_SENSORS))
-        peak = float(felt[row, column])
+    def _update_event(self, stamps_ns: Integers, accel_mps2: Floats) -> None:
+        accel = np.abs(accel_mps2[:, EVENT_SENSORS])
+        accel[np.isnan(accel)] = -1.0
+        row, column = divmod(int(accel.argmax()), len(EVENT_SENSORS))
+        peak = float(accel[row, column])
         if peak > (-1.0 if self._event is None else self._event.peak_mps2):
             nothing = np.empty(0, dtype=np.int64), np.empty((0, N_SEGMENTS))
             self._event = StrongestEvent(SENSORS[EVENT_SENSORS[column]], int(stamps_ns[row]), peak, *nothing, *nothing)
@@ -108,7 +106,7 @@ class Traces:
 
 
 class _Stream:
-    """One stream of six channels: what waits to be digested, what came of late, and the envelope of everything."""
+    """One stream of six channels: waiting rows, recent rows, and the envelope of all rows."""
 
     def __init__(self, channels: int) -> None:
         self._stamps_ns: list[Integers] = []
@@ -129,8 +127,8 @@ class _Stream:
             self._accel_mps2.append(accel_mps2)
             self.waiting += stamps_ns.size
 
-    def digest(self) -> tuple[Integers, Floats]:
-        """Take what waits into envelope and recent rows, and return it."""
+    def process(self) -> tuple[Integers, Floats]:
+        """Add the waiting rows to envelope and recent rows, and return them."""
         if not self.waiting:
             return self._recent[0][:0], self._recent[1][:0]
         stamps_ns, accel_mps2 = np.concatenate(self._stamps_ns), np.concatenate(self._accel_mps2)
@@ -148,7 +146,7 @@ class _Stream:
         here = (stamps_ns >= begin_ns) & (stamps_ns <= end_ns)
         return stamps_ns[here], accel_mps2[here]
 
-    def forget_before(self, begin_ns: int) -> None:
+    def drop_before(self, begin_ns: int) -> None:
         stamps_ns, accel_mps2 = self._recent
         keep = stamps_ns >= begin_ns
         if not keep.all():
@@ -156,7 +154,7 @@ class _Stream:
 
 
 def _widened(envelope: Envelope, stamps_ns: Integers, accel_mps2: Floats) -> Envelope:
-    """The envelope with more samples in it, its bins doubled until there are few enough."""
+    """The envelope with further samples, its bins doubled until there are few enough."""
     width = envelope.width_ns
     begins, low, high = binned(stamps_ns, accel_mps2, accel_mps2, width)
     begins, low, high = (np.concatenate(p) for p in zip(_columns(envelope), (begins, low, high), strict=True))

@@ -9,12 +9,13 @@ from typing import Any, Final
 
 from biodyn_core.base.segments import HEAD, SEAT, SENSORS
 from biodyn_core.base.wording import counted
-from biodyn_core.exposure.exposure_store import Lost
 from biodyn_core.exposure.injury import Hic
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import Limits
+from biodyn_core.exposure.losses import Losses
 from biodyn_core.exposure.meters import Dose
-from biodyn_core.pipeline.pipeline import Exposure, Pipeline
+from biodyn_core.pipeline.exposure import Exposure
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import __version__
 from biodyn_ros.base.wording import MODEL, left_range, stuck
 
@@ -26,10 +27,10 @@ def exposure_document(
     pipeline: Pipeline, bag: str, seconds: float, warnings: list[str], project: bool = False
 ) -> dict[str, Any]:
     """Gather what the pipeline has counted over a recording of `seconds`; project: to 8 h from under 20 minutes too."""
-    since, seat = pipeline.exposure(), pipeline.seat(project)
+    since, seat, run = pipeline.exposure(), pipeline.seat(project), pipeline.run_status()
     uncounted = {name: pipeline.status(name).uncounted_s for name in since.sensors}
-    lost = {name: pipeline.lost(name) for name in SENSORS}
-    status = "extrapolated" if pipeline.is_extrapolating else "not_validated"
+    lost = {name: pipeline.losses(name) for name in SENSORS}
+    status = "extrapolated" if run.is_extrapolating else "not_validated"
     return {
         "bag": bag,
         "subject": pipeline.subject.name,
@@ -38,14 +39,14 @@ def exposure_document(
         "seconds": seconds,
         "uncounted_s": max(uncounted.values(), default=seconds),
         "window_s": pipeline.settings.window_s,
-        "cutoff_hz": pipeline.cutoff_hz,
+        "cutoff_hz": run.cutoff_hz,
         "limits": pipeline.limits.deciding.to_dict(),
         "limits_beside": _limits_beside(pipeline.limits, seat),
         "sensors": {name: _figures(dose, lost[name]) for name, dose in since.sensors.items()},
         # Predicted from the seat alone, whose losses are theirs. Held-out errors come with the fit of a subject, but
         # nothing ties them to this vehicle and seat, so no prediction is validated.
         "predicted": {
-            name: _figures(dose, _and_absent(lost[SEAT], pipeline.unpredicted_s)) | {"status": status}
+            name: _figures(dose, _and_absent(lost[SEAT], run.unpredicted_s)) | {"status": status}
             for name, dose in since.predicted.items()
         },
         "measured_low_passed": {
@@ -64,7 +65,7 @@ def exposure_document(
             name: {"nrmse_rms_percent": percent if math.isfinite(percent) else None, "rms_mps2": rms}
             for name, (rms, percent) in since.residual.items()
         },
-        "latency": {output: latency._asdict() for output, latency in pipeline.latency().items()},
+        "latency": {output: latency._asdict() for output, latency in run.latency.items()},
         "warnings": warnings,
         "version": __version__,
     }
@@ -84,13 +85,13 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
             lines.append(f"{name}: its stamps went back by {status.set_back_s:.3f} s in all: was its clock set?")
         if status.flat:
             lines.append(f"{name}: {stuck(status.flat)}")
-        lost = pipeline.lost(name)
+        lost = pipeline.losses(name)
         if lost.clipped:
             lines.append(f"{name}: {counted(lost.clipped, 'sample')} clipped: doses and peaks are lower bounds")
         if lost.missing_s > 0.0:
             lines.append(f"{name}: {lost.missing_s:.3f} s missing: doses and peaks are lower bounds")
-    if pipeline.divergences:
-        lines.append(f"{MODEL}: {left_range(pipeline.divergences)}")
+    if divergences := pipeline.run_status().divergences:
+        lines.append(f"{MODEL}: {left_range(divergences)}")
     return lines
 
 
@@ -107,7 +108,7 @@ def dose_figures(dose: Dose) -> dict[str, float | None]:
     }
 
 
-def _figures(dose: Dose, lost: Lost) -> dict[str, Any]:
+def _figures(dose: Dose, lost: Losses) -> dict[str, Any]:
     # A mean is a lower bound where samples are clipped or stuck, not where some are missing.
     return dose_figures(dose) | {
         "clipped_samples": lost.clipped, "missing_s": lost.missing_s, "lower_bound": lost.lower_bound,
@@ -115,11 +116,11 @@ def _figures(dose: Dose, lost: Lost) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _and_absent(lost: Lost, seconds: float) -> Lost:
+def _and_absent(lost: Losses, seconds: float) -> Losses:
     return lost._replace(absent_s=lost.absent_s + seconds)
 
 
-def _lost_beside(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Lost]) -> Lost:
+def _lost_beside(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> Losses:
     """What a low-passed sensor's figures lack: also what the seat lost, and instants that found no sample."""
     if name == SEAT:
         return lost[SEAT]
@@ -130,7 +131,7 @@ def _lost_beside(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Lost])
 
 def _seat(seat: SeatExposure, since: Exposure) -> dict[str, Any]:
     document = dataclasses.asdict(seat)
-    del document["beside"]
+    del document["additional"]
     ratios = {
         ratio.name: {
             "value": ratio.value, "threshold": ratio.threshold, "exceeded": ratio.exceeded, "clause": ratio.clause,
@@ -142,8 +143,10 @@ def _seat(seat: SeatExposure, since: Exposure) -> dict[str, Any]:
 
 def _limits_beside(limits: Limits, seat: SeatExposure | None) -> list[dict[str, Any]]:
     """The sets of limits that do not decide, each with the judgement by it once there is one."""
-    judged = [dataclasses.asdict(judgement) for judgement in seat.beside] if seat else [{} for _ in limits.beside]
-    return [each.to_dict() | judgement for each, judgement in zip(limits.beside, judged, strict=True)]
+    judged = (
+        [dataclasses.asdict(judgement) for judgement in seat.additional] if seat else [{} for _ in limits.additional]
+    )
+    return [each.to_dict() | judgement for each, judgement in zip(limits.additional, judged, strict=True)]
 
 
 def _dri(since: Exposure, lower_bound: bool) -> dict[str, Any] | None:

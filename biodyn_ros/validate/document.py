@@ -172,7 +172,7 @@ def _driving_point(found: Validation, least_coherence: float) -> Document:
 def _point(point: DrivingPoint, least_coherence: float) -> Document:
     """One driving point; its peaks only where the coherence can tell."""
     mass, impedance = np.abs(point.apparent_mass_kg), np.abs(point.impedance_n_s_per_m)
-    tells = point.tells(least_coherence)
+    tells = point.is_coherent(least_coherence)
     peaks = {
         "peak": mass, "peak_by_body_mass": point.by_body_mass, "peak_by_upper_body_mass": point.by_upper_body_mass,
         "impedance_peak": impedance,

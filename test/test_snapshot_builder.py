@@ -1,4 +1,4 @@
-"""What the live page is told: figures as the pipeline counts them, and a band that is green for nothing doubtful."""
+"""Snapshots of the live page: figures as the pipeline counts them, and no green verdict in doubt."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.node.health import HealthMonitor, SensorHealth
-from biodyn_ros.node.snapshot_builder import ROWS, STILL_MPS2, SnapshotBuilder
+from biodyn_ros.node.snapshot_builder import LEAST_SEAT_MPS2, ROWS, SnapshotBuilder
 from biodyn_ros.reports.exposure_json import exposure_document
 
 GENTLE = {"case": "road", "seconds": 6.0, "seed": 3}
 
 
 class Ride:
-    """A pipeline driven as the node drives it, with the health of its sensors, and what the page is told of it."""
+    """A pipeline driven as the node drives it, with the health of its sensors and the page's snapshots."""
 
     def __init__(self, **pipeline):
-        self.pipeline, self.showing = Pipeline(subject(), **pipeline), SnapshotBuilder(5.0)
+        self.pipeline, self.builder = Pipeline(subject(), **pipeline), SnapshotBuilder(5.0)
         self.clock_s = 0.0
         self.health = {name: SensorHealth(now=lambda: self.clock_s) for name in SENSORS}
-        self.watch = HealthMonitor(self.pipeline, self.health)
+        self.monitor = HealthMonitor(self.pipeline, self.health)
         self.snapshots = []
 
     def drive(self, streams, block=280, without=(), behind=None):
-        """Push the streams side by side, some so many samples behind, and look four times a second."""
+        """Push the streams in turn, some so many samples behind, with four snapshots a second."""
         length = max(stream.stamps_ns.size for stream in streams)
         for at in range(0, length, block):
             self.clock_s += block / 1129.3
@@ -40,15 +40,15 @@ class Ride:
                     part = slice(max(0, begin), max(0, begin + block))
                     if part.stop == 0:
                         continue
-                    self.showing.add(self.pipeline.push(stream.sensor, stream.stamps_ns[part], stream.accel_mps2[part]))
+                    self.builder.add(self.pipeline.push(stream.sensor, stream.stamps_ns[part], stream.accel_mps2[part]))
                     self.health[stream.sensor].arrived()
-            self.look()
+            self.snapshot()
         return self
 
-    def look(self):
-        """Gather and tell, as JSON and back, as the page hears it."""
-        self.showing.gather()
-        snapshot = self.showing.snapshot(self.pipeline, self.watch.look(), self.watch.marks)
+    def snapshot(self):
+        """Add a snapshot, through JSON as for the page."""
+        self.builder.update()
+        snapshot = self.builder.snapshot(self.pipeline, self.monitor.check(), self.monitor.marks)
         self.snapshots.append(json.loads(json.dumps(snapshot, allow_nan=False)))
         return self.snapshots[-1]
 
@@ -59,8 +59,8 @@ def changed(streams, sensor, change):
 
 def test_the_rows_are_the_rolling_figures_and_their_ratios():
     ride = Ride().drive(noisy_streams(**GENTLE))
-    told, rolling = ride.snapshots[-1], ride.pipeline.exposure(rolling=True)
-    rows = {row["name"]: row for row in told["rows"]}
+    shown, rolling = ride.snapshots[-1], ride.pipeline.exposure(rolling=True)
+    rows = {row["name"]: row for row in shown["rows"]}
     assert list(rows) == [name.replace("_", " ") for name in ROWS]
     measured, predicted, seat = (dose.aw_mps2 for dose in rolling.compared["head"])
     assert rows["head"]["measured_mps2"] == measured == rolling.measured_low_passed["head"].aw_mps2
@@ -73,17 +73,17 @@ def test_the_rows_are_the_rolling_figures_and_their_ratios():
     assert rows["seat"]["predicted_mps2"] is None
 
 
-def test_the_strip_hands_out_every_bin_once():
-    told = Ride().drive(noisy_streams(**GENTLE)).snapshots
-    begins = [begin for one in told for begin in one["strip"]["measured"]["begin_s"]]
+def test_every_bin_of_the_strip_is_sent_once():
+    shown = Ride().drive(noisy_streams(**GENTLE)).snapshots
+    begins = [begin for one in shown for begin in one["strip"]["measured"]["begin_s"]]
     assert begins == sorted(set(begins))
     assert np.diff(begins) == pytest.approx(0.1, abs=1e-3)
     assert 0.0 <= begins[0] - 1e-9 * START_NS < 2.0
 
 
 def test_a_gentle_ride_with_a_yaw_is_green():
-    told = Ride(settings=PipelineSettings(yaw_deg=0.0)).drive(noisy_streams(**GENTLE)).snapshots[-1]
-    assert told["verdict"]["tone"] == "good", told["verdict"]
+    shown = Ride(settings=PipelineSettings(yaw_deg=0.0)).drive(noisy_streams(**GENTLE)).snapshots[-1]
+    assert shown["verdict"]["tone"] == "good", shown["verdict"]
 
 
 def clipped(stream):
@@ -105,49 +105,49 @@ def stuck(stream):
 
 @pytest.mark.parametrize("spoil", [clipped, vertical_only, stuck])
 def test_a_seat_that_is_clipped_vertical_only_or_stuck_is_not_green(spoil):
-    told = Ride().drive(changed(noisy_streams(**GENTLE), SEAT, spoil)).snapshots[-1]
-    assert told["verdict"]["tone"] == "none"
-    assert told["verdict"]["reasons"]
+    shown = Ride().drive(changed(noisy_streams(**GENTLE), SEAT, spoil)).snapshots[-1]
+    assert shown["verdict"]["tone"] == "none"
+    assert shown["verdict"]["reasons"]
 
 
-def test_a_seat_that_has_stopped_is_not_green_even_when_everybody_else_has_stopped_too():
+def test_a_silent_seat_is_not_green_when_all_sensors_are_silent():
     ride = Ride().drive(noisy_streams(**GENTLE))
     assert ride.snapshots[-1]["verdict"]["tone"] == "good"
     ride.clock_s += 0.8
-    told = ride.look()
-    assert told["verdict"]["tone"] == "none"
-    assert "silent for 0.8 s" in told["verdict"]["reasons"][0]
+    shown = ride.snapshot()
+    assert shown["verdict"]["tone"] == "none"
+    assert "silent for 0.8 s" in shown["verdict"]["reasons"][0]
     assert "left" in ride.snapshots[-2]["seat"]["left"]["action"]
-    assert told["seat"]["left"] == {"action": "withheld", "limit": "withheld"}, "nobody is promised time"
+    assert shown["seat"]["left"] == {"action": "withheld", "limit": "withheld"}, "nobody is promised time"
 
 
 def test_two_publishers_on_the_seat_are_not_green():
     ride = Ride().drive(noisy_streams(**GENTLE))
     ride.health[SEAT].publishers = 2
-    assert ride.look()["verdict"]["tone"] == "none"
+    assert ride.snapshot()["verdict"]["tone"] == "none"
 
 
-def test_a_seat_alone_is_predicted_from_and_what_is_not_measured_is_not_zero():
+def test_with_the_seat_alone_missing_measurements_are_not_zero():
     streams = noisy_streams(**GENTLE)
-    told = Ride().drive(streams, without=set(SENSORS) - {SEAT}).snapshots[-1]
-    head = told["rows"][0]
+    shown = Ride().drive(streams, without=set(SENSORS) - {SEAT}).snapshots[-1]
+    head = shown["rows"][0]
     assert head["measured_mps2"] is None
     assert head["residual_mps2"] is None
     assert head["predicted_mps2"] > 0.1
     assert head["sensor"]["message"] == "no message yet"
 
 
-def test_before_anything_has_come_the_page_waits():
-    told = Ride().look()
-    assert (told["seat"], told["dri"], told["shocks"]) == (None, None, [])
-    assert told["verdict"]["tone"] == "none"
-    assert "no message yet" in told["verdict"]["reasons"][0]
+def test_before_the_first_sample_the_page_waits():
+    shown = Ride().snapshot()
+    assert (shown["seat"], shown["dri"], shown["shocks"]) == (None, None, [])
+    assert shown["verdict"]["tone"] == "none"
+    assert "no message yet" in shown["verdict"]["reasons"][0]
 
 
 def test_a_seat_at_rest_has_no_transmissibility():
     still = [at_rest(stream) for stream in noisy_streams(**GENTLE)]
     head = Ride().drive(still).snapshots[-1]["rows"][0]
-    assert head["measured_mps2"] < STILL_MPS2
+    assert head["measured_mps2"] < LEAST_SEAT_MPS2
     assert (head["measured_ratio"], head["predicted_ratio"]) == (None, None)
 
 
@@ -158,45 +158,45 @@ def at_rest(stream):
 
 def test_shocks_are_listed_with_seat_and_head():
     streams = noisy_streams(3.0)
-    told = Ride().drive(streams).snapshots[-1]
-    assert told["shocks"]
+    shown = Ride().drive(streams).snapshots[-1]
+    assert shown["shocks"]
     seat = next(stream for stream in streams if stream.sensor == SEAT).accel_mps2
-    strongest = max(shock["seat_mps2"] for shock in told["shocks"])
+    strongest = max(shock["seat_mps2"] for shock in shown["shocks"])
     # Low-passed at 100 Hz and along the vertical: not more than the raw reading, and most of it.
     raw = np.abs(np.linalg.norm(seat, axis=1) - 9.81).max()
     assert 0.6 * raw < strongest < 1.1 * raw
 
 
 @pytest.mark.parametrize("leap_s", [-6.0, 1.0])
-def test_runs_that_begin_anew_and_a_sensor_that_dies_leave_plain_numbers(leap_s):
+def test_leaps_and_a_dead_sensor_leave_finite_numbers(leap_s):
     ride, streams = Ride(), noisy_streams(**GENTLE)
     for lap in range(3):
         shift_ns = round(1e9 * lap * (6.0 + leap_s))
         shifted = [replace(stream, stamps_ns=stream.stamps_ns + shift_ns) for stream in streams]
         ride.drive(shifted, without={"head"} if lap == 2 else ())
     assert ride.snapshots[-1]["seat"]["counted_s"] > 15.0
-    assert ride.pipeline.lost("head").missing_s > 3.0
+    assert ride.pipeline.losses("head").missing_s > 3.0
     json.dumps(exposure_document(ride.pipeline, "", 1.0, []), allow_nan=False)
 
 
-def test_what_a_sensor_that_clipped_felt_is_a_lower_bound_in_rows_and_shocks():
-    told = Ride().drive(changed(noisy_streams(), "head", clipped)).snapshots[-1]
-    rows = {row["name"]: row for row in told["rows"]}
+def test_a_clipped_sensor_is_a_lower_bound_in_rows_and_shocks():
+    shown = Ride().drive(changed(noisy_streams(), "head", clipped)).snapshots[-1]
+    rows = {row["name"]: row for row in shown["rows"]}
     assert rows["head"]["measured_lower_bound"] and not rows["neck"]["measured_lower_bound"]
     assert not rows["head"]["predicted_lower_bound"]
-    assert told["shocks"] and all(
-        shock["head_lower_bound"] and not shock["seat_lower_bound"] for shock in told["shocks"]
+    assert shown["shocks"] and all(
+        shock["head_lower_bound"] and not shock["seat_lower_bound"] for shock in shown["shocks"]
     )
 
 
 def test_another_publisher_s_type_stops_no_prediction_and_a_silent_sensor_has_no_rate():
     ride = Ride().drive(noisy_streams(**GENTLE), without=("head",))
     ride.health[SEAT].wrong_type = "a publisher sends std_msgs/msg/String"
-    told = ride.look()
-    assert told["prediction"]["message"] == "predicting"
-    rows = {row["name"]: row for row in told["rows"]}
+    shown = ride.snapshot()
+    assert shown["prediction"]["message"] == "predicting"
+    rows = {row["name"]: row for row in shown["rows"]}
     assert rows["seat"]["sensor"]["level"] == 2 and rows["seat"]["sensor"]["rate_hz"] > 1000.0
     ride.clock_s += 1.0
-    told = ride.look()
-    assert "std_msgs/msg/String" in told["prediction"]["message"]
-    assert all(row["sensor"]["rate_hz"] is None for row in told["rows"] if row["sensor"])
+    shown = ride.snapshot()
+    assert "std_msgs/msg/String" in shown["prediction"]["message"]
+    assert all(row["sensor"]["rate_hz"] is None for row in shown["rows"] if row["sensor"])

@@ -1,4 +1,4 @@
-"""A bag played in a loop by a real player to a real node: no gap where laps meet, the figures of the whole record."""
+"""A bag played in a loop by a player to a node: no gap between laps, and the figures of the whole record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures that stand side by side: measurement and prediction of one segment count the same samples."""
+"""Compared figures: measurement and prediction of one segment count the same samples."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from naive import weighted
 from streams import RATE_HZ, in_turn, noisy_streams, run
-from test_showing import Ride
+from test_snapshot_builder import Ride
 
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SEGMENTS, SENSORS
 
@@ -44,8 +44,8 @@ def test_a_sensor_that_dies_is_compared_with_the_prediction_of_its_own_samples()
 def test_rows_differ_by_no_more_than_their_residual_while_a_sensor_lags() -> None:
     """|aw of a minus aw of b| is at most aw of their difference, where both are of the same samples."""
     ride = Ride().drive(noisy_streams(6.0), behind={"neck": 840})
-    looked = [row for told in ride.snapshots for row in told["rows"] if row["residual_mps2"] is not None]
-    assert len(looked) > 10 * len(MEASURED_SEGMENTS)
-    for row in looked:
+    rows = [row for shown in ride.snapshots for row in shown["rows"] if row["residual_mps2"] is not None]
+    assert len(rows) > 10 * len(MEASURED_SEGMENTS)
+    for row in rows:
         apart = abs(row["measured_mps2"] - row["predicted_mps2"])
         assert apart <= LARGEST_GAIN * row["residual_mps2"] + 1e-3, row

@@ -1,4 +1,4 @@
-"""The seat against its limits: formulae by hand, zone and its grounds, and when times are honest."""
+"""The seat against its limits: formulas, zones with their reasons, and conditions for times."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from biodyn_core.exposure.exposure_store import NOTHING_LOST, Lost
 from biodyn_core.exposure.limit_assessment import DataQuality, SeatExposure, seat_exposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
+from biodyn_core.exposure.losses import NO_LOSSES, Losses
 from biodyn_core.exposure.meters import Dose, DoseMeter, HorizontalMeter
 
-EU, ISO = EU_LIMITS.deciding, EU_LIMITS.beside[0]
+EU, ISO = EU_LIMITS.deciding, EU_LIMITS.additional[0]
 HOUR = 3600.0
-COMPLETE = DataQuality(NOTHING_LOST, silent=False, gravity_mps2=9.81, fault=None)
+COMPLETE = DataQuality(NO_LOSSES, silent=False, gravity_mps2=9.81, fault=None)
 
 
 class Plane:
@@ -47,8 +47,8 @@ def judge(
     **grounds,
 ) -> SeatExposure:
     """The seat against the limits, by a complete record where no other grounds, or losses, are given."""
-    lost = NOTHING_LOST._replace(**{name: grounds.pop(name) for name in Lost._fields if name in grounds})
-    given_grounds = dataclasses.replace(COMPLETE, lost=lost, **grounds)
+    losses = NO_LOSSES._replace(**{name: grounds.pop(name) for name in Losses._fields if name in grounds})
+    given_grounds = dataclasses.replace(COMPLETE, losses=losses, **grounds)
     return seat_exposure(vertical, plane or Plane(), yaw_rad, limits, given_grounds, project)
 
 
@@ -84,14 +84,14 @@ def test_the_sooner_of_both_counts():
     assert by_vdv.time_to_action_value_s == pytest.approx(HOUR)  # twice the fourth power fits into two hours
 
 
-def test_what_governs_is_what_is_reached_first_not_what_is_the_larger_share():
+def test_the_governing_measure_is_reached_first():
     # A(8) at half of its action value has used a quarter of its time, VDV at six tenths of its own only an eighth.
     seat = judge(upward(0.25 * math.sqrt(8.0), 0.6 * 9.1, HOUR))
     assert seat.governing == "a8"
     assert seat.time_to_action_value_s == pytest.approx(3.0 * HOUR)
 
 
-def test_above_the_limit_what_governs_is_what_brought_it_there():
+def test_above_the_limit_the_governing_measure_reached_it():
     # Beyond the action value A(8) came first (1.5^2 > 1.2^4), but only VDV has reached the limit value (21 > 9.1 1.2).
     by_action = judge(upward(0.75, 1.2 * 9.1, 8.0 * HOUR))
     assert (by_action.zone, by_action.governing) == ("above_action_value", "a8")
@@ -100,7 +100,7 @@ def test_above_the_limit_what_governs_is_what_brought_it_there():
     assert "VDV so far is 21.5 m/s^1.75 (axis z): the limit value of 21 (2002/44/EC) is reached" in by_limit.zone_reason
 
 
-def test_once_reached_no_time_is_left():
+def test_time_left_is_zero_once_reached():
     seat = judge(upward(3.0, 30.0, 8.0 * HOUR))
     assert seat.time_to_action_value_s == 0.0 and seat.time_to_limit_value_s == 0.0
 
@@ -128,7 +128,7 @@ def test_the_missing_seconds_have_passed_as_well():
     assert seat.time_to_action_value_s == pytest.approx(7.0 * HOUR)
 
 
-def test_what_was_interpolated_was_counted_and_is_not_taken_off_once_more():
+def test_interpolated_seconds_are_counted_once():
     # Two hours' worth of the action value in an hour: of one hour counted, an hour is left, whatever was interpolated.
     seat = judge(upward(1.0, 1.0, HOUR), filled_s=18.0)
     assert seat.time_to_action_value_s == pytest.approx(HOUR, rel=1e-12)
@@ -141,7 +141,7 @@ def test_what_was_interpolated_was_counted_and_is_not_taken_off_once_more():
 # --- yaw and horizontal data -----------------------------------------------------------------------------------------
 
 
-def test_with_a_yaw_the_axes_are_turned_by_it():
+def test_a_yaw_rotates_the_axes():
     plane = Plane((1.0, 8.0), (0.2, 1.0), at_rad=math.radians(30.0))
     along = judge(upward(0.1, 1.0, HOUR), plane, yaw_rad=math.radians(30.0))
     assert along.horizontal == "yaw_given" and along.axis == "x"
@@ -151,7 +151,7 @@ def test_with_a_yaw_the_axes_are_turned_by_it():
 
 
 @given(st.floats(-10.0, 10.0))
-def test_without_a_yaw_the_worst_direction_is_found_wherever_it_is(at_rad):
+def test_without_a_yaw_the_worst_direction_is_found(at_rad):
     seat = judge(upward(0.1, 1.0, HOUR), Plane((1.0, 8.0), (0.2, 1.0), at_rad), yaw_rad=None)
     assert (seat.horizontal, seat.axis) == ("worst_direction", "worst_direction")
     assert set(seat.aw_weighted_mps2) == set(seat.vdv_weighted_mps175) == {"worst_direction", "z"}
@@ -213,10 +213,10 @@ def test_below_the_action_values_needs_a_complete_record():
     ],
 )
 @pytest.mark.parametrize("limits", [EU_LIMITS, Limits(ISO, (EU,))])
-def test_without_grounds_nothing_is_called_below(grounds, because, limits):
+def test_poor_data_quality_is_never_below(grounds, because, limits):
     seat = judge(upward(0.1, 1.0, HOUR), limits=limits, **grounds)
     assert seat.zone == "undecided" and because in seat.zone_reason
-    assert [each.zone for each in seat.beside] == ["undecided"]
+    assert [each.zone for each in seat.additional] == ["undecided"]
     if "gravity_mps2" in grounds:  # a gain too low by a fifth would promise twice the time
         assert because in (seat.withheld or "") and seat.time_to_action_value_s is None
         assert judge(upward(0.1, 1.0, HOUR), limits=limits, project=True, **grounds).a8_projected_8h_mps2 is None
@@ -252,7 +252,7 @@ def test_exactly_one_percent_missing_is_allowed_and_a_little_more_is_not():
     assert judge(upward(0.1, 1.0, 3564.0), absent_s=36.01).zone == "undecided"
 
 
-def test_what_the_missing_seconds_would_have_reached_is_not_called_below():
+def test_a_value_within_the_missing_seconds_is_undecided():
     # 0.5 m/s^2 for eight hours less 36 s that are missing: 0.4997 so far, 0.5 if they were like the rest.
     seat = judge(upward(0.5, 1.0, 8.0 * HOUR - 36.0), absent_s=36.0)
     assert seat.a8_so_far_mps2 < 0.5
@@ -269,17 +269,17 @@ def test_nothing_counted_is_undecided_without_times():
     assert [ratio.exceeded for ratio in seat.shock_ratios] == [None, None, None]
 
 
-def test_the_sets_beside_are_judged_by_their_own_values():
+def test_additional_sets_are_assessed_by_their_own_values():
     seat = judge(upward(0.1, 8.8, HOUR))
-    (iso,) = seat.beside
+    (iso,) = seat.additional
     assert (seat.source, seat.zone) == ("2002/44/EC", "below_action_value")
     assert (iso.source, iso.zone, iso.governing) == ("ISO 2631-1 caution zone", "above_action_value", "vdv")
     assert iso.time_to_action_value_s == 0.0
     assert iso.time_to_limit_value_s == pytest.approx(HOUR * ((17.0 / 8.8) ** 4 - 1.0))
     # 2.0 m/s^2 for three hours is above the directive's limit value of A(8), of which the other set knows nothing.
     loud = judge(upward(2.0, 1.0, 3.0 * HOUR))
-    assert (loud.zone, loud.beside[0].zone) == ("above_limit_value", "below_action_value")
-    assert "A(8)" not in loud.beside[0].zone_reason
+    assert (loud.zone, loud.additional[0].zone) == ("above_limit_value", "below_action_value")
+    assert "A(8)" not in loud.additional[0].zone_reason
 
 
 # --- times -----------------------------------------------------------------------------------------------------------
@@ -290,13 +290,13 @@ def test_the_sets_beside_are_judged_by_their_own_values():
 def test_times_and_projections_are_withheld_where_samples_are_missing_or_clipped(grounds, vdv):
     seat = judge(upward(1.0, vdv, HOUR), project=True, **grounds)
     assert seat.time_to_action_value_s is None and seat.time_to_limit_value_s is None
-    assert seat.beside[0].time_to_limit_value_s is None
+    assert seat.additional[0].time_to_limit_value_s is None
     assert seat.a8_projected_8h_mps2 is None and seat.vdv_projected_8h_mps175 is None
     assert seat.withheld is not None and seat.lower_bound
     assert seat.a8_so_far_mps2 == pytest.approx(math.sqrt(1.0 / 8.0)) and seat.governing in ("a8", "vdv")
 
 
-def test_a_seat_at_rest_reaches_nothing_ever():
+def test_a_seat_at_rest_never_reaches_a_value():
     seat = judge(upward(0.0, 0.0, HOUR), Plane((0.0, 0.0), (0.0, 0.0)))
     assert seat.time_to_action_value_s is None and seat.time_to_limit_value_s is None
     assert seat.withheld is None and seat.axis == "z"
@@ -324,7 +324,7 @@ def test_more_exposure_never_leaves_more_time(aw, vdv, seconds, louder, harsher,
         absent_s=missing * seconds,
     )  # fmt: skip
     order = ["below_action_value", "undecided", "above_action_value", "above_limit_value"]
-    for of_more, of_less in zip((more, *more.beside), (less, *less.beside), strict=True):
+    for of_more, of_less in zip((more, *more.additional), (less, *less.additional), strict=True):
         assert of_more.time_to_action_value_s <= of_less.time_to_action_value_s * (1.0 + 1e-12)
         assert of_more.time_to_limit_value_s <= of_less.time_to_limit_value_s * (1.0 + 1e-12)
         assert order.index(of_more.zone) >= order.index(of_less.zone)
@@ -345,7 +345,7 @@ def test_half_an_hour_is_projected_to_eight_by_its_powers():
     [(1199.0, False, False), (1199.0, True, True), (1200.0, False, True), (8 * HOUR, False, True),
      (8.1 * HOUR, True, False)],
 )  # fmt: skip
-def test_a_projection_wants_twenty_minutes_and_no_more_than_the_day_it_projects_to(seconds, asked, given_):
+def test_a_projection_needs_20_min_to_8_h(seconds, asked, given_):
     seat = judge(upward(0.4, 3.0, seconds), project=asked)
     projected = (seat.a8_projected_8h_mps2, seat.vdv_projected_8h_mps175, seat.projected_from_s)
     assert [value is not None for value in projected] == 3 * [given_]
@@ -367,7 +367,7 @@ def ratios(seat: SeatExposure) -> dict[str, tuple[float | None, bool | None]]:
     return {ratio.name: (ratio.value, ratio.exceeded) for ratio in seat.shock_ratios}
 
 
-def test_the_ratios_of_the_vertical_and_which_of_them_fire():
+def test_the_shock_ratios_of_the_vertical():
     seat = judge(upward(0.5, 0.5 * 1.8 * 10.0, 10_000.0, mtvv=1.4, peak=9.5))
     assert ratios(seat) == {
         "crest_factor": (pytest.approx(9.5), True),
@@ -379,7 +379,7 @@ def test_the_ratios_of_the_vertical_and_which_of_them_fire():
     ]  # fmt: skip
 
 
-def test_a_horizontal_axis_has_no_measured_peak_to_clear_it():
+def test_a_horizontal_axis_has_no_measured_peak():
     seat = judge(upward(0.1, 0.1, 10_000.0, mtvv=3.0, peak=20.0), Plane((0.5, 0.5 * 1.2 * 10.0), (0.1, 0.1)))
     assert seat.axis == "x"
     assert ratios(seat) == {

@@ -1,0 +1,60 @@
+"""Exposure: every figure that the pipeline counts, since reset or over the rolling window."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from biodyn_core.base.segments import HEAD, SEAT
+from biodyn_core.exposure.injury import Dri, Hic
+from biodyn_core.exposure.meters import Dose
+from biodyn_core.exposure.sensor_meters import SensorMeters
+from biodyn_core.pipeline.comparison import Compared
+from biodyn_core.pipeline.prediction import SeatPredictor
+from biodyn_core.signals.weighting import WeightingName
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """Every figure of one span (since reset, or rolling); figures without a counted sample are absent.
+
+    sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed are comparable with each other: a
+    prediction counts at once, a measurement when it is compared. compared: by segment, over the same samples of both.
+    also: by weighting and sensor. residual: by segment, rms m/s^2 and rms over measured rms in percent. msdv_mps15:
+    motion sickness dose of the seat's vertical, Wf, since reset alone.
+    """
+
+    sensors: dict[str, Dose]
+    predicted: dict[str, Dose]
+    measured_low_passed: dict[str, Dose]
+    dri: Dri | None
+    hic15: Hic | None
+    hic36: Hic | None
+    msdv_mps15: float | None
+    also: dict[str, dict[str, Dose]]
+    residual: dict[str, tuple[float, float]]
+    compared: dict[str, Compared]
+
+
+def exposure_of(
+    meters: Mapping[str, SensorMeters],
+    predictor: SeatPredictor | None,
+    weightings: tuple[WeightingName, ...],
+    rolling: bool,
+) -> Exposure:
+    """Read the figures from the sensors' meters and the predictor, whose figures need the seat's."""
+    seat, head = meters.get(SEAT), meters.get(HEAD)
+    side = predictor if seat else None
+    also = {name: one.also(rolling) for name, one in meters.items()}
+    return Exposure(
+        sensors={name: one.vertical(rolling) for name, one in meters.items()},
+        predicted=side.predicted(rolling) if side else {},
+        measured_low_passed=side.measured(rolling, tuple(meters)) if side else {},
+        dri=seat.dri(rolling) if seat else None,
+        hic15=head.hic("hic15", rolling) if head else None,
+        hic36=head.hic("hic36", rolling) if head else None,
+        msdv_mps15=seat.msdv_mps15() if seat and not rolling else None,
+        also={weighting: {name: doses[weighting] for name, doses in also.items()} for weighting in weightings},
+        residual=side.residual(rolling) if side else {},
+        compared=side.compared(rolling) if side else {},
+    )

@@ -1,0 +1,122 @@
+"""Exposure counter: exposure and losses of every sensor since the last reset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+from biodyn_core.base.arrays import Floats
+from biodyn_core.conditioning.conditioned import Block
+from biodyn_core.conditioning.conditioner import Conditioner
+from biodyn_core.conditioning.tilt import Vector, first_axis_rad
+from biodyn_core.conditioning.timelines import Timelines
+from biodyn_core.exposure.losses import NO_LOSSES, Losses
+from biodyn_core.exposure.sensor_meters import SensorMeters
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
+
+
+class InitialSensor(NamedTuple):
+    """Exposure of one sensor before this run: meters that hold it, its losses, and the stamp up to which both reach."""
+
+    meters: SensorMeters
+    losses: Losses
+    end_ns: int
+
+
+class InitialExposure(NamedTuple):
+    """Exposure that counting starts from: by sensor, and the totals of the prediction by name."""
+
+    sensors: Mapping[str, InitialSensor]
+    prediction: Mapping[str, Floats]
+
+
+ZERO: Final = InitialExposure({}, {})
+
+
+class ExposureCounter:
+    """`count` conditioned blocks; read the meters `since_reset` or of the `rolling` window, and the `losses`.
+
+    meters: by sensor, from its first block on. initial: exposure before this run, zero for a run of its own.
+    """
+
+    def __init__(
+        self, conditioners: Mapping[str, Conditioner], timelines: Timelines, settings: PipelineSettings
+    ) -> None:
+        self._conditioners, self._timelines, self._settings = conditioners, timelines, settings
+        self.meters: dict[str, SensorMeters] = {}
+        self.initial = ZERO
+        self._at_reset = dict.fromkeys(conditioners, NO_LOSSES)
+        self._clipping_at_reset = {name: conditioner.clipping() for name, conditioner in conditioners.items()}
+
+    def count(self, sensor: str, blocks: list[Block]) -> None:
+        """Count a sensor's blocks."""
+        if sensor not in self.meters:
+            self.meters[sensor] = self._first_meters(sensor)
+        for block in blocks:
+            self.meters[sensor].push(block)
+
+    def _first_meters(self, sensor: str) -> SensorMeters:
+        conditioner = self._conditioners[sensor]
+        meters = self.new_meters(sensor, conditioner.rate_hz, conditioner.status().vertical)
+        if sensor in self.initial.sensors:
+            meters.resume(self.initial.sensors[sensor].meters.totals(), self.break_s(sensor))
+        return meters
+
+    def new_meters(self, sensor: str, rate_hz: float, vertical: Vector | None = None) -> SensorMeters:
+        """Meters of a sensor that start at zero."""
+        first_rad = first_axis_rad(vertical) if vertical else 0.0
+        return SensorMeters(sensor, rate_hz, self._settings.window_s, self._settings.weightings(), first_rad)
+
+    def since_reset(self) -> dict[str, SensorMeters]:
+        """The meters by sensor, also of sensors with initial exposure alone."""
+        return {name: one.meters for name, one in self.initial.sensors.items()} | self.meters
+
+    def rolling(self) -> dict[str, SensorMeters]:
+        """The meters of the sensors that sent samples within the window."""
+        window_s = self._settings.window_s
+        return {name: meters for name, meters in self.meters.items() if self._timelines.silent_s(name) <= window_s}
+
+    def losses(self, sensor: str) -> Losses:
+        """The losses of a sensor since reset, initial ones included.
+
+        Absent: gaps, the time before it joined the others, motion before its first rest, time while its clock was set
+        back, and its present silence.
+        """
+        # A rail that is found or withdrawn later changes the samples before the reset too.
+        clipped = self._conditioners[sensor].clipping().before(self._clipping_at_reset[sensor])
+        at_reset = self._at_reset[sensor]._replace(clipped=clipped)
+        return self._losses(sensor).since(at_reset).plus(self._initial_losses(sensor))
+
+    def _losses(self, sensor: str) -> Losses:
+        """The losses of a sensor in this run."""
+        status, timelines = self._conditioners[sensor].status(), self._timelines
+        gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
+        # With initial exposure, the time before the first sample is the break behind it.
+        late_s = 0.0 if sensor in self.initial.sensors else timelines.late_s(sensor)
+        absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + timelines.silent_s(sensor)
+        return Losses(status.clipped, absent_s, status.filled_s, status.flat_s)
+
+    def _initial_losses(self, sensor: str) -> Losses:
+        if sensor not in self.initial.sensors:
+            return NO_LOSSES
+        losses = self.initial.sensors[sensor].losses
+        return losses._replace(absent_s=losses.absent_s + self.break_s(sensor))
+
+    def break_s(self, sensor: str) -> float:
+        """Seconds from a sensor's initial exposure to its first sample, or to the newest of all before it has one."""
+        if sensor not in self.initial.sensors:
+            return 0.0
+        own = self._conditioners[sensor]
+        newest = [stamp for c in self._conditioners.values() if (stamp := c.newest_ns) is not None]
+        reached_ns = own.first_ns if own.rest is not None else max(newest, default=None)
+        end_ns = self.initial.sensors[sensor].end_ns
+        return 0.0 if reached_ns is None else max(0.0, 1e-9 * (reached_ns - end_ns))
+
+    def reset(self) -> None:
+        """Set everything "since reset" to zero, initial exposure included."""
+        for meters in self.meters.values():
+            meters.reset()
+        self.initial = ZERO
+        self._timelines.reset()
+        self._at_reset = {name: self._losses(name) for name in self._conditioners}
+        self._clipping_at_reset = {name: conditioner.clipping() for name, conditioner in self._conditioners.items()}
