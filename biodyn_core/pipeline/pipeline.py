@@ -115,9 +115,8 @@ class Pipeline:
         """Carry the chain over the seat's samples, and release the instants that they complete in the comparison."""
         if self.predictor is None:
             self.predictor = self._first_predictor()
-        predictor, gives_up = self.predictor, self.overdue
+        predictor, releases = self.predictor, self.overdue or blocks[0].stamps_ns.size > 1
         accel = [predictor.push(block) for block in blocks]
-        releases = gives_up or blocks[0].stamps_ns.size > 1
         measured = predictor.comparison.release() if releases else NO_MEASURED
         if len(blocks) == 1:
             return Frames(PredictedFrames(blocks[0].stamps_ns, accel[0]), measured)

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioner import Mode
@@ -85,33 +86,6 @@ def replay(
     return Replayed(document, pipeline)
 
 
-class PredictedBag:
-    """Write every frame of a replay to a bag, with the live node's topics and stamps."""
-
-    def __init__(self, writer: BagWriter) -> None:
-        self._writer = writer
-        for topic in (*topics.PREDICTED.values(), *topics.MEASURED.values()):
-            writer.add_topic(topics.absolute(topic), ACCEL_STAMPED_TYPE)
-
-    def add(self, frames: Frames) -> None:
-        """Add one push's frames; NaN is not written."""
-        self._write(topics.PREDICTED, SEGMENTS, frames.predicted.stamps_ns, frames.predicted.accel_mps2)
-        self._write(topics.MEASURED, SENSORS, frames.measured.stamps_ns, frames.measured.accel_mps2)
-
-    def _write(self, names: dict[str, str], order: tuple[str, ...], stamps_ns: Any, accel_mps2: Any) -> None:
-        if stamps_ns.size == 0:
-            return
-        for column, name in enumerate(order):
-            values = accel_mps2[:, column]
-            here = ~np.isnan(values)
-            if not here.all():
-                stamps, values = stamps_ns[here], values[here]
-            else:
-                stamps = stamps_ns
-            if stamps.size:
-                self._writer.write(topics.absolute(names[name]), stamps, encode_accel_stamped(stamps, values, name))
-
-
 def replay_to_directory(
     bag: str | Path,
     subject: Subject,
@@ -137,7 +111,7 @@ def replay_to_directory(
             traces = Traces()
             listeners.append(traces.add)
         if predicted:
-            listeners.append(_LatePredictedBag(directory, subject, str(bag), open_files).add)
+            listeners.append(_PredictedBag(directory, subject, str(bag), open_files).add)
 
         def each(frames: Frames) -> None:
             for listen in listeners:
@@ -155,27 +129,41 @@ def replay_to_directory(
     return replayed
 
 
-class _LatePredictedBag:
-    """A predicted bag that begins with the first prediction; on failure it is removed with its new directories."""
+class _PredictedBag:
+    """Write every frame of a replay to a bag, with the live node's topics and stamps.
+
+    The bag begins with the first frame; on failure it is removed with its new directories.
+    """
 
     def __init__(self, directory: Path, subject: Subject, bag: str, open_files: contextlib.ExitStack) -> None:
         self._directory, self._open_files = directory, open_files
         self._metadata = {"subject": subject.name, "bag": bag, "version": __version__}
-        self._bag: PredictedBag | None = None
+        self._writer: BagWriter | None = None
 
     def add(self, frames: Frames) -> None:
-        if self._bag is None:
-            if not (frames.predicted.stamps_ns.size or frames.measured.stamps_ns.size):
-                return
-            self._bag = self._begin()
-        self._bag.add(frames)
+        """Add one push's frames; NaN is not written."""
+        self._write(topics.PREDICTED, SEGMENTS, *frames.predicted)
+        self._write(topics.MEASURED, SENSORS, *frames.measured[:2])
 
-    def _begin(self) -> PredictedBag:
+    def _write(self, names: dict[str, str], order: tuple[str, ...], stamps_ns: Integers, accel_mps2: Floats) -> None:
+        if stamps_ns.size == 0:
+            return
+        if self._writer is None:
+            self._writer = self._begin()
+        for name, column in zip(order, accel_mps2.T, strict=True):
+            known = ~np.isnan(column)
+            stamps, values = (stamps_ns, column) if known.all() else (stamps_ns[known], column[known])
+            if stamps.size:
+                self._writer.write(topics.absolute(names[name]), stamps, encode_accel_stamped(stamps, values, name))
+
+    def _begin(self) -> BagWriter:
         self._open_files.push(_unmake_on_failure(_make(self._directory)))
         path = self._directory / PREDICTED
         writer = self._open_files.enter_context(BagWriter(path, compression="lz4", overwrite=True))
         writer.add_metadata("biodyn", self._metadata)
-        return PredictedBag(writer)
+        for topic in (*topics.PREDICTED.values(), *topics.MEASURED.values()):
+            writer.add_topic(topics.absolute(topic), ACCEL_STAMPED_TYPE)
+        return writer
 
 
 def _make(directory: Path) -> list[Path]:
