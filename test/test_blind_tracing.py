@@ -37,7 +37,7 @@ from blind.tracing.records import Record, causes, record, sittings
 from blind.tracing.refits import oracle, placebo
 from blind.tracing.rows import CONDITIONS, DRAWINGS, FILLING, MEASURED, Condition, Drawing
 from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
-from blind.tracing.study import BrokenSeal, Call, Run, here
+from blind.tracing.study import BrokenSeal, Call, Run
 from blind.tracing.table import PAGE, RUNS, About, publish
 
 SUBJECT = Subject("blind", 70.0, 1.75, "segment", Parameters.from_vector(0.5 * (LOWER + UPPER)))
