@@ -20,7 +20,7 @@ from biodyn_core.body.constants import Constants
 from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.parameters import LOWER, N_PARAMETERS, STIFFENING, UPPER, from_log, to_log
 from biodyn_core.body.subject import MassMatrix, Subject
-from biodyn_core.effects import felt, shown
+from biodyn_core.effects import apply_to_seat, apply_to_sensors
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import Clocks, Regularization, SurrogateSettings
 from biodyn_core.kernels.cost import LANES, integrate_lanes
@@ -111,7 +111,7 @@ class TimeDomain:
         self._pull = pull
         self._weights = [case.weight for case in cases]
         self._clocks = clocks
-        self._seats = [felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels) for case in cases]
+        self._seats = [apply_to_seat(subject.effects, case.seat_mps2, case.rate_hz, case.channels) for case in cases]
         # One choice for the whole of Table 1: steps that change with theta would put edges into the objective.
         self.substeps = tuple(substeps or [self._chain(UPPER).substeps(case.rate_hz) for case in cases])
         self.evaluations = 0
@@ -147,7 +147,7 @@ class TimeDomain:
         case = self.cases[number]
         stepper = Stepper(self._chain(theta), case.rate_hz, self.substeps[number])
         accel = stepper.push(self._seats[number], channels=case.channels)
-        accel = shown(self.subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
+        accel = apply_to_sensors(self.subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
         return np.ascontiguousarray(accel)  # taken as it is, all that follows is slow
 
     def _chain(self, theta: Floats) -> Chain:

@@ -85,7 +85,7 @@ def taken(
         return None
     best = good[0]
     close = [i for i in good if told[i].gain >= settings.near * told[best].gain and not _worse(rungs[i], rungs[best])]
-    on_sensors = [i for i in close if told[i].applied.effect.measured is not None]
+    on_sensors = [i for i in close if told[i].applied.effect.place == "sensor"]
     return on_sensors[0] if on_sensors else best
 
 

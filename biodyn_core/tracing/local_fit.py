@@ -285,4 +285,4 @@ class _Problem:
         assert self._template is not None
         subject, cases = self._subject(at.delta, psi), self._background.train.cases
         # What is on a sensor moves nobody.
-        return sensed(subject, cases, at.moved) if self._template.effect.measured else answers(subject, cases)
+        return sensed(subject, cases, at.moved) if self._template.effect.place == "sensor" else answers(subject, cases)

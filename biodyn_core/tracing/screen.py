@@ -90,10 +90,10 @@ def candidates(cases: Sequence[Case], there: Sequence[AppliedEffect] = ()) -> tu
     found, untestable = [], []
     has = {(one.effect.name, one.site) for one in there}
     for effect in CATALOGUE.values():
-        for site in effect.where:
+        for site in effect.sites:
             if (effect.name, site) in has:
                 continue
-            if not all(name in case.channels for case in cases for name in effect.needed(site)):
+            if not all(name in case.channels for case in cases for name in effect.required_channels(site)):
                 untestable.append(f"{effect.name} at {site}")
                 continue
             found += [

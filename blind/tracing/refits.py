@@ -56,8 +56,8 @@ def starts(fit: Fit, cases: Sequence[Case], tried: Iterable[AppliedEffect]) -> l
 def oracle(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject:
     """The true class at its true site, or at the best where the catalogue has no such one, from the best starts."""
     effect = CATALOGUE[cause.name]
-    sites = [site for site in effect.where if cause.site and not places_away(effect.name, site, cause.site)]
-    ranked = starts(fit, cases, _tries(effect, sites or effect.where, cases))
+    sites = [site for site in effect.sites if cause.site and not places_away(effect.name, site, cause.site)]
+    ranked = starts(fit, cases, _tries(effect, sites or effect.sites, cases))
     return min((refitted(fit, cases, one.applied) for one in ranked[:STARTS]), key=lambda end: end[1])[0]
 
 
@@ -71,7 +71,7 @@ def placebo(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject | None:
     nearest = min(abs(len(effect.parameters) - count) for effect in wrong)
     alike = [effect for effect in wrong if abs(len(effect.parameters) - count) == nearest]
     best: dict[tuple[str, str], Start] = {}
-    for one in starts(fit, cases, (start for effect in alike for start in _tries(effect, effect.where, cases))):
+    for one in starts(fit, cases, (start for effect in alike for start in _tries(effect, effect.sites, cases))):
         best.setdefault((one.applied.effect.name, one.applied.site), one)
     ranked = list(best.values())
     return refitted(fit, cases, ranked[len(ranked) // 2].applied)[0] if ranked else None
@@ -135,7 +135,7 @@ def _tries(effect: Effect, sites: Iterable[str], cases: Sequence[Case]) -> list[
     """Every combination of an effect's grids with one strength after the other, where its channels are measured."""
     found = []
     for site in sites:
-        if not all(name in case.channels for case in cases for name in effect.needed(site)):
+        if not all(name in case.channels for case in cases for name in effect.required_channels(site)):
             continue
         grids = [p.grid or (p.size,) for p in effect.parameters]
         for values in itertools.product(*grids):
