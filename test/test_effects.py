@@ -576,7 +576,7 @@ def test_a_tampered_file_is_not_run(tmp_path, monkeypatch) -> None:
     path = tmp_path / "generated" / "chain_x.py"
     path.parent.mkdir()
     path.write_text("raise SystemExit('theirs')\n")
-    assert generated.kept(path, text).read_text() == text
+    assert generated.cached_file(path, text).read_text() == text
 
 
 @pytest.mark.parametrize("name", ["cubic", "friction", "reflex", "lift_off", "viscera", "bending"])  # one of each kind

@@ -59,7 +59,7 @@ class SeatPredictor:
         """
         motion = np.empty((seat_mps2.size, 2 * N_SEGMENTS))
         accel = self.stepper.push(seat_mps2, motion)
-        held = kernels.first_lost(accel, motion, MOST_STRETCH_M)
+        held = kernels.first_invalid(accel, motion, MOST_STRETCH_M)
         if held == seat_mps2.size:
             return accel
         accel[held] = np.nan

@@ -18,7 +18,7 @@ from biodyn_core.identification.idealize import Idealized
 from biodyn_core.identification.identify import Identification
 from biodyn_core.identification.problem import Case, Errors
 from biodyn_core.identification.profiles import Profile
-from biodyn_core.identification.residuals import Leftover
+from biodyn_core.identification.residuals import ResidualCheck
 from biodyn_core.identification.uncertainty import Estimate, Uncertainty
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.reading.events import BagEvent, Prepared
@@ -40,7 +40,7 @@ class Findings:
     uncertainty: Uncertainty
     profiles: tuple[Profile, ...]
     not_profiled: tuple[str, ...]
-    leftovers: Sequence[Leftover]
+    residual_checks: Sequence[ResidualCheck]
     errors: Mapping[Subjects, Sequence[Errors]]
     mass_matrix: tuple[MassMatrix | None, Mapping[MassMatrix, float]]
 
@@ -72,12 +72,12 @@ def fit_document(
         "cv": {name: finite(percent) for name, percent in found.idealized.cv_percent.items()},
         "flagged": list(found.idealized.flagged),
         "intervals": {estimate.name: _interval(estimate) for estimate in sure.estimates},
-        "identifiable": {estimate.name: estimate.call for estimate in sure.estimates},
+        "identifiable": {estimate.name: estimate.identifiability for estimate in sure.estimates},
         "correlation": {"names": list(sure.names), "matrix": sure.correlation.tolist()},
         "least_known": {"combination": sure.least_known, "half_width": finite(sure.least_known_half_width)},
         "profiles": {profile.name: _profile(profile) for profile in findings.profiles},
         "not_profiled": list(findings.not_profiled),
-        "residuals": [_residual(leftover) for leftover in findings.leftovers],
+        "residuals": [_residual(check) for check in findings.residual_checks],
         "held_out": [
             _held_out(event, case) | both
             for (event, case), both in zip(held_out, predicted[len(fitted) :], strict=True)
@@ -239,13 +239,13 @@ def _profile(profile: Profile) -> Document:
     }
 
 
-def _residual(leftover: Leftover) -> Document:
+def _residual(check: ResidualCheck) -> Document:
     return {
-        "bag": leftover.name,
-        "case": leftover.case,
-        "input_coherence": by_segment(leftover.coherent),
-        "chance_coherence": by_segment(leftover.chance),
-        "coloured": by_segment(leftover.coloured),
+        "bag": check.name,
+        "case": check.case,
+        "input_coherence": by_segment(check.coherent),
+        "chance_coherence": by_segment(check.chance),
+        "coloured": by_segment(check.coloured),
     }
 
 

@@ -22,7 +22,7 @@ from biodyn_core.identification.fit import prediction_errors
 from biodyn_core.identification.identify import Identification, fingerprint, identify
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.profiles import profile
-from biodyn_core.identification.residuals import leftovers
+from biodyn_core.identification.residuals import residual_checks
 from biodyn_core.identification.settings import CaseSettings, FitSettings, UncertaintySettings
 from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.recording.recording import representative
@@ -178,7 +178,7 @@ def _findings(found: Identification, held_out: Sequence[Case], options: FitOptio
         not_profiled=tuple(estimate.name for estimate in asked if estimate.at_bound),
         uncertainty=sure,
         profiles=tuple(profile(joint, cases, name, options.uncertainty) for name in names),
-        leftovers=leftovers(joint, cases, options.spectra, cutoff_hz),
+        residual_checks=residual_checks(joint, cases, options.spectra, cutoff_hz),
         errors={
             "joint": prediction_errors(joint.subject, events),
             "idealized": prediction_errors(found.idealized.subject, events),

@@ -16,7 +16,7 @@ from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, Ranges, logistic
 from biodyn_core.identification.fit import Fit
-from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
 from blind.tracing.outcome import Cause, places_away
@@ -128,7 +128,7 @@ class _Joint:
 
     def _domain(self, share: Floats) -> TimeDomain:
         subject = self.subject(share, self._fit.subject.parameters.vector())
-        return TimeDomain(self._cases, subject, _no_pull(subject), self._fit.settings.clocks, self._substeps)
+        return TimeDomain(self._cases, subject, _no_regularization(subject), self._fit.settings.clocks, self._substeps)
 
 
 def _tries(effect: Effect, sites: Iterable[str], cases: Sequence[Case]) -> list[AppliedEffect]:
@@ -150,13 +150,13 @@ def _sized(fit: Fit, cases: Sequence[Case], tried: Sequence[AppliedEffect]) -> l
     """The same effects with strengths from one linear step, in which theta takes what it can."""
     theta, free = fit.subject.parameters.vector(), fit.settings.free
     bent = [dataclasses.replace(fit.subject, effects=(one,)) for one in tried]
-    domains = [TimeDomain(cases, subject, _no_pull(subject), fit.settings.clocks) for subject in bent]
+    domains = [TimeDomain(cases, subject, _no_regularization(subject), fit.settings.clocks) for subject in bent]
     with np.errstate(all="ignore"):  # what runs away is told by the numbers below
         others = [np.stack([one.accelerations(i, theta) for one in domains], axis=2) for i in range(len(cases))]
     runs_away = np.any([~(np.abs(answers).max(axis=(0, 1)) < FARTHEST_MPS2) for answers in others], axis=0)
     for answers in others:
         answers[:, :, runs_away] = 0.0
-    plain = TimeDomain(cases, fit.subject, _no_pull(fit.subject), fit.settings.clocks)
+    plain = TimeDomain(cases, fit.subject, _no_regularization(fit.subject), fit.settings.clocks)
     residual, slopes = plain.linearised(theta, free, others)
     base, own = slopes[:, : int(free.sum())], slopes[:, int(free.sum()) :]
     both = np.column_stack([own, residual])
@@ -182,5 +182,5 @@ def _scaled(applied: AppliedEffect, factor: float) -> AppliedEffect:
         return applied
 
 
-def _no_pull(subject: Subject) -> Pull:
-    return Pull(subject.parameters.vector(), 0.0)
+def _no_regularization(subject: Subject) -> RegularizationTerm:
+    return RegularizationTerm(subject.parameters.vector(), 0.0)
