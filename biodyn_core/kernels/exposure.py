@@ -120,7 +120,7 @@ def planar_dose(
 ) -> None:  # fmt: skip
     """Weight x (n, 2) and sum the moments a_x^p a_y^q for aw and VDV in every horizontal direction.
 
-    Columns: p + q = 2 (3 of them), p + q = 4 (5 of them), samples; bin_ (1, 9). A missing axis makes the sample missing.
+    Columns: p + q = 2 (3 of them), p + q = 4 (5 of them), samples; bin_ (1, 9). A sample that lacks an axis is missing.
     """
     weighted = np.empty(2)
     for n in range(x.shape[0]):
