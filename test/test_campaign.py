@@ -241,7 +241,7 @@ def test_a_worker_that_dies_is_one_subject_lost(field: Path, tmp_path: Path, mon
     with executor_of("processes:1") as executor:
         document = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)
     assert set(written(tmp_path)) == {"anna", "carl"}
-    assert document["subjects"][1]["error"].startswith("ben: its worker died in the middle, killed or out of memory")
+    assert document["subjects"][1]["error"].startswith("ben: its worker process died, killed or out of memory")
 
 
 def test_an_error_of_ours_is_told_and_does_not_stop_the_others(field: Path, tmp_path: Path, monkeypatch) -> None:

@@ -168,9 +168,9 @@ def test_mass_scale_cannot_be_told() -> None:
     case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), np.random.default_rng(1)))
     fit = fitted(subject, [case], FitSettings(lambda_2=0.0, mass_scale="free"))
     found = {e.name: e for e in uncertainty(fit, [case]).estimates}
-    assert found["mass_scale"].call == "not identifiable"
+    assert found["mass_scale"].identifiability == "not identifiable"
     assert (found["mass_scale"].lower, found["mass_scale"].upper) == (0.85, 1.15)
-    assert found["natural_frequency_hz[head]"].call == "identifiable"
+    assert found["natural_frequency_hz[head]"].identifiability == "identifiable"
 
 
 def test_joints_3_and_4_can_be_told_from_slow_motion_only_jointly() -> None:

@@ -75,4 +75,4 @@ def fit_and_draw(entry: Entry, options: FitOptions) -> Fits:
 def _fitted(entry: Entry, options: FitOptions) -> tuple[str, Fitted]:
     own = dataclasses.replace(options, held_out=entry.held_out, cases=entry.cases)
     same = fingerprint(entry, options)
-    return same, fit_bags(entry.bags, entry.subject, own, Work(watch=silent))
+    return same, fit_bags(entry.bags, entry.subject, own, Work(monitor=silent))

@@ -82,7 +82,7 @@ def fit_bags(
     check_bags(bags, o.held_out, o.cases)
     check_profiles(o)
     reading = dataclasses.replace(o.reading, channels=needs_channels(subject.effects))
-    with work.watch("reading") as progress:
+    with work.monitor("reading") as progress:
         # A bag that holds nothing to compare with must be heard of before the work, not after it.
         events = read_events(bags, o.held_out, EventOptions(o.cases, reading, o.spectra, o.preparing), progress)
     fitted, spare = choose(events.prepared)

@@ -75,7 +75,7 @@ def trace_bags(
 ) -> Traced:
     """Trace what a subject lacks in bags; raises InputError, one line, for bags that cannot be read or compared.
 
-    kept: the long parts of earlier traces, such as a `Kept`. say hears what each bag is for before the long work.
+    kept: the long parts of earlier traces, such as a `PartStore`. say hears what each bag is for before the long work.
     """
     from biodyn_core.tracing.trace import trace  # late: bags that are refused need none of it
 
