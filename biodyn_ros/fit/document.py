@@ -31,10 +31,10 @@ Subjects = Literal["joint", "idealized"]
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What is known of the joint fit's parameters, and how the fits predict.
+    """Uncertainty of the joint fit's parameters, residual checks, and prediction errors.
 
-    errors: of both subjects that are made from all cases, in the events fitted to and then in those held out.
-    mass_matrix: the one that predicts better, None where they cannot be told apart, and both mean errors, percent.
+    errors: of the joint and the idealized subject, in the events fitted to and then in those held out. mass_matrix: the
+    one that predicts better, None where neither does, and both mean errors in percent.
     """
 
     uncertainty: Uncertainty
@@ -53,7 +53,7 @@ def fit_document(
     held_out: list[Prepared],
     seed: int,
 ) -> Document:
-    """Everything but the seconds it took."""
+    """The mapping of fit.json without seconds and version."""
     sure, errors = findings.uncertainty, findings.errors
     predicted = [{name: _error(of[number]) for name, of in errors.items()} for number in range(len(fitted + held_out))]
     return {
@@ -93,7 +93,7 @@ def fit_document(
 
 
 def provenance(document: Document, given: Subject) -> Document:
-    """What the subject's file keeps of its fit; what effects that were given rest on counts as fitted to."""
+    """The provenance in the subject's file; the recordings behind given effects count as fitted to."""
     result = document["result"]
     fitted = [_origin(event) | {"nrmse_rms_percent": event[result]["mean"]} for event in document["cases"]]
     intervals = {name: [of["lower"], of["upper"]] for name, of in document["intervals"].items()}
@@ -114,7 +114,7 @@ def provenance(document: Document, given: Subject) -> Document:
 
 
 def _case(event: BagEvent, case: Case, fit: Fit) -> Document:
-    """One case fitted by itself."""
+    """One case fitted alone."""
     seconds = case.seat_mps2.size / case.rate_hz
     return {
         "bag": event.bag,
@@ -171,7 +171,7 @@ def _mass_matrix(
 
 
 def _refiners(found: Identification) -> Document:
-    """Both refiners on Eq. 33 as printed, with the pull of the settings, from one start."""
+    """Both refiners on Eq. 33 as printed, with the regularization of the settings, from one start."""
     return {
         "case": found.compared_on.case,
         "objective": {run.refiner: run.refined.objective for run in found.refiners},
@@ -196,12 +196,12 @@ def _settings(found: Identification) -> Document:
 
 
 def _starts(fit: Fit) -> Document:
-    """The waterfall: where every refined start ended, and how many reached the lowest."""
+    """Final objectives of all refined starts, and how many reached the lowest."""
     return {"objectives": fit.refined.costs.tolist(), "reached": fit.reached, "of": int(fit.refined.costs.size)}
 
 
 def _swarms(found: Identification) -> list[Document]:
-    """The same of phase 1, under the subject's own mass matrix: one search for each case, or one of all."""
+    """The same of phase 1, with the subject's own mass matrix: one search per case, or one for all."""
     searches = found.searches[: len(found.searches) // 2]
     names = [case.case for case in found.cases] if len(searches) == len(found.cases) else ["all"]
     return [
@@ -257,13 +257,13 @@ def _delays(fit: Fit, number: int) -> Document:
 
 
 def warnings_of(events: Sequence[Prepared]) -> list[str]:
-    """What is to be said of the events, with their bags, each once; that the model made them, in one line for all."""
+    """Warnings on the events with their bags, each once; recordings made by the model share one line."""
     made, rest = without_note(dict.fromkeys(f"{event.bag}: {line}" for event, case in events for line in case.warnings))
     return [f"{len(made)} of {counted(len(events), 'recording')}: {MADE_BY_MODEL}", *rest] if made else rest
 
 
 def not_new(given: Subject, held_out: Sequence[Prepared]) -> list[str]:
-    """What is held out, though an effect that was given rests on it; theta is fitted anew, and knows nothing of it."""
+    """Warnings on held-out bags to which an effect of the given subject was fitted."""
     known = {each.get("sha256") for each in rests_on(given, besides=())}
     bags = dict.fromkeys(event.bag for event, _ in held_out if event.sha256 in known)
     return [f"{bag}: held out, but an effect of the subject that was given was fitted to it" for bag in bags]
