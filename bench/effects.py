@@ -17,7 +17,7 @@ from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import load_case
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
-from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
+from biodyn_core.effects import CATALOGUE, AppliedEffect, ChainEffect, Effect
 from biodyn_ros.base.resources import subject_file
 
 SECONDS = 5.0
@@ -30,7 +30,7 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import load_subject
 from biodyn_ros.base.resources import subject_file
 effect = CATALOGUE["viscera"]
-applied = AppliedEffect(effect, effect.where[0], {p.name: p.size for p in effect.parameters})
+applied = AppliedEffect(effect, effect.sites[0], {p.name: p.size for p in effect.parameters})
 subject = dataclasses.replace(load_subject(subject_file("subject_1")), effects=EFFECTS)
 Chain.of(subject).simulate(np.sin(np.arange(500) / 30.0), 1129.3)
 """
@@ -40,7 +40,9 @@ def rows() -> list[Row]:
     """Measure; about half a minute, most of it compiling."""
     subject = load_subject(subject_file("subject_1"))
     seat = load_case("rail", SECONDS, np.random.default_rng(0), NATIVE_RATE_HZ).accel_mps2[:, 2]
-    shares = {name: _share(subject, effect, seat) for name, effect in CATALOGUE.items() if effect.force or effect.limit}
+    shares = {
+        name: _share(subject, effect, seat) for name, effect in CATALOGUE.items() if isinstance(effect, ChainEffect)
+    }
     dearest = max(shares, key=lambda name: shares[name])
     middle = statistics.median(shares.values())
     cold_s, warm_s, without_s, bare_s = _first_results_s()
@@ -56,9 +58,9 @@ def rows() -> list[Row]:
 def _share(subject: Subject, effect: Effect, seat: np.ndarray) -> float:
     """Time with an effect over time without, which take turns."""
     values = {parameter.name: parameter.size for parameter in effect.parameters}
-    site = effect.where[-1]
+    site = effect.sites[-1]
     with_it = dataclasses.replace(subject, effects=(AppliedEffect(effect, site, values),))
-    channels = dict.fromkeys(effect.needed(site), 0.1 * seat)
+    channels = dict.fromkeys(effect.required_channels(site), 0.1 * seat)
     steppers = [Stepper(Chain.of(one), NATIVE_RATE_HZ) for one in (with_it, subject)]
     times: list[list[float]] = [[], []]
     for _ in range(REPEATS + 1):

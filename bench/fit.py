@@ -17,7 +17,7 @@ from biodyn_core.body.synthesis import imu_streams, load_case
 from biodyn_core.body.synthesis_settings import CASES, NATIVE_RATE_HZ
 from biodyn_core.identification.fit import Fit, fit_cases, fit_joint
 from biodyn_core.identification.identify import identify
-from biodyn_core.identification.objectives import Pull, Surrogate, TimeDomain
+from biodyn_core.identification.objectives import RegularizationTerm, Surrogate, TimeDomain
 from biodyn_core.identification.phase1 import search
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import PAPER, FitSettings, SwarmSettings
@@ -123,7 +123,7 @@ def _cost_ms(subject: Subject) -> tuple[float, float]:
     accel = Chain.of(subject).simulate(seat, NATIVE_RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
     stamps = np.rint(np.arange(seat.size) / NATIVE_RATE_HZ * 1e9).astype(np.int64)
     case = Case.of(Recording("road", "road", NATIVE_RATE_HZ, stamps, seat, accel, ()))
-    problem = TimeDomain([case], subject, Pull(subject.parameters.vector()))
+    problem = TimeDomain([case], subject, RegularizationTerm(subject.parameters.vector()))
     theta = LOWER + (UPPER - LOWER) * np.random.default_rng(1).random((LANES, LOWER.size))
     batched = _least(lambda: problem.costs(theta), REPEATS) / LANES
     return 1e3 * batched, 1e3 * _least(lambda: problem.cost(theta[0]), REPEATS)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import optimize
 
 from biodyn_core.base.arrays import Flags, Floats
-from biodyn_core.effects import CATALOGUE
+from biodyn_core.effects import CATALOGUE, SensorTransform
 from blind.transfers import Shape, Stretch, across, window_sums
 
 Map = Callable[[Floats], Floats]
@@ -87,10 +87,10 @@ class FaultFit:
 
 def _map(way: Parametrization, stretch: Stretch, expected: Floats) -> Map:
     """The sensor's output (n,) as a function of the free values."""
-    measured = CATALOGUE[way.effect].measured
-    assert measured is not None
+    effect = CATALOGUE[way.effect]
+    assert isinstance(effect, SensorTransform)
     channels = {} if stretch.own is None else {"own.x": stretch.own[:, 0], "own.y": stretch.own[:, 1]}
-    return lambda free: measured(expected, stretch.rate_hz, channels, way.values(free))
+    return lambda free: effect.transform(expected, stretch.rate_hz, channels, way.values(free))
 
 
 def _fit(

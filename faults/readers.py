@@ -29,7 +29,7 @@ from biodyn_ros.blue_trident.found import find_exports
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.node.exposure_store import StateFile, identity_of
 from biodyn_ros.work.checkpoint import Checkpoint
-from biodyn_ros.work.kept import Kept as KeptParts
+from biodyn_ros.work.part_store import PartStore
 from faults.ride import ride, subject
 
 TOPIC: Final = "/imu/seat/data"
@@ -165,7 +165,7 @@ READERS: Final = {
     "Capture.U": Reader(".csv", _capture_u, _exports_of_capture_u),
     "Nexus": Reader(".csv", _import, _exports_of_nexus),
     "parts of a trace": Reader(
-        ".json", lambda path: dict(KeptParts(path)),
+        ".json", lambda path: dict(PartStore(path)),
         lambda _: [json.dumps({"schema": 1, "version": "0", "parts": {"glance a": [1, 2.5, {"b": None}]}}).encode()],
     ),
 }  # fmt: skip

@@ -34,7 +34,7 @@ def applied(name: str, site: str | None = None, **values: float) -> AppliedEffec
     """An effect with its start values but for those given."""
     effect = CATALOGUE[name]
     start = {parameter.name: parameter.start for parameter in effect.parameters}
-    return AppliedEffect(effect, site or effect.where[0], start | values)
+    return AppliedEffect(effect, site or effect.sites[0], start | values)
 
 
 def answers(seats: Floats, law: Law) -> Floats:

@@ -131,7 +131,7 @@ GOOD = {"subject": "anna.yaml", "bags": ["anna.mcap"]}
         ([GOOD | {"bags": ["x.mcap"]}], r"subjects\[0\].bags\[0\]: there is no /.*/x.mcap: paths are relative to the"),
         ([GOOD | {"hold_out": [None]}], r"subjects\[0\].hold_out\[0\] is None, expected a text"),
         ([GOOD | {"bags": ["anna.mcap"] * 2}], r"subjects\[0\].bags\[1\]: anna.mcap is given twice"),
-        ([GOOD | {"hold_out": ["./anna.mcap"]}], r"subjects\[0\]: /.*/anna.mcap is given twice; what is fitted to"),
+        ([GOOD | {"hold_out": ["./anna.mcap"]}], r"subjects\[0\]: /.*/anna.mcap is given twice; either fit to"),
         ([GOOD | {"cases": {"x": "road"}}], r"subjects\[0\].cases: unknown bag 'x', known are anna.mcap"),
         ([GOOD | {"cases": {"anna.mcap": 3}}], r"subjects\[0\].cases: anna.mcap is 3, expected a text"),
         ([GOOD | {"name": "../x"}], r"subjects\[0\].name: '../x' cannot be a file's"),
@@ -224,7 +224,7 @@ def test_a_subject_that_fails_does_not_stop_the_others(field: Path, tmp_path: Pa
     (tmp_path / "bad.mcap").write_bytes((field / "ben.mcap").read_bytes())
     before = (out / "anna.yaml").stat().st_mtime_ns
     assert cli.main(command) == 2
-    assert "campaign.json: holds a campaign; give --resume to go on with it" in capsys.readouterr().err
+    assert "campaign.json: holds a campaign; give --resume to continue it" in capsys.readouterr().err
     assert cli.main([*command, "--resume"]) == 0
     assert set(written(out)) == {"anna", "ben"} and (out / "anna.yaml").stat().st_mtime_ns == before
 
@@ -241,7 +241,7 @@ def test_a_worker_that_dies_is_one_subject_lost(field: Path, tmp_path: Path, mon
     with executor_of("processes:1") as executor:
         document = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)
     assert set(written(tmp_path)) == {"anna", "carl"}
-    assert document["subjects"][1]["error"].startswith("ben: its worker died in the middle, killed or out of memory")
+    assert document["subjects"][1]["error"].startswith("ben: its worker process died, killed or out of memory")
 
 
 def test_an_error_of_ours_is_told_and_does_not_stop_the_others(field: Path, tmp_path: Path, monkeypatch) -> None:

@@ -23,14 +23,14 @@ from biodyn_core.base.segments import SEGMENTS, SENSORS
 from biodyn_core.body.model import Chain, Stepper, predict
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import SensorSettings, imu_streams, load_case
-from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, EffectParameter, felt, shown
+from biodyn_core.effects import CATALOGUE, AppliedEffect, ChainEffect, EffectParameter, apply_to_seat, apply_to_sensors
 from biodyn_core.effects.effect import Kind
 from biodyn_core.pipeline.pipeline import Pipeline
 
 RATE_HZ = 1129.3
 SUBJECT = streams.subject()
 NAMES = sorted(CATALOGUE)
-IN_TIME = [name for name in NAMES if CATALOGUE[name].in_chain]
+IN_TIME = [name for name in NAMES if isinstance(CATALOGUE[name], ChainEffect)]
 
 
 def shock(seconds: float = 0.5, peak: float = 60.0) -> np.ndarray:
@@ -63,7 +63,7 @@ def answer(chain: Chain, seat: np.ndarray) -> np.ndarray:
 def seen(*effects: AppliedEffect, seat: np.ndarray) -> np.ndarray:
     """Accelerations (n, 6) as sensors show them of a subject with effects, on whatever they act."""
     driven = channels(seat.size)
-    return shown(effects, predict(with_effects(*effects), seat, RATE_HZ, driven).accel_mps2, RATE_HZ, driven)
+    return apply_to_sensors(effects, predict(with_effects(*effects), seat, RATE_HZ, driven).accel_mps2, RATE_HZ, driven)
 
 
 # --- every equation once more, written from the catalogue -------------------------------------------------------------
@@ -282,8 +282,8 @@ def test_the_pelvis_of_a_turning_seat_feels_a_rigid_bodys_acceleration() -> None
             driven["seat.rate_x"], driven["seat.rate_x"][1:], driven["seat.rate_x"][2:], strict=False,
         )
     ])  # fmt: skip
-    np.testing.assert_allclose(felt([effect], seat, RATE_HZ, driven)[1:-1], expected, atol=1e-9)
-    base = Chain.of(SUBJECT).simulate(felt([effect], seat, RATE_HZ, driven), RATE_HZ).accel_mps2
+    np.testing.assert_allclose(apply_to_seat([effect], seat, RATE_HZ, driven)[1:-1], expected, atol=1e-9)
+    base = Chain.of(SUBJECT).simulate(apply_to_seat([effect], seat, RATE_HZ, driven), RATE_HZ).accel_mps2
     assert np.array_equal(seen(effect, seat=seat), base)
 
 
@@ -318,7 +318,7 @@ def test_skin_rings_at_its_own_frequency() -> None:
     for frequency in (3.0, 15.0, 30.0, 60.0):
         true = np.zeros((time.size, 6))
         true[:, 5] = np.sin(2.0 * np.pi * frequency * time)
-        found = shown([effect], true, RATE_HZ, {})[2000:, 5]
+        found = apply_to_sensors([effect], true, RATE_HZ, {})[2000:, 5]
         s, omega = 2j * np.pi * frequency, 1.0 / softness
         gain = abs((2 * zeta * omega * s + omega**2) / (s * s + 2 * zeta * omega * s + omega**2))
         assert np.sqrt(2.0) * rms(found) == pytest.approx(gain, rel=0.02)
@@ -338,10 +338,9 @@ def test_no_strength_is_the_base_to_the_last_bit(name: str) -> None:
     if name in IN_TIME and name != "cushion":
         # ... also where it is written into the integrator.
         chain = Chain.of(with_effects(applied(name)))
-        none = dataclasses.replace(
-            chain.elements[0], constants=Chain.of(SUBJECT)._element(effect).constants, stiffness_n_per_m=0.0,
-            damping_n_s_per_m=0.0,
-        )  # fmt: skip
+        bounds = dataclasses.replace(chain.elements[0].bounds, stiffness_n_per_m=0.0, damping_n_s_per_m=0.0)
+        constants = Chain.of(SUBJECT)._element(effect, effect.effect).constants
+        none = dataclasses.replace(chain.elements[0], constants=constants, bounds=bounds)
         assert np.array_equal(answer(dataclasses.replace(chain, elements=(none,)), seat), base)
 
 
@@ -427,24 +426,21 @@ def test_the_whole_range_of_every_parameter_stays_finite(name: str) -> None:
         values = {parameter.name: getattr(parameter, ends) for parameter in effect.parameters}
         if name == "cushion" and ends == "lower":
             continue
-        site = effect.where[-1]
+        site = effect.sites[-1]
         assert np.isfinite(seen(AppliedEffect(effect, site, values), seat=seat)).all(), (site, values)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_entry_says_what_it_is(name: str) -> None:
-    effect: Effect = CATALOGUE[name]
-    assert effect.name == name and effect.equation and effect.signature and effect.family
-    hooks = (effect.force, effect.limit, effect.seat, effect.measured)
-    assert sum(hook is not None for hook in hooks) == 1
+    effect = CATALOGUE[name]
+    assert effect.name == name and effect.equation and effect.signature and effect.family and effect.place
     for parameter in effect.parameters:
         assert parameter.lower <= parameter.start <= parameter.upper and parameter.source
         if parameter.kind == "strength":
             assert (parameter.lower <= 0.0 <= parameter.upper and parameter.start != 0.0) or len(effect.strengths) > 1
-    for function in (effect.force, effect.limit):
-        if function is not None:
-            free = set(inspect.getclosurevars(function).globals) - {"math"}
-            assert not free, f"{name} uses {free}: it is compiled apart from its module"
+    if isinstance(effect, ChainEffect):
+        free = set(inspect.getclosurevars(effect.law).globals) - {"math"}
+        assert not free, f"{name} uses {free}: it is compiled apart from its module"
 
 
 def test_a_value_is_on_a_bound_next_to_an_end_but_not_what_is_only_small_nor_a_nuisance() -> None:
@@ -579,7 +575,7 @@ def test_a_tampered_file_is_not_run(tmp_path, monkeypatch) -> None:
     path = tmp_path / "generated" / "chain_x.py"
     path.parent.mkdir()
     path.write_text("raise SystemExit('theirs')\n")
-    assert generated.kept(path, text).read_text() == text
+    assert generated.cached_file(path, text).read_text() == text
 
 
 @pytest.mark.parametrize("name", ["cubic", "friction", "reflex", "lift_off", "viscera", "bending"])  # one of each kind

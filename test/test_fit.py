@@ -149,7 +149,7 @@ def test_a_bag_that_was_fitted_to_validates_nothing(
 def test_the_terminal_shows_errors_intervals_and_what_is_not_known(fitted: Fitted) -> None:
     text = text_of(fitted.document)
     assert "rail (another repetition)" in text and "rail (held out)" in text
-    assert "mass scale: held; accelerations say nothing of it" in text
+    assert "mass scale: fixed; accelerations do not determine it" in text
     assert "made by the model itself" in text
     (profile,) = (line for line in text.splitlines() if line.startswith("profile: natural frequency, head"))
     assert "10." in profile

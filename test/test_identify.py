@@ -9,7 +9,7 @@ import pytest
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.identification.fit import fit_cases, fit_joint, prediction_errors
-from biodyn_core.identification.identify import Identification, Task, fingerprint, identify, run_here
+from biodyn_core.identification.identify import Identification, Task, fingerprint, identify, run_locally
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import PAPER, FitSettings
 
@@ -130,7 +130,7 @@ def test_a_fingerprint_tells_problems_apart() -> None:
 def test_tasks_of_one_name_are_done_once() -> None:
     calls = []
     task = Task("once", lambda: calls.append(1) or len(calls), ())
-    assert run_here([task, task]) == [1, 1]
+    assert run_locally([task, task]) == [1, 1]
 
 
 def test_no_case_and_a_case_twice_are_refused() -> None:

@@ -204,14 +204,14 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "find_rails": _find_rails,
     "level": _level,
     "filter_sections": _filter_sections,
-    "first_lost": lambda kind: [given(kind, 6), 0.1 * given(kind, 12), 2.5],
+    "first_invalid": lambda kind: [given(kind, 6), 0.1 * given(kind, 12), 2.5],
     "interpolate": _interpolate,
     "dose": _dose,
     "planar_dose": _planar_dose,
     "dynamic_response": _dynamic_response,
     "head_injury": _head_injury,
     "residual": _residual,
-    "settle": _settle,
+    "set_steady_state": _settle,
     "follow_attitude": _follow_up,
 }
 ELSEWHERE = ("biodyn_core.kernels.cost", "biodyn_core.kernels.surrogate")

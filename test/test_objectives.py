@@ -17,7 +17,7 @@ from biodyn_core.body.parameters import LOWER, UPPER
 from biodyn_core.identification import objectives
 from biodyn_core.identification.objectives import (
     PENALTY,
-    Pull,
+    RegularizationTerm,
     Surrogate,
     SurrogateSettings,
     TimeDomain,
@@ -30,7 +30,7 @@ from biodyn_core.kernels.cost import LANES
 WEIGHTS = (0.5, 0.2, 0.8, 2.5, 3.0)
 """Of Eq. 31, as its text has them, pelvis to head."""
 
-UNPULLED = Pull(np.ones(15), 0.0)
+DATA_ONLY = RegularizationTerm(np.ones(15), 0.0)
 FREE = np.arange(15) < 14
 
 
@@ -86,7 +86,7 @@ def test_constants_of_many_per_kg_are_those_of_each_chain(mass_matrix) -> None:
 @pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
 def test_the_truth_of_another_integrator_costs_nothing(mass_matrix) -> None:
     cases, theta = fitting.true_cases(mass_matrix), fitting.theta_of(fitting.true_subjects()[mass_matrix])
-    problem = TimeDomain(cases, fitting.drawn(0, mass_matrix), UNPULLED)
+    problem = TimeDomain(cases, fitting.drawn(0, mass_matrix), DATA_ONLY)
     assert problem.cost(theta) < 1e-8
     residuals, _ = problem.linearised(theta, FREE)
     assert residuals @ residuals < 1e-8
@@ -110,12 +110,12 @@ def test_cost_is_equation_33() -> None:
         ).sum()
         assert case.name == recording.name
     for regularization, pull in expected.items():
-        problem = TimeDomain(cases, fitting.drawn(0, "segment"), Pull(reference, 0.01, regularization))
+        problem = TimeDomain(cases, fitting.drawn(0, "segment"), RegularizationTerm(reference, 0.01, regularization))
         assert problem.cost(theta) == pytest.approx(misses + pull, rel=1e-5)  # the one steps twice where the other does
 
 
 def test_batches_and_single_points_agree() -> None:
-    problem = TimeDomain(fitting.true_cases("cascade"), fitting.drawn(0, "cascade"), Pull(points(1)[0]))
+    problem = TimeDomain(fitting.true_cases("cascade"), fitting.drawn(0, "cascade"), RegularizationTerm(points(1)[0]))
     theta = points(LANES + 3)
     np.testing.assert_allclose(problem.costs(theta), [problem.cost(row) for row in theta], rtol=1e-12)
     assert problem.evaluations == 2 * len(theta) * len(problem.cases)  # simulations of a case
@@ -129,7 +129,7 @@ def test_batches_and_single_points_agree() -> None:
 @pytest.mark.parametrize("clocks", ["trusted", "estimated"])
 def test_linearised_stands_for_all_samples(clocks) -> None:
     cases = fitting.true_cases("segment")[:2]
-    problem = TimeDomain(cases, fitting.drawn(0, "segment"), Pull(points(1)[0], 0.01, "log"), clocks)
+    problem = TimeDomain(cases, fitting.drawn(0, "segment"), RegularizationTerm(points(1)[0], 0.01, "log"), clocks)
     theta = points(1, 4)[0]
     residuals, slopes = problem.linearised(theta, FREE)
     rows = np.concatenate([problem.rows(n, theta, FREE).reshape(-1, 15) for n in range(2)])
@@ -148,7 +148,7 @@ def test_derivatives_are_those_of_another_integrator() -> None:
     seat = fitting.seat_motion("pothole", 2.6, 5)
     theta, step = fitting.theta_of(fitting.drawn(3, "segment")), 1e-3
     case = fitting.ready(seat, np.ones((seat.size, 5)) + seat[:, None])
-    rows = TimeDomain([case], fitting.drawn(0, "segment"), UNPULLED).rows(0, theta, FREE)
+    rows = TimeDomain([case], fitting.drawn(0, "segment"), DATA_ONLY).rows(0, theta, FREE)
     moved = theta * np.exp(step * np.concatenate([np.eye(15)[:14], -np.eye(15)[:14]]))
     answers = naive.chain_responses([(row, 70.0, "segment") for row in moved], seat, fitting.RATE_HZ, rtol=1e-8)
     slopes = (answers[:14] - answers[14:])[:, case.begin :, MEASURED_SEGMENT_INDEX] / (2.0 * step)
@@ -158,7 +158,7 @@ def test_derivatives_are_those_of_another_integrator() -> None:
 
 
 def test_mass_scale_cancels() -> None:
-    problem = TimeDomain(fitting.true_cases("segment"), fitting.drawn(0, "segment"), UNPULLED)
+    problem = TimeDomain(fitting.true_cases("segment"), fitting.drawn(0, "segment"), DATA_ONLY)
     light, heavy = points(1)[0], points(1)[0]
     light[14], heavy[14] = 0.85, 1.15
     for number in range(3):
@@ -173,10 +173,10 @@ def test_what_is_masked_does_not_matter(begin: int, length: int, segment: int) -
     masked[begin : begin + length, segment] = np.nan
     case = Case.of(dataclasses.replace(recording, measured_mps2=masked), fitting.SPECTRUM, fitting.LINES)
     theta = points(1, 2)[0]
-    answer = TimeDomain([case], fitting.drawn(0, "segment"), UNPULLED).accelerations(0, theta)
+    answer = TimeDomain([case], fitting.drawn(0, "segment"), DATA_ONLY).accelerations(0, theta)
     misses = (answer - masked)[case.begin :]
     expected = (np.nansum(misses**2, axis=0) / np.nansum(masked[case.begin :] ** 2, axis=0)).sum()
-    assert TimeDomain([case], fitting.drawn(0, "segment"), UNPULLED).cost(theta) == pytest.approx(expected, rel=1e-12)
+    assert TimeDomain([case], fitting.drawn(0, "segment"), DATA_ONLY).cost(theta) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("factor", [1e5, 1e160])
@@ -184,7 +184,7 @@ def test_an_answer_that_runs_away_is_a_penalty_counted_by_cause(factor: float) -
     """A seat so strong that stiffening runs away, and one whose squares overflow."""
     case = fitting.true_cases("segment")[0]
     wild = dataclasses.replace(case, seat_mps2=factor * case.seat_mps2)
-    problem = TimeDomain([wild], fitting.drawn(0, "segment"), UNPULLED)
+    problem = TimeDomain([wild], fitting.drawn(0, "segment"), DATA_ONLY)
     assert problem.costs(points(2)).tolist() == [PENALTY, PENALTY]
     assert problem.cost(points(1)[0]) == PENALTY
     assert not np.isfinite(problem.linearised(points(1)[0], FREE)[0]).any()
@@ -204,12 +204,12 @@ def test_clocks_that_are_late_and_slow_are_found_and_cost_nothing() -> None:
         measured[:, s] = recording.measured_mps2[:, s] - delay * slope
     case = Case.of(dataclasses.replace(recording, measured_mps2=measured), fitting.SPECTRUM, fitting.LINES)
     theta = fitting.theta_of(fitting.true_subjects()["segment"])
-    estimated = TimeDomain([case], fitting.drawn(0, "segment"), UNPULLED, "estimated")
+    estimated = TimeDomain([case], fitting.drawn(0, "segment"), DATA_ONLY, "estimated")
     found = estimated.clock_delays_s(0, theta)
     np.testing.assert_allclose(found[:, 0], late_s, atol=2e-6)
     np.testing.assert_allclose(found[:, 1], slow, atol=5e-6)
     residuals, _ = estimated.linearised(theta, FREE)
-    assert residuals @ residuals < 1e-3 * TimeDomain([case], fitting.drawn(0, "segment"), UNPULLED).cost(theta)
+    assert residuals @ residuals < 1e-3 * TimeDomain([case], fitting.drawn(0, "segment"), DATA_ONLY).cost(theta)
 
 
 # --- kernels --------------------------------------------------------------------------------------------------------
@@ -225,7 +225,7 @@ def test_compiled_and_plain_kernels_agree(monkeypatch: pytest.MonkeyPatch) -> No
     )
 
     def answers() -> list[np.ndarray]:
-        problem = TimeDomain([short], fitting.drawn(0, "segment"), UNPULLED)
+        problem = TimeDomain([short], fitting.drawn(0, "segment"), DATA_ONLY)
         accel = np.empty((40, 5, LANES))
         problem._lanes(0, points(3), np.empty((0, 5)), np.empty((0, 5)), accel)
         return [problem.costs(points(3)), accel, Surrogate([case], "segment").costs(np.log(points(2)[:, :13]))]

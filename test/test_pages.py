@@ -40,7 +40,7 @@ from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.fit.campaign_page import campaign_page, judge_campaign, write_campaign_page
 from biodyn_ros.fit.drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
 from biodyn_ros.fit.fitting import FitOptions, Fitted, fit_bags, write_fitted
-from biodyn_ros.fit.page import doubts, fit_events, fit_page, judge_fit, write_fit_page
+from biodyn_ros.fit.page import fit_events, fit_page, judge_fit, limitations, write_fit_page
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.replay.page import frequency_parts
 from biodyn_ros.replay.traces import Traces
@@ -310,7 +310,7 @@ def test_one_case_and_what_was_not_measured_are_said(fitted: Fitted) -> None:
     document = copy.deepcopy(fitted.document)
     document["cases"] = document["cases"][:1]
     document["cases"][0]["not_fitted"] = ["lower_torso"]
-    said = " ".join(doubts(document))
+    said = " ".join(limitations(document))
     assert "One case alone" in said and "lower torso" in said
     assert len(lines(intervals(document), DARK, 0.9)) == 0
     assert len(lines(intervals(fitted.document), DARK, 0.9)) == 2 * 14  # a tick for each case and parameter
@@ -424,7 +424,7 @@ def test_the_page_of_a_campaign_has_every_subject(fitted: Fitted, tmp_path: Path
         "2 of 4 subjects fitted", "Failed, --resume tries them again: carl.", "Not begun, or not finished: dora.",
         "Error on the events fitted to: 2.50 to 4.50 %", f"On events not fitted to: {unseen} %",
         f"done 1 and 0 held out 3.00 2.50 {unseen}",
-        "nothing being held out: ben", f"{NASTY}\\udcff: cannot be read", PERSON, "failed 1 and 0 held out – – –",
+        "since nothing was held out: ben", f"{NASTY}\\udcff: cannot be read", PERSON, "failed 1 and 0 held out – – –",
     ):  # fmt: skip
         assert expected in text, expected
     assert 'href="anna%2B1.fit.html"' in source and "script" not in Page(source).tags

@@ -79,7 +79,7 @@ def test_starts_that_reached_the_best_are_counted() -> None:
 
 @functools.cache
 def surrogate_of(mass_matrix: str, error: float) -> tuple[Surrogate, np.ndarray]:
-    """A surrogate of transmissibilities at 99 frequencies with a relative error, unpulled, and the truth (13,)."""
+    """A surrogate at 99 frequencies with a relative error, without regularization, and the truth (13,)."""
     theta = fitting.theta_of(fitting.drawn(7, mass_matrix))[:13]
     grid = np.linspace(1.0, 50.0, 99)
     h = naive.transfer_functions(np.append(theta, [0.0, 1.0]), 70.0, mass_matrix, grid)

@@ -12,7 +12,7 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import Fit, at_bound, fit_cases, fit_joint, search_all
-from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.phase2 import least_squares, nelder_mead, refine
 from biodyn_core.identification.problem import Case
@@ -65,7 +65,7 @@ def test_pooled_search_is_one_of_all_cases() -> None:
 def test_both_refiners_find_the_same_optimum() -> None:
     """A noisy case, so that the optimum is not at zero and not at the truth."""
     case, theta = noisy("pothole"), fitting.theta_of(fitting.true_subjects()["segment"])
-    problem = TimeDomain([case], fitting.drawn(0, "segment"), Pull(theta, 1e-6, "log"))
+    problem = TimeDomain([case], fitting.drawn(0, "segment"), RegularizationTerm(theta, 1e-6, "log"))
     start = theta * np.where(FREE, 1.1, 1.0)
     by_squares, least = least_squares(problem, start, FREE, 3000)
     by_simplex, lowest = nelder_mead(problem, start, FREE, 6000)
@@ -84,7 +84,7 @@ def test_starts_on_the_bounds_are_left(side: str) -> None:
     stuck = [dataclasses.replace(searches[0], theta=corner[None, :].copy(), costs=np.ones(1))]
     for settings in (QUICK, dataclasses.replace(QUICK, refine="nelder-mead", clocks="trusted")):
         fit = Fit.of(refine(cases, subject, stuck, settings), cases, subject, settings)
-        problem = fit.unpulled(cases)
+        problem = fit.data_objective(cases)
         assert problem.cost(fitting.theta_of(fit.subject)) < 0.2 * problem.cost(fit.refined.reference)
 
 
@@ -95,7 +95,7 @@ def test_the_papers_way_is_held_back_by_its_pull() -> None:
     found = fitting.theta_of(fit.subject)
     pull = 0.002 * ((found - fit.refined.reference) ** 2).sum()
     assert fit.refined.objective == pytest.approx(
-        TimeDomain(cases, fitting.drawn(0, "segment"), Pull(fit.refined.reference)).cost(found), rel=1e-12
+        TimeDomain(cases, fitting.drawn(0, "segment"), RegularizationTerm(fit.refined.reference)).cost(found), rel=1e-12
     )
     assert pull > 0.1 * fit.refined.objective > 0.0
     assert fit.clock_delays_s.size == 0 and fit.settings.free.all()

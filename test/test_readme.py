@@ -152,7 +152,7 @@ def test_the_names_in_contributing_exist_in_the_linked_files() -> None:
         "cutoff_hz": "biodyn_core/conditioning/conditioning_settings.py",
         "SEGMENT_WEIGHTS": "biodyn_core/identification/settings.py",
         "HorizontalMeter": "biodyn_core/exposure/meters.py",
-        "EFFECT = Effect(": "biodyn_core/effects/gain.py",
+        "EFFECT = SensorTransform(": "biodyn_core/effects/gain.py",
         "SENSORS": "biodyn_core/base/segments.py",
         "BagWriter": "biodyn_ros/blue_trident/importing.py",
         "encode_imu": "biodyn_ros/blue_trident/importing.py",

@@ -281,7 +281,7 @@ def test_documents_have_no_nan(verdict: Verdict) -> None:
 
 def test_every_effect_has_a_name_at_each_of_its_sites() -> None:
     for effect in CATALOGUE.values():
-        for site in effect.where:
+        for site in effect.sites:
             assert effect_name(effect.name, site).startswith(effect.name.replace("_", " "))
     assert effect_name("stop", "pelvis") == "stop in the joint between seat and pelvis"
     assert effect_name("clock", "head") == "clock of the sensor on the head"

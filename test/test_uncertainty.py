@@ -13,11 +13,11 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import Fit
-from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.phase2 import Refined, least_squares
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.profiles import profile
-from biodyn_core.identification.residuals import leftovers
+from biodyn_core.identification.residuals import residual_checks
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.identification.uncertainty import (
     NORMAL_95,
@@ -38,7 +38,7 @@ def fitted(subject: Subject, cases: list[Case], settings: FitSettings | None = N
     """What a fit that starts at the truth ends with; searches are another test's."""
     s = settings or FitSettings(lambda_2=0.0)
     truth = fitting.theta_of(subject)
-    problem = TimeDomain(cases, subject, Pull(truth, s.lambda_2, s.regularization), s.clocks)
+    problem = TimeDomain(cases, subject, RegularizationTerm(truth, s.lambda_2, s.regularization), s.clocks)
     theta, objective = least_squares(problem, truth, s.free, 3000)
     found = Refined(theta, truth, objective, np.array([objective]), problem.evaluations, problem.penalties)
     return Fit.of(found, cases, subject, s)
@@ -57,7 +57,7 @@ def coloured(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
 
 
 def call_of(found: Uncertainty, name: str) -> str:
-    return next(estimate.call for estimate in found.estimates if estimate.name == name)
+    return next(estimate.identifiability for estimate in found.estimates if estimate.name == name)
 
 
 def test_intervals_hold_as_often_as_they_say() -> None:
@@ -84,7 +84,7 @@ def test_intervals_hold_as_often_as_they_say() -> None:
 
 def white_half_widths(fit: Fit, cases: list[Case]) -> np.ndarray:
     """Half widths from s^2 (J'J)^-1, as if every sample were a measurement of its own."""
-    residuals, slopes = fit.unpulled(cases).linearised(fitting.theta_of(fit.subject), fit.settings.free)
+    residuals, slopes = fit.data_objective(cases).linearised(fitting.theta_of(fit.subject), fit.settings.free)
     samples = sum(int(case.compared.sum()) for case in cases)
     return NORMAL_95 * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)) * (residuals @ residuals) / samples)
 
@@ -168,9 +168,9 @@ def test_mass_scale_cannot_be_told() -> None:
     case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), np.random.default_rng(1)))
     fit = fitted(subject, [case], FitSettings(lambda_2=0.0, mass_scale="free"))
     found = {e.name: e for e in uncertainty(fit, [case]).estimates}
-    assert found["mass_scale"].call == "not identifiable"
+    assert found["mass_scale"].identifiability == "not identifiable"
     assert (found["mass_scale"].lower, found["mass_scale"].upper) == (0.85, 1.15)
-    assert found["natural_frequency_hz[head]"].call == "identifiable"
+    assert found["natural_frequency_hz[head]"].identifiability == "identifiable"
 
 
 def test_joints_3_and_4_can_be_told_from_slow_motion_only_jointly() -> None:
@@ -211,7 +211,7 @@ def test_a_parameter_on_a_bound_is_named_and_has_no_interval() -> None:
     fit = dataclasses.replace(fitted(subject, [case]), at_bound=("damping_ratio[neck]",))
     found = uncertainty(fit, [case])
     neck = next(e for e in found.estimates if e.name == "damping_ratio[neck]")
-    assert neck.at_bound and neck.call == "not identifiable" and np.isinf(neck.half_width)
+    assert neck.at_bound and neck.identifiability == "not identifiable" and np.isinf(neck.half_width)
     assert (neck.lower, neck.upper) == (LOWER[10], UPPER[10])
     assert found.names == tuple(name for name in NAMES[:14] if name != "damping_ratio[neck]")
     with pytest.raises(InputError, match="not fitted, or on a bound"):
@@ -242,8 +242,8 @@ def test_what_the_low_pass_alone_colours_is_no_colour() -> None:
     noise = signal.sosfiltfilt(low, 0.1 * rng.standard_normal((seat.size, 5)), axis=0)
     case = fitting.ready(seat, answered(subject, seat) + noise)
     fit = dataclasses.replace(fitted(subject, [case]), subject=subject)
-    (as_it_is,) = leftovers(fit, [case], fitting.SPECTRUM, cutoff_hz=40.0)
-    (as_if_wider,) = leftovers(fit, [case], fitting.SPECTRUM)
+    (as_it_is,) = residual_checks(fit, [case], fitting.SPECTRUM, cutoff_hz=40.0)
+    (as_if_wider,) = residual_checks(fit, [case], fitting.SPECTRUM)
     # 19 lags a segment, of which one in twenty lies outside by chance.
     assert as_it_is.coloured.mean() < 0.15 and as_if_wider.coloured.mean() > 0.3
 
@@ -256,7 +256,7 @@ def test_leftovers_tell_noise_from_what_follows_the_seat() -> None:
     accel[:, 4] += 0.1 * np.concatenate([np.zeros(12), seat[:-12]])
     case = fitting.ready(seat, accel)
     fit = dataclasses.replace(fitted(subject, [case]), subject=subject)
-    (found,) = leftovers(fit, [case], fitting.SPECTRUM)
+    (found,) = residual_checks(fit, [case], fitting.SPECTRUM)
     assert (found.coherent[:4] < found.chance[:4]).all() and found.coherent[4] > 3.0 * found.chance[4]
     assert (found.coloured[:4] < 0.2).all() and found.coloured[4] > 0.3
 

@@ -200,7 +200,7 @@ def test_settled_sections_pass_changes_and_no_level(name, rate_hz, level):
     sections = weighting_sections(name, rate_hz)
     on_top = np.random.default_rng(6).standard_normal(500)
     state, y = np.ones((len(sections), 2, 2)), np.empty((500, 2))
-    kernels.settle(sections, state, 1, level)
+    kernels.set_steady_state(sections, state, 1, level)
     np.testing.assert_array_equal(state[:, :, 0], 1.0)  # the other channel
     state[:, :, 0] = 0.0
     kernels.filter_sections(sections, state, np.column_stack([on_top, level + on_top]), y)

@@ -104,8 +104,8 @@ def test_a_cluster_that_does_not_fit_is_one_line(cluster: str, monkeypatch) -> N
 def test_a_cluster_that_is_not_there_is_one_line(monkeypatch) -> None:
     pytest.importorskip("distributed")
     text = "tcp://127.0.0.1:9"
-    monkeypatch.setattr(executors, "CLUSTER_ANSWERS_S", 0.3)
-    with pytest.raises(InputError, match="no Dask scheduler answers there") as caught:
+    monkeypatch.setattr(executors, "CLUSTER_TIMEOUT_S", 0.3)
+    with pytest.raises(InputError, match="no Dask scheduler responds there") as caught:
         enter(text)
     assert str(caught.value).startswith(f"{text}: ") and "\n" not in str(caught.value)
 
@@ -156,7 +156,7 @@ def test_an_input_error_of_a_worker_arrives_as_it_is(processes, tmp_path: Path) 
 
 
 def test_a_worker_that_dies_takes_no_other_task_with_it(processes, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"^search x: its worker died in the middle, killed or out of memory"):
+    with pytest.raises(InputError, match=r"^search x: its worker process died, killed or out of memory"):
         Work(processes).run("-")([Task("search x", chores.die, (["x"],))])
     calls = [(chores.die, (["x"],)), *((task.function, task.arguments) for task in chores.searches(tmp_path))]
     done = dict(as_done(processes, calls))
@@ -181,7 +181,7 @@ def test_interrupted_work_ends_at_once_and_is_taken_up(tmp_path: Path, how: sign
     until(lambda: not running(int((tmp_path / "pid").read_text())))
 
     (tmp_path / "stuck").unlink()
-    with pytest.raises(InputError, match="is of an interrupted fit; give --resume to take it up, or remove it"):
+    with pytest.raises(InputError, match="belongs to an interrupted fit; give --resume to continue it, or remove it"):
         Work(None, tmp_path / "checkpoint.json").run(chores.PROBLEM)
     work = Work(None, tmp_path / "checkpoint.json", resume=True)
     results = work.run(chores.PROBLEM)(chores.searches(tmp_path))
@@ -210,10 +210,10 @@ def test_a_fit_that_is_taken_up_ends_as_one_that_was_not_interrupted(reference, 
     path, heard = tmp_path / "kept.json", []
     problem = fingerprint(cases(), SUBJECT, 5, QUICK)
     with pytest.raises(KeyboardInterrupt):
-        identified(Work(None, path, watch=listener([], after)).run(problem))
+        identified(Work(None, path, monitor=listener([], after)).run(problem))
     before = len(Checkpoint(path, problem, resume=True).done)
     assert 0 < before <= after
-    assert identified(Work(None, path, resume=True, watch=listener(heard)).run(problem)) == reference
+    assert identified(Work(None, path, resume=True, monitor=listener(heard)).run(problem)) == reference
     # Both stages are told from what is there to their end, in cases: 4 searches of one, and 2 of one, 2 of both and 2
     # of one refined. A stage that is finished is not told of; each of the others is, before its first task.
     left = 4 + 6 - before
@@ -301,7 +301,7 @@ def kept(path: Path) -> dict:
     [
         (("schema",), 2, "schema is 2, this version reads 1"),
         (("more",), 2, "the file: has the keys done, more, problem, schema, version, expected done, problem"),
-        (("version",), [7], r"is of biodyn \[7\], this is .*; go on with that one, or remove it to start anew$"),
+        (("version",), [7], r"is of biodyn \[7\], this is .*; continue with that version, or remove it to start anew$"),
         (("done",), [], "done: expected keys and values, got list"),
         (("done", "search a"), 3, "search a: is no result, a kind is Search or Refined"),
         (("done", "search a", "kind"), "Counter", "search a: is no result, a kind is Search or Refined"),
@@ -324,7 +324,7 @@ def kept(path: Path) -> dict:
         (("done", "refine a", "reference"), [-1.0] * 15, "refine a: parameters out of Table 1"),
         (("done", "refine a", "objective"), None, "refine a: objective: expected a number"),
         (("done", "refine a", "objective"), float("inf"), "refine a: objective: .* not finite"),
-        (("problem",), "q", "is of another problem: other recordings, subject, seed or settings; give those again"),
+        (("problem",), "q", "is of another problem: other recordings, subject, seed or settings; give the same again"),
     ],
 )
 def test_a_damaged_or_foreign_checkpoint_is_one_line_and_stays(tmp_path: Path, where, value, fault: str) -> None:

@@ -12,33 +12,35 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import N_SEGMENTS
-from biodyn_core.effects import Effect
+from biodyn_core.effects import ChainEffect, JointForce, JointLimit, SegmentForce, StepBounds
 from biodyn_core.kernels.generated import ANYWHERE, Piece, Role, integrator
 
 _NO_DRIVE: Final = np.empty((0, 0))
+_ROLES: Final[Mapping[type[ChainEffect], Role]] = {
+    JointForce: "force of a joint",
+    JointLimit: "limit of a joint",
+    SegmentForce: "force on a segment",
+}
 
 
 @dataclass(frozen=True)
 class Element:
-    """An effect in a chain: its segment or joint, 0 to 5, or the spread of its force over all six, and its constants.
+    """An effect in a chain, with its constants, the channels it needs and its delay.
 
-    channels: inputs beyond the seat's vertical; delay_s: of its memory; stiffness and damping: the largest that it may
-    add there; own_rate_per_s: the largest eigenvalue of its own states.
+    index is its segment or joint, 0 to 5; a spread (6,), if not empty, distributes the force over all segments instead.
     """
 
-    effect: Effect
+    effect: ChainEffect
     index: int
     constants: tuple[float, ...]
     channels: tuple[str, ...]
     delay_s: float
-    own_rate_per_s: float
-    stiffness_n_per_m: float
-    damping_n_s_per_m: float
+    bounds: StepBounds
     spread: tuple[float, ...]
 
 
 class EffectAssembly:
-    """The integrator with some elements, for one step; its constants p also hold the elements' memory."""
+    """The integrator of some elements for one step size; its array p holds their constants and their memory."""
 
     def __init__(self, elements: Sequence[Element], step_s: float) -> None:
         self.channels = tuple(dict.fromkeys(name for element in elements for name in element.channels))
@@ -50,7 +52,7 @@ class EffectAssembly:
         self._driven = _drive_states(pieces)
 
     def begin(self, states: Floats, drive: Floats) -> None:
-        """Put states (s,) and memory to rest, with drives at their first sample, a row of drive (n, d)."""
+        """Set states (s,) and memory to rest, and the drives to the first row of drive (n, d)."""
         states[:] = 0.0
         self.p[:] = self._at_rest
         for place, column in self._driven:
@@ -64,28 +66,19 @@ class EffectAssembly:
         for name in self.channels:
             if name not in found:
                 raise InputError(f"an effect needs the channel {name}, which is not measured here")
-        # A masked sample is zero input.
+        # Masked samples count as zero.
         return np.ascontiguousarray(np.column_stack([np.nan_to_num(found[name]) for name in self.channels]))
 
 
 def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
-    """An element's part of the integrator."""
+    """The piece of the integrator for an element."""
     effect = element.effect
-    role: Role = "force on a segment" if effect.place == "segment" else "force of a joint"
-    if effect.limit is not None:
-        role = "limit of a joint"
-    function = effect.force or effect.limit
-    assert function is not None, effect.name
     drives = tuple(channels.index(name) for name in element.channels)
-    past = _past(effect, step_s)
+    # A memory for the longest delay serves every delay with the same source text.
+    past = math.ceil(effect.longest_delay_s / step_s) + 3 if effect.longest_delay_s > 0.0 else 0
     at = ANYWHERE if element.spread else element.index
-    return Piece(role, function, at, effect.states, N_SEGMENTS + bool(past) + len(element.constants), drives, past)
-
-
-def _past(effect: Effect, step_s: float) -> int:
-    """Steps that cover the longest delay, the same for every delay, so that one compiled integrator serves all."""
-    longest_s = next((p.upper for p in effect.parameters if p.name == effect.delay), 0.0)
-    return math.ceil(longest_s / step_s) + 3 if longest_s > 0.0 else 0
+    constants = N_SEGMENTS + bool(past) + len(element.constants)
+    return Piece(_ROLES[type(effect)], effect.law, at, effect.states, constants, drives, past)
 
 
 def _constants(element: Element, piece: Piece, step_s: float) -> Floats:
@@ -95,7 +88,7 @@ def _constants(element: Element, piece: Piece, step_s: float) -> Floats:
 
 
 def _drive_states(pieces: Sequence[Piece]) -> list[tuple[int, int]]:
-    """(state, column) of the states that begin at a column of the drive."""
+    """Pairs of a state and the column of the drive that it starts from."""
     found, state = [], 0
     for piece in pieces:
         found += [(state + i, column) for i, column in enumerate(piece.drives)]

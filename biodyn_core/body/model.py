@@ -22,7 +22,7 @@ from biodyn_core.base.segments import N_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.body.constants import Constants
 from biodyn_core.body.effect_assembly import EffectAssembly, Element
 from biodyn_core.body.subject import MassMatrix, Subject
-from biodyn_core.effects import AppliedEffect, Joint, felt
+from biodyn_core.effects import AppliedEffect, ChainEffect, Joint, active, apply_to_seat
 
 SeatForce = Literal["inertia", "joint", "paper"]
 
@@ -98,23 +98,20 @@ class Chain:
 
     def with_effects(self, effects: Iterable[AppliedEffect]) -> Chain:
         """The same chain with effects; effects of zero strength are left out."""
-        more = [self._element(applied) for applied in effects if applied.effect.in_chain and not applied.absent]
+        more = [self._element(applied, effect) for applied, effect in active(effects, ChainEffect)]
         return dataclasses.replace(self, elements=(*self.elements, *more)) if more else self
 
-    def _element(self, applied: AppliedEffect) -> Element:
-        effect, everywhere = applied.effect, applied.site == SEAT
+    def _element(self, applied: AppliedEffect, effect: ChainEffect) -> Element:
+        everywhere = applied.site == SEAT
         index = 0 if everywhere else SEGMENTS.index(applied.site)
         joint = self._whole() if everywhere else self._joint(index)
-        stiffness, damping = effect.stiffens(joint, applied.values)
         return Element(
             effect,
             index,
             constants=effect.constants(joint, applied.values),
-            channels=effect.needed(applied.site),
-            delay_s=applied.values[effect.delay] if effect.delay else 0.0,
-            own_rate_per_s=effect.own_rate_per_s(joint, applied.values),
-            stiffness_n_per_m=stiffness,
-            damping_n_s_per_m=damping,
+            channels=effect.required_channels(applied.site),
+            delay_s=effect.delay_s(applied.values),
+            bounds=effect.step_bounds(joint, applied.values),
             # On the seat, the force is shared in proportion to the segments' inertia.
             spread=tuple((self.inertia_kg / self.inertia_kg.sum()).tolist()) if everywhere else (),
         )
@@ -215,11 +212,11 @@ class Chain:
             at = np.zeros(N_SEGMENTS)
             at[element.index] = 1.0
             where = _chain_matrix(at) if element.effect.place == "joint" else np.diag(at)
-            K, C = K + element.stiffness_n_per_m * where, C + element.damping_n_s_per_m * where
+            K, C = K + element.bounds.stiffness_n_per_m * where, C + element.bounds.damping_n_s_per_m * where
         upper = np.hstack([np.zeros((N_SEGMENTS, N_SEGMENTS)), np.eye(N_SEGMENTS)])
         lower = np.hstack([-inverse * K, -inverse * C])
         largest = float(np.abs(np.linalg.eigvals(np.vstack([upper, lower]))).max())
-        return max([largest, *(element.own_rate_per_s for element in self.elements)])
+        return max([largest, *(element.bounds.own_eigenvalue_per_s for element in self.elements)])
 
     def substeps(self, rate_hz: float) -> int:
         """Integration steps per sample; raises InputError for a chain that is too stiff."""
@@ -248,7 +245,8 @@ def predict(
 
     channels (n,) by name: further inputs of effects. Raises InputError for a missing one.
     """
-    return Chain.of(subject).simulate(felt(subject.effects, seat_mps2, rate_hz, channels or {}), rate_hz, channels)
+    moved_mps2 = apply_to_seat(subject.effects, seat_mps2, rate_hz, channels or {})
+    return Chain.of(subject).simulate(moved_mps2, rate_hz, channels)
 
 
 class Stepper:

@@ -21,7 +21,7 @@ from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.body.model import predict
 from biodyn_core.body.subject import Subject
 from biodyn_core.body.synthesis_settings import CASES, NATIVE_RATE_HZ, SensorSettings
-from biodyn_core.effects import shown
+from biodyn_core.effects import apply_to_sensors
 
 MOTION_S: Final = (2.0, 3600.0)
 """Shortest motion, and longest drawn case."""
@@ -90,7 +90,7 @@ def imu_streams(
     time, accel, pitch = _with_quiet(motion, quiet_s)
     channels = _channels(accel, pitch)
     segments = predict(subject, accel[:, 2], TRUTH_RATE_HZ, channels).accel_mps2
-    segments = shown(subject.effects, segments, TRUTH_RATE_HZ, channels)
+    segments = apply_to_sensors(subject.effects, segments, TRUTH_RATE_HZ, channels)
     streams = []
     for name in SENSORS:
         up = accel[:, 2] if name == SEAT else segments[:, SEGMENTS.index(name)]

@@ -1,4 +1,4 @@
-"""The catalogue: every module of this package that has an `EFFECT` is one entry, and nothing else need know of it."""
+"""The catalogue of effects: every module of this package that defines `EFFECT` is one entry; no list names them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,20 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from biodyn_core.effects.arrays import felt, needs_channels, shown
-from biodyn_core.effects.effect import AppliedEffect, Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import (
+    AppliedEffect,
+    ChainEffect,
+    Effect,
+    EffectParameter,
+    Joint,
+    JointForce,
+    JointLimit,
+    SegmentForce,
+    SensorTransform,
+    StepBounds,
+)
 from biodyn_core.effects.ranges import Ranges, logistic
+from biodyn_core.effects.transforms import active, apply_to_seat, apply_to_sensors, needs_channels
 
 
 def _catalogue() -> Mapping[str, Effect]:
@@ -23,6 +34,7 @@ CATALOGUE: Final = _catalogue()
 """Every effect by its name."""
 
 __all__ = [
-    "CATALOGUE", "AppliedEffect", "Effect", "EffectParameter", "Joint", "Ranges", "felt", "logistic", "needs_channels",
-    "shown",
+    "CATALOGUE", "AppliedEffect", "ChainEffect", "Effect", "EffectParameter", "Joint", "JointForce", "JointLimit",
+    "Ranges", "SegmentForce", "SensorTransform", "StepBounds", "active", "apply_to_seat", "apply_to_sensors",
+    "logistic", "needs_channels",
 ]  # fmt: skip

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 from typing import Final
 
-from biodyn_core.effects.effect import Effect, EffectParameter
+from biodyn_core.effects.effect import EffectParameter, SegmentForce
 from biodyn_core.effects.sprung import SprungMass, force
 
 MASS: Final = SprungMass("liner_hz")
 
-EFFECT = Effect(
+EFFECT = SegmentForce(
     name="added_mass",
     family="added_mass",
     equation="m (x_m'' + a_s) = -k (x_m - x_i) - c (x_m' - x_i'), k = m (2 pi f)^2, reaction on the segment",
-    signature="first seen in the channel below",
-    place="segment",
+    signature="first visible in the channel below",
     parameters=(
         EffectParameter("mass_kg", "kg", 0.0, 10.0, 1.5, "strength"),
-        # A rigid mass is the upper end, where nothing tells 60 Hz from 80, nor how the liner is damped.
+        # The upper end is a rigid mass: data do not separate 60 Hz from 80 Hz there, nor determine the damping.
         EffectParameter("liner_hz", "Hz", 12.0, 80.0, 60.0, "nuisance", grid=(20.0, 30.0, 60.0)),
         EffectParameter("damping_ratio", "", 0.05, 0.8, 0.3, "nuisance"),
     ),
     sites=("upper_torso", "head"),
     constants=MASS.constants,
-    force=force,
-    stiffens=MASS.stiffens,
-    own_rate_per_s=MASS.own_rate_per_s,
+    law=force,
+    max_added_stiffness_damping=MASS.max_added_stiffness_damping,
+    max_own_eigenvalue_per_s=MASS.max_own_eigenvalue_per_s,
     states=2,
 )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import EffectParameter, Joint, JointForce, Values
 
 
 def force(stretch: float, rate: float, seat: float, k_a: float) -> float:
@@ -12,17 +10,16 @@ def force(stretch: float, rate: float, seat: float, k_a: float) -> float:
     return k_a * stretch * stretch
 
 
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     return (joint.stiffness_n_per_m * values["asymmetry_per_m"],)
 
 
-EFFECT = Effect(
+EFFECT = JointForce(
     name="asymmetry",
     family="stiffening",
     equation="F += k a stretch^2",
     signature="a shift of the level and a second harmonic, in shocks only",
-    place="joint",
     parameters=(EffectParameter("asymmetry_per_m", "1/m", -200.0, 200.0, 10.0, "strength"),),
     constants=_constants,
-    force=force,
+    law=force,
 )

@@ -1,34 +1,32 @@
-"""Backrest: a spring and a damper between a torso segment and the seat, and the rubbing of the back against it."""
+"""Backrest: a spring and a damper between a torso segment and the seat, and friction of the back on it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import EffectParameter, Joint, SegmentForce, Values
 
 
 def force(x: float, v: float, seat: float, k: float, c: float, friction_n: float, smooth_squared: float) -> float:
-    """F = -(k_b x + c_b v + F_c v / sqrt(v^2 + v_0^2)): a root makes a step 1.4 times as long, an exponential 2."""
+    """F = -(k_b x + c_b v + F_c v / sqrt(v^2 + v_0^2)): tanh would double the time of a step."""
     return -(k * x + c * v + friction_n * v / math.sqrt(v * v + smooth_squared))
 
 
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     stiffness = values["stiffness_n_per_m"]
     return stiffness, stiffness * values["damping_s"], values["friction_n"], values["smooth_mps"] ** 2
 
 
-def _stiffens(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
-    stiffness, rubbing = values["stiffness_n_per_m"], values["friction_n"] / values["smooth_mps"]
-    return stiffness, stiffness * values["damping_s"] + rubbing
+def _max_added_stiffness_damping(joint: Joint, values: Values) -> tuple[float, float]:
+    stiffness, friction = values["stiffness_n_per_m"], values["friction_n"] / values["smooth_mps"]
+    return stiffness, stiffness * values["damping_s"] + friction
 
 
-EFFECT = Effect(
+EFFECT = SegmentForce(
     name="backrest",
     family="backrest",
     equation="F -= k_b x + c_b v + F_c v / sqrt(v^2 + v_0^2)",
     signature="the trunk follows the seat",
-    place="segment",
     parameters=(
         EffectParameter("stiffness_n_per_m", "N/m", 0.0, 30000.0, 4000.0, "strength"),
         EffectParameter("damping_s", "s", 0.002, 0.2, 0.02),
@@ -39,6 +37,6 @@ EFFECT = Effect(
     ),
     sites=("lower_torso", "central_torso", "upper_torso"),
     constants=_constants,
-    force=force,
-    stiffens=_stiffens,
+    law=force,
+    max_added_stiffness_damping=_max_added_stiffness_damping,
 )

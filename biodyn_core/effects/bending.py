@@ -1,11 +1,10 @@
-"""Bending: the spine bends between two gyros, and a bent column is shorter."""
+"""Bending: a spine that bends between two gyros becomes shorter."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import EffectParameter, Joint, JointForce, Values
 
 
 def force(
@@ -21,29 +20,28 @@ def force(
     sine: float,
     leak: float,
 ) -> tuple[float, float]:
-    """F = L (k phi^2 / 2 + c phi phi'): a bent joint is shorter by L phi^2 / 2, so in tension; phi leaks."""
+    """F = L (k phi^2 / 2 + c phi phi'): bending shortens the joint by L phi^2 / 2, which is tension; phi leaks."""
     turning = cosine * about_x + sine * about_y - leak * angle
     return (k_half_length * angle + c_length * turning) * angle, turning
 
 
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     length_m, axis_rad = values["length_m"], values["axis_rad"]
     half_n, damping_n_s = 0.5 * joint.stiffness_n_per_m * length_m, joint.damping_n_s_per_m * length_m
     return half_n, damping_n_s, math.cos(axis_rad), math.sin(axis_rad), LEAK_PER_S
 
 
 LEAK_PER_S = 0.5
-"""A slow lean is posture, and no gyro's bias is known for ever."""
+"""Rate of the leak: a slow lean is posture, and a gyro's bias drifts."""
 
-EFFECT = Effect(
+EFFECT = JointForce(
     name="bending",
     family="bending",
     equation="F += L (k phi^2 / 2 + c phi phi'), phi about one axis, from adjacent gyros",
     signature="at twice the frequency of the bending",
-    place="joint",
     parameters=(
         EffectParameter("length_m", "m", 0.0, 0.8, 0.2, "strength"),
-        # Half a turn is all there is; twice as much, so that no axis lies at an end where a fit would stop.
+        # Half a turn covers every axis; the range is twice that, so that no axis lies on an end.
         EffectParameter(
             "axis_rad", "rad", -0.5 * math.pi, 1.5 * math.pi, 0.5 * math.pi, "nuisance",
             grid=(0.0, 0.25 * math.pi, 0.5 * math.pi, 0.75 * math.pi),
@@ -51,7 +49,7 @@ EFFECT = Effect(
     ),
     sites=("neck", "head"),
     constants=_constants,
-    force=force,
+    law=force,
     states=1,
     channels=("own.bend_rate_x", "own.bend_rate_y"),
 )  # fmt: skip

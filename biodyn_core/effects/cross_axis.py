@@ -1,12 +1,11 @@
-"""Cross-axis coupling: horizontal motion of the seat that shows as vertical force on a segment, or on all (seat)."""
+"""Cross-axis coupling: horizontal motion of the seat causes a vertical force on one segment, or on all (site seat)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 from biodyn_core.base.segments import SEAT, SEGMENTS
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import EffectParameter, Joint, SegmentForce, Values
 
 
 def force(
@@ -15,32 +14,31 @@ def force(
     seat: float,
     forward: float,
     left: float,
-    behind: float,
-    felt: float,
+    lagged: float,
+    coupled: float,
     m_forward: float,
     m_left: float,
     corner_per_s: float,
 ) -> tuple[float, float, float]:
-    """F = m (beta_x a_x + beta_y a_y) behind two poles at w: what couples is soft."""
-    pushed = m_forward * forward + m_left * left
-    return felt, corner_per_s * (pushed - behind), corner_per_s * (behind - felt)
+    """F = m (beta_x a_x + beta_y a_y) low-passed by two poles at w: the coupling tissue is soft."""
+    direct = m_forward * forward + m_left * left
+    return coupled, corner_per_s * (direct - lagged), corner_per_s * (lagged - coupled)
 
 
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     mass_kg = joint.segment_mass_kg
     return mass_kg * values["beta_x"], mass_kg * values["beta_y"], 2.0 * math.pi * values["corner_hz"]
 
 
-def _own_rate_per_s(joint: Joint, values: Mapping[str, float]) -> float:
+def _max_own_eigenvalue_per_s(joint: Joint, values: Values) -> float:
     return 2.0 * math.pi * values["corner_hz"]
 
 
-EFFECT = Effect(
+EFFECT = SegmentForce(
     name="cross_axis",
     family="horizontal",
     equation="F += m (beta_x a_x + beta_y a_y) / (1 + s / w)^2",
     signature="coherent with the seat's horizontal motion",
-    place="segment",
     sites=(SEAT, *SEGMENTS),
     parameters=(
         EffectParameter("beta_x", "", -0.6, 0.6, 0.15, "strength"),
@@ -48,8 +46,8 @@ EFFECT = Effect(
         EffectParameter("corner_hz", "Hz", 1.0, 100.0, 50.0, grid=(5.0, 50.0)),
     ),
     constants=_constants,
-    force=force,
-    own_rate_per_s=_own_rate_per_s,
+    law=force,
+    max_own_eigenvalue_per_s=_max_own_eigenvalue_per_s,
     states=2,
     channels=("seat.x", "seat.y"),
 )  # fmt: skip

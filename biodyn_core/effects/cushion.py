@@ -1,11 +1,10 @@
-"""Cushion: foam with a mass of its own between the seat, where it is measured, and the pelvis."""
+"""Cushion: foam with mass between the measured seat and the pelvis."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import EffectParameter, Joint, JointForce, Values
 
 
 def force(
@@ -22,7 +21,7 @@ def force(
     c_foam: float,
     per_kg: float,
 ) -> tuple[float, float, float]:
-    """What the pelvis joint carries from the foam's top, less what it would from the seat; the foam moves as states."""
+    """The force of the pelvis joint on the foam's top, less that on the bare seat; states: motion of the foam."""
     d = stretch - x_foam
     through = d * (k + k_alpha * abs(d)) + b * (rate - v_foam)
     bare = stretch * (k + k_alpha * abs(stretch)) + b * rate
@@ -30,7 +29,7 @@ def force(
     return through - bare, v_foam, (through - own) * per_kg - seat
 
 
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     stiffness = 1.0 / values["compliance_m_per_n"]
     foam = (
         stiffness, stiffness * values["stiffening_per_m"], stiffness * values["damping_s"], 1.0 / values["mass_kg"],
@@ -38,7 +37,7 @@ def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
     return joint.stiffness_n_per_m, joint.stiffening_n_per_m2, joint.damping_n_s_per_m, *foam
 
 
-def _own_rate_per_s(joint: Joint, values: Mapping[str, float]) -> float:
+def _max_own_eigenvalue_per_s(joint: Joint, values: Values) -> float:
     """The foam's mass between its own spring and damper and the pelvis joint's."""
     stiffness = joint.stiffness_n_per_m + 1.0 / values["compliance_m_per_n"]
     damping = joint.damping_n_s_per_m + values["damping_s"] / values["compliance_m_per_n"]
@@ -46,26 +45,25 @@ def _own_rate_per_s(joint: Joint, values: Mapping[str, float]) -> float:
     return half + math.sqrt(half * half - square) if half * half > square else math.sqrt(square)
 
 
-EFFECT = Effect(
+EFFECT = JointForce(
     name="cushion",
     family="cushion",
     equation="m_c (x_c'' + a_s) = F_1 - k_c x_c (1 + a |x_c|) - c_c x_c', F_1 from the stretch x_1 - x_c",
     signature="all channels, 5 to 30 Hz",
-    place="joint",
     parameters=(
-        # Foam of 10 MN/m and more is the seat itself: it would change the pelvis joint by a hundredth at most.
+        # Foam of 10 MN/m and more is as stiff as the seat: it changes the pelvis joint by 1 % at most.
         EffectParameter("compliance_m_per_n", "m/N", 0.0, 4e-5, 1e-5, "strength", least=1e-7),
         EffectParameter("damping_s", "s", 0.001, 0.05, 0.01),
-        # Little is told of the foam's own mass, and no mass at all is a foam too; lighter, its steps would be shorter.
+        # Data hardly determine the mass, and foam without mass is possible; a smaller mass needs shorter steps.
         EffectParameter("mass_kg", "kg", 1.0, 8.0, 3.0, "nuisance"),
         EffectParameter(
             "stiffening_per_m", "1/m", -10.0, 80.0, 0.0,
-            source="that foam gives way, then hardens: Hu et al. 2020 (BioResources 15); how much: no source",
+            source="foam yields, then hardens: Hu et al. 2020 (BioResources 15); the size: no source",
         ),
     ),
     sites=("pelvis",),
     constants=_constants,
-    force=force,
-    own_rate_per_s=_own_rate_per_s,
+    law=force,
+    max_own_eigenvalue_per_s=_max_own_eigenvalue_per_s,
     states=2,
 )  # fmt: skip

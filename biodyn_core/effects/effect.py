@@ -1,7 +1,7 @@
-"""Effect: something the base chain lacks, as one small object that says its equation and where it may sit.
+"""Effects that the base chain lacks: the common part, one class per kind, and an effect applied at a site.
 
-What acts inside the chain is a plain function of scalars, from whose source the integrator is generated: no effect
-touches the integrator, and none that is absent costs anything.
+An effect inside the chain has its law as a plain function of scalars. The integrator is generated from the source of
+that law, so a new effect changes no integrator code, and an absent effect costs no time.
 """
 
 from __future__ import annotations
@@ -9,33 +9,40 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.segments import SEGMENTS, SENSORS
+from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.base.suggestions import did_you_mean
 
 Place = Literal["joint", "segment", "sensor", "seat"]
 Kind = Literal["strength", "shape", "nuisance"]
+Values = Mapping[str, float]
+"""The values of an effect's parameters by name."""
+
+Channels = Mapping[str, Floats]
+"""Measured signals (n,) by name, such as `seat.x` or `head.rate_y`."""
+
+Transform = Callable[[Floats, float, Channels, Values], Floats]
+"""From an acceleration (n,) m/s^2, the rate in Hz, channels and values to the changed acceleration (n,)."""
 
 UNSOURCED: Final = "typical of the tracing study; no source for people"
 
-
 DECADE: Final = 10.0
-"""A range whose ends are so many times apart, both above zero, is one of scales: shares of it are of its logarithm."""
+"""A range with both ends above zero and at least this ratio between them is logarithmic."""
 
 AT_BOUND: Final = 0.01
-"""A value closer to an end than this share of its range is on it: a fit gets there ever more slowly."""
+"""A value closer to an end than this share of the range is on a bound: fits converge slowly there."""
 
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One parameter: unit, range, where a fit starts, whether 0 of it is the base chain, and the range's source.
+    """One parameter with its unit, its range, the start of a fit and the source of the range.
 
-    acts_at is a value at which it shows, for one that starts at zero; grid are further values to try it at, since far
-    from its own a shape shows nothing. least: a strength up to this is none, for what is weaker shows nothing and would
-    ask for ever shorter steps.
+    kind: `strength` is 0 in the base chain; a `nuisance` is fitted but not reported as a finding. acts_at is a typical
+    value of a parameter that starts at zero. grid holds further values to try, because a wrong shape hides the effect.
+    least: a strength up to this counts as zero; smaller ones have no visible effect but need very short steps.
     """
 
     name: str
@@ -51,34 +58,34 @@ class EffectParameter:
 
     @property
     def size(self) -> float:
-        """A value at which it shows: the start, unless that is zero."""
+        """A typical value: the start, or `acts_at` where the start is zero."""
         return self.start or self.acts_at
 
     def share(self, value: float) -> float:
-        """Where a value lies in the range, 0 to 1."""
-        if self._of_scales:
+        """The position of a value in the range, 0 to 1."""
+        if self._logarithmic:
             return math.log(value / self.lower) / math.log(self.upper / self.lower)
         return (value - self.lower) / (self.upper - self.lower)
 
     def at_share(self, share: float) -> float:
-        """The value at a share of the range, at an end where that lies beyond."""
-        if share <= 0.0 or share >= 1.0:  # exactly, which no logarithm would be
+        """The value at a share of the range; a share outside 0 to 1 gives the nearer end."""
+        if share <= 0.0 or share >= 1.0:  # the logarithm would not return the exact end
             return self.lower if share <= 0.0 else self.upper
-        if self._of_scales:
+        if self._logarithmic:
             value = self.lower * (self.upper / self.lower) ** share
         else:
             value = self.lower + share * (self.upper - self.lower)
         return min(max(value, self.lower), self.upper)
 
     def on_bound(self, value: float) -> bool:
-        """Whether a value lies next to an end of its range: what is next to nothing is only small, nuisances may."""
+        """Whether a value lies on an end of its range; never for a nuisance, nor for a small value above a zero end."""
         if self.kind == "nuisance":
             return False
         share = self.share(value)
         return share > 1.0 - AT_BOUND or (share < AT_BOUND and self.lower != 0.0)
 
     @property
-    def _of_scales(self) -> bool:
+    def _logarithmic(self) -> bool:
         return self.lower > 0.0 and self.upper >= DECADE * self.lower
 
     def check(self, value: float, where: str) -> None:
@@ -88,13 +95,13 @@ class EffectParameter:
 
     @property
     def allowed(self) -> str:
-        """Its range in words."""
+        """The range in words."""
         return f"{self.lower:g} to {self.upper:g}{self.unit and f' {self.unit}'}"
 
 
 @dataclass(frozen=True)
 class Joint:
-    """What an effect on a joint is told besides its parameters, SI: its constants, and the mass that rests on it."""
+    """Constants of the joint below a segment, and the masses of that segment and of all from there up, SI."""
 
     stiffness_n_per_m: float
     stiffening_n_per_m2: float
@@ -103,60 +110,35 @@ class Joint:
     segment_mass_kg: float
 
 
-def _none(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
-    return ()
-
-
-def _nothing(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
+def _no_stiffness_damping(joint: Joint, values: Values) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def _no_rate(joint: Joint, values: Mapping[str, float]) -> float:
+def _no_eigenvalue(joint: Joint, values: Values) -> float:
     return 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One entry of the catalogue.
+    """The common part of every effect in the catalogue; the subclasses are the kinds.
 
-    place: `joint` is the joint below the segment a site names, `segment` the segment itself.
-
-    An effect has one of these. force: what is added to the joint's tension, or to the force on the segment, N. It
-    takes stretch and rate of the joint, or displacement and velocity of the segment relative to the seat (m, m/s),
-    then the seat's acceleration (m/s^2), the joint's stretch one `delay` ago where it has one, its channels, its
-    own states, and its constants, all scalars; it returns the force, and after it the rates of its states. limit:
-    the joint's force once all has been added, from that force and the constants. Both use `math` and builtins
-    alone; a mass is a force with states. seat: what the body feels of the seat, (n,), from its vertical (n,), the
-    rate in Hz, the channels (n,) by name and the values. measured: what a sensor shows of its segment's true
-    acceleration, from the same. These two are over a whole recording, so neither runs live.
-
-    constants: numbers for force or limit from the joint and the values of the parameters, in their order. stiffens: the
-    largest stiffness and damping that force may add, N/m and N s/m, and own_rate_per_s: the largest eigenvalue of its
-    own states; the integrator's step is chosen by both. delay: the parameter, in s, that says how far it looks back.
-    channels: what has to be measured beside the seat's vertical, such as `seat.x`, `own.` for the site's; without it
-    the effect can be neither run nor tested.
+    equation and signature are printed: the law, and the pattern of the residual where the effect is missing. sites are
+    those allowed. channels: signals beyond the seat's vertical, such as `seat.x`; `own.` stands for the site. The
+    effect can be neither simulated nor tested without them.
 
     Read by tracing alone. known_omission: the base chain is known to lack it, so it is always fitted, accepted if one
     event improves, and chosen before any other law. constant_part: if it varies from window to window, a subject can
     carry its constant part. sized_by_training: if it varies between events, only the events for fitting set its size.
     """
 
+    place: ClassVar[Place]
+
     name: str
     family: str
     equation: str
     signature: str
-    place: Place
     parameters: tuple[EffectParameter, ...]
-    sites: tuple[str, ...] = ()
-    constants: Callable[[Joint, Mapping[str, float]], tuple[float, ...]] = _none
-    force: Callable[..., Any] | None = None
-    states: int = 0
-    limit: Callable[..., float] | None = None
-    stiffens: Callable[[Joint, Mapping[str, float]], tuple[float, float]] = _nothing
-    own_rate_per_s: Callable[[Joint, Mapping[str, float]], float] = _no_rate
-    seat: Callable[[Floats, float, Mapping[str, Floats], Mapping[str, float]], Floats] | None = None
-    measured: Callable[[Floats, float, Mapping[str, Floats], Mapping[str, float]], Floats] | None = None
-    delay: str | None = None
+    sites: tuple[str, ...] = SEGMENTS
     channels: tuple[str, ...] = ()
     known_omission: bool = False
     constant_part: bool = False
@@ -164,29 +146,147 @@ class Effect:
 
     @property
     def strengths(self) -> tuple[str, ...]:
-        """The parameters all of which are 0 in the base chain; none where presence alone is the effect."""
+        """Names of the parameters that are all 0 in the base chain; empty where presence alone is the effect."""
         return tuple(p.name for p in self.parameters if p.kind == "strength")
 
     @property
-    def in_chain(self) -> bool:
-        """Whether it acts inside the chain, in time, and so live too; else it is over a whole recording."""
-        return self.seat is None and self.measured is None
+    def static(self) -> bool:
+        """Whether it is a static law of a joint: no states, no delay, no channels."""
+        return False
+
+    @property
+    def supports_live(self) -> bool:
+        """Whether predictions sample by sample, from the seat's vertical alone, support a subject that has it."""
+        return False
+
+    def required_channels(self, site: str) -> tuple[str, ...]:
+        """The channels it needs at a site, by their names in a recording."""
+        return tuple(name.replace("own.", f"{site}.") for name in self.channels)
+
+
+@dataclass(frozen=True)
+class StepBounds:
+    """Largest stiffness and damping that a law adds, and the largest eigenvalue of its states; they set the step."""
+
+    stiffness_n_per_m: float = 0.0
+    damping_n_s_per_m: float = 0.0
+    own_eigenvalue_per_s: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChainEffect(Effect):
+    """An effect inside the chain, integrated with it; each subclass defines the arguments of its law.
+
+    law: a function of scalars that uses `math` and builtins alone; its last arguments are the constants. constants:
+    these numbers, from the joint and the values of the parameters.
+    """
+
+    law: Callable[..., Any]
+    constants: Callable[[Joint, Values], tuple[float, ...]]
+
+    @property
+    def states(self) -> int:
+        """The number of the law's own states."""
+        return 0
+
+    @property
+    def longest_delay_s(self) -> float:
+        """The upper end of the delay's range, 0 without delay."""
+        return 0.0
+
+    @property
+    def supports_live(self) -> bool:
+        """Whether it needs no other channel."""
+        return not self.channels
+
+    def delay_s(self, values: Values) -> float:
+        """The delay of the stretch that the law receives, 0 without delay."""
+        return 0.0
+
+    def step_bounds(self, joint: Joint, values: Values) -> StepBounds:
+        """The most that the law adds to the chain."""
+        return StepBounds()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Force(ChainEffect):
+    """A force, possibly with states of its own; a mass is a force with two states.
+
+    law(motion, its rate, seat, [delayed stretch], channels, states, constants) returns the force in N, then the rates
+    of its states; seat is the seat's acceleration in m/s^2. max_added_stiffness_damping, N/m and N s/m, and
+    max_own_eigenvalue_per_s, of its states, are the fields of `StepBounds`.
+    """
+
+    states: int = 0
+    max_added_stiffness_damping: Callable[[Joint, Values], tuple[float, float]] = _no_stiffness_damping
+    max_own_eigenvalue_per_s: Callable[[Joint, Values], float] = _no_eigenvalue
+
+    def step_bounds(self, joint: Joint, values: Values) -> StepBounds:
+        """The most that the law adds to the chain."""
+        stiffness, damping = self.max_added_stiffness_damping(joint, values)
+        return StepBounds(stiffness, damping, self.max_own_eigenvalue_per_s(joint, values))
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointForce(Force):
+    """A force added to the tension of a joint, from its stretch m and rate m/s.
+
+    delay: name of the parameter, in s, by which the law also receives the stretch delayed.
+    """
+
+    place: ClassVar[Place] = "joint"
+    delay: str = ""
 
     @property
     def static(self) -> bool:
-        """Whether it is a law of a joint that knows no time: neither states nor delays nor channels."""
-        return self.place == "joint" and self.force is not None and not (self.states or self.delay or self.channels)
-
-    def needed(self, site: str) -> tuple[str, ...]:
-        """The channels it needs at a site, by the names they have in a recording."""
-        return tuple(name.replace("own.", f"{site}.") for name in self.channels)
+        """Whether it is a static law: no states, no delay, no channels."""
+        return not (self.states or self.delay or self.channels)
 
     @property
-    def where(self) -> tuple[str, ...]:
-        """The sites it may have."""
-        if self.sites:
-            return self.sites
-        return SENSORS if self.place == "sensor" else SEGMENTS
+    def longest_delay_s(self) -> float:
+        """The upper end of the delay's range, 0 without delay."""
+        return next((p.upper for p in self.parameters if p.name == self.delay), 0.0)
+
+    def delay_s(self, values: Values) -> float:
+        """The delay of the stretch that the law receives, 0 without delay."""
+        return values[self.delay] if self.delay else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointLimit(ChainEffect):
+    """A limit of the whole tension of a joint: law(tension N, constants) returns the limited tension."""
+
+    place: ClassVar[Place] = "joint"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentForce(Force):
+    """A force on a segment, from its displacement m and velocity m/s relative to the seat."""
+
+    place: ClassVar[Place] = "segment"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeatTransform(Effect):
+    """A change of the seat's vertical acceleration before it acts on the body, over a whole recording."""
+
+    place: ClassVar[Place] = "seat"
+    sites: tuple[str, ...] = (SEAT,)
+    transform: Transform
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorTransform(Effect):
+    """A change of one segment's acceleration by its sensor, over a whole recording."""
+
+    place: ClassVar[Place] = "sensor"
+    sites: tuple[str, ...] = MEASURED_SEGMENTS
+    transform: Transform
+
+    @property
+    def supports_live(self) -> bool:
+        """Always: predictions are of the segments themselves."""
+        return True
 
 
 @dataclass(frozen=True)
@@ -195,12 +295,11 @@ class AppliedEffect:
 
     effect: Effect
     site: str
-    values: Mapping[str, float]
+    values: Values
 
     def __post_init__(self) -> None:
-        where = f"effects: {self.effect.name}"
-        if self.site not in self.effect.where:
-            sites = self.effect.where
+        where, sites = f"effects: {self.effect.name}", self.effect.sites
+        if self.site not in sites:
             near = did_you_mean(self.site, sites)
             raise InputError(f"{where}: site is {self.site!r}, allowed are {', '.join(sites)}{near}")
         known = {parameter.name: parameter for parameter in self.effect.parameters}
@@ -216,7 +315,7 @@ class AppliedEffect:
 
     @property
     def absent(self) -> bool:
-        """Whether it is of no strength, so that the base chain remains."""
+        """Whether all its strengths are zero, so that the base chain remains."""
         strengths = [parameter for parameter in self.effect.parameters if parameter.kind == "strength"]
         return bool(strengths) and all(abs(self.values[p.name]) <= p.least for p in strengths)
 

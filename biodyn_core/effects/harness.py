@@ -1,10 +1,8 @@
-"""Harness: a belt that holds the upper torso down once its slack is used up."""
+"""Harness: a belt that holds the upper torso down beyond its slack."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import EffectParameter, Joint, SegmentForce, Values
 
 
 def force(x: float, v: float, seat: float, k: float, slack_m: float) -> float:
@@ -13,26 +11,25 @@ def force(x: float, v: float, seat: float, k: float, slack_m: float) -> float:
     return -k * beyond if beyond > 0.0 else 0.0
 
 
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     return values["stiffness_n_per_m"], values["slack_m"]
 
 
-def _stiffens(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
+def _max_added_stiffness_damping(joint: Joint, values: Values) -> tuple[float, float]:
     return values["stiffness_n_per_m"], 0.0
 
 
-EFFECT = Effect(
+EFFECT = SegmentForce(
     name="harness",
     family="harness",
     equation="F -= k_h max(0, x - g0)",
     signature="spikes of the upper torso in rebound",
-    place="segment",
     parameters=(
         EffectParameter("stiffness_n_per_m", "N/m", 0.0, 100000.0, 25000.0, "strength"),
         EffectParameter("slack_m", "m", 0.0, 0.05, 0.01, grid=(0.002, 0.01, 0.02)),
     ),
     sites=("upper_torso",),
     constants=_constants,
-    force=force,
-    stiffens=_stiffens,
+    law=force,
+    max_added_stiffness_damping=_max_added_stiffness_damping,
 )

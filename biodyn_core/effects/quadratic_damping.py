@@ -1,10 +1,8 @@
-"""Quadratic damping: a damper that grows with its rate."""
+"""Quadratic damping: damping that grows with the rate."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import EffectParameter, Joint, JointForce, Values
 
 
 def force(stretch: float, rate: float, seat: float, c_2: float) -> float:
@@ -12,17 +10,16 @@ def force(stretch: float, rate: float, seat: float, c_2: float) -> float:
     return c_2 * rate * abs(rate)
 
 
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     return (joint.damping_n_s_per_m * values["growth_s_per_m"],)
 
 
-EFFECT = Effect(
+EFFECT = JointForce(
     name="quadratic_damping",
     family="quadratic_damping",
     equation="F += b g rate |rate|",
     signature="peaks of shocks over-predicted, the road well",
-    place="joint",
     parameters=(EffectParameter("growth_s_per_m", "s/m", 0.0, 200.0, 2.0, "strength"),),
     constants=_constants,
-    force=force,
+    law=force,
 )

@@ -1,4 +1,4 @@
-"""Ranges: an effect's parameters as shares of their ranges, and on the whole line, where a search meets no end."""
+"""Ranges: parameters as shares of their ranges, and mapped to the whole line for unbounded optimisation."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from biodyn_core.effects.effect import EffectParameter
 
 @dataclass(frozen=True)
 class Ranges:
-    """Some parameters, (p,) in their order."""
+    """Parameters (p,) in order."""
 
     parameters: Sequence[EffectParameter]
 
     def shares(self, values: Floats) -> Floats:
-        """Where values lie in their ranges, 0 to 1."""
+        """Positions of values in their ranges, 0 to 1."""
         return np.array([p.share(value) for p, value in zip(self.parameters, values, strict=True)], dtype=np.float64)
 
     def values(self, shares: Floats) -> Floats:
-        """The values at these shares; those beyond 0 and 1 are at the ends."""
+        """The values at shares; a share outside 0 to 1 gives the nearer end."""
         return np.array([p.at_share(share) for p, share in zip(self.parameters, shares, strict=True)], dtype=np.float64)
 
     def unbounded(self, values: Floats, inside: Floats | float) -> Floats:
-        """Values on the whole line, at least so far inside their ranges, as a share."""
+        """Values on the whole line, after shares are clipped to `inside` and 1 - `inside`."""
         share = np.clip(self.shares(values), inside, 1.0 - np.asarray(inside))
         return np.asarray(np.log(share / (1.0 - share)))
 
@@ -36,5 +36,5 @@ class Ranges:
 
 
 def logistic(points: Floats) -> Floats:
-    """The whole line to 0 to 1."""
+    """Map the whole line to 0 to 1."""
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * points)))

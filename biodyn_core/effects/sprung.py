@@ -1,44 +1,43 @@
-"""Sprung mass: the law of what sits on a segment by a spring and a damper of its own."""
+"""Sprung mass: the law of a mass on a segment, by a spring and a damper."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-from biodyn_core.effects.effect import Joint
+from biodyn_core.effects.effect import Joint, Values
 
 
 def force(
     x: float, v: float, seat: float, x_own: float, v_own: float, k: float, c: float, omega_squared: float, decay: float
 ) -> tuple[float, float, float]:
-    """The mass's pull on the segment; its displacement and velocity relative to the seat are the states."""
+    """Force of the mass on the segment; states: its displacement and velocity relative to the seat."""
     apart, drift = x_own - x, v_own - v
     return k * apart + c * drift, v_own, -omega_squared * apart - decay * drift - seat
 
 
 @dataclass(frozen=True)
 class SprungMass:
-    """What an effect says of a sprung mass: its mass_kg, its damping_ratio, its own frequency, Hz, by a name it has."""
+    """Constants of a sprung mass from mass_kg, damping_ratio and the parameter, in Hz, that `frequency` names."""
 
     frequency: str
 
-    def constants(self, joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
-        """Stiffness N/m, damping N s/m, both also by the mass."""
+    def constants(self, joint: Joint, values: Values) -> tuple[float, ...]:
+        """Stiffness N/m and damping N s/m, then both divided by the mass."""
         omega, mass = self._omega(values), values["mass_kg"]
         decay = 2.0 * values["damping_ratio"] * omega
         return mass * omega**2, mass * decay, omega**2, decay
 
-    def stiffens(self, joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
-        """All of its spring and its damper."""
+    def max_added_stiffness_damping(self, joint: Joint, values: Values) -> tuple[float, float]:
+        """Stiffness and damping of the spring and the damper."""
         stiffness, damping, *_ = self.constants(joint, values)
         return stiffness, damping
 
-    def own_rate_per_s(self, joint: Joint, values: Mapping[str, float]) -> float:
-        """The mass against its segment, both free, which is quicker than its spring by itself."""
-        heavier = math.sqrt(1.0 + values["mass_kg"] / joint.segment_mass_kg)
-        omega, zeta = self._omega(values) * heavier, values["damping_ratio"] * heavier
+    def max_own_eigenvalue_per_s(self, joint: Joint, values: Values) -> float:
+        """The mass against its segment, both free: a higher eigenvalue than with the segment fixed."""
+        coupling = math.sqrt(1.0 + values["mass_kg"] / joint.segment_mass_kg)
+        omega, zeta = self._omega(values) * coupling, values["damping_ratio"] * coupling
         return omega * (zeta + math.sqrt(zeta * zeta - 1.0)) if zeta > 1.0 else omega
 
-    def _omega(self, values: Mapping[str, float]) -> float:
+    def _omega(self, values: Values) -> float:
         return 2.0 * math.pi * values[self.frequency]

@@ -1,10 +1,8 @@
-"""End stop: a joint, or the cushion below the pelvis, bottoms out in compression."""
+"""End stop: a joint, or the cushion below the pelvis, reaches its end stop in compression."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import EffectParameter, Joint, JointForce, Values
 
 
 def force(stretch: float, rate: float, seat: float, k_stop: float, gap_m: float) -> float:
@@ -13,25 +11,24 @@ def force(stretch: float, rate: float, seat: float, k_stop: float, gap_m: float)
     return -k_stop * beyond if beyond > 0.0 else 0.0
 
 
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     return joint.stiffness_n_per_m * values["stiffness_ratio"], values["gap_m"]
 
 
-def _stiffens(joint: Joint, values: Mapping[str, float]) -> tuple[float, float]:
+def _max_added_stiffness_damping(joint: Joint, values: Values) -> tuple[float, float]:
     return joint.stiffness_n_per_m * values["stiffness_ratio"], 0.0
 
 
-EFFECT = Effect(
+EFFECT = JointForce(
     name="stop",
     family="stiffening",
     equation="F -= k_s max(0, -stretch - d0)",
     signature="spikes of 5 to 20 ms at the deepest compression",
-    place="joint",
     parameters=(
         EffectParameter("stiffness_ratio", "", 0.0, 10.0, 2.0, "strength"),
         EffectParameter("gap_m", "m", 0.0005, 0.04, 0.012, grid=(0.002, 0.005, 0.012, 0.02)),
     ),
     constants=_constants,
-    force=force,
-    stiffens=_stiffens,
+    law=force,
+    max_added_stiffness_damping=_max_added_stiffness_damping,
 )

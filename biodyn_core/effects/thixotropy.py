@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from biodyn_core.effects.effect import Effect, EffectParameter, Joint
+from biodyn_core.effects.effect import EffectParameter, Joint, JointForce, Values
 
 
 def force(
@@ -14,16 +12,15 @@ def force(
     return -k_beta * softened * stretch, (abs(rate) / rate_mps * (1.0 - softened) - softened) / tau_s
 
 
-def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
+def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     return joint.stiffness_n_per_m * values["softening"], values["rate_mps"], values["tau_s"]
 
 
-EFFECT = Effect(
+EFFECT = JointForce(
     name="thixotropy",
     family="state_of_the_body",
     equation="k (1 - beta s), s' = (|rate| / v_t (1 - s) - s) / tau",
     signature="natural frequency drops after a shock and recovers",
-    place="joint",
     parameters=(
         EffectParameter(
             "softening", "", 0.0, 0.9, 0.35, "strength",
@@ -33,6 +30,6 @@ EFFECT = Effect(
         EffectParameter("tau_s", "s", 0.5, 20.0, 4.0, grid=(1.0, 4.0, 10.0)),
     ),
     constants=_constants,
-    force=force,
+    law=force,
     states=1,
 )  # fmt: skip

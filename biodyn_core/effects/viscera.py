@@ -1,20 +1,19 @@
-"""Viscera: a mass that hangs on a torso segment by a spring and a damper of its own."""
+"""Viscera: a mass on a torso segment, by a spring and a damper."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from biodyn_core.effects.effect import Effect, EffectParameter
+from biodyn_core.effects.effect import EffectParameter, SegmentForce
 from biodyn_core.effects.sprung import SprungMass, force
 
 MASS: Final = SprungMass("natural_frequency_hz")
 
-EFFECT = Effect(
+EFFECT = SegmentForce(
     name="viscera",
     family="memory",
     equation="m_v (x_v'' + a_s) = -k_v (x_v - x_i) - c_v (x_v' - x_i'), reaction on the segment",
     signature="a dip and a peak at 4 to 6 Hz",
-    place="segment",
     parameters=(
         EffectParameter("mass_kg", "kg", 0.0, 12.0, 5.0, "strength"),
         EffectParameter("natural_frequency_hz", "Hz", 2.5, 10.0, 4.5, grid=(3.5, 4.5, 6.0)),
@@ -22,8 +21,8 @@ EFFECT = Effect(
     ),
     sites=("lower_torso", "central_torso", "upper_torso"),
     constants=MASS.constants,
-    force=force,
-    stiffens=MASS.stiffens,
-    own_rate_per_s=MASS.own_rate_per_s,
+    law=force,
+    max_added_stiffness_damping=MASS.max_added_stiffness_damping,
+    max_own_eigenvalue_per_s=MASS.max_own_eigenvalue_per_s,
     states=2,
 )

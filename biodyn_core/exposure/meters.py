@@ -154,7 +154,7 @@ class _Weighting:
     def restart(self) -> None:
         """Start behind a break, in steady state for the level."""
         for channel, level in enumerate(self.level.tolist()):
-            kernels.settle(self.sos, self.state, channel, level)
+            kernels.set_steady_state(self.sos, self.state, channel, level)
 
 
 class Meter(ABC):

@@ -1,1 +1,1 @@
-"""From recordings to a subject: two-phase fits per case, fused into one subject, with what is known of every number."""
+"""Identification of a subject from recordings: two-phase fits per case, their fusion, and the uncertainty."""

@@ -1,4 +1,4 @@
-"""Two subjects, parameter by parameter: which values they share and which are their own.
+"""Comparison of two subjects, parameter by parameter: which values agree and which differ.
 
 Zaman et al., 9.1.1 and 9.1.2, Tables 6 and 7.
 """
@@ -18,7 +18,7 @@ from biodyn_core.identification.settings import THRESHOLD_PERCENT
 
 @dataclass(frozen=True)
 class Deviation:
-    """One quantity of two subjects; `segment` names the joint below it, None where the body has one value."""
+    """One quantity of two subjects; `segment` names the joint below it, None for a quantity of the whole body."""
 
     quantity: str
     segment: str | None
@@ -28,7 +28,7 @@ class Deviation:
 
     @property
     def percent(self) -> float:
-        """|b - a| / a in percent; infinite where a alone is zero."""
+        """|b - a| / a in percent; infinite where only a is zero."""
         if self.a == self.b:
             return 0.0
         return 100.0 * abs(self.b - self.a) / self.a if self.a > 0.0 else math.inf
@@ -36,9 +36,9 @@ class Deviation:
 
 @dataclass(frozen=True)
 class SubjectComparison:
-    """The quantities of subject a that subject b shares (convergent) and does not (divergent), in the order of theta.
+    """Quantities of two subjects that agree (convergent) and differ (divergent), in the order of theta.
 
-    Stiffness and stiffening stand behind theta. How much of a deviation is uncertainty of the two fits is not known.
+    Stiffness and stiffening follow theta. The share of a deviation that comes from uncertainty of the fits is unknown.
     """
 
     a: Subject
@@ -49,7 +49,7 @@ class SubjectComparison:
 
 
 def compare(a: Subject, b: Subject, threshold_percent: float = THRESHOLD_PERCENT) -> SubjectComparison:
-    """Sort every quantity by its deviation from a, below the threshold or not (Tables 6 and 7).
+    """Classify every quantity by its deviation from a, below the threshold or not (Tables 6 and 7).
 
     Raises InputError for a threshold that is not positive, and for subjects of different mass matrices.
     """
@@ -72,10 +72,10 @@ def compare(a: Subject, b: Subject, threshold_percent: float = THRESHOLD_PERCENT
 
 
 def _values(subject: Subject) -> dict[tuple[str, str | None, str], float]:
-    """The value by quantity, segment and unit: theta, then the stiffness and the stiffening of each joint."""
+    """Values by quantity, segment and unit: theta, then the stiffness and the stiffening of each joint."""
     p, chain = subject.parameters, Chain.of(subject)
     found = {(q.group, q.segment, q.unit): float(v) for q, v in zip(PARAMETERS, p.vector(), strict=True)}
-    # Tables 4 to 7 have k without m_scale, which stands in a row of its own.
+    # Tables 4 to 7 have k without m_scale, which has its own row.
     joints = {("stiffness_n_per_m", "N/m"): chain.stiffness_n_per_m / p.mass_scale}
     joints["stiffening_per_m", "1/m"] = chain.stiffening_per_m
     for (quantity, unit), values in joints.items():

@@ -1,4 +1,4 @@
-"""Fits: one theta for one case or several, through both phases, and what a fit says of itself."""
+"""Fits of one theta to one case or several, in both phases, with errors and parameters on bounds."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters
 from biodyn_core.body.subject import Subject
-from biodyn_core.identification.objectives import Pull, Surrogate, TimeDomain
+from biodyn_core.identification.objectives import RegularizationTerm, Surrogate, TimeDomain
 from biodyn_core.identification.phase1 import Search, reached, search
 from biodyn_core.identification.phase2 import Refined, refine
 from biodyn_core.identification.problem import Case, Errors, errors
 from biodyn_core.identification.settings import FitSettings
 
 AT_BOUND: Final = 1e-3
-"""A parameter closer to a bound than this share of its range is on it."""
+"""A parameter closer to a bound than this share of its range is on the bound."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """One theta fitted to one case or several: the subject that carries it, and how it was `refined`.
+    """One theta fitted to one case or several: the subject with it, and the result of phase 2 in `refined`.
 
-    clock_delays_s (cases, 5, 2) is empty where clocks are trusted; at_bound names the parameters that end on a bound of
-    Table 1.
+    clock_delays_s (cases, 5, 2) is empty where clocks are trusted; at_bound names parameters on a bound of Table 1.
     """
 
     subject: Subject
@@ -40,7 +39,7 @@ class Fit:
 
     @classmethod
     def of(cls, refined: Refined, cases: Sequence[Case], subject: Subject, settings: FitSettings) -> Fit:
-        """What phase 2 found for these cases, looked at."""
+        """The fit from the result of phase 2 for these cases."""
         found = dataclasses.replace(subject, parameters=Parameters.from_vector(refined.theta), provenance={})
         return cls(
             subject=found,
@@ -61,16 +60,15 @@ class Fit:
         """J of Eq. 35: normalised rms in percent, mean over the measured segments and the cases."""
         return mean_percent(self.errors)
 
-    def unpulled(self, cases: Sequence[Case]) -> TimeDomain:
-        """The objective that was minimised, of the same cases, but for the pull: what the data alone say."""
-        pull = Pull(self.refined.reference, 0.0)
-        return TimeDomain(cases, self.subject, pull, self.settings.clocks)
+    def data_objective(self, cases: Sequence[Case]) -> TimeDomain:
+        """The minimised objective of the same cases without its regularization term."""
+        return TimeDomain(cases, self.subject, RegularizationTerm(self.refined.reference, 0.0), self.settings.clocks)
 
 
 def fit_cases(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings | None = None) -> list[Fit]:
-    """Fit each case by itself, as the paper does; under `phase1: pooled` from one search over all.
+    """Fit each case alone, as the paper does; with `phase1: pooled` from one search over all.
 
-    The subject gives anthropometry, mass matrix and m_scale.
+    The subject provides anthropometry, mass matrix and m_scale.
     """
     s = settings or FitSettings()
     found = search_all(cases, subject, seed, s)
@@ -87,12 +85,12 @@ def fit_joint(cases: Sequence[Case], subject: Subject, seed: int, settings: FitS
 
 
 def search_all(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings) -> tuple[Search, ...]:
-    """Phase 1 of all cases, in their order: one search for each, or one of all."""
+    """Phase 1 of all cases, in order: one search per case, or one for all."""
     return tuple(search_group(group, subject, seed, settings) for group in search_groups(cases, settings))
 
 
 def search_groups(cases: Sequence[Case], settings: FitSettings) -> list[list[Case]]:
-    """The cases that are searched together."""
+    """Groups of cases with a common search."""
     return [list(cases)] if settings.phase1 == "pooled" else [[case] for case in cases]
 
 
@@ -102,19 +100,19 @@ def search_group(cases: Sequence[Case], subject: Subject, seed: int, settings: F
 
 
 def searches_by_case(searches: Sequence[Search], cases: int, settings: FitSettings) -> list[Sequence[Search]]:
-    """From which searches each case by itself is refined."""
+    """For each case, the searches that its refinement starts from."""
     return [searches] * cases if settings.phase1 == "pooled" else [[one] for one in searches]
 
 
 def predictions(subject: Subject, cases: Sequence[Case]) -> Iterator[Floats]:
-    """A subject's forward prediction of each case, fitted to or not: accelerations (n, 5) of the measured segments."""
+    """Forward predictions of each case by a subject: accelerations (n, 5) of the measured segments."""
     theta = subject.parameters.vector()
-    problem = TimeDomain(cases, subject, Pull(theta, 0.0))
+    problem = TimeDomain(cases, subject, RegularizationTerm(theta, 0.0))
     return (problem.accelerations(number, theta) for number in range(len(cases)))
 
 
 def prediction_errors(subject: Subject, cases: Sequence[Case]) -> tuple[Errors, ...]:
-    """Errors of a subject's forward prediction of cases."""
+    """Errors of a subject's forward predictions of cases."""
     return tuple(errors(case, accel) for case, accel in zip(cases, predictions(subject, cases), strict=True))
 
 
@@ -124,15 +122,15 @@ def mean_percent(found: Sequence[Errors]) -> float:
 
 
 def at_bound(theta: Floats, free: Flags, within: float = AT_BOUND) -> tuple[str, ...]:
-    """The fitted parameters that lie on a bound of Table 1, within that share of its range."""
+    """The fitted parameters that lie on a bound of Table 1, within this share of the range."""
     share = (theta - LOWER) / (UPPER - LOWER)
-    pinned = free & ((share < within) | (share > 1.0 - within))
-    return tuple(p.name for p, flag in zip(PARAMETERS, pinned, strict=True) if flag)
+    on_bound = free & ((share < within) | (share > 1.0 - within))
+    return tuple(p.name for p, flag in zip(PARAMETERS, on_bound, strict=True) if flag)
 
 
 def _clock_delays_s(subject: Subject, cases: Sequence[Case], settings: FitSettings) -> Floats:
     if settings.clocks == "trusted":
         return np.empty((0, len(MEASURED_SEGMENTS), 2))
     theta = subject.parameters.vector()
-    problem = TimeDomain(cases, subject, Pull(theta, 0.0), settings.clocks)
+    problem = TimeDomain(cases, subject, RegularizationTerm(theta, 0.0), settings.clocks)
     return np.array([problem.clock_delays_s(number, theta) for number in range(len(cases))])

@@ -1,4 +1,4 @@
-"""Idealization: the fits of one subject to several cases become one subject, with the scatter from case to case.
+"""Idealization: fusion of one subject's fits to several cases, with the scatter between cases.
 
 Zaman et al., section 7, Eq. 35-41.
 """
@@ -19,15 +19,15 @@ from biodyn_core.body.parameters import PARAMETERS, Parameters, from_log, to_log
 from biodyn_core.body.subject import Subject
 
 CV_FLAG_PERCENT: Final = 30.0
-"""A parameter that scatters by more is poorly constrained by the cases (7.2)."""
+"""A parameter with more scatter is poorly constrained by the cases (7.2)."""
 
 _PERSON: Final = ("name", "body_mass_kg", "stature_m", "mass_matrix")
-"""What the cases of one subject have in common."""
+"""Attributes that the cases of one subject share."""
 
 
 @dataclass(frozen=True)
 class FittedCase:
-    """One loading condition: the subject with the parameters fitted to it, and what error was left.
+    """One loading condition: the subject with the parameters fitted to it, and the remaining error.
 
     error_percent is J of Eq. 35: normalised rms in percent, mean over the measured segments (best_err of Tables 2, 3).
     Raises InputError unless it is positive and finite.
@@ -47,11 +47,11 @@ class FittedCase:
 
 @dataclass(frozen=True)
 class Idealized:
-    """What several cases say together; `weights` go by case, `cv_percent` and `flagged` by the name of the parameter.
+    """The fusion of several cases; `weights` are by case, `cv_percent` and `flagged` by the name of the parameter.
 
-    weighted_error_percent averages the errors of the cases' own fits; the idealized subject's own error is another.
-    cv_percent (Eq. 38) is NaN for a single case. It says how far the fits agree and no more: a parameter that was held
-    fixed, or that lies on the same bound in every case, has none and is not thereby well identified.
+    weighted_error_percent averages the errors of the cases' own fits; it is not the error of the idealized subject.
+    cv_percent (Eq. 38) is NaN for a single case. It only measures agreement of the fits: a parameter that was fixed, or
+    that is on the same bound in every case, has none and is not therefore well identified.
     """
 
     subject: Subject
@@ -64,8 +64,8 @@ class Idealized:
 def idealize(cases: Sequence[FittedCase]) -> Idealized:
     """Fuse the fits of one subject: the geometric mean of each parameter, weighted by 1/J^2 (Eq. 35-38).
 
-    The order of the cases does not matter, to the last bit. Raises InputError for no case, a case given twice, cases
-    of different subjects, and a stiffening of zero in some cases only.
+    The result does not depend on the order of the cases, to the last bit. Raises InputError for no case, a case given
+    twice, cases of different subjects, and a stiffening of zero in some cases only.
     """
     _check(cases)
     cases = sorted(cases, key=lambda fitted: fitted.case)
@@ -75,7 +75,7 @@ def idealize(cases: Sequence[FittedCase]) -> Idealized:
     weights = _weights(errors)
     weighted_error = float(weights @ errors)
     cv = dict(zip((p.name for p in PARAMETERS), _cv_percent(theta).tolist(), strict=True))
-    # What the first case's file says of its origin and errors holds for none of the fused values.
+    # Origin and errors in the first case's file do not apply to the fused values.
     origin = {"case_error_percent": dict(zip(names, errors.tolist(), strict=True))}
     return Idealized(
         subject=dataclasses.replace(
@@ -114,7 +114,7 @@ def _check(cases: Sequence[FittedCase]) -> None:
 
 
 def _weights(errors: Floats) -> Floats:
-    """Eq. 35, (cases,); relative to the smallest error, whose square may not be representable."""
+    """Eq. 35, (cases,); relative to the smallest error, because its square may underflow."""
     shares = (errors.min() / errors) ** 2
     return np.asarray(shares / shares.sum())
 
@@ -122,7 +122,7 @@ def _weights(errors: Floats) -> Floats:
 def _geometric_mean(theta: Floats, weights: Floats) -> Floats:
     """Eq. 36 for each parameter: (cases, 15) to (15,)."""
     mean = from_log(weights @ to_log(np.where(theta > 0.0, theta, 1.0)))
-    # Rounding must not carry a mean out of its cases, and so out of Table 1; this also returns a zero of all of them.
+    # Rounding must not move a mean out of the range of its cases; a zero in all cases stays zero.
     return np.clip(mean, theta.min(axis=0), theta.max(axis=0))
 
 

@@ -1,7 +1,6 @@
-"""Identify a subject from its cases: both phases case by case and fused, one theta for all, under both mass matrices.
+"""Identify a subject from its cases: fits per case and their fusion, and joint fits under both mass matrices.
 
-The work is cut into tasks that depend on nothing but their arguments, so that they may run in any order, anywhere, and
-be taken up again.
+Tasks depend on their arguments alone, so they can run in any order, on any machine, and be resumed.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ from biodyn_core.identification.phase2 import Refined, refine
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings, Refiner
 
-TOLD_APART: Final = 0.05
-"""Mean errors of two mass matrices that differ by less than this share of the larger tell nothing."""
+DISTINCT_SHARE: Final = 0.05
+"""Smallest difference of two mass matrices' mean errors, as a share of the larger, that separates them."""
 
 
 class Task(NamedTuple):
-    """One piece of work, known by its name: `function(*arguments)`."""
+    """One call, `function(*arguments)`, identified by its name."""
 
     name: str
     function: Callable[..., Search | Refined]
@@ -43,11 +42,11 @@ class Task(NamedTuple):
 
 
 Run = Callable[[Sequence[Task]], list[Any]]
-"""Does tasks and returns their results in the same order; tasks of one name are the same task."""
+"""Runs tasks and returns their results in the same order; tasks of one name are one task."""
 
 
-def run_here(tasks: Sequence[Task]) -> list[Any]:
-    """Do tasks one after the other."""
+def run_locally(tasks: Sequence[Task]) -> list[Any]:
+    """Run tasks one after the other in this process."""
     done: dict[str, Search | Refined] = {}
     for task in tasks:
         if task.name not in done:
@@ -57,7 +56,7 @@ def run_here(tasks: Sequence[Task]) -> list[Any]:
 
 @dataclass(frozen=True, eq=False)
 class RefinerRun:
-    """What one refiner made of the problem on which both are compared."""
+    """The result of one refiner on the problem on which both are compared."""
 
     refiner: Refiner
     refined: Refined
@@ -65,11 +64,11 @@ class RefinerRun:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """All that is known of a subject after its cases.
+    """All fits of a subject to its cases.
 
-    fits are those of the cases, in their order; joint is one theta for all; other is the joint fit under the mass
-    matrix that the subject does not have; refiners are both refiners on Eq. 33 as printed of the case that moves most,
-    from one start.
+    fits are those of the single cases, in order; joint is one theta for all; other is the joint fit under the mass
+    matrix that the subject does not declare; refiners are both refiners on Eq. 33 as printed, for the case with the
+    strongest seat motion, from one start.
     """
 
     cases: tuple[Case, ...]
@@ -84,38 +83,38 @@ class Identification:
 
     @property
     def subject(self) -> Subject:
-        """The subject that comes out."""
+        """The resulting subject."""
         return self.joint.subject if self.settings.result == "joint" else self.idealized.subject
 
     @property
     def evaluations(self) -> int:
-        """Points of the surrogate and simulations of a case, in all."""
+        """Total of surrogate evaluations and simulations of a case."""
         fits = [fit.refined.evaluations for fit in (*self.fits, self.joint, self.other)]
         return sum(search.evaluations for search in self.searches) + sum(
             fits + [run.refined.evaluations for run in self.refiners]
         )
 
     def better_mass_matrix(self, held_out: Sequence[Case] = ()) -> tuple[MassMatrix | None, dict[MassMatrix, float]]:
-        """The mass matrix whose joint fit predicts better, None where they cannot be told apart; and both mean errors.
+        """The mass matrix whose joint fit predicts better, None where neither does; and both mean errors.
 
-        Judged, in percent, by events that were not fitted to where there are any.
+        Errors are in percent, over the held-out events where there are any.
         """
-        judges = held_out or self.cases
+        judged_by = held_out or self.cases
         found = {
-            fit.subject.mass_matrix: mean_percent(prediction_errors(fit.subject, judges))
+            fit.subject.mass_matrix: mean_percent(prediction_errors(fit.subject, judged_by))
             for fit in (self.joint, self.other)
         }
         better = min(found, key=lambda name: found[name])
-        apart = max(found.values()) - min(found.values()) > TOLD_APART * max(found.values())
-        return better if apart else None, found
+        distinct = max(found.values()) - min(found.values()) > DISTINCT_SHARE * max(found.values())
+        return better if distinct else None, found
 
 
 def identify(
-    cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings | None = None, run: Run = run_here
+    cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings | None = None, run: Run = run_locally
 ) -> Identification:
-    """Fit a subject to its cases; it gives anthropometry, mass matrix and m_scale.
+    """Fit a subject to its cases; it provides anthropometry, mass matrix and m_scale.
 
-    The same seed gives the same numbers however the tasks are run. Raises InputError for no case, a case given twice,
+    The numbers depend on the seed alone, not on how tasks are run. Raises InputError for no case, a case given twice,
     and where the chain diverges from every start.
     """
     s = settings or FitSettings()
@@ -150,7 +149,7 @@ def identify(
 
 
 def fingerprint(cases: Sequence[Case], subject: Subject, seed: int, settings: object) -> str:
-    """What tells one problem from another: its samples, masks, spectra and channels, subject, seed and settings."""
+    """A hash of a problem: samples, masks, spectra and channels of its cases, subject, seed and settings."""
     digest = hashlib.sha256(repr((subject.to_dict(), seed, settings)).encode())
     for case in cases:
         digest.update(repr((case.name, case.case, case.rate_hz)).encode())
@@ -177,7 +176,7 @@ def _other(mass_matrix: MassMatrix) -> MassMatrix:
 
 
 def _same_problem(settings: FitSettings) -> list[FitSettings]:
-    """The settings under which both refiners minimise the same: Nelder and Mead's see no delays of sensors."""
+    """Settings under which both refiners minimise the same objective: Nelder-Mead does not estimate clock delays."""
     once = dataclasses.replace(settings, clocks="trusted", refined_starts=1)
     return [dataclasses.replace(once, refine=refiner) for refiner in ("least-squares", "nelder-mead")]
 

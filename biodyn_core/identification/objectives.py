@@ -1,8 +1,8 @@
 """The two objectives of identification: transmissibility magnitudes (Zaman et al., Eq. 31) and samples (Eq. 33).
 
 Body mass and m_scale cancel from every acceleration of the base chain (k, b, alpha_r M, F_nl and M are all proportional
-to them), so the surrogate needs the convention of M alone; effects may have masses of their own. What the paper leaves
-open is a setting, named where it stands.
+to them), so the surrogate needs only the convention of M; effects may have masses of their own. Choices that the paper
+leaves open are settings.
 """
 
 from __future__ import annotations
@@ -20,32 +20,32 @@ from biodyn_core.body.constants import Constants
 from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.parameters import LOWER, N_PARAMETERS, STIFFENING, UPPER, from_log, to_log
 from biodyn_core.body.subject import MassMatrix, Subject
-from biodyn_core.effects import felt, shown
+from biodyn_core.effects import apply_to_seat, apply_to_sensors
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import Clocks, Regularization, SurrogateSettings
 from biodyn_core.kernels.cost import LANES, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
 
 N_LINEAR: Final = STIFFENING
-"""Parameters of phase 1: f_n, zeta and alpha_r; s_nl = 0 and m_scale = 1 are held (Eq. 29)."""
+"""Number of parameters of phase 1: f_n, zeta and alpha_r; s_nl = 0 and m_scale = 1 are fixed (Eq. 29)."""
 
 PENALTY: Final = 1e9
-"""Cost of a parameter set whose answer runs away; an answer of nothing but zeros costs 5 a case."""
+"""Cost of a parameter set whose response diverges; a zero response costs 5 per case."""
 
 _SEGMENTS: Final = MEASURED_SEGMENT_INDEX.astype(np.int64)
 _NO_TARGET: Final = np.empty((0, len(MEASURED_SEGMENTS)))
 _NO_ACCEL: Final = np.empty((0, len(MEASURED_SEGMENTS), LANES))
 _PER_KG: Final = 1.0
-"""The body mass that constants are of where it cancels."""
+"""The body mass of constants where it cancels."""
 
 _STEP: Final = 1e-6
-"""Relative step of the parameters for the Jacobian: its own error and that of rounding are both below 1e-5 there."""
+"""Relative step of the parameters for the Jacobian; truncation and rounding errors are both below 1e-5."""
 
 
 class Surrogate:
     """Eq. 31 over one case or several: sum w_i gamma_i^2 (|T_i| - |T_meas,i|)^2 + lambda_1 |theta_log - theta_ref|^2.
 
-    T_i = 1 - (2 pi f)^2 H_i, since what was measured is a transmissibility of accelerations.
+    T_i = 1 - (2 pi f)^2 H_i, because the measured transmissibility is of accelerations.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Surrogate:
         self._reference = middle if s.reference is None else to_log(s.reference.vector()[:N_LINEAR])
 
     def costs(self, theta_log: Floats) -> Floats:
-        """The objective of each of the points (p, 13) in log space, (p,)."""
+        """The objective (p,) at points (p, 13) in log space."""
         theta = np.ones((theta_log.shape[0], N_PARAMETERS))
         theta[:, :N_LINEAR] = from_log(theta_log)
         c, costs = Constants.of(theta, _PER_KG, self.mass_matrix), np.empty(theta.shape[0])
@@ -75,7 +75,7 @@ class Surrogate:
 
 
 @dataclass(frozen=True, eq=False)
-class Pull:
+class RegularizationTerm:
     """The last term of Eq. 33: lambda_2 |theta - reference|^2 in physical units as printed, or of the logarithms."""
 
     reference: Floats
@@ -83,36 +83,36 @@ class Pull:
     regularization: Regularization = "physical"
 
     def __call__(self, theta: Floats) -> Floats:
-        """What squares to it, (..., 15)."""
-        away = np.log(theta / self.reference) if self.regularization == "log" else theta - self.reference
-        return np.asarray(np.sqrt(self.lambda_2) * away)
+        """Residuals (..., 15) whose squares add up to the term."""
+        deviation = np.log(theta / self.reference) if self.regularization == "log" else theta - self.reference
+        return np.asarray(np.sqrt(self.lambda_2) * deviation)
 
 
 class TimeDomain:
-    """Eq. 33 over one case or several: sum over cases and measured segments of |z'' - a|^2 / |a|^2, and a pull.
+    """Eq. 33 over one case or several: sum over cases and measured segments of |z'' - a|^2 / |a|^2, and regularization.
 
-    z'' = x'' + seat, from rest; what is masked or within the warm-up counts on neither side. The model's answer is not
-    low-passed: the seat is, and a nearly linear chain hands that on; once more would be once too often.
+    z'' = x'' + seat, from rest; masked samples and the warm-up are left out. The model's response is not low-passed,
+    because the seat is: a second low-pass would attenuate a nearly linear chain twice.
 
-    clocks: `trusted` as in the paper, or `estimated`: least squares and all that follows from it then see residuals
-    less the best constant and linearly growing delay of each sensor. Clocks that differ by 0.2 ms, as good ones do,
-    move damping by several percent otherwise. To first order in the delay, which is to stay below 2 ms.
+    clocks: `trusted` as in the paper, or `estimated`: least squares then uses residuals less the best constant and
+    linearly growing delay of each sensor. Otherwise clocks that differ by 0.2 ms change damping by several percent.
+    First order in the delay, which must stay below 2 ms.
     """
 
     def __init__(
         self,
         cases: Sequence[Case],
         subject: Subject,
-        pull: Pull,
+        term: RegularizationTerm,
         clocks: Clocks = "trusted",
         substeps: Sequence[int] | None = None,
     ) -> None:
         self.cases, self.subject = tuple(cases), subject
-        self._pull = pull
+        self._regularization = term
         self._weights = [case.weight for case in cases]
         self._clocks = clocks
-        self._seats = [felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels) for case in cases]
-        # One choice for the whole of Table 1: steps that change with theta would put edges into the objective.
+        self._seats = [apply_to_seat(subject.effects, case.seat_mps2, case.rate_hz, case.channels) for case in cases]
+        # One choice for the whole of Table 1: steps that change with theta would make the objective discontinuous.
         self.substeps = tuple(substeps or [self._chain(UPPER).substeps(case.rate_hz) for case in cases])
         self.evaluations = 0
         self.penalties: Counter[str] = Counter()
@@ -121,7 +121,7 @@ class TimeDomain:
         """Eq. 33 as printed at points (p, 15), (p,), in batches of `LANES`; a penalty where it is not finite."""
         if self.subject.effects:
             return np.array([self.cost(point) for point in theta])
-        total = np.asarray((self._pull(theta) ** 2).sum(axis=1))
+        total = np.asarray((self._regularization(theta) ** 2).sum(axis=1))
         for begin in range(0, len(theta), LANES):
             batch = slice(begin, begin + LANES)
             for number, weight in enumerate(self._weights):
@@ -132,13 +132,13 @@ class TimeDomain:
 
     def cost(self, theta: Floats) -> float:
         """The same at one point (15,)."""
-        pull = self._pull(theta)
-        total = float(pull @ pull)
+        term = self._regularization(theta)
+        total = float(term @ term)
         for number, (case, weight) in enumerate(zip(self.cases, self._weights, strict=True)):
-            with np.errstate(all="ignore"):  # what is not finite is told from the total
+            with np.errstate(all="ignore"):  # the total shows non-finite values
                 miss = self.accelerations(number, theta)
                 miss -= case.measured_mps2
-                total += float((weight * miss * miss).sum())  # a dot product would wait for other threads
+                total += float((weight * miss * miss).sum())  # a dot product would use several threads
         self.evaluations += len(self.cases)
         return self._penalised(total)
 
@@ -147,8 +147,8 @@ class TimeDomain:
         case = self.cases[number]
         stepper = Stepper(self._chain(theta), case.rate_hz, self.substeps[number])
         accel = stepper.push(self._seats[number], channels=case.channels)
-        accel = shown(self.subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
-        return np.ascontiguousarray(accel)  # taken as it is, all that follows is slow
+        accel = apply_to_sensors(self.subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
+        return np.ascontiguousarray(accel)  # strided arrays are slow later
 
     def _chain(self, theta: Floats) -> Chain:
         s = self.subject
@@ -157,17 +157,17 @@ class TimeDomain:
     def linearised(self, theta: Floats, free: Flags, others: Sequence[Floats] | None = None) -> tuple[Floats, Floats]:
         """Residuals (q,) and their derivatives (q, p + k) by ln theta of the p parameters that are free.
 
-        They stand for the rows of all samples, by a root of their products: the same sum of squares, gradient and J'J,
-        so that the solver's work does not grow with the records. Where the answer is not finite neither are they.
-        others, for each case as in `rows`, add k columns.
+        They are a root of the products of all samples' rows: the same sum of squares, gradient and J'J in a size that
+        does not grow with the records; not finite where the response is not. others, for each case as in
+        `rows`, add k columns.
         """
-        points = _neighbours(theta, free)
-        pull = _differences(self._pull(points).T)
+        points = _difference_points(theta, free)
+        term = _differences(self._regularization(points).T)
         beside = others[0].shape[2] if others else 0
-        pull = np.concatenate([pull[:, :-1], np.zeros((len(pull), beside)), pull[:, -1:]], axis=1)
-        products = pull.T @ pull
+        term = np.concatenate([term[:, :-1], np.zeros((len(term), beside)), term[:, -1:]], axis=1)
+        products = term.T @ term
         for number in range(len(self.cases)):
-            with np.errstate(all="ignore"):  # what is not finite is told from the products
+            with np.errstate(all="ignore"):  # the products show non-finite values
                 rows = self.rows(number, theta, free, others[number] if others else None)
                 rows = rows.reshape(-1, rows.shape[-1])
                 products += rows.T @ rows
@@ -179,9 +179,9 @@ class TimeDomain:
     def rows(self, number: int, theta: Floats, free: Flags, others: Floats | None = None) -> Floats:
         """Derivatives by ln theta of the p that are free, then the residual, of one case, (n, 5, p + 1).
 
-        From the end of the warm-up on, each over the root of its segment's energy, 0 where not compared. One-sided
+        Rows start after the warm-up, divided by the root of the segment's energy, 0 where not compared. One-sided
         differences in one batch; at most `LANES` - 1 parameters are free. others (m, 5, k) are accelerations of other
-        models over the whole case: what they differ by stands before the residual.
+        models over the whole case; their differences are columns before the residual.
         """
         case = self.cases[number]
         weight = np.sqrt(self._weights[number][case.begin :])
@@ -192,7 +192,7 @@ class TimeDomain:
         rows[:, :, -1] -= case.measured_mps2[case.begin :]
         rows *= weight[:, :, None]
         if self._clocks == "estimated":
-            _take_off(rows, _delays(answers, case.rate_hz) * weight[:, :, None])
+            _remove_projection(rows, _delays(answers, case.rate_hz) * weight[:, :, None])
         return rows
 
     def slopes(self, number: int, theta: Floats, free: Flags) -> Floats:
@@ -200,28 +200,28 @@ class TimeDomain:
         return self._slopes(number, theta, free)[:, :, :-1]
 
     def _slopes(self, number: int, theta: Floats, free: Flags) -> Floats:
-        """The same, and last the accelerations themselves, (n, 5, p + 1)."""
-        points = _neighbours(theta, free)
+        """The same with the accelerations themselves as last column, (n, 5, p + 1)."""
+        points = _difference_points(theta, free)
         self.evaluations += len(points)
-        return _differences(self._side_by_side(number, points))
+        return _differences(self._accelerations_at(number, points))
 
     def clock_delays_s(self, number: int, theta: Floats) -> Floats:
-        """How late each segment's sensor is at the middle of one case, and how much later each second, (5, 2), s."""
-        delays = self._missed(number, theta)[2]
+        """Delay of each segment's sensor at the middle of one case, s, and its growth per second, (5, 2)."""
+        delays = self._misfit(number, theta)[2]
         return np.where(self.cases[number].energy[:, None] > 0.0, delays, np.nan)
 
     def residuals(self, number: int, theta: Floats) -> Floats:
-        """Model less measurement of one case (n, 5), NaN where not compared; estimated delays are taken off."""
+        """Model minus measurement of one case (n, 5), NaN where not compared, without the part of estimated delays."""
         case = self.cases[number]
-        miss, shapes, delays = self._missed(number, theta)
+        miss, shapes, delays = self._misfit(number, theta)
         if self._clocks == "estimated":
             miss = miss - np.einsum("nsd,sd->ns", shapes, delays)
         residuals = np.full(case.measured_mps2.shape, np.nan)
         residuals[case.begin :] = np.where(case.compared[case.begin :], miss, np.nan)
         return residuals
 
-    def _missed(self, number: int, theta: Floats) -> tuple[Floats, Floats, Floats]:
-        """Model less measurement behind the warm-up (n, 5), how delays change it (n, 5, 2), and the delays (5, 2)."""
+    def _misfit(self, number: int, theta: Floats) -> tuple[Floats, Floats, Floats]:
+        """Model minus measurement after the warm-up (n, 5), its derivatives by delays (n, 5, 2), the delays (5, 2)."""
         case = self.cases[number]
         accel, weight = self.accelerations(number, theta)[case.begin :], np.sqrt(self._weights[number][case.begin :])
         miss, shapes = accel - case.measured_mps2[case.begin :], _delays(accel, case.rate_hz)
@@ -231,8 +231,8 @@ class TimeDomain:
         ]
         return miss, shapes, np.array(found)
 
-    def _side_by_side(self, number: int, points: Floats) -> Floats:
-        """Accelerations at points (p, 15), (n, 5, p), side by side where there are no effects."""
+    def _accelerations_at(self, number: int, points: Floats) -> Floats:
+        """Accelerations (n, 5, p) at points (p, 15), in one batch where there are no effects."""
         if self.subject.effects:
             return np.stack([self.accelerations(number, point) for point in points], axis=2)
         accel = np.empty((self.cases[number].seat_mps2.size, len(MEASURED_SEGMENTS), LANES))
@@ -247,7 +247,7 @@ class TimeDomain:
         return costs[: len(theta)]
 
     def _penalised(self, cost: float) -> float:
-        """The cost, or where the chain has run away a penalty, counted by cause."""
+        """The cost, or the penalty where the chain has diverged, counted by cause."""
         if cost < PENALTY:
             return float(cost)
         self.penalties["not a number" if np.isnan(cost) else "diverged"] += 1
@@ -255,7 +255,7 @@ class TimeDomain:
 
 
 def _lanes_of(c: Constants) -> Floats:
-    """The rows `integrate_lanes` reads, (25, LANES); lanes without a theta repeat the last."""
+    """Constants for `integrate_lanes`, (25, LANES); surplus lanes repeat the last theta."""
     stiffening = c.stiffness_n_per_m * c.stiffening_per_m
     rows = np.column_stack(
         [c.stiffness_n_per_m, c.damping_n_s_per_m, stiffening, 1.0 / c.inertia_kg, c.rayleigh_rad_per_s]
@@ -264,16 +264,16 @@ def _lanes_of(c: Constants) -> Floats:
 
 
 def _delays(accel: Floats, rate_hz: float) -> Floats:
-    """What answers (n, 5) differ by from those of a clock one second late, and one second a second, (n, 5, 2)."""
+    """Derivatives (n, 5, 2) of responses (n, 5) by a constant delay of the clock and by a linearly growing one."""
     slope = np.gradient(accel, 1.0 / rate_hz, axis=0)
     time_s = (np.arange(len(accel)) - 0.5 * (len(accel) - 1)) / rate_hz
     return np.stack([slope, slope * time_s[:, None]], axis=2)
 
 
-def _take_off(rows: Floats, shapes: Floats) -> None:
-    """Take the part along the shapes (n, 5, 2) off rows (n, 5, p), segment by segment, in place.
+def _remove_projection(rows: Floats, shapes: Floats) -> None:
+    """Remove the projection on the shapes (n, 5, 2) from rows (n, 5, p), segment by segment, in place.
 
-    Variable projection (Kaufman 1975): the shapes' own change with theta is left out of the derivatives.
+    Variable projection (Kaufman 1975): the derivatives ignore the change of the shapes with theta.
     """
     for s in range(rows.shape[1]):
         basis = shapes[:, s]
@@ -281,8 +281,8 @@ def _take_off(rows: Floats, shapes: Floats) -> None:
         rows[:, s] -= basis @ share
 
 
-def _neighbours(theta: Floats, free: Flags) -> Floats:
-    """One step along each free parameter, and last the point itself, (p + 1, 15)."""
+def _difference_points(theta: Floats, free: Flags) -> Floats:
+    """Points (p + 1, 15): one step along each free parameter, and last the point itself."""
     which = np.flatnonzero(free)
     points = np.repeat(theta[None, :], which.size + 1, axis=0)
     points[np.arange(which.size), which] *= 1.0 + _STEP
@@ -290,14 +290,14 @@ def _neighbours(theta: Floats, free: Flags) -> Floats:
 
 
 def _differences(values: Floats) -> Floats:
-    """Values at the neighbours and last at the point (..., p + 1), to derivatives by ln theta and last the value."""
+    """Derivatives by ln theta and last the value, from values (..., p + 1) at `_difference_points`, in place."""
     values[..., :-1] -= values[..., -1:]
     values[..., :-1] /= _STEP
     return values
 
 
 def _root(products: Floats) -> Floats:
-    """Some R (q, q) with R'R = products (q, q); scaled first, since columns of pinned parameters are tiny."""
+    """A root R (q, q) with R'R = products (q, q); scaled first, because columns of parameters on bounds are tiny."""
     if not np.isfinite(products).all():
         return np.full_like(products, np.inf)
     scale = np.sqrt(np.diag(products))

@@ -1,4 +1,4 @@
-"""A recording made ready to be fitted: its spectra for phase 1, its samples and masks for phase 2, and errors of a fit.
+"""A recording prepared for a fit: spectra for phase 1, samples and masks for phase 2, and errors of a fit.
 
 Zaman et al., 5.3 and 6.2.
 """
@@ -21,13 +21,13 @@ from biodyn_core.signals.spectrum_settings import SpectrumSettings
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A recording made ready.
+    """A prepared recording.
 
-    seat_mps2 (n,), `sharpened`; measured_mps2 (n, 5), 0 where `compared` (n, 5) is not set, which leaves out masks and
-    the first 2 s; energy (5,) is the sum of squares of what is compared, 0 for a segment left out. For phase 1, from
+    seat_mps2 (n,), `sharpened`; measured_mps2 (n, 5), 0 where `compared` (n, 5) is not set, which excludes masks and
+    the first 2 s; energy (5,) is the sum of squares of compared samples, 0 for an excluded segment. For phase 1, from
     the whole recording: frequency_hz (f,), transmissibility (f, 5), magnitude of the H1 estimate, and coherence (f, 5),
-    both 0 for a segment without spectrum. channels (n,) by name, such as `seat.x` or `head.rate_y`, are what effects
-    may need, 0 where masked; leans are the recording's.
+    both 0 for a segment without spectrum. channels (n,) by name, such as `seat.x` or `head.rate_y`, are inputs of
+    effects, 0 where masked; leans are the recording's.
     """
 
     name: str
@@ -44,13 +44,13 @@ class Case:
     channels: Mapping[str, Floats] = field(default_factory=dict)
     leans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     begins_ns: int = 0
-    """Stamp of the first sample: which event came before which."""
+    """Stamp of the first sample, for the order of events."""
 
     @classmethod
     def of(
         cls, recording: Recording, spectrum: SpectrumSettings | None = None, settings: CaseSettings | None = None
     ) -> Case:
-        """Make a recording ready; raises UnusableRecording, one line, where there is nothing to fit to."""
+        """Prepare a recording; raises UnusableRecording where there is nothing to fit to."""
         s, name = settings or CaseSettings(), recording.name
         seat = np.ascontiguousarray(recording.seat_mps2, dtype=np.float64)
         if not np.isfinite(seat).all():
@@ -70,23 +70,25 @@ class Case:
         if still.any():
             raise UnusableRecording(f"{name}: {_named(still)[0]} does not move at all; leave its sensor out")
         grid, magnitude, coherence = _spectra(recording, ~short, spectrum)
-        said = [f"{segment}: not fitted, less than {s.least_compared_s:g} s to compare" for segment in _named(short)]
+        excluded = [
+            f"{segment}: not fitted, less than {s.least_compared_s:g} s to compare" for segment in _named(short)
+        ]
         return cls(
             name, recording.case, recording.rate_hz, sharpened(seat) if s.sharpen_seat else seat, measured, compared,
-            energy, grid, magnitude, coherence, (*recording.warnings, *said), recording.named_channels(),
+            energy, grid, magnitude, coherence, (*recording.warnings, *excluded), recording.named_channels(),
             recording.leans, int(recording.stamps_ns[0]),
         )  # fmt: skip
 
     @property
     def begin(self) -> int:
-        """The first sample behind the warm-up."""
+        """The first sample after the warm-up."""
         return round(WARM_UP_S * self.rate_hz)
 
     @property
     def seat_peak_mps2(self) -> float:
-        """The largest acceleration of the seat where anything is compared, and in the warm-up: no misread spike."""
-        told = self.compared.any(axis=1) | (np.arange(self.seat_mps2.size) < self.begin)
-        return float(np.abs(self.seat_mps2[told]).max(initial=0.0))
+        """The largest acceleration of the seat in compared samples and the warm-up, without misread spikes."""
+        used = self.compared.any(axis=1) | (np.arange(self.seat_mps2.size) < self.begin)
+        return float(np.abs(self.seat_mps2[used]).max(initial=0.0))
 
     @property
     def fitted(self) -> tuple[str, ...]:
@@ -95,16 +97,16 @@ class Case:
 
     @property
     def weight(self) -> Floats:
-        """What multiplies the square of each sample in Eq. 33, (n, 5): one over its segment's energy, or 0."""
+        """Weights (n, 5) of the squares of samples in Eq. 33: 1 / energy of the segment, or 0."""
         return np.where(self.compared, 1.0 / np.where(self.energy > 0.0, self.energy, 1.0), 0.0)
 
 
 def sharpened(seat_mps2: Floats) -> Floats:
-    """A seat (n,) of which straight lines between samples are as strong as the true motion at every frequency.
+    """A seat motion (n,) whose linear interpolation has the spectrum of the true motion.
 
-    Lines multiply a spectrum by sinc^2, 0.6 % too weak at 50 Hz and 1129 Hz, which fits move into f_n1. One twelfth of
-    the second difference makes up for it, to 0.1 % at 100 Hz. Absolute accelerations are forces over masses: they need
-    no correction of their own.
+    Linear interpolation multiplies a spectrum by sinc^2: 0.6 % too small at 50 Hz and a rate of 1129 Hz, which would
+    bias f_n1. One twelfth of the second difference corrects it, to 0.1 % at 100 Hz. Absolute accelerations are forces
+    over masses and need no correction.
     """
     padded = np.pad(seat_mps2, 1, "edge")
     return np.asarray(seat_mps2 - np.diff(padded, 2) / 12.0)
@@ -120,16 +122,16 @@ def _spectra(recording: Recording, wanted: Flags, settings: SpectrumSettings | N
         spectra = cross_spectra([(recording.seat_mps2, recording.measured_mps2)], recording.rate_hz, settings)
     except InputError as error:
         raise UnusableRecording(f"{recording.name}: {error}") from error
-    there = wanted & (spectra.segments > 0)
+    valid = wanted & (spectra.segments > 0)
     magnitude, coherence = np.abs(spectra.h1), spectra.coherence
-    return spectra.frequency_hz, np.where(there, magnitude, 0.0), np.where(there, coherence, 0.0)
+    return spectra.frequency_hz, np.where(valid, magnitude, 0.0), np.where(valid, coherence, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """How far a prediction is from one case, per measured segment (5,); NaN for a segment left out.
+    """Errors of a prediction of one case, per measured segment (5,); NaN for an excluded segment.
 
-    nrmse_rms_percent is |model - measured| rms over measured rms; nrmse_range_percent is it over the measured range.
+    nrmse_rms_percent: rms of model - measured over measured rms; nrmse_range_percent: over the measured range.
     """
 
     name: str
@@ -144,7 +146,7 @@ class Errors:
 
 
 def errors(case: Case, accel_mps2: Floats) -> Errors:
-    """Errors of absolute accelerations (n, 5) against a case, warm-up and masks left out."""
+    """Errors of absolute accelerations (n, 5) against a case, without warm-up and masks."""
     count = np.where(case.energy > 0.0, case.compared.sum(axis=0), np.nan)
     rms = np.sqrt((np.where(case.compared, accel_mps2 - case.measured_mps2, 0.0) ** 2).sum(axis=0) / count)
     highest = np.where(case.compared, case.measured_mps2, -np.inf).max(axis=0)

@@ -1,4 +1,4 @@
-"""Profiles of the likelihood: how a fit's objective rises when one parameter is moved and all others follow.
+"""Profile likelihood: the rise of a fit's objective when one parameter is fixed and the others are refitted.
 
 Raue et al. 2009.
 """
@@ -27,14 +27,14 @@ from biodyn_core.identification.uncertainty import (
 )
 
 REFITS: Final = 12
-"""At most so many to either side."""
+"""The most refits on each side."""
 
 
 class Profile(NamedTuple):
-    """How the objective rises when one parameter is moved and all others follow, and where it passes the 95 % mark.
+    """The rise of the objective when one parameter is fixed and the others are refitted, and its 95 % interval.
 
-    values (k,) ascending; rise (k,) of the objective over its least; lower and upper are where it passes `threshold`,
-    None where it does not within Table 1. Identifiable from these data if neither is None.
+    values (k,) ascending; rise (k,) of the objective over its minimum; lower and upper are where it crosses
+    `threshold`, None where it does not within Table 1. Identifiable from these data if neither is None.
     """
 
     name: str
@@ -46,9 +46,9 @@ class Profile(NamedTuple):
 
 
 def profile(fit: Fit, cases: Sequence[Case], name: str, settings: UncertaintySettings | None = None) -> Profile:
-    """Profile likelihood of one parameter, with at most `REFITS` to either side.
+    """Profile likelihood of one parameter, with at most `REFITS` on each side.
 
-    The mark is chi-squared's, scaled by what the coloured residual makes of the variance (Chandler and Bate 2007).
+    The threshold is that of chi-squared, scaled by the variance of the coloured residual (Chandler and Bate 2007).
     Raises InputError for a parameter that was not fitted or lies on a bound.
     """
     inside = off_bounds(fit)
@@ -56,17 +56,17 @@ def profile(fit: Fit, cases: Sequence[Case], name: str, settings: UncertaintySet
     if name not in known or not inside[known.index(name)]:
         raise InputError(f"{name}: not fitted, or on a bound; profiles are drawn of parameters inside Table 1")
     index, theta = known.index(name), fit.subject.parameters.vector()
-    problem = fit.unpulled(cases)
+    problem = fit.data_objective(cases)
     covariance, inverse = covariance_of(problem, theta, inside, settings or UncertaintySettings())
-    place = int(inside[:index].sum())
-    threshold = float(NORMAL_95**2 * covariance[place, place] / inverse[place, place])
-    step = min(NORMAL_95 * math.sqrt(covariance[place, place]) / 3.0, LOG_RANGE[index] / REFITS)
+    row = int(inside[:index].sum())
+    threshold = float(NORMAL_95**2 * covariance[row, row] / inverse[row, row])
+    step = min(NORMAL_95 * math.sqrt(covariance[row, row]) / 3.0, LOG_RANGE[index] / REFITS)
     free = fit.settings.free.copy()
     free[index] = False
     least = float(np.sum(problem.linearised(theta, free)[0] ** 2))
     down, up = (_side(problem, theta, index, free, direction * step, least, threshold) for direction in (-1, 1))
-    walked = [*down[::-1], (float(theta[index]), 0.0), *up]
-    values, rise = (np.array(column) for column in zip(*walked, strict=True))
+    points = [*down[::-1], (float(theta[index]), 0.0), *up]
+    values, rise = (np.array(column) for column in zip(*points, strict=True))
     at = len(down)
     return Profile(
         name, values, rise, threshold,
@@ -83,23 +83,23 @@ def _side(
     least: float,
     threshold: float,
 ) -> list[tuple[float, float]]:
-    """Values and rises outwards from the fit until the mark is passed or Table 1 ends; steps grow by half each time."""
-    walked: list[tuple[float, float]] = []
+    """Values and rises outwards from the fit up to the threshold or the end of Table 1; each step grows by half."""
+    points: list[tuple[float, float]] = []
     at = theta
-    while len(walked) < REFITS:
+    while len(points) < REFITS:
         value = float(np.clip(at[index] * math.exp(step), LOWER[index], UPPER[index]))
         moved = at.copy()
         moved[index] = value
         at, objective = least_squares(problem, moved, free, 600)
-        walked.append((value, min(objective, PENALTY) - least))
-        if walked[-1][1] > threshold or value in (LOWER[index], UPPER[index]):
+        points.append((value, min(objective, PENALTY) - least))
+        if points[-1][1] > threshold or value in (LOWER[index], UPPER[index]):
             break
         step *= 1.5
-    return walked
+    return points
 
 
 def _crossing(values: Floats, rise: Floats, threshold: float) -> float | None:
-    """Where the rise passes the mark, walking outwards; its root is nearly straight in the logarithm."""
+    """Where the rise crosses the threshold, outwards; its root is nearly linear in the logarithm."""
     above = np.flatnonzero(rise > threshold)
     if not above.size:
         return None

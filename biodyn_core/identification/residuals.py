@@ -1,4 +1,4 @@
-"""What a fit leaves over: whether it is noise, or still follows the seat."""
+"""Residual checks of a fit: whether residuals are noise or depend on the seat."""
 
 from __future__ import annotations
 
@@ -20,16 +20,15 @@ from biodyn_core.signals.spectrum_settings import SpectrumSettings
 DEFAULT_CUTOFF_HZ: Final = ConditioningSettings().cutoff_hz
 
 LAGS_S: Final = 0.25
-"""Whiteness is judged to lags so long."""
+"""The longest lag of the test for whiteness."""
 
 
 @dataclass(frozen=True, eq=False)
-class Leftover:
-    """Residual of one case by measured segment (5,), NaN for a segment left out or too short to tell.
+class ResidualCheck:
+    """Checks of one case's residual by measured segment (5,), NaN for a segment that is excluded or too short.
 
-    coherent: share of its power in the band that goes linearly with the seat, weighted by power; chance: what unrelated
-    signals reach one time in twenty. coloured: share of its autocorrelations beyond the 95 % band of white noise, 0.05
-    where it is white.
+    coherent: mean coherence with the seat, weighted by the residual's power; chance: 95th percentile of that of
+    unrelated signals. coloured: share of autocorrelations beyond the 95 % band of white noise, 0.05 for white noise.
     """
 
     name: str
@@ -39,36 +38,36 @@ class Leftover:
     coloured: Floats
 
 
-def leftovers(
+def residual_checks(
     fit: Fit, cases: Sequence[Case], spectrum: SpectrumSettings | None = None, cutoff_hz: float = DEFAULT_CUTOFF_HZ
-) -> list[Leftover]:
-    """Judge what a fit leaves over in each of its cases; cutoff_hz is the low-pass's that they are behind."""
-    problem, theta = fit.unpulled(cases), fit.subject.parameters.vector()
-    return [_leftover(case, problem.residuals(number, theta), spectrum, cutoff_hz) for number, case in enumerate(cases)]
+) -> list[ResidualCheck]:
+    """Check the residuals of a fit in each of its cases; cutoff_hz is that of the low-pass of all signals."""
+    problem, theta = fit.data_objective(cases), fit.subject.parameters.vector()
+    return [_check(case, problem.residuals(number, theta), spectrum, cutoff_hz) for number, case in enumerate(cases)]
 
 
-def _leftover(case: Case, residual: Floats, spectrum: SpectrumSettings | None, cutoff_hz: float) -> Leftover:
+def _check(case: Case, residual: Floats, spectrum: SpectrumSettings | None, cutoff_hz: float) -> ResidualCheck:
     try:
         spectra = cross_spectra([(case.seat_mps2, residual)], case.rate_hz, spectrum)
-        told = spectra.segments > 1
-        power = np.where(told, spectra.output_psd, 1.0)
-        coherent = np.where(told, (np.where(told, spectra.coherence, 0.0) * power).sum(0) / power.sum(0), np.nan)
-        chance = np.where(told, spectra.chance_coherence, np.nan)
+        known = spectra.segments > 1
+        power = np.where(known, spectra.output_psd, 1.0)
+        coherent = np.where(known, (np.where(known, spectra.coherence, 0.0) * power).sum(0) / power.sum(0), np.nan)
+        chance = np.where(known, spectra.chance_coherence, np.nan)
     except InputError:  # shorter than a window
         coherent = chance = np.full(residual.shape[1], np.nan)
     coloured = np.array([_coloured(column, case.rate_hz, cutoff_hz) for column in residual.T])
-    return Leftover(case.name, case.case, coherent, chance, coloured)
+    return ResidualCheck(case.name, case.case, coherent, chance, coloured)
 
 
 def _coloured(residual: Floats, rate_hz: float, cutoff_hz: float) -> float:
-    """The share of one segment's autocorrelations that lie beyond white noise's 95 % band; residual (n,).
+    """The share of one segment's autocorrelations beyond the 95 % band of white noise; residual (n,).
 
-    At twice the cut-off: what lies closer together is coloured by the filter alone.
+    Samples are taken at twice the cut-off, because the filter alone correlates closer ones.
     """
     begin, end = max(stretches(~np.isnan(residual)), key=lambda s: s[1] - s[0], default=(0, 0))
-    apart = max(1, round(0.5 * rate_hz / cutoff_hz))
-    values = residual[begin:end:apart]
-    lags = round(LAGS_S * rate_hz / apart)
+    spacing = max(1, round(0.5 * rate_hz / cutoff_hz))
+    values = residual[begin:end:spacing]
+    lags = round(LAGS_S * rate_hz / spacing)
     if values.size < 4 * lags:
         return float("nan")
     values = values - values.mean()

@@ -1,4 +1,4 @@
-"""How a subject is fitted: the paper's way (Zaman et al., 6.2), and ours where it departs from it."""
+"""Settings of identification: the paper's procedure (Zaman et al., 6.2) and the departures from it."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ In the order of `MEASURED_SEGMENTS`.
 """
 
 THRESHOLD_PERCENT: Final = 30.0
-"""Parameters of two subjects that deviate by less are convergent (9.1.1)."""
+"""Parameters of two subjects with a smaller deviation are convergent (9.1.1)."""
 
 
 @dataclass(frozen=True)
 class CaseSettings:
-    """How much of a segment is enough to fit to; the grid of the spectra is a `SpectrumSettings`."""
+    """Preparation of a case; the grid of the spectra is in `SpectrumSettings`."""
 
     least_compared_s: float = setting(
-        0.5, "a segment with less to compare behind the warm-up is left out", "s", 0.1, 3600.0
+        0.5, "a segment with less to compare after the warm-up is left out", "s", 0.1, 3600.0
     )
-    sharpen_seat: bool = setting(True, "make up for what straight lines between the seat's samples take off")
+    sharpen_seat: bool = setting(True, "correct the attenuation by linear interpolation of the seat")
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -42,9 +42,9 @@ class CaseSettings:
 
 @dataclass(frozen=True)
 class SurrogateSettings:
-    """What Eq. 31 leaves open. `reference` is theta_ref, the middle of Table 1 in log space where none is given."""
+    """Open choices of Eq. 31. `reference` is theta_ref, by default the middle of Table 1 in log space."""
 
-    lambda_1: float = setting(0.005, "pull of Eq. 31 towards theta_ref, of the logarithms", "", 0.0, 1e3)
+    lambda_1: float = setting(0.005, "regularization of Eq. 31 towards theta_ref, of the logarithms", "", 0.0, 1e3)
     segment_weights: tuple[float, ...] = tuple(SEGMENT_WEIGHTS.values())
     reference: Parameters | None = None
 
@@ -56,16 +56,16 @@ class SurrogateSettings:
 
 @dataclass(frozen=True)
 class SwarmSettings:
-    """The swarm; 80 and 200 are the paper's (6.2.1)."""
+    """The particle swarm; 80 particles and 200 iterations are the paper's (6.2.1)."""
 
     particles: int = setting(80, "particles of a swarm", "", 2, 10_000)
     iterations: int = setting(200, "iterations of a swarm", "", 1, 100_000)
-    starts: int = setting(4, "swarms, each from its own seed", "", 1, 1000)
-    first_inertia: float = setting(0.9, "share of its velocity a particle keeps at first", "", 0.0, 1.0)
-    last_inertia: float = setting(0.4, "... and at last", "", 0.0, 1.0)
+    starts: int = setting(4, "swarms, each with its own seed", "", 1, 1000)
+    first_inertia: float = setting(0.9, "first inertia: share of the velocity that a particle keeps", "", 0.0, 1.0)
+    last_inertia: float = setting(0.4, "last inertia", "", 0.0, 1.0)
     velocity_clamp: float = setting(0.2, "largest step, as a share of the range", "", 1e-3, 1.0)
-    polish: bool = setting(True, "descend from where a swarm ends to the bottom of its valley")
-    neighbours: int = setting(3, "particles to either side on the ring that a particle hears of", "", 1, 5000)
+    polish: bool = setting(True, "descend from the end of a swarm to the local minimum")
+    neighbours: int = setting(3, "neighbours of a particle on each side of the ring", "", 1, 5000)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -73,13 +73,13 @@ class SwarmSettings:
 
 @dataclass(frozen=True)
 class UncertaintySettings:
-    """What is assumed of residuals and sensors, and from when on a parameter is called known."""
+    """Assumptions on residuals and sensors, and the limits of identifiability."""
 
     window_s: float = setting(
-        1.0, "residuals farther apart than this are taken as independent; chains ring for 0.3 s", "s", 0.05, 10.0
+        1.0, "residuals farther apart count as independent; chains decay in 0.3 s", "s", 0.05, 10.0
     )
     cross_axis: float = setting(
-        0.002, "share of the vertical that reaches a sensor sideways: 0.3 deg off, and sideways 0.4 of it", "", 0.0, 0.1
+        0.002, "cross-axis share in a sensor: a tilt of 0.3 deg, horizontal motion 0.4 of the vertical", "", 0.0, 0.1
     )
     gain_error: float = setting(0.0, "standard error of the sensors' scale factors", "", 0.0, 0.1)
     identifiable: float = setting(0.05, "identifiable: half width up to this share of Table 1, in log", "", 1e-3, 1.0)
@@ -91,28 +91,28 @@ class UncertaintySettings:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a fit is done; what the paper leaves open or what departs from it is an option here."""
+    """Procedure of a fit; open choices of the paper and departures from it are options."""
 
     phase1: Literal["per_case", "pooled"] = setting(
         "per_case", "search each case's surrogate, or one surrogate of all", choices=("per_case", "pooled")
     )
     refine: Refiner = setting("least-squares", "the refiner of phase 2", choices=("least-squares", "nelder-mead"))
     regularization: Regularization = setting(
-        "log", "pull of Eq. 33 on logarithms, or in physical units as printed", choices=("physical", "log")
+        "log", "regularization of Eq. 33 on logarithms, or in physical units as printed", choices=("physical", "log")
     )
-    lambda_2: float = setting(1e-6, "strength of that pull", "", 0.0, 1e3)
+    lambda_2: float = setting(1e-6, "weight of that regularization", "", 0.0, 1e3)
     clocks: Clocks = setting(
-        "estimated", "fit beside each sensor's delay, or trust the clocks", choices=("trusted", "estimated")
+        "estimated", "estimate each sensor's delay with the fit, or trust the clocks", choices=("trusted", "estimated")
     )
     mass_scale: Literal["fixed", "free"] = setting(
-        "fixed", "m_scale, of which accelerations say nothing", choices=("fixed", "free")
+        "fixed", "m_scale, which accelerations do not determine", choices=("fixed", "free")
     )
     result: Literal["joint", "idealized"] = setting(
-        "joint", "the subject that comes out: one theta for all cases, or the cases' fits fused",
+        "joint", "the resulting subject: one theta for all cases, or the fusion of the cases' fits",
         choices=("joint", "idealized"),
     )  # fmt: skip
     refined_starts: int = setting(4, "starts of phase 2", "", 1, 1000)
-    evaluations: int = setting(3000, "evaluations of the objective in one descent of phase 2", "", 1, 10_000_000)
+    evaluations: int = setting(3000, "evaluations of the objective per descent in phase 2", "", 1, 10_000_000)
     swarm: SwarmSettings = dataclasses.field(default_factory=SwarmSettings)
     surrogate: SurrogateSettings = dataclasses.field(default_factory=SurrogateSettings)
 
@@ -121,7 +121,7 @@ class FitSettings:
 
     @property
     def free(self) -> Flags:
-        """Which parameters are fitted, (15,)."""
+        """The fitted parameters, (15,)."""
         import numpy as np
 
         from biodyn_core.body.parameters import PARAMETERS
@@ -146,4 +146,4 @@ PAPER: Final = FitSettings(
     refined_starts=1,
     swarm=SwarmSettings(starts=1, polish=False),
 )
-"""The paper's way, complete (6.2): Nelder-Mead on 15 parameters from the best of phase 1, case by case, then fused."""
+"""The paper's procedure (6.2): Nelder-Mead on 15 parameters from the best of phase 1, case by case, then fused."""

@@ -1,10 +1,10 @@
-"""How sure a fit is of every parameter: intervals, and what the data cannot tell.
+"""Uncertainty of a fit: intervals of every parameter, and identifiability.
 
-What a fit leaves over is coloured, follows the input, and is common to all sensors where the seat's errs: taken for
-white it gives intervals several times too short (sandwich: White 1982; lags: Newey and West 1987). A few shocks tell
-most of stiffening and the fit bends to them, so each window is left out in turn (moving-block jackknife: Kuensch 1989).
-Errors of sensors that last a whole recording do not average out at all, and are added. What is wrong with the model
-itself is in neither.
+Residuals are coloured, correlated with the input, and common to all sensors where the seat's sensor has an error. The
+assumption of white noise would give intervals several times too short (sandwich: White 1982; lags: Newey and West
+1987). A few shocks determine most of stiffening and the fit adapts to them, so each window is left out in turn
+(moving-block jackknife: Kuensch 1989). Sensor errors that last a whole recording do not average out and are added.
+Model error is not included.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from biodyn_core.identification.objectives import TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import UncertaintySettings
 
-Call = Literal["identifiable", "weakly identifiable", "not identifiable"]
+Identifiability = Literal["identifiable", "weakly identifiable", "not identifiable"]
 
 NORMAL_95: Final = 1.959964
 """Half width of a 95 % interval in standard errors."""
 
 LEAK_DELAYS_S: Final = np.linspace(0.0, 0.1, 6)
-"""How late sideways motion follows the vertical: an axle after the other, a body after its seat; which, is unknown."""
+"""Possible delays of horizontal motion behind the vertical: one axle after the other, a body after its seat."""
 
 WINDOW_STEPS: Final = 10
-"""Windows of residuals begin so many times in each length of theirs."""
+"""Number of windows that begin within the length of one window."""
 
 LOG_RANGE: Final = np.log(UPPER / LOWER)
-"""Of each parameter, by Table 1, (15,)."""
+"""Log range of each parameter in Table 1, (15,)."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter with its 95 % interval, cut at Table 1; half_width is of ln theta, infinite where nothing is known.
+    """One parameter with its 95 % interval, clipped to Table 1; half_width is of ln theta, infinite if unknown.
 
-    A parameter on a bound has no interval of its own: the others' hold while it stays there.
+    A parameter on a bound has no interval; the intervals of the others assume that it stays there.
     """
 
     name: str
@@ -52,16 +52,16 @@ class Estimate:
     lower: float
     upper: float
     half_width: float
-    call: Call
+    identifiability: Identifiability
     at_bound: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Estimates of the fitted parameters, the covariance (p, p) of ln theta of those off the bounds, by `names`.
+    """Estimates of the fitted parameters, and covariance (p, p) of ln theta of those off the bounds, by `names`.
 
-    least_known: the combination of ln theta, over the log range of Table 1, that the data constrain least, by name
-    with a share of at least 0.3, and its half width in those units.
+    least_known: the combination of ln theta, over the log range of Table 1, with the largest variance, as shares of at
+    least 0.3 by name, and its half width in those units.
     """
 
     estimates: tuple[Estimate, ...]
@@ -78,11 +78,11 @@ class Uncertainty:
 
 
 def uncertainty(fit: Fit, cases: Sequence[Case], settings: UncertaintySettings | None = None) -> Uncertainty:
-    """Intervals of a fit from the cases it was made of, by the sandwich H^-1 B H^-1 with H = J'J."""
+    """Intervals of a fit from its cases, by the sandwich H^-1 B H^-1 with H = J'J."""
     s = settings or UncertaintySettings()
     theta = fit.subject.parameters.vector()
     inside = off_bounds(fit)
-    covariance, _ = covariance_of(fit.unpulled(cases), theta, inside, s)
+    covariance, _ = covariance_of(fit.data_objective(cases), theta, inside, s)
     half = np.full(theta.size, math.inf)
     half[inside] = NORMAL_95 * np.sqrt(np.diag(covariance))
     estimates = tuple(_estimate(int(i), theta[i], half[i], not inside[i], s) for i in np.flatnonzero(fit.settings.free))
@@ -95,20 +95,22 @@ def uncertainty(fit: Fit, cases: Sequence[Case], settings: UncertaintySettings |
 
 def off_bounds(fit: Fit) -> Flags:
     """The fitted parameters that are not on a bound, (15,)."""
-    pinned = np.array([parameter.name in fit.at_bound for parameter in PARAMETERS])
-    return np.asarray(fit.settings.free & ~pinned)
+    on_bound = np.array([parameter.name in fit.at_bound for parameter in PARAMETERS])
+    return np.asarray(fit.settings.free & ~on_bound)
 
 
-def _estimate(index: int, value: float, half_width: float, pinned: bool, settings: UncertaintySettings) -> Estimate:
+def _estimate(index: int, value: float, half_width: float, on_bound: bool, settings: UncertaintySettings) -> Estimate:
     parameter, share = PARAMETERS[index], half_width / LOG_RANGE[index]
-    call: Call = "not identifiable"
+    identifiability: Identifiability = "not identifiable"
     if share <= settings.identifiable:
-        call = "identifiable"
+        identifiability = "identifiable"
     elif share <= settings.weakly:
-        call = "weakly identifiable"
+        identifiability = "weakly identifiable"
     spread = math.exp(min(half_width, 100.0))
     lower, upper = max(parameter.lower, value / spread), min(parameter.upper, value * spread)
-    return Estimate(parameter.name, parameter.unit, float(value), lower, upper, float(half_width), call, pinned)
+    return Estimate(
+        parameter.name, parameter.unit, float(value), lower, upper, float(half_width), identifiability, on_bound
+    )
 
 
 def covariance_of(
@@ -126,7 +128,7 @@ def covariance_of(
         windows.append(overlapping_windows(slopes, residual, round(settings.window_s * case.rate_hz)))
         answers = problem.accelerations(number, theta)
         for key, shape in _lasting_errors(case, answers, settings):
-            # One person, one sitting, the same mounting: the error is the same in every case.
+            # Same person and mounting: the error is the same in every case.
             seen = np.einsum("nsp,ns->p", slopes, shape[case.begin :] * np.sqrt(case.weight[case.begin :]))
             lasting[key] = lasting.get(key, np.zeros(count)) + seen
     inverse = inverse_of(information)
@@ -136,7 +138,7 @@ def covariance_of(
 
 
 def inverse_of(information: Floats) -> Floats:
-    """Inverse of J'J; what is not seen at all gets a variance that is enormous, not an error."""
+    """Inverse of J'J; a parameter without information gets a very large variance instead of an error."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-200))
     squares, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     kept = np.maximum(squares, 1e-14)
@@ -144,10 +146,10 @@ def inverse_of(information: Floats) -> Floats:
 
 
 def overlapping_windows(slopes: Floats, residual: Floats, length: int) -> tuple[Floats, Floats]:
-    """Scores (w, p) and J'J (w, p, p) of all windows of so many samples that touch a record, `WINDOW_STEPS` in each.
+    """Scores (w, p) and J'J (w, p, p) of all windows of `length` samples that overlap a record.
 
-    Slopes (n, 5, p), residual (n, 5). Products of the scores add up to those of samples, weighted by Bartlett's
-    triangle, times WINDOW_STEPS.
+    Slopes (n, 5, p), residual (n, 5). `WINDOW_STEPS` windows begin per length. Sums of products of the scores are those
+    of samples, weighted by Bartlett's triangle, times WINDOW_STEPS.
     """
     step, p = max(1, length // WINDOW_STEPS), slopes.shape[2]
     count = -(-len(slopes) // step)
@@ -162,31 +164,31 @@ def overlapping_windows(slopes: Floats, residual: Floats, length: int) -> tuple[
 
 
 def jackknifed(scores: Floats, products: Floats, inverse: Floats) -> Floats:
-    """Scatter (p, p) of scores (w, p), each as it would be had the fit not seen its window (Kuensch 1989).
+    """Scatter (p, p) of scores (w, p), each for a fit without its window (Kuensch 1989).
 
-    A fit bends to the few shocks that tell it of stiffening, and leaves less over there than elsewhere.
+    A fit adapts to the few shocks that determine stiffening, so residuals are smaller there than elsewhere.
     """
-    # A window that is the whole of a short record leaves nothing over: 0 / 0 is 0 here.
+    # A window over the whole of a short record has zero score and zero remainder: 0 / 0 becomes 0.
     rest = (1.0 + 1e-6) * np.eye(len(inverse)) - products @ inverse
     unseen = np.linalg.solve(rest, scores[:, :, None])[:, :, 0]
     return np.asarray(unseen.T @ unseen / WINDOW_STEPS)
 
 
 def _lasting_errors(case: Case, answers: Floats, settings: UncertaintySettings) -> Iterator[tuple[object, Floats]]:
-    """What lasting errors of one standard deviation would add to the residual, (n, 5), each under its own key."""
+    """Changes (n, 5) of the residual by lasting sensor errors of one standard deviation, each with its own key."""
     share = settings.cross_axis / math.sqrt(LEAK_DELAYS_S.size)
     for delay_s in LEAK_DELAYS_S:
         late = round(delay_s * case.rate_hz)
-        # Into the seat's sensor, and through it into everything the model answers; or into one of the others.
-        yield ("seat", delay_s), share * _later(answers, late)
-        sideways = _later(case.seat_mps2[:, None], late)
+        # In the seat's sensor, and so in the whole response of the model; or in one of the others.
+        yield ("seat", delay_s), share * _delayed(answers, late)
+        horizontal = _delayed(case.seat_mps2[:, None], late)
         for s, name in enumerate(MEASURED_SEGMENTS):
-            yield (name, delay_s), share * sideways * (np.arange(len(MEASURED_SEGMENTS)) == s)
+            yield (name, delay_s), share * horizontal * (np.arange(len(MEASURED_SEGMENTS)) == s)
     yield "seat gain", settings.gain_error * answers
     for s, name in enumerate(MEASURED_SEGMENTS):
         yield f"{name} gain", settings.gain_error * answers * (np.arange(len(MEASURED_SEGMENTS)) == s)
 
 
-def _later(values: Floats, samples: int) -> Floats:
-    """Values (n, c) so many samples later, zeros before."""
+def _delayed(values: Floats, samples: int) -> Floats:
+    """Values (n, c) delayed by some samples, with zeros before."""
     return np.concatenate([np.zeros((samples, values.shape[1])), values[: len(values) - samples]])

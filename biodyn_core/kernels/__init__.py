@@ -1,15 +1,16 @@
-"""The compiled loops: small plain functions over arrays and floats, sequential so that block cuts never change a bit.
+"""Compiled loops: plain functions over arrays and floats, sequential, so that block size never changes a result bit.
 
-Without numba every kernel runs as ordinary Python, correct and slow (`COMPILED`). No kernel checks its input; the
-classes that own the arrays do. A kernel and those it calls share a file: numba's cache looks at that one's date alone.
+Without numba every kernel runs as ordinary Python, correct and slow (`COMPILED`). Kernels do not check their input; the
+classes that own the arrays do. A kernel and the functions it calls share a file, because numba's cache checks the date
+of that file alone.
 """
 
 from biodyn_core.kernels.alignment import interpolate
 from biodyn_core.kernels.attitude import follow_attitude
 from biodyn_core.kernels.chain import integrate_chain
 from biodyn_core.kernels.compiling import COMPILED
-from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual, settle
-from biodyn_core.kernels.guard import first_lost
+from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual, set_steady_state
+from biodyn_core.kernels.guard import first_invalid
 from biodyn_core.kernels.rails import find_rails
 from biodyn_core.kernels.sensor import condition, filter_sections, level, regularise
 
@@ -20,7 +21,7 @@ __all__ = [
     "dynamic_response",
     "filter_sections",
     "find_rails",
-    "first_lost",
+    "first_invalid",
     "follow_attitude",
     "head_injury",
     "integrate_chain",
@@ -29,5 +30,5 @@ __all__ = [
     "planar_dose",
     "regularise",
     "residual",
-    "settle",
+    "set_steady_state",
 ]

@@ -1,4 +1,4 @@
-"""Evenly sampled values read between their samples."""
+"""Interpolation of evenly sampled values."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from biodyn_core.kernels.compiling import compiled
 def interpolate(
     times: Floats, runs: Integers, values: Floats, grid: Floats, weights: Floats, out: Floats
 ) -> int:  # fmt: skip
-    """Read evenly sampled values at the grid's instants by Lagrange polynomials through 2h neighbours.
+    """Interpolate evenly sampled values at the instants of a grid by Lagrange polynomials through 2h neighbours.
 
-    times, runs, values (m,); grid (n,) ascending; weights (2h,) barycentric; out (n,) is left as it is where a run's
-    edge or a gap leaves no neighbours. Returns how many instants are answered: it stops at the first whose neighbours
-    may still come.
+    times, runs, values (m,); grid (n,) ascending; weights (2h,) barycentric; out (n,) stays unchanged where
+    a run's edge or a gap leaves too few neighbours. Returns how many instants are done: it stops at the first whose
+    neighbours may still arrive.
     """
     half = weights.shape[0] // 2
     newest = times.shape[0] - 1

@@ -1,4 +1,4 @@
-"""Which way is up for a sensor that turns: the vertical followed by its own rates, and pulled towards what it feels."""
+"""Attitude of a rotating sensor: the vertical from its angular rates, corrected by its specific force."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from biodyn_core.kernels.compiling import compiled
 
 
 @compiled
-def follow_attitude(rates_radps: Floats, force_mps2: Floats, step_s: float, pull: float, up: Floats) -> None:
-    """The direction that is up as up[0] says at the first sample, in the sensor's axes at every sample, into up (n, 3).
+def follow_attitude(rates_radps: Floats, force_mps2: Floats, step_s: float, gain: float, up: Floats) -> None:
+    """The upward direction in the sensor's axes at every sample, into up (n, 3); up[0] is given.
 
-    rates_radps and force_mps2 (n, 3) in the sensor's axes. What is fixed in the world turns the other way in the
-    sensor: Rodrigues' rotation by the mean rate of each step, exact for a steady one. pull: share of the way to the
-    direction of the specific force that is gone at each step, so that a bias does not add up for ever.
+    rates_radps and force_mps2 (n, 3) are in the sensor's axes. A direction fixed in the world rotates opposite to the
+    sensor: Rodrigues' rotation by the mean rate of each step, exact for a constant rate. gain: share of the difference
+    to the direction of the specific force that each step removes, so that a bias of the rates does not accumulate.
     """
     x, y, z = up[0, 0], up[0, 1], up[0, 2]
     for n in range(1, rates_radps.shape[0]):
@@ -32,9 +32,9 @@ def follow_attitude(rates_radps: Floats, force_mps2: Floats, step_s: float, pull
                 z * cosine + (a * y - b * x) * sine + c * along,
             )
         u, v, w = force_mps2[n, 0], force_mps2[n, 1], force_mps2[n, 2]
-        felt = math.sqrt(u * u + v * v + w * w)
-        if pull > 0.0 and felt > 0.0:
-            x, y, z = x + pull * (u / felt - x), y + pull * (v / felt - y), z + pull * (w / felt - z)
+        norm = math.sqrt(u * u + v * v + w * w)
+        if gain > 0.0 and norm > 0.0:
+            x, y, z = x + gain * (u / norm - x), y + gain * (v / norm - y), z + gain * (w / norm - z)
             size = math.sqrt(x * x + y * y + z * z)
             x, y, z = x / size, y / size, z / size
         up[n, 0], up[n, 1], up[n, 2] = x, y, z

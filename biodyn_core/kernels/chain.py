@@ -1,7 +1,7 @@
 """The chain of segments, integrated (Zaman et al., Eq. 2-4, 17, 18).
 
-What is integrated with effects is this very file with their functions written in at the lines marked `effects:`
-(`biodyn_core.kernels.generated`); without them the lines about their states q cost nothing.
+With effects the integrator is this source text with their functions inserted at the lines marked `effects:`
+(`biodyn_core.kernels.generated`); without them the lines about their states q take no time.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ def integrate_chain(
     accel: Floats,
     motion: Floats,
 ) -> None:
-    """Carry the chain over `seat` samples by classical Runge-Kutta, seat acceleration linear between samples.
+    """Integrate the chain over `seat` samples by classical Runge-Kutta, seat acceleration linear between samples.
 
-    seat (n,) m/s^2; drive (n, d), what else drives effects; state (13 + s,) = x (6), v (6), last seat sample, s states
-    of effects, and p, their constants and what they remember, are updated in place; accel (n, 6) absolute m/s^2;
-    motion (n, 12) = x, v or (0, 12) where they are not wanted. Zaman et al., Eq. 2-4, 17, 18.
+    seat (n,) m/s^2; drive (n, d): further inputs of effects; state (13 + s,) = x (6), v (6), last seat sample, s states
+    of effects, and p, the constants and memory of effects, are updated in place; accel (n, 6) absolute m/s^2;
+    motion (n, 12) = x, v, or (0, 12) if not wanted. Zaman et al., Eq. 2-4, 17, 18.
     """
     x, v, x_try = np.empty(6), np.empty(6), np.empty(6)
     v2, v3, v4 = np.empty(6), np.empty(6), np.empty(6)
@@ -86,7 +86,7 @@ def integrate_chain(
         # effects: samples
         for substep in range(substeps):
             middle = last + slope * (substep + 0.5)
-            # Exactly the sample at the last substep, so that a block may be cut here without changing a bit.
+            # Exactly the sample at the last substep, so that block boundaries change no bit.
             end = seat[n] if substep == substeps - 1 else last + slope * (substep + 1)
             # effects: middle
             for j in range(6):
@@ -114,7 +114,7 @@ def integrate_chain(
             for j in range(states):
                 q[j] += sixth * (d1[j] + 2.0 * d2[j] + 2.0 * d3[j] + d4[j])
             # effects: past
-            # The input is continuous, so the last slope of this step is the first of the next, and the output.
+            # The input is continuous: the last slope of this step is the first of the next one, and the output.
             _accelerations(x, v, q, end, k, b, k_alpha, inverse_mass, alpha_r, p, a1, d1)
         last = seat[n]
         for j in range(6):

@@ -1,6 +1,6 @@
-"""How kernels are compiled: the only module that imports numba, and where its cache goes.
+"""Compilation of kernels and its cache; the only module that imports numba.
 
-With numba's own switch, NUMBA_DISABLE_JIT=1, numba is not imported at all: its import takes as long as that of numpy.
+NUMBA_DISABLE_JIT=1 also skips the import of numba, which takes as long as the import of numpy.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ COMPILED: Final = numba is not None
 
 
 def views(*arrays: Any) -> tuple[Any, ...]:
-    """The arrays as a kernel reads them fastest: uncompiled, by memory views, whose elements are Python's own numbers.
+    """The arrays in the form that a kernel reads fastest: memory views where kernels are not compiled.
 
-    A kernel that is called with them may index and slice, no more.
+    Elements of memory views are Python numbers. A kernel called with them may only index and slice.
     """
     return arrays if COMPILED else tuple(memoryview(array) for array in arrays)
 
 
 def cache_folder() -> str | None:
-    """A folder of the user's own for compiled code, or None where nothing is writable (read-only installs, no HOME)."""
+    """The user's folder for compiled code, or None where nothing is writable (read-only installs, no HOME)."""
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     user = os.getuid() if hasattr(os, "getuid") else "user"
     candidates = [Path(base) / "biodyn"] if base else []
@@ -43,7 +43,7 @@ def cache_folder() -> str | None:
     for folder in candidates:
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            # A folder somebody else owns could feed us their machine code.
+            # A folder of another user could contain foreign machine code.
             if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():
                 continue
             with tempfile.TemporaryFile(dir=folder):
@@ -54,18 +54,18 @@ def cache_folder() -> str | None:
 
 
 CACHE: Final = cache_folder() if COMPILED else None
-"""Where compiled code is kept, None where it cannot be."""
+"""The folder of compiled code, None without one."""
 
 
 def compiled(function: F) -> F:
-    """Compile with numba where it is present, cached where a cache can be kept; otherwise return the function."""
+    """Compile with numba if present, cached if there is a cache folder; otherwise return the function."""
     return _compiled(function, forceinline=False)
 
 
 def inlined(function: F) -> F:
-    """The same for a part of a kernel, which becomes lines of its caller however long both are.
+    """Compile a part of a kernel and always inline it.
 
-    Where that is left to the compiler it ends at some length, and a call with ten arrays costs more than the part.
+    The compiler itself stops inlining at some length, and a call with ten arrays costs more than the part.
     """
     return _compiled(function, forceinline=True)
 
@@ -76,7 +76,7 @@ def _compiled(function: F, forceinline: bool) -> F:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = CACHE or before
     try:
-        # numpy's error model: a division by zero gives inf, as it does in the uncompiled twin.
+        # With numpy's error model a division by zero gives inf, as in uncompiled code.
         options = {"cache": CACHE is not None, "error_model": "numpy", "forceinline": forceinline}
         wrapped: F = numba.njit(**options)(function)
         return wrapped

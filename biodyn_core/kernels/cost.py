@@ -1,7 +1,6 @@
-"""Sixteen chains side by side, and how far each is from a measurement (Zaman et al., Eq. 2-4, 17, 18, 33).
+"""Sixteen chains integrated together, and their cost against a measurement (Zaman et al., Eq. 2-4, 17, 18, 33).
 
-One chain a lane: with the lanes innermost and the state in one flat array the compiler steps several chains in one
-instruction, where `integrate_chain` steps one.
+Each lane is one chain. With the lanes innermost and the state in one flat array the compiler vectorises over chains.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ def _accelerations(
 
 @compiled
 def _step(w: Floats, middle: float, end: float, h: float) -> None:
-    """One classical Runge-Kutta step of every lane; the last slope of a step is the first of the next."""
+    """One classical Runge-Kutta step of all lanes; the last slope of a step is the first of the next one."""
     half, sixth = 0.5 * h, h / 6.0
     for lane in range(LANES):
         i, j, m = _X + lane, _V + lane, _A + lane
@@ -116,7 +115,7 @@ def _step(w: Floats, middle: float, end: float, h: float) -> None:
 
 @compiled
 def _add_square(w: Floats, at: int, target: float, weight: float) -> None:
-    """Add one sample's square to the total of every lane."""
+    """Add the square of one sample to the total of every lane."""
     for lane in range(LANES):
         miss = w[at + lane] - target
         w[_TOTAL + lane] += weight * miss * miss
@@ -124,7 +123,7 @@ def _add_square(w: Floats, at: int, target: float, weight: float) -> None:
 
 @compiled
 def _at_rest(constants: Floats, seat: float) -> Floats:
-    """The work array before the first step: nothing has been accelerated yet, so z'' = 0 and x'' = -seat."""
+    """The work array before the first step: z'' = 0 and x'' = -seat."""
     w = np.zeros(_SIZE)
     for row in range(CONSTANT_ROWS):
         for lane in range(LANES):
@@ -147,10 +146,10 @@ def integrate_lanes(
     cost: Floats,
     accel: Floats,
 ) -> None:
-    """Carry `LANES` chains from rest over `seat`, as `integrate_chain` does, and compare them with a target.
+    """Integrate `LANES` chains from rest over `seat`, as `integrate_chain`, and compare them with a target.
 
-    seat (n,) m/s^2; constants (25, LANES): k, b, k alpha and 1/m of the joints, then alpha_r; segments (s,) to look at;
-    target (n, s) m/s^2 and weight (n, s), or (0, s) where no cost is wanted; cost (LANES,) receives
+    seat (n,) m/s^2; constants (25, LANES): k, b, k alpha and 1/m of the joints, then alpha_r; segments (s,) to compare;
+    target (n, s) m/s^2 and weight (n, s), or (0, s) if no cost is wanted; cost (LANES,) receives
     sum weight (z'' - target)^2; accel (n, s, LANES) receives z'', or (0, s, LANES).
     """
     w = _at_rest(constants, seat[0])

@@ -1,8 +1,8 @@
-"""The meters' loops: doses, injury criteria, residual.
+"""Loops of the exposure meters: doses, injury criteria, residual.
 
-Every meter adds into `bin_` and, each `length` samples, closes it into the ring (rolling window) and the total.
-Columns before `sums` add up, the others keep their largest value. A NaN sample is missing: time goes on by one sample,
-nothing is counted, and what its channel carried (filter, oscillator, window) starts anew behind it.
+Every meter accumulates in `bin_` and, after each `length` samples, adds it to the ring (rolling window) and the total.
+Columns before `sums` are sums, the others maxima. A NaN sample is missing: time advances by one sample, nothing is
+counted, and the state of its channel (filter, oscillator, window) starts anew after it.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ def _close_bin(bin_: Floats, total: Floats, ring: Floats, position: Integers, su
 
 
 @compiled
-def _leaned(value: float) -> float:
-    """What of a sample may be a lean: no more than gravity. So neither shocks nor a diverging model make a level."""
+def _clipped_to_gravity(value: float) -> float:
+    """A sample clipped to 1 g, the most that tilt can cause, so that shocks and divergence do not move the level."""
     return min(max(value, -STANDARD_GRAVITY_MPS2), STANDARD_GRAVITY_MPS2)
 
 
 @compiled
-def settle(sos: Floats, state: Floats, channel: int, level: float) -> None:
-    """Put one channel of the sections' state (s, 2, c) where a constant `level` would have brought it.
+def set_steady_state(sos: Floats, state: Floats, channel: int, level: float) -> None:
+    """Set one channel of the sections' state (s, 2, c) to its steady state for a constant input `level`.
 
-    Behind the high-pass, which comes first and has both zeros at 0 Hz, there is nothing of a constant.
+    The high-pass comes first and has both zeros at 0 Hz, so the sections behind it are at zero.
     """
     for s in range(sos.shape[0]):
         state[s, 0, channel] = 0.0
@@ -52,7 +52,7 @@ def settle(sos: Floats, state: Floats, channel: int, level: float) -> None:
 
 @compiled
 def _sum_backwards(rows: Floats, row: int) -> None:
-    """Replace every element of a row by the sum from there to the row's end."""
+    """Replace every element of a row by the sum from it to the end of the row."""
     for i in range(rows.shape[1] - 2, -1, -1):
         rows[row, i] += rows[row, i + 1]
 
@@ -63,15 +63,15 @@ def dose(
     partial: Floats, filled: Integers, window: float, bin_: Floats, total: Floats, ring: Floats, position: Integers,
     length: int,
 ) -> None:  # fmt: skip
-    """Weight x (n, c) and gather per channel: sum a^2, sum a^4, samples, peak |a|, peaks of two running mean squares.
+    """Weight x (n, c), accumulate per channel: sum a^2, sum a^4, samples, peak |a|, peaks of two running mean squares.
 
-    The linear one is over the last `window` samples (ISO 2631-1:1997, 6.3.1, Eq. 2); of a window that is no whole
-    number the oldest sample counts in part. running (c,) is the exponential one (Eq. 3 in recursive form). level (c,)
-    is the exponential mean of x within 1 g, where the sections start behind a missing sample.
+    The linear one is over the last `window` samples (ISO 2631-1:1997, 6.3.1, Eq. 2); with a fractional window the
+    oldest sample counts in part. running (c,) is the exponential one (Eq. 3 in recursive form). level (c,) is the
+    exponential mean of x clipped to 1 g, from which the sections start after a missing sample.
 
     squares (c, l + 1) is a block of l = floor(window) + 1 samples and a zero: the filled[0] newest squares, whose sum
-    is partial (c,), and behind them for each sample of the block before the sum from there to that block's end. Nothing
-    is ever subtracted, so a shock that has left the window leaves no rounding error.
+    is partial (c,), then for each sample of the previous block the sum from it to the end of that block. Nothing is
+    subtracted, so a shock that has left the window leaves no rounding error.
     """
     block = squares.shape[1] - 1
     share = window - math.floor(window)
@@ -81,13 +81,13 @@ def dose(
         for c in range(x.shape[1]):
             value = x[n, c]
             if np.isnan(value):
-                settle(sos, state, c, level[c])
-                if running[c] != 0.0:  # else the block is empty already
+                set_steady_state(sos, state, c, level[c])
+                if running[c] != 0.0:  # otherwise the block is already empty
                     squares[c] = 0.0
                     partial[c] = 0.0
                     running[c] = 0.0
                 continue
-            level[c] += follow * (_leaned(value) - level[c])
+            level[c] += follow * (_clipped_to_gravity(value) - level[c])
             for s in range(sos.shape[0]):
                 fed = value
                 value = sos[s, 0] * fed + state[s, 0, c]
@@ -118,19 +118,19 @@ def planar_dose(
     x: Floats, sos: Floats, state: Floats, follow: float, level: Floats, bin_: Floats, total: Floats, ring: Floats,
     position: Integers, length: int,
 ) -> None:  # fmt: skip
-    """Weight x (n, 2) and gather the moments a_x^p a_y^q that give aw and VDV in every horizontal direction.
+    """Weight x (n, 2) and sum the moments a_x^p a_y^q for aw and VDV in every horizontal direction.
 
-    Columns: p + q = 2 (3 of them), p + q = 4 (5 of them), samples; bin_ (1, 9). One missing axis is a break for both.
+    Columns: p + q = 2 (3 of them), p + q = 4 (5 of them), samples; bin_ (1, 9). A sample that lacks an axis is missing.
     """
     weighted = np.empty(2)
     for n in range(x.shape[0]):
         missing = np.isnan(x[n, 0]) or np.isnan(x[n, 1])
         for c in range(2):
             if missing:
-                settle(sos, state, c, level[c])
+                set_steady_state(sos, state, c, level[c])
                 continue
             value = x[n, c]
-            level[c] += follow * (_leaned(value) - level[c])
+            level[c] += follow * (_clipped_to_gravity(value) - level[c])
             for s in range(sos.shape[0]):
                 fed = value
                 value = sos[s, 0] * fed + state[s, 0, c]
@@ -158,10 +158,10 @@ def dynamic_response(
     x: Floats, transition: Floats, state: Floats, bin_: Floats, total: Floats, ring: Floats, position: Integers,
     length: int, seen: Integers,
 ) -> None:  # fmt: skip
-    """Drive the DRI oscillator with x (n, 1), linear between samples, and keep the largest compression and |z|, metres.
+    """Integrate the DRI oscillator over x (n, 1), linear between samples; record the largest compression and |z| in m.
 
     transition (2, 4): [z, z'] after = transition @ [z, z', x before, x now]; state (3,) = z, z', x before;
-    seen (2,): samples so far, missing ones too, and the sample of the largest compression.
+    seen (2,): samples so far including missing ones, and the sample of the largest compression.
     """
     for n in range(x.shape[0]):
         value = x[n, 0]
@@ -198,13 +198,13 @@ def head_injury(
     x: Floats, period_s: float, window_s: float, weights: Floats, history: Floats, filled: Integers, seen: Integers,
     windows: Floats, bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int,
 ) -> None:  # fmt: skip
-    """Keep the largest impulse times (duration)^-0.6 of x (n, c), in g, over all windows up to `window_s`.
+    """Record the largest impulse times (duration)^-0.6 of x (n, c), in g, over all windows up to `window_s`.
 
     To the power of 2.5 it is the HIC (Eq. 23). weights (w + 1,): (h periods)^-0.6 for windows of h samples, and that of
-    `window_s`. history (c, 2, 2 l), l = w + 2: the last l samples and their running integrals, each kept twice so that
-    any l in a row lie together; filled (c, 2): how many are valid, and where the newest is. Ends are interpolated: x is
-    taken as linear between samples, so its integral there is exact. seen (1,): samples so far, missing ones too;
-    windows (c, 2): begin and end of the largest since reset, in samples.
+    `window_s`. history (c, 2, 2 l), l = w + 2: the last l samples and their running integrals, each stored twice so
+    that any l consecutive ones are contiguous; filled (c, 2): number of valid samples, and index of the newest. x is
+    linear between samples, so the integrals at interpolated ends are exact. seen (1,): samples so far including missing
+    ones; windows (c, 2): begin and end of the largest window since reset, in samples.
     """
     whole = weights.shape[0] - 1
     size = history.shape[2] // 2
@@ -255,7 +255,7 @@ def head_injury(
 def residual(
     predicted: Floats, measured: Floats, bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int
 ) -> None:
-    """Gather per segment the sums of (predicted - measured)^2, measured^2 and samples; rows with NaN are left out."""
+    """Accumulate per segment the sums of (predicted - measured)^2, measured^2 and samples; NaN is skipped."""
     for n in range(predicted.shape[0]):
         for c in range(predicted.shape[1]):
             difference = predicted[n, c] - measured[n, c]

@@ -1,4 +1,4 @@
-"""Where a chain that is integrated has left the range in which it means anything."""
+"""Validity of integrated chains."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from biodyn_core.kernels.compiling import compiled
 
 
 @compiled
-def first_lost(accel: Floats, motion: Floats, most_m: float) -> int:
-    """The first sample at which a joint is stretched by more than most_m, or is no number; n where there is none.
+def first_invalid(accel: Floats, motion: Floats, max_stretch_m: float) -> int:
+    """The first sample with a joint stretched by more than max_stretch_m, or with a non-finite value; n if none.
 
     accel (n, 6) m/s^2; motion (n, 12) = displacements relative to the seat, velocities.
     """
@@ -19,7 +19,7 @@ def first_lost(accel: Floats, motion: Floats, most_m: float) -> int:
         for j in range(6):
             stretch = motion[n, j] - below
             below = motion[n, j]
-            # NaN compares as false, so the range is asked for, not what lies beyond it.
-            if not (-most_m <= stretch <= most_m and -np.inf < accel[n, j] < np.inf):
+            # Comparisons with NaN are false, so test for inside the range, not for outside.
+            if not (-max_stretch_m <= stretch <= max_stretch_m and -np.inf < accel[n, j] < np.inf):
                 return n
     return accel.shape[0]

@@ -1,7 +1,7 @@
-"""One sensor's path: clock, gaps, flat lines, level, low-pass.
+"""Conditioning of one sensor: clock, gaps, flat lines, levelling, low-pass.
 
-What a sensor carries on from sample to sample lies in one array of floats and one of counts, laid out here: a call
-costs by the number of its arguments, and the live path calls once a sample.
+The state of a sensor lies in one array of floats and one of counts, with the layout below: the time of a call grows
+with the number of its arguments, and the live path calls once per sample.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ SECTIONS: Final = 2
 
 # The array of floats: the clock, seconds since the sensor's epoch ...
 TIME, PERIOD, NOMINAL, LAST_STAMP, JITTER, SLIP, FLAT_SINCE = range(7)
-# ... the last accepted reading (3), the rotation that levels (3 x 3), the low-pass (sections x 6) and its state ...
+# ... the last accepted reading (3), the levelling rotation (3 x 3), the low-pass (sections x 6) and its state ...
 LAST: Final = 7
 ROTATION: Final = LAST + 3
 LOW_PASS: Final = ROTATION + 9
 LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
-# ... and what was set for good: limits, gains, whether samples share a stamp, the mean reading at rest (3), which is
-# gravity and bias; the slow level of the gravity tracker is carried, and between which stamps the last hole lies. For
-# the search for rails each call leaves the reading before its first (3), whether the two join, and the largest reading.
+# ... and constants: limits, gains, whether samples share a stamp, the mean reading at rest (3), which is gravity and
+# bias. Also state: the slow level of the gravity tracker and the two stamps around the last hole. For the detection of
+# rails each call stores the reading before its first (3), whether the two belong to one run, and the largest reading.
 (
     MAX_GAP,
     FLAT_AFTER,
@@ -42,7 +42,7 @@ LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
 BEFORE: Final = AT_REST + 3
 JOINED, LARGEST, STATE_SIZE = range(BEFORE + 3, BEFORE + 6)
 
-# The array of counts: what was accepted and rejected, then what the clock itself counts.
+# The array of counts: accepted and rejected samples, then counters of the clock.
 (
     ACCEPTED,
     UNSET,
@@ -63,30 +63,30 @@ JOINED, LARGEST, STATE_SIZE = range(BEFORE + 3, BEFORE + 6)
 ) = range(16)
 
 DONE, NEW_RUN, UNDECIDED, ACCEPT, REJECTED = range(5)
-"""Verdicts on a sample, and why a call returned: all read, the next one begins a run, or depends on those to come."""
+"""Decisions on a sample, and reasons to return: all read; the next begins a run; the next depends on later samples."""
 
 IMPLAUSIBLE: Final = 10.0
-"""So many times the saturation limit is no reading of such a sensor: rejected like a sample that is not finite."""
+"""Readings above this multiple of the saturation limit are rejected like non-finite ones."""
 
 JITTER_MARGIN: Final = 6.0
-"""So many times its mean jitter a stamp may be off before it means a lost or a late sample: 4.8 sigma if Gaussian."""
+"""A stamp error above this multiple of the mean jitter means a lost or late sample: 4.8 sigma if Gaussian."""
 
-HOLDS, STRAYED, STALLED = range(REJECTED + 1, REJECTED + 4)
-"""What those to come say of a stamp that leaps: so it is, it is astray, or samples were sent late and none is lost."""
+CONFIRMED, OUTLIER, SENT_LATE = range(REJECTED + 1, REJECTED + 4)
+"""Result of later stamps on a leap: confirmed, an outlier, or samples sent late with none lost."""
 
 SLIP_PERIODS: Final = 0.65
-"""The clock has slipped by a sample where recent stamps lie off it by more than so many periods on average."""
+"""The clock has slipped by a sample if the mean error of recent stamps exceeds this number of periods."""
 
 SLIP_JITTERS, SLIP_SHORTEST, SLIP_LONGEST = 6.0, 9.0, 2000.0
-"""Recent are the cube of so many times the mean jitter in periods, within bounds: late stamps come in a row."""
+"""The recent stamps are the cube of this multiple of the mean jitter in periods, within bounds: late stamps cluster."""
 
 LEAP_S: Final = 1.0
-"""A stamp further off than this, ahead or back, must be joined by many before time itself is taken to have leapt."""
+"""A larger step of a stamp, ahead or back, is a leap in time only if many later stamps confirm it."""
 
 LEAP_CONFIRMED_BY: Final = 20
 
-LOOKED_AT: Final = 400
-"""So many samples are waited for at most before a leaping stamp is judged; only unset or repeated ones take so long."""
+MAX_LOOKAHEAD: Final = 400
+"""The most later samples that a decision on a leap waits for; only unset or repeated stamps need so many."""
 
 
 @inlined
@@ -102,47 +102,46 @@ def _same(samples: Floats, at: int, state: Floats) -> bool:
 
 
 @compiled
-def _holds(stamps_ns: Integers, at: int, needed: int, epoch_ns: int, final: bool, state: Floats) -> int:
-    """Whether a leaping stamp is joined by the `needed` next: HOLDS, or STRAYED, STALLED; UNDECIDED if too few came.
+def _confirm_leap(stamps_ns: Integers, at: int, needed: int, epoch_ns: int, final: bool, state: Floats) -> int:
+    """Whether the `needed` next stamps confirm a leap: CONFIRMED, OUTLIER, SENT_LATE; UNDECIDED if too few came.
 
-    A stamp joins that lies nearer to where it belongs after the leap than to where it does without one; stamps that
-    stand still join nothing. Where those after a leap ahead fall behind in their order, they were sent late, and none
-    is lost.
+    A stamp confirms the leap if it is nearer to its expected value with the leap than without; constant stamps confirm
+    nothing. If the stamps after a leap ahead return to the old line in order, samples were sent late and none is lost.
     """
     period = int(state[PERIOD] * 1e9)
     expected = epoch_ns + int(state[TIME] * 1e9) + period
     leap = before = newest = stamps_ns[at]
-    seen, standing, ordered = 0, 0, True
+    seen, constant, ordered = 0, 0, True
     for j in range(at + 1, stamps_ns.shape[0]):
-        if j - at > LOOKED_AT:
-            return STRAYED
+        if j - at > MAX_LOOKAHEAD:
+            return OUTLIER
         stamp = stamps_ns[j]
         if stamp == 0:
             continue
-        standing = standing + 1 if stamp == before else 0
-        if standing == LEAP_CONFIRMED_BY:
-            return STRAYED
+        constant = constant + 1 if stamp == before else 0
+        if constant == LEAP_CONFIRMED_BY:
+            return OUTLIER
         ordered &= stamp >= before
         before = stamp
-        if standing > 0 and state[COARSE] == 0.0:
-            continue  # the same message again
+        if constant > 0 and state[COARSE] == 0.0:
+            continue  # a repeated message
         seen += 1
         passed = seen * period
         if abs(stamp - passed - leap) >= abs(stamp - passed - expected):
-            return STALLED if ordered and expected < leap else STRAYED
+            return SENT_LATE if ordered and expected < leap else OUTLIER
         newest = max(newest, stamp)
         if seen >= needed and newest > leap:
-            return HOLDS
+            return CONFIRMED
         if seen == LEAP_CONFIRMED_BY:
-            return STRAYED
+            return OUTLIER
     if not final:
         return UNDECIDED
-    return HOLDS if needed < LEAP_CONFIRMED_BY and newest > leap else STRAYED
+    return CONFIRMED if needed < LEAP_CONFIRMED_BY and newest > leap else OUTLIER
 
 
 @inlined
-def _periods_missing(stamp: float, state: Floats, counts: Integers) -> int:
-    """How many samples are lost before this one: those that were unusable, or what clock and stamps tell."""
+def _count_missing(stamp: float, state: Floats, counts: Integers) -> int:
+    """The number of samples lost before this one: the unusable ones, or the number from clock and stamps."""
     period = state[PERIOD]
     early = stamp - state[TIME] - period
     tolerance = max(0.5 * period, JITTER_MARGIN * state[JITTER])
@@ -151,15 +150,15 @@ def _periods_missing(stamp: float, state: Floats, counts: Integers) -> int:
     if early <= tolerance:
         return 0
     if stamp - state[LAST_STAMP] < 1.5 * period:
-        return 0  # where no sample fits in between, the clock is off, not the stream
+        return 0  # no sample fits in between, so the clock has the error, not the stream
     return int(np.floor(early / period + 0.5))
 
 
 @inlined
-def _slipped(stamp: float, missing: int, state: Floats) -> int:
-    """How many samples the clock has come to lag or lead by, as the mean of recent stamps tells; mostly none.
+def _count_slip(stamp: float, missing: int, state: Floats) -> int:
+    """The number of samples by which the clock lags or leads, from the mean of recent stamps; usually none.
 
-    Single losses hide in jitter, and a stamp sent late may pass for one; what they leave behind does not average out.
+    Jitter hides single losses, and a stamp sent late can look like one; the remaining error does not average out.
     """
     period = state[PERIOD]
     error = stamp - state[TIME] - (missing + 1) * period
@@ -175,10 +174,10 @@ def _slipped(stamp: float, missing: int, state: Floats) -> int:
 
 @inlined
 def _tracked_time(stamp: float, missing: int, state: Floats, counts: Integers) -> float:
-    """Where the sample lies on the tracked clock: a line through all stamps at first, a slow loop from then on.
+    """The time of the sample on the tracked clock: at first a line through all stamps, later a slow loop.
 
-    The gains are those of a least-squares line over all that has come (in a later run of its height alone), down to
-    those of the loop. The period stays within 2 % of nominal, and time never steps by less than half a period.
+    The gains are those of a least-squares line over all stamps so far (in a later run, of its offset alone), limited
+    below by those of the loop. The period stays within 2 % of nominal; a time step is at least half a period.
     """
     period, nominal, jitter = state[PERIOD], state[NOMINAL], state[JITTER]
     now = state[TIME] + (missing + 1) * period
@@ -194,7 +193,7 @@ def _tracked_time(stamp: float, missing: int, state: Floats, counts: Integers) -
 
 @inlined
 def _is_late(stamp: float, state: Floats) -> bool:
-    """Whether a stamp lies further behind the tracked clock than jitter explains."""
+    """Whether a stamp is behind the tracked clock by more than jitter explains."""
     period, tolerance = state[PERIOD], JITTER_MARGIN * state[JITTER]
     if stamp <= state[LAST_STAMP] and tolerance < 0.5 * period:
         return True
@@ -202,37 +201,37 @@ def _is_late(stamp: float, state: Floats) -> bool:
 
 
 @compiled
-def _judge_behind(stamps_ns: Integers, at: int, epoch_ns: int, final: bool, state: Floats, counts: Integers) -> int:
-    """Judge a stamp that is not later than the last one: whether it is one, or time itself leapt back."""
+def _decide_earlier(stamps_ns: Integers, at: int, epoch_ns: int, final: bool, state: Floats, counts: Integers) -> int:
+    """Decide on a stamp not later than the last one: a late sample, or a leap of the clock backwards."""
     if state[LAST_STAMP] - (stamps_ns[at] - epoch_ns) * 1e-9 <= LEAP_S:
         return ACCEPT
-    holds = _holds(stamps_ns, at, LEAP_CONFIRMED_BY, epoch_ns, final, state)
-    if holds == STRAYED:
+    later = _confirm_leap(stamps_ns, at, LEAP_CONFIRMED_BY, epoch_ns, final, state)
+    if later == OUTLIER:
         counts[UNUSABLE] += 1
         return ACCEPT
-    return NEW_RUN if holds == HOLDS else UNDECIDED
+    return NEW_RUN if later == CONFIRMED else UNDECIDED
 
 
 @compiled
-def _judge_ahead(
+def _decide_later(
     stamps_ns: Integers, at: int, missing: int, epoch_ns: int, final: bool, state: Floats, counts: Integers
 ) -> int:
-    """Judge a stamp that leaves samples out, by as many that follow: lost ones, one sent late, or a stray stamp."""
+    """Decide on a stamp after a gap, by the later stamps: samples were lost, one was sent late, or it is an outlier."""
     if missing == counts[UNUSABLE]:
         return ACCEPT
     far = missing > LEAP_CONFIRMED_BY and missing * state[PERIOD] > LEAP_S
     needed = LEAP_CONFIRMED_BY if far else min(missing + 1, LEAP_CONFIRMED_BY - 1)
-    holds = _holds(stamps_ns, at, needed, epoch_ns, final, state)
-    if holds == STRAYED:
+    later = _confirm_leap(stamps_ns, at, needed, epoch_ns, final, state)
+    if later == OUTLIER:
         counts[STRAY] += 1
         counts[UNUSABLE] += 1
         return REJECTED
-    return ACCEPT if holds == HOLDS else holds
+    return ACCEPT if later == CONFIRMED else later
 
 
 @inlined
 def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts: Integers) -> None:
-    """Count what an accepted reading looks like: clipped, or one of a flat line, which counts from its beginning."""
+    """Count an accepted reading that is clipped, or part of a flat line; the whole line counts."""
     largest = max(abs(samples[at, 0]), abs(samples[at, 1]), abs(samples[at, 2]))
     state[LARGEST] = max(state[LARGEST], largest)
     counts[CLIPPED] += largest >= state[SATURATION]
@@ -247,20 +246,20 @@ def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts
 
 
 @inlined
-def _treads_again(stamp: float, state: Floats) -> bool:
-    """Whether a late stamp lies where samples were accepted.
+def _repeats_interval(stamp: float, state: Floats) -> bool:
+    """Whether a late stamp lies in an interval from which samples were already accepted.
 
-    It is neither astray, nor one that stands still, nor of a sample that was held up, whose place was left.
+    That excludes outliers, constant stamps and delayed samples, which fall into the last hole.
     """
     return 0.0 < state[LAST_STAMP] - stamp <= LEAP_S and not state[HOLE_FROM] < stamp < state[HOLE_TO]
 
 
 @inlined
-def _set_back(counts: Integers) -> int:
-    """How many samples were late behind each other until now, where that means a clock set back; they are counted.
+def _count_set_back(counts: Integers) -> int:
+    """The number of consecutive late samples, if it shows a clock set back, else 0; it is counted.
 
-    Where stamps tread a stretch once more, what the sensor measured meanwhile is missing, though no stamp is. Late ones
-    of a second sender come between others.
+    If stamps repeat an interval, the samples of that time are missing although no stamp is. Late samples of a second
+    sender are interleaved with others.
     """
     row = counts[LATE_IN_A_ROW]
     counts[LATE_IN_A_ROW] = 0
@@ -271,10 +270,10 @@ def _set_back(counts: Integers) -> int:
 
 
 @inlined
-def _judge(
+def _decide(
     stamps_ns: Integers, samples: Floats, at: int, epoch_ns: int, final: bool, state: Floats, counts: Integers
 ) -> tuple[int, int]:
-    """Judge one sample: (ACCEPT, REJECTED, NEW_RUN or UNDECIDED; how many are missing before it)."""
+    """Decide on one sample: (ACCEPT, REJECTED, NEW_RUN or UNDECIDED; the number missing before it)."""
     if stamps_ns[at] == 0:
         counts[UNSET] += 1
         counts[UNUSABLE] += 1
@@ -284,34 +283,34 @@ def _judge(
         counts[UNUSABLE] += 1
         return REJECTED, 0
     stamp = (stamps_ns[at] - epoch_ns) * 1e-9
-    verdict, missing = ACCEPT, 0
+    decision, missing = ACCEPT, 0
     if state[LAST_STAMP] == stamp and state[COARSE] == 0.0 and _same(samples, at, state):
         counts[DUPLICATE] += 1
         return REJECTED, 0
     if state[LAST_STAMP] > -np.inf:
-        missing = _periods_missing(stamp, state, counts)
+        missing = _count_missing(stamp, state, counts)
         if state[LAST_STAMP] >= stamp:
-            verdict = _judge_behind(stamps_ns, at, epoch_ns, final, state, counts)
+            decision = _decide_earlier(stamps_ns, at, epoch_ns, final, state, counts)
         elif missing > 0:
-            verdict = _judge_ahead(stamps_ns, at, missing, epoch_ns, final, state, counts)
-        if verdict == STALLED:
-            verdict, missing = ACCEPT, 0
-        if verdict == ACCEPT and _is_late(stamp, state):
+            decision = _decide_later(stamps_ns, at, missing, epoch_ns, final, state, counts)
+        if decision == SENT_LATE:
+            decision, missing = ACCEPT, 0
+        if decision == ACCEPT and _is_late(stamp, state):
             counts[LATE] += 1
-            counts[LATE_IN_A_ROW] += _treads_again(stamp, state)
+            counts[LATE_IN_A_ROW] += _repeats_interval(stamp, state)
             return REJECTED, 0
-        set_back = _set_back(counts) if verdict != UNDECIDED else 0
-        if verdict == ACCEPT and (max(missing, set_back) + 1) * state[PERIOD] > state[MAX_GAP]:
-            verdict = NEW_RUN
-    if verdict == NEW_RUN:
-        # Nothing is known of the next run: whatever comes first is accepted. Its seconds count from there, and what
-        # passed in between is no part of a flat line.
+        set_back = _count_set_back(counts) if decision != UNDECIDED else 0
+        if decision == ACCEPT and (max(missing, set_back) + 1) * state[PERIOD] > state[MAX_GAP]:
+            decision = NEW_RUN
+    if decision == NEW_RUN:
+        # The first sample of the next run is accepted without test. Its seconds count from there, and the time in
+        # between is not part of a flat line.
         state[HOLE_FROM], state[HOLE_TO] = state[LAST_STAMP] - stamp, 0.0
         state[FLAT_SINCE] -= state[LAST_STAMP]
         state[TIME] = np.nan
         state[LAST_STAMP] = -np.inf
         counts[UNUSABLE] = 0
-    return verdict, missing
+    return decision, missing
 
 
 @compiled
@@ -326,13 +325,13 @@ def regularise(
     out: Floats,
     source: Integers,
 ) -> tuple[int, int, int]:
-    """Turn stamped raw samples into evenly spaced ones: a tracked clock, lost samples interpolated, bad ones rejected.
+    """Convert stamped raw samples to evenly spaced ones: a tracked clock, lost samples interpolated, bad ones rejected.
 
-    stamps_ns (n,), samples (n, 3) m/s^2; state and counts as laid out above, carried on; times (m,) smoothed s since
-    epoch_ns, out (m, 3), source (m,) raw index or -1 where interpolated. Returns (samples consumed, samples written,
-    DONE, NEW_RUN or UNDECIDED); the next stamp is the epoch of a new run, `final` leaves nothing undecided. Stops early
-    where `out` may not hold the next one's interpolated predecessors. It and those it calls index and slice arrays, no
-    more, for uncompiled they are called with `views` of them.
+    stamps_ns (n,), samples (n, 3) m/s^2; state and counts have the layout above and are updated; times (m,) smoothed s
+    since epoch_ns, out (m, 3), source (m,) raw index or -1 where interpolated. Returns (samples consumed, samples
+    written, DONE, NEW_RUN or UNDECIDED); the next stamp is the epoch of a new run; with `final` nothing is UNDECIDED.
+    Stops early where `out` may not hold the interpolated samples before the next one. Uncompiled it gets `views` of
+    arrays, so it may only index and slice them.
     """
     state[JOINED], state[LARGEST] = state[TIME] == state[TIME], 0.0  # NaN where a run begins
     for c in range(3):
@@ -342,17 +341,17 @@ def regularise(
     for i in range(stamps_ns.shape[0]):
         if written > room:
             return i, written, DONE
-        verdict, missing = _judge(stamps_ns, samples, i, epoch_ns, final, state, counts)
-        if verdict == REJECTED:
+        decision, missing = _decide(stamps_ns, samples, i, epoch_ns, final, state, counts)
+        if decision == REJECTED:
             continue
-        if verdict != ACCEPT:
-            return i, written, verdict
+        if decision != ACCEPT:
+            return i, written, decision
         stamp = (stamps_ns[i] - epoch_ns) * 1e-9
         now = stamp
         if math.isnan(state[TIME]):
             counts[IN_RUN] = 0
         else:
-            slipped = _slipped(stamp, missing, state)
+            slipped = _count_slip(stamp, missing, state)
             if slipped < 0:
                 counts[LATE] += 1
                 continue
@@ -383,7 +382,7 @@ def regularise(
 
 @compiled
 def level(samples: Floats, rotation: Floats, at_rest: Floats, out: Floats) -> None:
-    """Turn specific force (n, 3), less that at rest (3,), so that the third axis is up: acceleration (n, 3) m/s^2."""
+    """Rotate specific force (n, 3), less that at rest (3,), to a third axis that is up: acceleration (n, 3) m/s^2."""
     for n in range(samples.shape[0]):
         for r in range(3):
             total = 0.0
@@ -394,7 +393,7 @@ def level(samples: Floats, rotation: Floats, at_rest: Floats, out: Floats) -> No
 
 @compiled
 def filter_sections(sos: Floats, state: Floats, x: Floats, y: Floats) -> None:
-    """Filter x (n, c) into y by second-order sections (s, 6), transposed direct form; state (s, 2, c) is carried."""
+    """Filter x (n, c) into y by second-order sections (s, 6), transposed direct form; state (s, 2, c) is updated."""
     for n in range(x.shape[0]):
         for c in range(x.shape[1]):
             value = x[n, c]
@@ -422,9 +421,9 @@ def condition(
     raw: Floats,
     source: Integers,
 ) -> tuple[int, int, int]:
-    """One sensor's whole path in one call: `regularise`, `level`, `filter_sections` on the vertical, stamps less delay.
+    """Condition one sensor in one call: `regularise`, `level`, `filter_sections` on the vertical, stamps less delay.
 
-    Arrays and answer as in `regularise`, raw being its `out`; out_stamps_ns, times (m,), levelled (m, 3), low_passed
+    Arrays and result as in `regularise`, with raw as its `out`; out_stamps_ns, times (m,), levelled (m, 3), low_passed
     (m, 1).
     """
     done, written, why = regularise(stamps_ns, samples, epoch_ns, final, state, counts, times, raw, source)

@@ -1,4 +1,4 @@
-"""The linear chain in frequency, for many chains at once, and how far each is from measured magnitudes (Eq. 30, 31)."""
+"""Linear chains in the frequency domain, many at once, and their cost against measured magnitudes (Eq. 30, 31)."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ def _transmissibility(
     omega: float, k: Floats, b: Floats, mass: Floats, alpha_r: float, slope: Complexes, offset: Complexes,
     out: Complexes,
 ) -> None:  # fmt: skip
-    """T_i = 1 - omega^2 H_i of one chain, (6,): from the head down x_i = slope_i x_(i-1) + offset_i, then back up."""
+    """T_i = 1 - omega^2 H_i of one chain, (6,): downwards x_i = slope_i x_(i-1) + offset_i, then upwards."""
     inertia = complex(-omega * omega, omega * alpha_r)
     above_k, above_slope, above_offset = 0.0j, 0.0j, 0.0j
     for i in range(5, -1, -1):
         joint = complex(k[i], omega * b[i])
         pivot = inertia * mass[i] + joint + above_k * (1.0 - above_slope)
-        # Python's complex division guards against overflow, which dynamic stiffnesses are far from, at half the time.
+        # Python's complex division guards against overflow and takes twice the time; dynamic stiffnesses are small.
         inverse = pivot.conjugate() * (1.0 / (pivot.real * pivot.real + pivot.imag * pivot.imag))
         above_offset = (above_k * above_offset - mass[i]) * inverse
         above_slope = joint * inverse
@@ -48,7 +48,7 @@ def surrogate_costs(
 ) -> None:
     """Sum of weight (|T_i| - magnitude)^2 over frequencies and segments for each chain (Eq. 31 without its lambda_1).
 
-    omega (f,) rad/s; magnitude, weight (f, s) of the segments (s,) to look at; k, b, mass (p, 6); alpha_r and
+    omega (f,) rad/s; magnitude, weight (f, s) of the segments (s,); k, b, mass (p, 6); alpha_r and
     costs (p,).
     """
     slope, offset = np.empty(6, dtype=np.complex128), np.empty(6, dtype=np.complex128)

@@ -217,8 +217,8 @@ def _in_turns(held: list[tuple[str, Block]]) -> list[tuple[str, Block]]:
 def _check_effects(subject: Subject) -> None:
     """Raise InputError for an effect on predictions that needs more than the seat's vertical, sample by sample."""
     for applied in subject.effects:
-        effect, needed = applied.effect, applied.effect.needed(applied.site)
-        if not applied.absent and effect.measured is None and (needed or not effect.in_chain):
+        effect, needed = applied.effect, applied.effect.required_channels(applied.site)
+        if not (applied.absent or effect.supports_live):
             raise InputError(
                 f"{subject.name}: effect {effect.name} needs {', '.join(needed)}, which predictions sample by"
                 " sample do not have: validate with it, or take it out of the subject's file"

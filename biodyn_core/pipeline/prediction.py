@@ -59,7 +59,7 @@ class SeatPredictor:
         """Predict NaN where the chain leaves its range, and restart it from rest; the same for any cut into blocks."""
         motion = np.empty((seat_mps2.size, 2 * N_SEGMENTS))
         accel = self.stepper.push(seat_mps2, motion)
-        diverged = kernels.first_lost(accel, motion, MAX_STRETCH_M)
+        diverged = kernels.first_invalid(accel, motion, MAX_STRETCH_M)
         if diverged == seat_mps2.size:
             return accel
         accel[diverged] = np.nan

@@ -12,7 +12,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, N_SEGMENTS
 from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import AppliedEffect, felt, shown
+from biodyn_core.effects import AppliedEffect, apply_to_seat, apply_to_sensors
 from biodyn_core.identification.problem import Case
 
 RUNAWAY_MPS2: Final = 1e5
@@ -25,10 +25,10 @@ def answer(subject: Subject, case: Case, effects: Sequence[AppliedEffect] = (), 
     plain (n, 5): the answer without them. It is returned if the simulation is unstable, and it saves the simulation if
     all effects are on sensors.
     """
-    if plain is not None and effects and all(one.effect.measured is not None for one in effects):
+    if plain is not None and effects and all(one.effect.place == "sensor" for one in effects):
         whole = np.zeros((len(plain), N_SEGMENTS))
         whole[:, MEASURED_SEGMENT_INDEX] = plain
-        return shown(effects, whole, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
+        return apply_to_sensors(effects, whole, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
     (found,) = answers(dataclasses.replace(subject, effects=(*subject.effects, *effects)), [case])
     unstable = not np.abs(found).max() < RUNAWAY_MPS2  # also for NaN
     return plain if unstable and plain is not None else found
@@ -52,11 +52,11 @@ def sensed(subject: Subject, cases: Sequence[Case], accel: Sequence[Floats]) -> 
 
 
 def _simulated(subject: Subject, chain: Chain, case: Case) -> Floats:
-    seat = felt(subject.effects, case.seat_mps2, case.rate_hz, case.channels)
+    seat = apply_to_seat(subject.effects, case.seat_mps2, case.rate_hz, case.channels)
     return Stepper(chain, case.rate_hz, chain.substeps(case.rate_hz)).push(seat, channels=case.channels)
 
 
 def _sensed(subject: Subject, case: Case, accel: Floats) -> Floats:
     if not np.isfinite(accel).all():
         return np.full((len(accel), len(MEASURED_SEGMENT_INDEX)), np.nan)
-    return shown(subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
+    return apply_to_sensors(subject.effects, accel, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]

@@ -86,7 +86,7 @@ def chosen(
     best = good[0]
     least = settings.near * ranking[best].gain
     close = [i for i in good if ranking[i].gain >= least and not _worse(fits[i], fits[best])]
-    on_sensors = [i for i in close if ranking[i].applied.effect.measured is not None]
+    on_sensors = [i for i in close if ranking[i].applied.effect.place == "sensor"]
     return on_sensors[0] if on_sensors else best
 
 

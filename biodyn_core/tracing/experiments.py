@@ -39,7 +39,7 @@ def separating(effects: Collection[Effect]) -> str:
     """The experiment that separates these effects; a repetition for one effect or none."""
     if len({effect.name for effect in effects}) < 2:
         return REPEAT
-    if len({effect.measured is None for effect in effects}) == 2:
+    if len({effect.place == "sensor" for effect in effects}) == 2:
         return SWAP
     families = {effect.family for effect in effects}
     return "; and ".join([text for some, text in _OF_FAMILIES if some & families][:2]) or LEVELS

@@ -15,7 +15,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, EffectParameter, Ranges, logistic
-from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.nuisance_model import FREE
@@ -92,7 +92,9 @@ class _Problem:
 
     def _domain(self, share: Floats) -> TimeDomain:
         theta = self._subject.parameters.vector()
-        return TimeDomain(self._cases, self.subject(share, theta), Pull(theta, 0.0), "trusted", self._substeps)
+        return TimeDomain(
+            self._cases, self.subject(share, theta), RegularizationTerm(theta, 0.0), "trusted", self._substeps
+        )
 
 
 def _fitted(applied: AppliedEffect) -> list[EffectParameter]:

@@ -282,4 +282,4 @@ class _Problem:
         assert self._template is not None
         subject, cases = self._subject(at.delta, psi), self._nuisance.train.cases
         # An effect on a sensor does not change the motion.
-        return sensed(subject, cases, at.accel) if self._template.effect.measured else answers(subject, cases)
+        return sensed(subject, cases, at.accel) if self._template.effect.place == "sensor" else answers(subject, cases)

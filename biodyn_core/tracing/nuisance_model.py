@@ -18,7 +18,7 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import PARAMETERS
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer, answers
 from biodyn_core.tracing.nuisance_parameters import NuisanceParameter, bend_n, columns, nuisance_parameters
@@ -170,4 +170,4 @@ def _event_set(
 def _by_theta(subject: Subject, case: Case) -> Floats:
     """Derivatives (n, 5, 14) of the answer by ln theta."""
     theta = subject.parameters.vector()
-    return TimeDomain([case], subject, Pull(theta, 0.0)).slopes(0, theta, FREE)
+    return TimeDomain([case], subject, RegularizationTerm(theta, 0.0)).slopes(0, theta, FREE)

@@ -17,7 +17,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.body.model import Chain, Stepper, predict
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.effects import CATALOGUE, AppliedEffect, JointForce
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.settings import TypicalSettings
@@ -85,12 +85,11 @@ def nuisance_parameters(
 
 def bend_n(chain: Chain, applied: AppliedEffect, reach_m: float) -> float:
     """The largest force, N, that a static law adds at the reach of its joint; 0 for any other law."""
-    elements = chain.with_effects((applied,)).elements
-    if not (applied.effect.static and elements):
+    effect, elements = applied.effect, chain.with_effects((applied,)).elements
+    if not (isinstance(effect, JointForce) and effect.static and elements):
         return 0.0
-    force, constants = applied.effect.force, elements[-1].constants
-    assert force is not None
-    return max(abs(float(force(stretch, 0.0, 0.0, *constants))) for stretch in (-reach_m, reach_m))
+    constants = elements[-1].constants
+    return max(abs(float(effect.law(stretch, 0.0, 0.0, *constants))) for stretch in (-reach_m, reach_m))
 
 
 def columns(subject: Subject, case: Case, plain: Floats, parameters: Sequence[NuisanceParameter]) -> Floats:

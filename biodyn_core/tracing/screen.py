@@ -65,10 +65,10 @@ def all_candidates(cases: Sequence[Case], present: Sequence[AppliedEffect] = ())
     found, untestable = [], []
     known = {(one.effect.name, one.site) for one in present}
     for effect in CATALOGUE.values():
-        for site in effect.where:
+        for site in effect.sites:
             if (effect.name, site) in known:
                 continue
-            if not all(name in case.channels for case in cases for name in effect.needed(site)):
+            if not all(name in case.channels for case in cases for name in effect.required_channels(site)):
                 untestable.append(f"{effect.name} at {site}")
                 continue
             found += [

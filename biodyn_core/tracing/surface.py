@@ -16,8 +16,7 @@ from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.body.model import Chain, predict
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import AppliedEffect, Effect, EffectParameter
-from biodyn_core.effects.effect import Joint
+from biodyn_core.effects import AppliedEffect, EffectParameter, Joint, JointForce
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Surface
 from biodyn_core.tracing.local_fit import LocalFit, simulated_products
@@ -51,12 +50,11 @@ def _constants(joint: Joint, values: Mapping[str, float]) -> tuple[float, ...]:
     return tuple(values[name] for name in ("height_n", "stretch_m", "rate_mps", "at", "speed"))
 
 
-HAT: Final = Effect(
+HAT: Final = JointForce(
     name="hat",
     family="surface",
     equation="F += h hat(stretch) hat(rate)",
     signature="any law of one joint",
-    place="joint",
     parameters=(
         EffectParameter("height_n", "N", -1e5, 1e5, 10.0, "strength"),
         EffectParameter("stretch_m", "m", 1e-9, 10.0, 0.01),
@@ -65,7 +63,7 @@ HAT: Final = Effect(
         EffectParameter("speed", "", -1.0, 1.0, 0.5),
     ),
     constants=_constants,
-    force=force,
+    law=force,
 )
 
 

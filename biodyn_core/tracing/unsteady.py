@@ -69,7 +69,7 @@ def _lines(
         return
     effect = CATALOGUE["periodic"]
     moving = np.concatenate([rows.moving_mps2(PARTS) for rows in events.rows])
-    for site in effect.where:
+    for site in effect.sites:
         one = {"cosine_mps2": 1.0, "sine_mps2": 0.0, "frequency_hz": frequency_hz}
         both = [
             AppliedEffect(effect, site, values)

@@ -18,7 +18,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.body.model import Chain, Response, SeatForce, predict
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import shown
+from biodyn_core.effects import apply_to_sensors
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter
 from biodyn_core.recording.recording import REPORTED_S, Recording
@@ -53,7 +53,7 @@ class PredictedRun:
             raise InputError(f"{recording.name}: the model of {subject.name} diverges: fit it again")
         measured = np.full(response.accel_mps2.shape, np.nan)
         measured[:, MEASURED_SEGMENT_INDEX] = recording.measured_mps2
-        predicted = shown(subject.effects, response.accel_mps2, recording.rate_hz, channels).copy()
+        predicted = apply_to_sensors(subject.effects, response.accel_mps2, recording.rate_hz, channels).copy()
         masked = np.isnan(recording.measured_mps2)
         predicted[:, MEASURED_SEGMENT_INDEX] = np.where(masked, np.nan, predicted[:, MEASURED_SEGMENT_INDEX])
         return cls(recording, response, measured, predicted)

@@ -71,14 +71,14 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_ros.base.resources import subject_file
     from biodyn_ros.trace.text import text_of
     from biodyn_ros.trace.tracing import trace_bags, write_traced
-    from biodyn_ros.work.kept import Kept
+    from biodyn_ros.work.part_store import PartStore
 
     directory, how = Path(options.output), how_of(options)
     check_directory(directory)
     check_reports(options)
     given = subject_file(options.subject)
     subject, given_yaml = load_subject(given, UNFITTED), given.read_text(encoding="utf-8")
-    kept = Kept(_kept_beside(directory), options.fresh)
+    kept = PartStore(_kept_beside(directory), options.fresh)
     try:
         traced = trace_bags(options.bag, subject, how, kept, lambda line: print(line, file=sys.stderr))
     except KeyboardInterrupt:

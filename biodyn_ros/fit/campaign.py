@@ -1,6 +1,6 @@
-"""Campaigns: many subjects fitted wherever an executor does it, each one's results written as they come.
+"""Campaigns: fits of many subjects on an executor; the results of each are written when it finishes.
 
-One subject is one task. Its bags are read where the task is done, so their paths must be valid on every worker.
+One subject is one task. The worker reads its bags, so their paths must be valid on every worker.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ def fit_campaign(
 ) -> Document:
     """Fit all subjects into a directory; the document of campaign.json, which is rewritten after each.
 
-    Held-out bags and cases are each subject's own. A subject that fails is `failed` and the others go on. With resume
-    a subject whose result is there is left as it is. progress hears (bags of finished subjects, bags in all).
+    Each subject has its own held-out bags and cases. A subject that fails is `failed`; the others continue. With resume
+    a subject with a result is not fitted again. progress receives (bags of finished subjects, bags in all).
 
-    Raises InputError for a directory that holds a campaign and no resume, for a result of another fit in it, and for
-    results that would overwrite what the campaign reads or cannot be written.
+    Raises InputError for a directory with a campaign if resume is not set, for a result of another fit in it, and for
+    results that would overwrite inputs of the campaign or cannot be written.
     """
     o = options or FitOptions()
     check_profiles(o)
     results = Results(campaign, directory)
     if results.path.exists():
         if not resume:
-            raise InputError(f"{results.path}: holds a campaign; give --resume to go on with it, or another directory")
-        results.take_up(o)
+            raise InputError(f"{results.path}: holds a campaign; give --resume to continue it, or another directory")
+        results.resume(o)
     make_directory(directory)
     results.write()
     waiting = results.waiting
@@ -61,18 +61,18 @@ def fit_one(entry: Entry, options: FitOptions) -> Fits:
 
 
 def fit_and_draw(entry: Entry, options: FitOptions) -> Fits:
-    """The same with its page, which is drawn where the fit is made."""
+    """Fit one subject and draw its page on the worker."""
     same, fitted = _fitted(entry, options)
     fits = Fits(same, fitted.document, fitted.subject.to_yaml())
     try:
         from biodyn_ros.fit.page import fit_page  # an extra of its own
 
         return dataclasses.replace(fits, page=fit_page(fitted))
-    except Exception as error:  # noqa: BLE001 - a fault in a drawing must not cost the fit
+    except Exception as error:  # noqa: BLE001 - a fault in a drawing must not discard the fit
         return dataclasses.replace(fits, page_fault=f"the page cannot be drawn ({one_line(error)})")
 
 
 def _fitted(entry: Entry, options: FitOptions) -> tuple[str, Fitted]:
     own = dataclasses.replace(options, held_out=entry.held_out, cases=entry.cases)
     same = fingerprint(entry, options)
-    return same, fit_bags(entry.bags, entry.subject, own, Work(watch=silent))
+    return same, fit_bags(entry.bags, entry.subject, own, Work(monitor=silent))

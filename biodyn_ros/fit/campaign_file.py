@@ -31,7 +31,7 @@ _NAME: Final = re.compile(r"[^\W_][\w .+-]{0,99}")
 
 @dataclass(frozen=True)
 class Entry:
-    """One subject of a campaign: the name of its result, who it is, and the absolute paths of its bags."""
+    """One subject of a campaign: the name of its result, the subject, and the absolute paths of its bags."""
 
     name: str
     subject: Subject
@@ -42,7 +42,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Campaign:
-    """The subjects of a campaign file, and the files that it must not overwrite."""
+    """The subjects of a campaign file, and its input files, which results must not overwrite."""
 
     path: Path
     entries: tuple[Entry, ...]
@@ -95,7 +95,7 @@ def _entry(row: object, where: str, base: Path) -> tuple[Path, Entry]:
 
 
 def _bags(value: object, where: str, base: Path) -> dict[str, str]:
-    """The absolute path of each bag by how it is written."""
+    """The absolute path of each bag by its text in the file."""
     if not isinstance(value, list):
         raise InputError(f"{where}: expected a list of bags")
     found = {}
@@ -115,14 +115,14 @@ def _from(base: Path, text: str, where: str) -> Path:
     try:
         return base / Path(text).expanduser()
     except RuntimeError:
-        raise InputError(f"{where}: {text}: nobody of this name has a home here") from None
+        raise InputError(f"{where}: {text}: there is no home directory of this name") from None
 
 
 def _check_once(bags: Sequence[str], where: str) -> None:
     real = [Path(bag).resolve() for bag in bags]
     for bag, path in zip(bags, real, strict=True):
         if real.count(path) > 1:
-            raise InputError(f"{where}: {bag} is given twice; what is fitted to cannot be held out, nor count double")
+            raise InputError(f"{where}: {bag} is given twice; either fit to a bag or hold it out")
 
 
 def _cases(value: object, where: str, bags: Mapping[str, str]) -> dict[str, str]:
@@ -133,7 +133,7 @@ def _cases(value: object, where: str, bags: Mapping[str, str]) -> dict[str, str]
 
 
 def _check_names(entries: Sequence[Entry]) -> None:
-    """Raise InputError for two results of one name, also where capitals do not count, and for two persons of one."""
+    """Raise InputError for two results of one name, ignoring case, and for two different persons of one name."""
     results: dict[str, int] = {}
     persons: dict[str, tuple[int, Subject]] = {}
     for index, entry in enumerate(entries):

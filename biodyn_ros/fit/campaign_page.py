@@ -1,4 +1,4 @@
-"""The page over a campaign: who is done, how well, and how the subjects' parameters lie beside each other."""
+"""The page of a campaign: state and errors of each subject, and a comparison of their parameters."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from biodyn_ros.reports.verdict import Verdict
 Document = dict[str, Any]
 
 MOST_DRAWN: Final = 40
-"""So many subjects are drawn beside each other, the first; the table has all."""
-
+"""The first subjects, up to this number, are drawn; the table has all."""
 
 WORST_FIRST: Final = ("bad", "warn", "none", "good")
 
@@ -56,7 +55,7 @@ def campaign_page(document: Document, directory: Path) -> str:
 
 
 def judge_campaign(document: Document, unseen: dict[str, float | None], tones: dict[str, str]) -> Verdict:
-    """How many subjects are done, and how well they predict: no better than the worst of their own pages."""
+    """How many subjects are done, and how well they predict; the tone is that of the worst page."""
     rows = document["subjects"]
     of = {state: [row["name"] for row in rows if row["state"] == state] for state in ("done", "failed", "waiting")}
     headline = f"{len(of['done'])} of {counted(len(rows), 'subject')} fitted"
@@ -72,10 +71,10 @@ def judge_campaign(document: Document, unseen: dict[str, float | None], tones: d
         reasons.append(f"On events not fitted to: {_span(known)} %.")
     unknown = [name for name, value in unseen.items() if value is None]
     if unknown:
-        reasons.append(f"How it predicts is not known, nothing being held out: {', '.join(unknown)}.")
+        reasons.append(f"Prediction error unknown, since nothing was held out: {', '.join(unknown)}.")
     poor = [name for name, tone in tones.items() if tone == "bad"]
     if poor:
-        reasons.append(f"They predict events they were not fitted to badly: {', '.join(poor)}.")
+        reasons.append(f"Large errors on events not fitted to: {', '.join(poor)}.")
     own = {"bad"} if of["failed"] else {"warn"} if of["waiting"] else {"good"}
     return Verdict(next(tone for tone in WORST_FIRST if tone in own | set(tones.values())), headline, tuple(reasons))
 

@@ -1,4 +1,4 @@
-"""The directory of a campaign's results: what of each subject is there, written as it comes and taken up again."""
+"""The directory of a campaign's results: state of each subject, written as it changes, and resumption."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ SCHEMA: Final = 1
 
 @dataclass(frozen=True)
 class Fits:
-    """What comes back of one subject: what tells its fit from another, fit.json, and the subject's file.
+    """The results of one subject: the fingerprint of its fit, fit.json, and the subject's file.
 
-    page: fit.html, None where none was asked for or it could not be drawn, which page_fault tells.
+    page: fit.html, None if not requested or not drawn; page_fault is the reason in the latter case.
     """
 
     fingerprint: str
@@ -40,7 +40,7 @@ class Fits:
 
 @dataclass(frozen=True)
 class Row:
-    """One subject in campaign.json; `waiting` for what is not begun or not finished."""
+    """One subject in campaign.json; `waiting` means not begun or not finished."""
 
     name: str
     subject: str
@@ -56,7 +56,7 @@ class Row:
 
 
 class Results:
-    """The directory of a campaign's results, and what is in it so far."""
+    """The directory of a campaign's results, with its current content."""
 
     def __init__(self, campaign: Campaign, directory: Path) -> None:
         self.path = directory / "campaign.json"
@@ -71,7 +71,7 @@ class Results:
 
     @property
     def waiting(self) -> list[Entry]:
-        """The entries without result."""
+        """The entries without a result."""
         return [entry for entry in self._campaign.entries if self._rows[entry.name].state == "waiting"]
 
     @property
@@ -90,8 +90,8 @@ class Results:
         """Write campaign.json."""
         write_json(self.path, self.document)
 
-    def take_up(self, options: FitOptions) -> None:
-        """Keep what campaign.json has of finished subjects that are still the same."""
+    def resume(self, options: FitOptions) -> None:
+        """Load the finished subjects of campaign.json; raises InputError for one of another fit."""
         try:
             document = keys_of(read_json(self.path), "the file", ("schema", "campaign", "version", "subjects"))
             if document["schema"] != SCHEMA or not isinstance(document["subjects"], list):
@@ -110,11 +110,11 @@ class Results:
                 self._rows[entry.name] = row
 
     def add(self, entry: Entry, future: Future[Fits]) -> None:
-        """Write a subject's results, or why there are none."""
+        """Write a subject's results, or the reason why there are none."""
         row = self._rows[entry.name]
         try:
             fits = result_of(future, entry.name)
-        except Exception as error:  # noqa: BLE001 - also a fault of ours must not take the other subjects' hours
+        except Exception as error:  # noqa: BLE001 - a fault in one fit must not stop the others
             self._rows[entry.name] = dataclasses.replace(row, state="failed", error=one_line(error))
         else:
             output = self._output(entry)
@@ -128,7 +128,7 @@ class Results:
         self.write()
 
     def _page(self, output: Path, fits: Fits) -> str | None:
-        """Write a subject's page; the one of an earlier fit goes where there is none."""
+        """Write a subject's page; without one, remove that of an earlier fit."""
         path = page_beside(output)
         if fits.page is None:
             path.unlink(missing_ok=True)
@@ -141,7 +141,7 @@ class Results:
 
 
 def fingerprint(entry: Entry, options: FitOptions) -> str:
-    """What tells one fit from another: subject, bags by content, with role and case, options, and version."""
+    """A hash of a fit: subject, bags by content with role and case, options, and version."""
     bags = [
         (role, bag_sha256(bag), entry.cases.get(bag) or case_of(bag))
         for role, paths in (("fitted", entry.bags), ("held out", entry.held_out))
@@ -152,18 +152,18 @@ def fingerprint(entry: Entry, options: FitOptions) -> str:
 
 
 def page_of(directory: Path) -> Path:
-    """Where the page over a campaign lies."""
+    """The path of a campaign's page."""
     return directory / "campaign.html"
 
 
 def _mean_error(document: Document) -> float | None:
-    """Mean error of the subject that came out, over the cases it was fitted to."""
+    """Mean error of the resulting subject over the cases it was fitted to."""
     errors = [case[document["result"]]["mean"] for case in document["cases"]]
     return None if None in errors else sum(errors) / len(errors)
 
 
 def _row(value: object) -> Row:
-    """A row of campaign.json; raises InputError for what we have not written."""
+    """A row of campaign.json; raises InputError for a malformed one."""
     row = Row(**keys_of(value, "subjects", tuple(item.name for item in dataclasses.fields(Row))))
     texts = (row.name, row.subject, row.state, row.error, row.result, row.fingerprint, row.page)
     numbers = (row.seconds, row.mean_error_percent)

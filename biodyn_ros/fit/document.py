@@ -18,7 +18,7 @@ from biodyn_core.identification.idealize import Idealized
 from biodyn_core.identification.identify import Identification
 from biodyn_core.identification.problem import Case, Errors
 from biodyn_core.identification.profiles import Profile
-from biodyn_core.identification.residuals import Leftover
+from biodyn_core.identification.residuals import ResidualCheck
 from biodyn_core.identification.uncertainty import Estimate, Uncertainty
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.reading.events import BagEvent, Prepared
@@ -31,16 +31,16 @@ Subjects = Literal["joint", "idealized"]
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What is known of the joint fit's parameters, and how the fits predict.
+    """Uncertainty of the joint fit's parameters, residual checks, and prediction errors.
 
-    errors: of both subjects that are made from all cases, in the events fitted to and then in those held out.
-    mass_matrix: the one that predicts better, None where they cannot be told apart, and both mean errors, percent.
+    errors: of the joint and the idealized subject, in the events fitted to and then in those held out. mass_matrix: the
+    one that predicts better, None where neither does, and both mean errors in percent.
     """
 
     uncertainty: Uncertainty
     profiles: tuple[Profile, ...]
     not_profiled: tuple[str, ...]
-    leftovers: Sequence[Leftover]
+    residual_checks: Sequence[ResidualCheck]
     errors: Mapping[Subjects, Sequence[Errors]]
     mass_matrix: tuple[MassMatrix | None, Mapping[MassMatrix, float]]
 
@@ -53,7 +53,7 @@ def fit_document(
     held_out: list[Prepared],
     seed: int,
 ) -> Document:
-    """Everything but the seconds it took."""
+    """The mapping of fit.json without seconds and version."""
     sure, errors = findings.uncertainty, findings.errors
     predicted = [{name: _error(of[number]) for name, of in errors.items()} for number in range(len(fitted + held_out))]
     return {
@@ -72,12 +72,12 @@ def fit_document(
         "cv": {name: finite(percent) for name, percent in found.idealized.cv_percent.items()},
         "flagged": list(found.idealized.flagged),
         "intervals": {estimate.name: _interval(estimate) for estimate in sure.estimates},
-        "identifiable": {estimate.name: estimate.call for estimate in sure.estimates},
+        "identifiable": {estimate.name: estimate.identifiability for estimate in sure.estimates},
         "correlation": {"names": list(sure.names), "matrix": sure.correlation.tolist()},
         "least_known": {"combination": sure.least_known, "half_width": finite(sure.least_known_half_width)},
         "profiles": {profile.name: _profile(profile) for profile in findings.profiles},
         "not_profiled": list(findings.not_profiled),
-        "residuals": [_residual(leftover) for leftover in findings.leftovers],
+        "residuals": [_residual(check) for check in findings.residual_checks],
         "held_out": [
             _held_out(event, case) | both
             for (event, case), both in zip(held_out, predicted[len(fitted) :], strict=True)
@@ -93,7 +93,7 @@ def fit_document(
 
 
 def provenance(document: Document, given: Subject) -> Document:
-    """What the subject's file keeps of its fit; what effects that were given rest on counts as fitted to."""
+    """The provenance in the subject's file; the recordings behind given effects count as fitted to."""
     result = document["result"]
     fitted = [_origin(event) | {"nrmse_rms_percent": event[result]["mean"]} for event in document["cases"]]
     intervals = {name: [of["lower"], of["upper"]] for name, of in document["intervals"].items()}
@@ -114,7 +114,7 @@ def provenance(document: Document, given: Subject) -> Document:
 
 
 def _case(event: BagEvent, case: Case, fit: Fit) -> Document:
-    """One case fitted by itself."""
+    """One case fitted alone."""
     seconds = case.seat_mps2.size / case.rate_hz
     return {
         "bag": event.bag,
@@ -171,7 +171,7 @@ def _mass_matrix(
 
 
 def _refiners(found: Identification) -> Document:
-    """Both refiners on Eq. 33 as printed, with the pull of the settings, from one start."""
+    """Both refiners on Eq. 33 as printed, with the regularization of the settings, from one start."""
     return {
         "case": found.compared_on.case,
         "objective": {run.refiner: run.refined.objective for run in found.refiners},
@@ -196,12 +196,12 @@ def _settings(found: Identification) -> Document:
 
 
 def _starts(fit: Fit) -> Document:
-    """The waterfall: where every refined start ended, and how many reached the lowest."""
+    """Final objectives of all refined starts, and how many reached the lowest."""
     return {"objectives": fit.refined.costs.tolist(), "reached": fit.reached, "of": int(fit.refined.costs.size)}
 
 
 def _swarms(found: Identification) -> list[Document]:
-    """The same of phase 1, under the subject's own mass matrix: one search for each case, or one of all."""
+    """The same of phase 1, with the subject's own mass matrix: one search per case, or one for all."""
     searches = found.searches[: len(found.searches) // 2]
     names = [case.case for case in found.cases] if len(searches) == len(found.cases) else ["all"]
     return [
@@ -239,13 +239,13 @@ def _profile(profile: Profile) -> Document:
     }
 
 
-def _residual(leftover: Leftover) -> Document:
+def _residual(check: ResidualCheck) -> Document:
     return {
-        "bag": leftover.name,
-        "case": leftover.case,
-        "input_coherence": by_segment(leftover.coherent),
-        "chance_coherence": by_segment(leftover.chance),
-        "coloured": by_segment(leftover.coloured),
+        "bag": check.name,
+        "case": check.case,
+        "input_coherence": by_segment(check.coherent),
+        "chance_coherence": by_segment(check.chance),
+        "coloured": by_segment(check.coloured),
     }
 
 
@@ -257,13 +257,13 @@ def _delays(fit: Fit, number: int) -> Document:
 
 
 def warnings_of(events: Sequence[Prepared]) -> list[str]:
-    """What is to be said of the events, with their bags, each once; that the model made them, in one line for all."""
+    """Warnings on the events with their bags, each once; recordings made by the model share one line."""
     made, rest = without_note(dict.fromkeys(f"{event.bag}: {line}" for event, case in events for line in case.warnings))
     return [f"{len(made)} of {counted(len(events), 'recording')}: {MADE_BY_MODEL}", *rest] if made else rest
 
 
 def not_new(given: Subject, held_out: Sequence[Prepared]) -> list[str]:
-    """What is held out, though an effect that was given rests on it; theta is fitted anew, and knows nothing of it."""
+    """Warnings on held-out bags to which an effect of the given subject was fitted."""
     known = {each.get("sha256") for each in rests_on(given, besides=())}
     bags = dict.fromkeys(event.bag for event, _ in held_out if event.sha256 in known)
     return [f"{bag}: held out, but an effect of the subject that was given was fitted to it" for bag in bags]

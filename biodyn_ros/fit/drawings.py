@@ -22,10 +22,10 @@ MARKERS: Final[dict[str, Any]] = {
     "not identifiable": {"marker": "o", "markerfacecolor": "white"},
     "on its bound": {"marker": "s", "markerfacecolor": PREDICTED_COLOUR, "markeredgecolor": PREDICTED_COLOUR},
 }
-"""How a parameter that is called so is drawn: shape and filling tell as much as colour."""
+"""The marker of each class; shape and filling differ as well as colour."""
 
-TOLD_CORRELATION: Final = 0.5
-"""From here on a cell says its number."""
+LABELLED_CORRELATION: Final = 0.5
+"""Cells with at least this correlation show their number."""
 
 _WIDTH_IN: Final = 10.4
 _PLACE: Final = "place between the bounds of Table 1, logarithmic, no unit"
@@ -51,7 +51,7 @@ def estimates_of(document: Document) -> dict[str, Estimate]:
 
 
 def place(name: str, value: float) -> float:
-    """Where a value stands between the bounds of Table 1, 0 to 1 on a logarithm."""
+    """The position of a value between the bounds of Table 1, 0 to 1, logarithmic."""
     lower, upper = _BOUNDS[name]
     return math.log(max(value, 1e-300) / lower) / math.log(upper / lower)
 
@@ -74,7 +74,7 @@ def intervals(document: Document) -> Any:
             shown = "" if unit == "-" else f" {unit}"
             axes.text(-0.01, row, f"{lower:g}", ha="right", va="center", fontsize=7, color=SOFT_COLOUR)
             axes.text(1.01, row, f"{upper:g}", ha="left", va="center", fontsize=7, color=SOFT_COLOUR)
-            axes.text(1.08, row, _said(estimate, shown), va="center", fontsize=7.5)
+            axes.text(1.08, row, _label(estimate, shown), va="center", fontsize=7.5)
         axes.set_yticks(range(len(found)), [parameter_name(name) for name in found])
         axes.set_ylim(len(found) - 0.3, -0.7)
         axes.set_xlim(-0.11, 1.66)
@@ -87,7 +87,7 @@ def intervals(document: Document) -> Any:
 
 
 def correlation(document: Document) -> Any | None:
-    """How estimates hang together, the lower triangle; None for a single one."""
+    """Correlation of the estimates, the lower triangle; None for a single one."""
     names = document["correlation"]["names"]
     if len(names) < 2:
         return None
@@ -100,7 +100,7 @@ def correlation(document: Document) -> Any | None:
         below = np.tril(np.ones(matrix.shape, dtype=bool))
         levels = BoundaryNorm(np.linspace(-1.0, 1.0, 9), 256)
         drawing = axes.imshow(np.ma.masked_where(~below, matrix), cmap="PuOr", norm=levels, interpolation="none")
-        for row, column in np.argwhere(below & (np.abs(matrix) >= TOLD_CORRELATION)).tolist():
+        for row, column in np.argwhere(below & (np.abs(matrix) >= LABELLED_CORRELATION)).tolist():
             axes.text(column, row, f"{matrix[row, column]:+.2f}", ha="center", va="center", fontsize=6.5, color="white")
         short = [parameter_name(name) for name in names]
         axes.set_xticks(range(len(names) - 1), short[:-1], rotation=55, ha="right", rotation_mode="anchor", fontsize=7)
@@ -114,7 +114,7 @@ def correlation(document: Document) -> Any | None:
 
 
 def profiles(document: Document) -> Any | None:
-    """The likelihood of every parameter that was profiled, and where it passes the 95 % mark; None where none was."""
+    """The profile likelihood of every profiled parameter with its 95 % threshold; None without profiles."""
     found = document["profiles"]
     if not found:
         return None
@@ -177,7 +177,7 @@ def _interval(axes: Any, name: str, estimate: Estimate, row: float, size: float 
               markeredgewidth=0.9, **MARKERS[estimate.call])  # fmt: skip
 
 
-def _said(estimate: Estimate, unit: str) -> str:
+def _label(estimate: Estimate, unit: str) -> str:
     if estimate.call == "on its bound":
         return f"{number(estimate.value)}{unit}, on its bound"
     value, lower, upper = told_apart(estimate.value, estimate.lower, estimate.upper)

@@ -1,7 +1,7 @@
-"""Fit: bags to a subject. Reads the events, identifies, and says of every number how it was found and how sure it is.
+"""Fit a subject to bags: read the events, identify, and determine uncertainty and prediction errors.
 
-Of several recordings of one case the representative one is fitted to (Zaman et al., 5.3); the others, and the bags held
-out by name, are predicted by the finished fits.
+Of several recordings of one case the representative one is used for the fit (Zaman et al., 5.3); the finished fits
+predict the others and the bags that are held out.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from biodyn_core.identification.fit import prediction_errors
 from biodyn_core.identification.identify import Identification, fingerprint, identify
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.profiles import profile
-from biodyn_core.identification.residuals import leftovers
+from biodyn_core.identification.residuals import residual_checks
 from biodyn_core.identification.settings import CaseSettings, FitSettings, UncertaintySettings
 from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.recording.recording import representative
@@ -40,10 +40,10 @@ Document = dict[str, Any]
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How bags are read, prepared and fitted.
+    """Options of reading, preparation and fitting.
 
-    held_out: bags that are only predicted; cases: the loading condition of a bag where its name does not tell it;
-    profiles: parameters whose likelihood is profiled, or `all`.
+    held_out: bags that are only predicted; cases: loading conditions of bags, in place of those from their names;
+    profiles: parameters with a profile likelihood, or `all`.
     """
 
     seed: int = 0
@@ -61,7 +61,7 @@ class FitOptions:
 class Fitted:
     """The document of fit.json, the subject with its provenance, and the identification behind both.
 
-    given: the subject as it was before; held_out: the events that were only predicted, prepared like the cases.
+    given: the subject before the fit; held_out: the events that were only predicted, prepared like the cases.
     """
 
     document: Document
@@ -77,13 +77,13 @@ def fit_bags(
     options: FitOptions | None = None,
     work: Work | None = None,
 ) -> Fitted:
-    """Fit a subject to bags; raises InputError, one line, for bags that nothing can be fitted to."""
+    """Fit a subject to bags; raises InputError for bags without an event to fit to."""
     o, work, begin = options or FitOptions(), work or Work(), time.monotonic()
     check_bags(bags, o.held_out, o.cases)
     check_profiles(o)
     reading = dataclasses.replace(o.reading, channels=needs_channels(subject.effects))
-    with work.watch("reading") as progress:
-        # A bag that holds nothing to compare with must be heard of before the work, not after it.
+    with work.monitor("reading") as progress:
+        # A bag without comparable samples must fail before the work.
         events = read_events(bags, o.held_out, EventOptions(o.cases, reading, o.spectra, o.preparing), progress)
     fitted, spare = choose(events.prepared)
     cases, held_out = [case for _, case in fitted], [case for _, case in spare]
@@ -119,7 +119,7 @@ def parse_cases(pairs: Iterable[str]) -> dict[str, str]:
 
 
 def check_output(output: Path) -> None:
-    """Raise InputError for a place where the results cannot be written, before the work."""
+    """Raise InputError, before the work, if the results cannot be written."""
     if output.suffix not in (".yaml", ".yml"):
         raise InputError(f"{output}: a subject file ends in .yaml")
     if output.is_dir():
@@ -128,17 +128,17 @@ def check_output(output: Path) -> None:
 
 
 def json_beside(output: Path) -> Path:
-    """Where the fit.json of a subject file lies: `anna.yaml` has `anna.fit.json`."""
+    """The path of a subject file's fit.json: `anna.yaml` has `anna.fit.json`."""
     return output.with_name(f"{output.stem}.fit.json")
 
 
 def page_beside(output: Path) -> Path:
-    """Where the page of a subject file lies: `anna.yaml` has `anna.fit.html`."""
+    """The path of a subject file's page: `anna.yaml` has `anna.fit.html`."""
     return output.with_name(f"{output.stem}.fit.html")
 
 
 def choose(events: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
-    """The events that are fitted to, the representative one of each case, and those that are only predicted."""
+    """The events to fit to, the representative one of each case, and those that are only predicted."""
     by_case: dict[str, list[Prepared]] = {}
     for each in events:
         event, _ = each
@@ -159,7 +159,7 @@ def _representative(case: str, repetitions: Sequence[Prepared]) -> Prepared:
 
 
 def check_profiles(options: FitOptions) -> None:
-    """Raise InputError for a profile of what is not fitted."""
+    """Raise InputError for a profile of a parameter that is not fitted."""
     known = options.settings.fitted
     for name in options.profiles:
         if name != "all" and name not in known:
@@ -178,7 +178,7 @@ def _findings(found: Identification, held_out: Sequence[Case], options: FitOptio
         not_profiled=tuple(estimate.name for estimate in asked if estimate.at_bound),
         uncertainty=sure,
         profiles=tuple(profile(joint, cases, name, options.uncertainty) for name in names),
-        leftovers=leftovers(joint, cases, options.spectra, cutoff_hz),
+        residual_checks=residual_checks(joint, cases, options.spectra, cutoff_hz),
         errors={
             "joint": prediction_errors(joint.subject, events),
             "idealized": prediction_errors(found.idealized.subject, events),

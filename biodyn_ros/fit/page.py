@@ -1,4 +1,4 @@
-"""The page of a fit: one HTML file that shows what came out, how sure it is, and whether to believe it."""
+"""The page of a fit: one HTML file with the estimates, their uncertainty and the prediction errors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from biodyn_core.tracing.findings import ComparedEvent
 from biodyn_ros.base.wording import number, parameter_name
 from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
 from biodyn_ros.fit.fitting import Fitted, page_beside
-from biodyn_ros.fit.text import BY, said
+from biodyn_ros.fit.text import BY, remarks
 from biodyn_ros.reading.provenance import without_note
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
@@ -24,7 +24,7 @@ from biodyn_ros.validate.settings import ValidationSettings
 
 Document = dict[str, Any]
 
-_MOST_PERCENT: Final = ValidationSettings().nrmse_percent
+_MAX_PERCENT: Final = ValidationSettings().nrmse_percent
 
 
 def write_fit_page(fitted: Fitted, output: Path) -> None:
@@ -43,8 +43,8 @@ def fit_page(fitted: Fitted) -> str:
         "fit.html.j2",
         document=document,
         verdict=judge_fit(document),
-        known=list(said(document)),
-        doubts=doubts(document),
+        known=list(remarks(document)),
+        doubts=limitations(document),
         note=note,
         warnings=warnings,
         segments=MEASURED_SEGMENTS,
@@ -65,7 +65,7 @@ def fit_page(fitted: Fitted) -> str:
 
 
 def fit_events(fitted: Fitted) -> list[ComparedEvent]:
-    """Every event under the subject as it was given and as it came out, those held out last."""
+    """Every event with predictions of the given and of the fitted subject, those held out last."""
     cases = [(case, "train") for case in fitted.identification.cases] + [(case, "held_out") for case in fitted.held_out]
     both = [
         list(predictions(subject, [case for case, _ in cases]))
@@ -81,25 +81,25 @@ def _event(case: Case, use: Any, before: Any, after: Any) -> ComparedEvent:
 
 
 def judge_fit(document: Document) -> Verdict:
-    """How well the subject predicts what it was not fitted to, and what weighs against it."""
+    """The prediction error on events not fitted to, and reasons against the fit."""
     result, held_out = document["result"], document["held_out"]
     fitted = _mean([case[result]["mean"] for case in document["cases"]])
     unseen = _mean([event[result]["mean"] for event in held_out])
-    against = list(_against(document))
+    against = list(_reasons_against(document))
     if unseen is None:
         headline = f"Fitted to {number(fitted)} % of the rms; how it predicts an unused event is not known"
         return Verdict("none", headline, ("Nothing was held out: --hold-out, or validate on another event.", *against))
     headline = f"Predicts events it was not fitted to with a mean error of {number(unseen)} % of their rms"
     first = f"Mean over {counted(len(held_out), 'such event')}; {number(fitted)} % on those fitted to."
-    if unseen > _MOST_PERCENT:
-        line = f"More than {_MOST_PERCENT:g} %, from where on a validation disagrees."
+    if unseen > _MAX_PERCENT:
+        line = f"More than {_MAX_PERCENT:g} %, the limit of a validation."
         return Verdict("bad", headline, (first, line, *against))
     made, _ = made_by_model(document["warnings"])
     return Verdict("warn" if against else "none" if made else "good", headline, (first, *against))
 
 
-def _against(document: Document) -> list[str]:
-    """What keeps a fit from being taken as it is."""
+def _reasons_against(document: Document) -> list[str]:
+    """Reasons against the fit."""
     lines = []
     pinned = document["joint"]["at_bound"]
     for call in ("not identifiable", "weakly identifiable"):
@@ -125,18 +125,18 @@ def _listed(names: list[str], document: Document) -> str:
     return "; ".join(parameter_name(name) for name in names)
 
 
-def doubts(document: Document) -> list[str]:
-    """What the page must not be taken for."""
+def limitations(document: Document) -> list[str]:
+    """Limits of the results on the page."""
     lines = [
-        "Intervals know the noise and colour of what is left over, not what is wrong with the model itself.",
-        "A small error over time passes nothing by itself: validate looks at transmissibility and doses too.",
+        "Intervals include noise and colour of the residual, but not the error of the model itself.",
+        "A small error over time alone is no validation: validate also compares transmissibility and doses.",
     ]
     if document["settings"]["mass_scale"] == "fixed":
-        lines.append("The mass scale was held and is no finding.")
+        lines.append("The mass scale was fixed and is not a result of the fit.")
     if document["result"] == "idealized":
         lines.append("The subject is the fusion of the cases; intervals and calls are those of the joint fit.")
     if len(document["cases"]) == 1:
-        lines.append("One case alone: nothing says that another road or speed gives the same parameters.")
+        lines.append("One case alone: another road or speed may give other parameters.")
     missing = sorted({name for case in document["cases"] for name in case["not_fitted"]}, key=MEASURED_SEGMENTS.index)
     if missing:
         lines.append(f"Not measured, or too short, in some case: {', '.join(missing).replace('_', ' ')}.")
@@ -150,13 +150,13 @@ def made_by_model(warnings: list[str]) -> tuple[str | None, list[str]]:
 
 
 def _rows(document: Document) -> list[tuple[Document, str, list[str]]]:
-    """Every event, what it was for, and by which fits its errors are known."""
+    """Every event, its use, and the fits for which its errors are known."""
     fitted = [(case, "fitted", ["error", "joint", "idealized"]) for case in document["cases"]]
     return fitted + [(event, event["why"], ["joint", "idealized"]) for event in document["held_out"]]
 
 
 def _largest(document: Document) -> float:
-    """The end of the bars of errors, percent."""
+    """The upper end of the error bars' scale, percent."""
     means = [event[key]["mean"] for event, _, keys in _rows(document) for key in keys]
     return max((mean for mean in means if mean is not None), default=1.0) or 1.0
 

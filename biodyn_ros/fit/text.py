@@ -1,4 +1,4 @@
-"""A fit for the terminal, from the mapping of fit.json."""
+"""A fit as text for the terminal, from the mapping of fit.json."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from biodyn_ros.base.wording import number, parameter_name, told_apart, words
 
 Document = dict[str, Any]
 
-_DRAWN_APART: Final = 1.02
+_SAME_OBJECTIVE: Final = 1.02
 """Objectives of two refiners that differ by no more than this factor are the same."""
 
 
 def text_of(document: Document) -> str:
-    """The document for the terminal."""
+    """The text of a fit.json."""
     cases, held_out = document["cases"], document["held_out"]
     lines = [
         _headline(document),
@@ -28,7 +28,7 @@ def text_of(document: Document) -> str:
         *_parameter_rows(document),
         *_profile_rows(document),
         "",
-        *said(document),
+        *remarks(document),
         *(f"warning: {line}" for line in document["warnings"]),
     ]
     return "\n".join(lines)
@@ -67,7 +67,7 @@ def _parameter_rows(document: Document) -> Iterator[str]:
 
 
 def _profile_rows(document: Document) -> Iterator[str]:
-    """Where the profiles that were asked for pass the 95 % mark; no value of Table 1 closes an open side."""
+    """Intervals of the requested profiles; a side is open where no value of Table 1 passes the 95 % threshold."""
     for name, profile in document["profiles"].items():
         lower, upper = profile["lower"], profile["upper"]
         ends = ["open" if end is None else number(end) for end in (lower, upper)]
@@ -78,13 +78,13 @@ def _profile_rows(document: Document) -> Iterator[str]:
         yield f"{'profile: ' + parameter_name(name):<34}{'':>8}  none, it lies on its bound"
 
 
-def said(document: Document) -> Iterator[str]:
-    """What else there is to know of a fit, one line each."""
+def remarks(document: Document) -> Iterator[str]:
+    """Further results of a fit, one line each."""
     joint, matrix = document["joint"], document["mass_matrix"]
     if document["settings"]["mass_scale"] == "fixed":
-        yield "mass scale: held; accelerations say nothing of it"
+        yield "mass scale: fixed; accelerations do not determine it"
     swarms = (f"{one['case']} {one['reached']} of {one['of']}" for one in document["phase1"])
-    yield f"swarms that reached the lowest valley: {', '.join(swarms)}"
+    yield f"swarms that reached the lowest minimum: {', '.join(swarms)}"
     yield f"refined starts that reached the lowest objective: {joint['starts']['reached']} of {joint['starts']['of']}"
     if joint["at_bound"]:
         yield f"on a bound of Table 1: {', '.join(parameter_name(name) for name in joint['at_bound'])}"
@@ -96,23 +96,23 @@ def said(document: Document) -> Iterator[str]:
         yield "penalties: " + ", ".join(f"{count} {cause}" for cause, count in document["penalties"].items())
     yield from _residual_lines(document["residuals"])
     if not document["held_out"]:
-        yield "nothing was held out: how well the subject predicts an unused event is not known (--hold-out, validate)"
+        yield "nothing was held out: the prediction error on an unused event is not known (--hold-out, validate)"
 
 
 def _matrix_line(matrix: Document) -> str:
     errors = ", ".join(f"{name} {number(percent)} %" for name, percent in matrix["error_percent"].items())
     where = "events held out" if matrix["judged_by"] == "held_out" else "the fitted events"
     if matrix["better"] is None:
-        return f"mass matrix: cannot be told apart on {where} ({errors})"
-    warned = "" if matrix["better"] == matrix["declared"] else f"; the subject's file declares {matrix['declared']}"
-    return f"mass matrix: {matrix['better']} predicts {where} better ({errors}){warned}"
+        return f"mass matrix: no difference on {where} ({errors})"
+    note = "" if matrix["better"] == matrix["declared"] else f"; the subject's file declares {matrix['declared']}"
+    return f"mass matrix: {matrix['better']} predicts {where} better ({errors}){note}"
 
 
 def _refiner_line(refiners: Document) -> str:
     objective, evaluations = refiners["objective"], refiners["evaluations"]
     ours, simplex = objective["least-squares"], objective["nelder-mead"]
     counts = f"{evaluations['least-squares']} and {counted(evaluations['nelder-mead'], 'simulation')}"
-    if max(ours, simplex) <= _DRAWN_APART * min(ours, simplex):
+    if max(ours, simplex) <= _SAME_OBJECTIVE * min(ours, simplex):
         what = "end at the same objective"
     else:
         what = f"end at {number(ours)} and {number(simplex)}"
@@ -120,7 +120,7 @@ def _refiner_line(refiners: Document) -> str:
 
 
 def _residual_lines(residuals: list[Document]) -> Iterator[str]:
-    """The segments whose residual still follows the seat."""
+    """The segments whose residual is coherent with the seat."""
     for residual in residuals:
         following = [
             f"{words(name)} {value:.2f}"
@@ -128,4 +128,4 @@ def _residual_lines(residuals: list[Document]) -> Iterator[str]:
             if value is not None and value > residual["chance_coherence"][name]
         ]
         if following:
-            yield f"residual of {residual['case']} still follows the seat (coherence): {', '.join(following)}"
+            yield f"residual of {residual['case']} is coherent with the seat: {', '.join(following)}"

@@ -79,7 +79,7 @@ def trace_bags(
 ) -> Traced:
     """Trace bags; raises InputError, one line, for bags that cannot be read or compared.
 
-    kept: the checkpoint of earlier traces, such as a `Kept`. say: called with the use of each bag before the long work.
+    kept: the checkpoint of earlier traces, such as a `PartStore`. say: gets the use of each bag before the long work.
     """
     from biodyn_core.tracing.trace import trace  # late: refused bags do not need it
 

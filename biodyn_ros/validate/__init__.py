@@ -1,1 +1,1 @@
-"""`biodyn validate`: the forward prediction of an event that was not fitted to."""
+"""`biodyn validate`: forward prediction of an event that was not used for the fit."""

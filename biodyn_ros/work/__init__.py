@@ -1,1 +1,1 @@
-"""Long work: where it is done, and what is kept of it when it ends early."""
+"""Long computations: executors, tasks, and checkpoints of finished parts."""

@@ -1,4 +1,4 @@
-"""The file that keeps what is finished of a long fit: JSON of exact numbers, read as if a stranger had written it."""
+"""The checkpoint file of a long fit: finished tasks as JSON with exact numbers, validated when read."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Result = Search | Refined
 SCHEMA: Final = 1
 KINDS: Final[dict[str, type[Result]]] = {kind.__name__: kind for kind in (Search, Refined)}
 ROUNDING: Final = 1e-9
-"""Logarithms and back may carry a value out of Table 1 by this share."""
+"""Logarithm and exponential may move a value out of Table 1 by this share."""
 
 _ANY: Final = -1
 _SHAPES: Final[dict[type[Result], dict[str, tuple[int, ...]]]] = {
@@ -35,11 +35,11 @@ _SHAPES: Final[dict[type[Result], dict[str, tuple[int, ...]]]] = {
 
 
 class Checkpoint:
-    """Finished tasks by name, on disk after each one.
+    """Finished tasks by name, written to disk after each one.
 
-    A problem is a text that tells one fit from another. With resume the file's tasks are taken up; where there is none
-    the work starts anew. Raises InputError for a file that is there and not to be taken up, of another problem or
-    version, or damaged, and for one that cannot be written; such a file stays as it is.
+    problem identifies the fit. With resume the file's tasks are loaded; without a file the work starts anew. Raises
+    InputError for an existing file without resume, of another problem or version, or damaged, and for one that cannot
+    be written; such a file stays unchanged.
     """
 
     def __init__(self, path: Path, problem: str, resume: bool = False) -> None:
@@ -48,27 +48,27 @@ class Checkpoint:
         self._done: dict[str, Result] = {}
         if path.exists():
             if not resume:
-                raise InputError(f"{path}: is of an interrupted fit; give --resume to take it up, or remove it")
-            self._take_up()
+                raise InputError(f"{path}: belongs to an interrupted fit; give --resume to continue it, or remove it")
+            self._load()
         make_directory(path.parent)
-        self._write()  # whether it can be written is better known before the work than after it
+        self._write()  # an unwritable file must fail before the work
 
     @property
     def done(self) -> Mapping[str, Result]:
-        """What is finished, by the task's name."""
+        """Finished results by the name of the task."""
         return self._done
 
     def add(self, name: str, result: Result) -> None:
-        """Keep one more result."""
+        """Store one more result."""
         self._documents[name] = encoded(result)
         self._done[name] = result
         self._write()
 
     def _write(self) -> None:
-        what = {"schema": SCHEMA, "version": __version__, "problem": self._problem}
-        write_json(self._path, what | {"done": self._documents})
+        head = {"schema": SCHEMA, "version": __version__, "problem": self._problem}
+        write_json(self._path, head | {"done": self._documents})
 
-    def _take_up(self) -> None:
+    def _load(self) -> None:
         try:
             document = keys_of(read_json(self._path), "the file", ("schema", "version", "problem", "done"))
             if document["schema"] != SCHEMA:
@@ -82,16 +82,16 @@ class Checkpoint:
             raise InputError(f"{self._path}: {foreign}, or remove it to start anew")
 
     def _foreign(self, document: Mapping[str, Any]) -> str:
-        """Whose a file is that is not of this fit, and what takes it up; empty for one that is."""
+        """The reason why a file is not of this fit, and the remedy; empty for one that is."""
         if document["version"] != __version__:
-            return f"is of biodyn {str(document['version'])[:40]}, this is {__version__}; go on with that one"
+            return f"is of biodyn {str(document['version'])[:40]}, this is {__version__}; continue with that version"
         if document["problem"] != self._problem:
-            return "is of another problem: other recordings, subject, seed or settings; give those again"
+            return "is of another problem: other recordings, subject, seed or settings; give the same again"
         return ""
 
 
 def encoded(result: Result) -> dict[str, Any]:
-    """A result as JSON holds it; its floats come back to the last bit."""
+    """A result as a JSON mapping; floats are restored to the last bit."""
     document: dict[str, Any] = {"kind": type(result).__name__}
     for item in dataclasses.fields(result):
         value = getattr(result, item.name)
@@ -100,7 +100,7 @@ def encoded(result: Result) -> dict[str, Any]:
 
 
 def decoded(document: object, where: str) -> Result:
-    """The result of its document; raises InputError naming what is wrong with which key."""
+    """The result from its JSON mapping; raises InputError naming the key and the fault."""
     kind = KINDS.get(str(document.get("kind"))) if isinstance(document, dict) else None
     if kind is None:
         raise InputError(f"{where}: is no result, a kind is {' or '.join(KINDS)}")
@@ -121,12 +121,12 @@ def decoded(document: object, where: str) -> Result:
 
 
 def _array(value: object, where: str, shape: tuple[int, ...]) -> Floats:
-    """Finite numbers of a shape, of which `_ANY` is any length but 0."""
+    """Finite numbers of a shape, where `_ANY` is any length above 0."""
     if not _numbers(value, len(shape)):
         raise InputError(f"{where}: expected {'lists of numbers' if shape else 'a number'}")
     try:
         found = np.array(value, dtype=np.float64)
-    except (ValueError, OverflowError):  # rows of several lengths, whole numbers beyond all floats
+    except (ValueError, OverflowError):  # ragged rows, integers beyond the range of floats
         raise InputError(f"{where}: expected rows of one length and numbers a float holds") from None
     fits = found.size > 0 and all(n in (m, _ANY) for m, n in zip(found.shape, shape, strict=True))
     if not (fits and np.isfinite(found).all()):
@@ -147,7 +147,7 @@ def _count(value: object, where: str) -> int:
 
 
 def _checked(result: Result, where: str) -> Result:
-    """A result whose parameters lie in Table 1."""
+    """The result, if its parameters are within Table 1; raises InputError."""
     for theta in [result.theta, *([result.reference] if isinstance(result, Refined) else [])]:
         width = theta.shape[-1]
         inside = (theta >= LOWER[:width] * (1.0 - ROUNDING)) & (theta <= UPPER[:width] * (1.0 + ROUNDING))

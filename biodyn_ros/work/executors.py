@@ -1,7 +1,7 @@
-"""Where work is done: here, in processes of this machine, or on a Dask cluster, all behind one `Executor`.
+"""Executors: this process, processes or threads of this machine, or a Dask cluster, all as one `Executor`.
 
-On a cluster tasks and results are pickled, so its address is for trusted networks only: whoever can reach a scheduler
-or a worker runs code on it.
+A cluster exchanges pickled tasks and results, so use it on trusted networks only: access to a scheduler or a worker
+allows execution of code on it.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ from biodyn_ros.base.environment import ONE_THREAD
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 
 FORMS: Final = "none, processes[:N], threads[:N] or tcp://HOST:PORT"
-MOST_WORKERS: Final = 1024
-CLUSTER_ANSWERS_S: Final = 10.0
-"""How long a scheduler may take to answer."""
+MAX_WORKERS: Final = 1024
+CLUSTER_TIMEOUT_S: Final = 10.0
+"""Timeout of the connection to a scheduler."""
 
 _ADDRESS: Final = re.compile(r"(tcp|tls)://[^\s/]+:[0-9]{1,5}")
 
-LOST: Final = "its worker died in the middle, killed or out of memory; fewer workers need less of it"
+LOST: Final = "its worker process died, killed or out of memory; fewer workers need less memory"
 
 
 @contextmanager
 def executor_of(text: str) -> Iterator[Executor | None]:
-    """The executor of a text as `FORMS`; None where work is done here.
+    """The executor of a text as in `FORMS`; None for work in this process.
 
-    Leaving by an error or Ctrl-C drops what has not begun and ends the processes; threads and clusters finish what they
-    are at. Raises InputError for another text, a missing package, and a cluster that does not answer or does not fit.
+    An error or Ctrl-C drops waiting tasks and ends the processes; threads and clusters finish their running tasks.
+    Raises InputError for another text, a missing package, and a cluster that does not respond or has another version.
     """
     kind, _, rest = text.partition(":")
     if text == "none":
@@ -57,7 +57,7 @@ def executor_of(text: str) -> Iterator[Executor | None]:
         with _processes(_workers(text, rest)) as executor:
             yield executor
     elif kind == "threads":
-        with _ended(ThreadPoolExecutor(_workers(text, rest))) as executor:
+        with _shut_down(ThreadPoolExecutor(_workers(text, rest))) as executor:
             yield executor
     elif _ADDRESS.fullmatch(text) and int(text.rpartition(":")[2]) < 2**16:
         with _cluster(text) as executor:
@@ -67,12 +67,12 @@ def executor_of(text: str) -> Iterator[Executor | None]:
 
 
 def as_done(executor: Executor | None, calls: Sequence[Call]) -> Iterator[tuple[int, Future[Any]]]:
-    """Do calls; yields each one's number and finished future as they come.
+    """Run calls; yields number and finished future of each as they finish.
 
-    Where the caller stops listening, what has not begun is not begun.
+    When the caller closes the generator, waiting calls are cancelled.
     """
     if executor is None:
-        yield from ((number, _done_here(function, arguments)) for number, (function, arguments) in enumerate(calls))
+        yield from ((number, _run_here(function, arguments)) for number, (function, arguments) in enumerate(calls))
         return
     futures: dict[Future[Any], int] = {}
     try:
@@ -86,39 +86,39 @@ def as_done(executor: Executor | None, calls: Sequence[Call]) -> Iterator[tuple[
 
 
 def result_of(future: Future[Any], what: str) -> Any:
-    """A finished future's result, or its error; a lost worker is an InputError that says what was lost."""
+    """A finished future's result, or its error; a lost worker is an InputError that names the task."""
     try:
         return future.result()
     except (BrokenExecutor, CancelledError) as error:
         raise InputError(f"{what}: {LOST}") from error
     except Exception as error:
-        # Dask's, which may not be there to be named.
+        # Dask's class, which cannot be imported without Dask.
         if type(error).__name__ == "KilledWorker":
             raise InputError(f"{what}: {LOST}") from error
         raise
 
 
-def _done_here(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Future[Any]:
+def _run_here(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Future[Any]:
     future: Future[Any] = Future()
     try:
         future.set_result(function(*arguments))
-    except Exception as error:  # noqa: BLE001 - handed on to whoever asks for the result
+    except Exception as error:  # noqa: BLE001 - raised when the result is requested
         future.set_exception(error)
     return future
 
 
 def _workers(text: str, number: str) -> int:
-    """The N of `processes:N`, by default one for each core this process may use."""
+    """The N of `processes:N`, by default the number of cores available to this process."""
     if text.partition(":")[1] == "":
         return len(os.sched_getaffinity(0))
-    if not (number.isascii() and number.isdigit() and 1 <= int(number[:9]) <= MOST_WORKERS):
-        raise InputError(f"executor {text!r}: expected a number of workers from 1 to {MOST_WORKERS}")
+    if not (number.isascii() and number.isdigit() and 1 <= int(number[:9]) <= MAX_WORKERS):
+        raise InputError(f"executor {text!r}: expected a number of workers from 1 to {MAX_WORKERS}")
     return int(number)
 
 
 @contextmanager
-def _ended(executor: Executor, end: Callable[[], None] = lambda: None) -> Iterator[Executor]:
-    """An executor that is shut down at last; `end` is called first where there was an error."""
+def _shut_down(executor: Executor, end: Callable[[], None] = lambda: None) -> Iterator[Executor]:
+    """An executor that is shut down at exit; after an error `end` is called first."""
     try:
         yield executor
     except BaseException:
@@ -133,15 +133,15 @@ def _ended(executor: Executor, end: Callable[[], None] = lambda: None) -> Iterat
 
 @contextmanager
 def _processes(workers: int) -> Iterator[Executor]:
-    # Workers see the end of this pipe, and die, when its writer is closed: by us, or by our own death, however violent.
+    # Workers exit at the end of this pipe: when its writer is closed here, or when this process dies.
     reader, writer = multiprocessing.Pipe(duplex=False)
-    with reader, writer, _one_thread(), _ended(_Processes(workers, reader), writer.close) as executor:
+    with reader, writer, _one_thread(), _shut_down(_Processes(workers, reader), writer.close) as executor:
         yield executor
 
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Have processes that start meanwhile do linear algebra on one thread."""
+    """Limit linear algebra to one thread in processes that start meanwhile."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     try:
@@ -155,23 +155,23 @@ def _one_thread() -> Iterator[None]:
 
 
 class _Processes(Executor):
-    """Pools of one process each, handed out by threads: a process that dies takes its own task with it and no other."""
+    """Pools of one process each, used by threads, so that a process that dies loses its own task alone."""
 
     def __init__(self, workers: int, reader: Connection) -> None:
         self._reader = reader
         self._free: queue.SimpleQueue[ProcessPoolExecutor] = queue.SimpleQueue()
         for _ in range(workers):
             self._free.put(self._pool())
-        # Processes inherit what the thread that starts them blocks. Ctrl-C is for the caller alone.
+        # Processes inherit the signal mask of the starting thread; only the caller handles Ctrl-C.
         block = (signal.SIG_BLOCK, {signal.SIGINT})
         self._threads = ThreadPoolExecutor(workers, initializer=signal.pthread_sigmask, initargs=block)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
-        """As every executor's."""
+        """See `concurrent.futures.Executor`."""
         return self._threads.submit(self._do, function, *arguments, **named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As every executor's."""
+        """See `concurrent.futures.Executor`."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         with contextlib.suppress(queue.Empty):
             while True:
@@ -180,7 +180,7 @@ class _Processes(Executor):
     def _pool(self) -> ProcessPoolExecutor:
         # Forking a process with threads may deadlock.
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(1, context, initializer=_die_with, initargs=(self._reader,))
+        return ProcessPoolExecutor(1, context, initializer=_exit_with, initargs=(self._reader,))
 
     def _do(self, function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
         pool = self._free.get()
@@ -194,8 +194,8 @@ class _Processes(Executor):
             self._free.put(pool)
 
 
-def _die_with(reader: Connection) -> None:
-    """End this worker, whatever it is at, when the other end of the pipe is closed."""
+def _exit_with(reader: Connection) -> None:
+    """Exit this worker as soon as the other end of the pipe is closed."""
 
     def wait() -> None:
         with contextlib.suppress(EOFError, OSError):
@@ -215,16 +215,16 @@ def _cluster(address: str) -> Iterator[Executor]:
         import distributed
     except ImportError:
         raise InputError(f"{address}: Dask is not installed; pip install 'biodyn_ros[cluster]'") from None
-    # A case is a few megabytes, and it is in a few tasks: no reason to warn of each.
+    # A few tasks contain the same case of a few megabytes: no warning is needed.
     quiet = dask.config.set({"distributed.admin.large-graph-warning-threshold": "10 GB"})
     try:
-        client = distributed.Client(address, timeout=CLUSTER_ANSWERS_S, set_as_default=False)
+        client = distributed.Client(address, timeout=CLUSTER_TIMEOUT_S, set_as_default=False)
     except (OSError, TimeoutError) as error:  # in Python 3.10 Dask's TimeoutError is no OSError
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{address}: no Dask scheduler answers there ({reason}); start one: dask scheduler") from None
+        raise InputError(f"{address}: no Dask scheduler responds there ({reason}); start one: dask scheduler") from None
     with quiet, client:
         _check_workers(client, address)
-        # Pure tasks would be known by a hash of their arguments, which costs more than it saves.
+        # Pure tasks are hashed by their arguments, which costs more time than it saves.
         executor = client.get_executor(pure=False)
         try:
             yield executor
@@ -235,7 +235,7 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def _check_workers(client: Any, address: str) -> None:
-    """Raise InputError for a cluster without workers, or with one that has not this version of biodyn."""
+    """Raise InputError for a cluster without workers, or with a worker of another version of biodyn."""
     found = client.run(version_here, on_error="return")
     if not found:
         raise InputError(f"{address}: the cluster has no worker; start one on each machine: dask worker {address}")
@@ -246,5 +246,5 @@ def _check_workers(client: Any, address: str) -> None:
 
 
 def version_here() -> str:
-    """The version of biodyn where this is run."""
+    """The version of biodyn on the machine that runs this."""
     return __version__

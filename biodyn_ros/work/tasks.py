@@ -1,4 +1,4 @@
-"""Long work made safe: tasks done wherever an executor does them, each result kept at once, progress with an ETA."""
+"""Tasks on an executor: every result is stored at once, and progress is reported."""
 
 from __future__ import annotations
 
@@ -19,23 +19,24 @@ Monitor = Callable[[str], AbstractContextManager[OnProgress]]
 
 @dataclass(frozen=True)
 class Work:
-    """Where tasks are done, and the file that keeps their results.
+    """The executor of tasks and the checkpoint file of their results.
 
-    watch(what) is shown how far each stage is, in effort done of effort in all. Numbers do not depend on the executor.
+    monitor(stage) receives the progress of each stage as effort done of total effort. Results do not depend on the
+    executor.
     """
 
     executor: Executor | None = None
     checkpoint: Path | None = None
     resume: bool = False
-    watch: Monitor = Progress
+    monitor: Monitor = Progress
 
     def run(self, problem: str) -> Run:
-        """What does the tasks of this problem; raises InputError as `Checkpoint`."""
-        kept = Checkpoint(self.checkpoint, problem, self.resume) if self.checkpoint else None
-        done: dict[str, Any] = dict(kept.done) if kept else {}
+        """A function that runs tasks of this problem; raises InputError as `Checkpoint`."""
+        checkpoint = Checkpoint(self.checkpoint, problem, self.resume) if self.checkpoint else None
+        done: dict[str, Any] = dict(checkpoint.done) if checkpoint else {}
 
         def run(tasks: Sequence[Task]) -> list[Any]:
-            self._do(tasks, done, kept)
+            self._run_waiting(tasks, done, checkpoint)
             return [done[task.name] for task in tasks]
 
         return run
@@ -45,31 +46,31 @@ class Work:
         if self.checkpoint:
             self.checkpoint.unlink(missing_ok=True)
 
-    def _do(self, tasks: Sequence[Task], done: dict[str, Any], kept: Checkpoint | None) -> None:
-        """Add to `done` what is not there, and keep it."""
+    def _run_waiting(self, tasks: Sequence[Task], done: dict[str, Any], checkpoint: Checkpoint | None) -> None:
+        """Run the tasks that are not in `done`, and add and store their results."""
         by_name = {task.name: task for task in tasks}
         waiting = [task for task in by_name.values() if task.name not in done]
         if not waiting:
             return
-        # A stage of its own for each call: a refinement takes longer than a search by far.
-        with self.watch(waiting[0].name.split()[0]) as progress:
-            told = _Told(progress, by_name, done)
+        # One stage per call: a refinement takes much longer than a search.
+        with self.monitor(waiting[0].name.split()[0]) as progress:
+            effort = _Effort(progress, by_name, done)
             calls = [(task.function, task.arguments) for task in waiting]
             for number, future in as_done(self.executor, calls):
                 name = waiting[number].name
                 done[name] = result_of(future, name)
-                if kept:
-                    kept.add(name, done[name])
-                told.now(done)
+                if checkpoint:
+                    checkpoint.add(name, done[name])
+                effort.report(done)
 
 
-class _Told:
-    """Tells how much of the effort of tasks is done: that of each is its number of cases, which come first in all."""
+class _Effort:
+    """Reports the effort of finished tasks; that of a task is its number of cases, its first argument."""
 
     def __init__(self, progress: OnProgress, tasks: Mapping[str, Task], done: Mapping[str, Any]) -> None:
         self._progress = progress
         self._effort = {name: len(task.arguments[0]) for name, task in tasks.items()}
-        self.now(done)
+        self.report(done)
 
-    def now(self, done: Mapping[str, Any]) -> None:
+    def report(self, done: Mapping[str, Any]) -> None:
         self._progress(sum(n for name, n in self._effort.items() if name in done), sum(self._effort.values()))

@@ -67,7 +67,7 @@ class Judged:
     @property
     def called(self) -> bool:
         """Whether all of `JOINTS` are called identifiable."""
-        return all(self.estimates[joint].call == "identifiable" for joint in JOINTS)
+        return all(self.estimates[joint].identifiability == "identifiable" for joint in JOINTS)
 
     @property
     def inside(self) -> Flags:

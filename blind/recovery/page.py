@@ -93,7 +93,7 @@ def _median_off(ways: Sequence[Way]) -> str:
 
 def _calls(people: Sequence[Judged]) -> list[str]:
     each = [
-        (e.call if not e.at_bound else "on a bound", bool(held), e.half_width, abs(off))
+        (e.identifiability if not e.at_bound else "on a bound", bool(held), e.half_width, abs(off))
         for p in people
         for e, held, off in zip(p.estimates, p.inside, p.ours.off, strict=True)
     ]
@@ -132,7 +132,7 @@ def _parameters(people: Sequence[Judged]) -> list[str]:
                 _percent(np.median(off)),
                 _percent(off.max()),
                 _percent(np.median([abs(p.papers.off[i]) for p in people])),
-                str(sum(p.estimates[i].call == "identifiable" for p in people)),
+                str(sum(p.estimates[i].identifiability == "identifiable" for p in people)),
             )
         )
     head = ("parameter", "inside", "half width, median", "error, median", "error, largest", "paper's error, median",
@@ -176,7 +176,7 @@ def _people(people: Sequence[Judged]) -> list[str]:
             ", ".join(p.truth.training),
             f"{p.ratio.max():.2f}",
             f"{100.0 * joints_off(p.ours):.2f} %",
-            str(sum(e.call == "identifiable" for e in p.estimates)),
+            str(sum(e.identifiability == "identifiable" for e in p.estimates)),
             f"{np.count_nonzero(p.inside & p.counted)} of {np.count_nonzero(p.counted)}",
             f"{ours_error(p):.2f} %",
             f"{p.ours.seconds:.1f}",

@@ -16,7 +16,7 @@ from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, Ranges, logistic
 from biodyn_core.identification.fit import Fit
-from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
 from blind.tracing.outcome import Cause, site_distance
@@ -56,8 +56,8 @@ def starts(fit: Fit, cases: Sequence[Case], tried: Iterable[AppliedEffect]) -> l
 def oracle(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject:
     """The true class refitted from the best starts at its true site, or at the best one if unknown."""
     effect = CATALOGUE[cause.name]
-    sites = [site for site in effect.where if cause.site and not site_distance(effect.name, site, cause.site)]
-    ranked = starts(fit, cases, _tries(effect, sites or effect.where, cases))
+    sites = [site for site in effect.sites if cause.site and not site_distance(effect.name, site, cause.site)]
+    ranked = starts(fit, cases, _tries(effect, sites or effect.sites, cases))
     return min((refitted(fit, cases, one.applied) for one in ranked[:STARTS]), key=lambda end: end[1])[0]
 
 
@@ -68,7 +68,7 @@ def placebo(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject | None:
     nearest = min(abs(len(effect.parameters) - count) for effect in wrong)
     alike = [effect for effect in wrong if abs(len(effect.parameters) - count) == nearest]
     best: dict[tuple[str, str], Start] = {}
-    for one in starts(fit, cases, (start for effect in alike for start in _tries(effect, effect.where, cases))):
+    for one in starts(fit, cases, (start for effect in alike for start in _tries(effect, effect.sites, cases))):
         best.setdefault((one.applied.effect.name, one.applied.site), one)
     ranked = list(best.values())
     return refitted(fit, cases, ranked[len(ranked) // 2].applied)[0] if ranked else None
@@ -125,14 +125,14 @@ class _Joint:
 
     def _domain(self, share: Floats) -> TimeDomain:
         subject = self.subject(share, self._fit.subject.parameters.vector())
-        return TimeDomain(self._cases, subject, _no_pull(subject), self._fit.settings.clocks, self._substeps)
+        return TimeDomain(self._cases, subject, _no_regularization(subject), self._fit.settings.clocks, self._substeps)
 
 
 def _tries(effect: Effect, sites: Iterable[str], cases: Sequence[Case]) -> list[AppliedEffect]:
     """Every combination of an effect's grids with each strength, at sites with the needed channels."""
     found = []
     for site in sites:
-        if not all(name in case.channels for case in cases for name in effect.needed(site)):
+        if not all(name in case.channels for case in cases for name in effect.required_channels(site)):
             continue
         grids = [p.grid or (p.size,) for p in effect.parameters]
         for values in itertools.product(*grids):
@@ -147,13 +147,13 @@ def _sized(fit: Fit, cases: Sequence[Case], tried: Sequence[AppliedEffect]) -> l
     """The same effects with strengths from one linear step together with theta."""
     theta, free = fit.subject.parameters.vector(), fit.settings.free
     bent = [dataclasses.replace(fit.subject, effects=(one,)) for one in tried]
-    domains = [TimeDomain(cases, subject, _no_pull(subject), fit.settings.clocks) for subject in bent]
+    domains = [TimeDomain(cases, subject, _no_regularization(subject), fit.settings.clocks) for subject in bent]
     with np.errstate(all="ignore"):  # unstable simulations are detected below
         others = [np.stack([one.accelerations(i, theta) for one in domains], axis=2) for i in range(len(cases))]
     unstable = np.any([~(np.abs(answers).max(axis=(0, 1)) < FARTHEST_MPS2) for answers in others], axis=0)
     for answers in others:
         answers[:, :, unstable] = 0.0
-    plain = TimeDomain(cases, fit.subject, _no_pull(fit.subject), fit.settings.clocks)
+    plain = TimeDomain(cases, fit.subject, _no_regularization(fit.subject), fit.settings.clocks)
     residual, slopes = plain.linearised(theta, free, others)
     base, own = slopes[:, : int(free.sum())], slopes[:, int(free.sum()) :]
     both = np.column_stack([own, residual])
@@ -179,5 +179,5 @@ def _scaled(applied: AppliedEffect, factor: float) -> AppliedEffect:
         return applied
 
 
-def _no_pull(subject: Subject) -> Pull:
-    return Pull(subject.parameters.vector(), 0.0)
+def _no_regularization(subject: Subject) -> RegularizationTerm:
+    return RegularizationTerm(subject.parameters.vector(), 0.0)

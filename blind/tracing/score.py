@@ -15,7 +15,7 @@ from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.fit import Fit, fit_joint, mean_percent, prediction_errors, predictions
-from biodyn_core.identification.objectives import Pull, TimeDomain
+from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.settings import TraceSettings
 from blind.tracing.answer import TRACE_SEED
@@ -152,7 +152,7 @@ def is_unstable(subject: Subject, cases: Sequence[Case]) -> bool:
 def residuals(subject: Subject, case: Case) -> Floats:
     """Model less measurement (n, 5), clocks estimated, NaN where not compared."""
     theta = subject.parameters.vector()
-    return TimeDomain([case], subject, Pull(theta, 0.0), "estimated").residuals(0, theta)
+    return TimeDomain([case], subject, RegularizationTerm(theta, 0.0), "estimated").residuals(0, theta)
 
 
 def _subjects(answer: Answer, subject: Subject) -> tuple[Subject, Subject] | None:

@@ -1,4 +1,4 @@
-"""The file that keeps the long parts of a trace: an interrupted one goes on from there, a repeated one is quick."""
+"""A file of finished parts of a trace, so that an interrupted trace continues and a repeated one is quick."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from biodyn_ros.base.files import check_directory, make_directory
 from biodyn_ros.base.json_files import keys_of, read_json, write_json
 
 SCHEMA: Final = 2
-MOST: Final = 24
-"""Parts that are kept, the latest: a trace has one for theta and one for each round, half a megabyte each."""
+MAX_PARTS: Final = 24
+"""The most parts in the file, the latest: a trace has one for theta and one per round, half a megabyte each."""
 
 
-class Kept(MutableMapping[str, Any]):
-    """Parts by a key that tells their problem from any other, on disk after each one, and not before the first.
+class PartStore(MutableMapping[str, Any]):
+    """Parts by a key that identifies their problem, written to disk after each one.
 
-    Parts of another version are not taken up. Raises InputError for a file that is damaged or cannot be written.
+    Parts of another version are ignored. Raises InputError for a file that is damaged or cannot be written.
     """
 
     def __init__(self, path: Path, fresh: bool = False) -> None:
         self.path = path
-        check_directory(path.parent)  # whether it can be written is better known before the work than after it
+        check_directory(path.parent)  # an unwritable file must fail before the work
         if path.is_dir():
             raise InputError(f"{path}: is a directory, a file of this name is needed: name another directory")
         self._parts = _parts(path) if path.exists() and not fresh else {}
@@ -34,7 +34,7 @@ class Kept(MutableMapping[str, Any]):
 
     def __setitem__(self, key: str, part: Any) -> None:
         self._parts[key] = part
-        for old in list(self._parts)[:-MOST]:
+        for old in list(self._parts)[:-MAX_PARTS]:
             del self._parts[old]
         self._write()
 

@@ -6,27 +6,27 @@ from pathlib import Path
 import pytest
 
 from biodyn_core.base.errors import InputError
-from biodyn_ros.work.kept import MOST, Kept
+from biodyn_ros.work.part_store import MAX_PARTS, PartStore
 
 
 def test_parts_come_back_to_the_bit(tmp_path: Path) -> None:
     path = tmp_path / "out.kept.json"
-    Kept(path)["theta a"] = [0.1, 1.0 / 3.0]
-    assert dict(Kept(path)) == {"theta a": [0.1, 1.0 / 3.0]}
+    PartStore(path)["theta a"] = [0.1, 1.0 / 3.0]
+    assert dict(PartStore(path)) == {"theta a": [0.1, 1.0 / 3.0]}
 
 
 def test_fresh_forgets_them_with_the_first_part_of_its_own(tmp_path: Path) -> None:
     """Not before: a bag that is misspelt costs nobody the hours of an earlier trace."""
     path = tmp_path / "out.kept.json"
-    Kept(path)["theta a"] = [1.0]
-    fresh = Kept(path, fresh=True)
-    assert dict(fresh) == {} and dict(Kept(path)) == {"theta a": [1.0]}
+    PartStore(path)["theta a"] = [1.0]
+    fresh = PartStore(path, fresh=True)
+    assert dict(fresh) == {} and dict(PartStore(path)) == {"theta a": [1.0]}
     fresh["theta b"] = [2.0]
-    assert dict(Kept(path)) == {"theta b": [2.0]}
+    assert dict(PartStore(path)) == {"theta b": [2.0]}
 
 
 def test_nothing_is_written_before_the_first_part(tmp_path: Path) -> None:
-    Kept(tmp_path / "out" / "base.kept.json")
+    PartStore(tmp_path / "out" / "base.kept.json")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -36,22 +36,22 @@ def test_a_place_that_cannot_be_written_to_is_told_before_the_work(tmp_path: Pat
     (tmp_path / "file").write_text("")
     for path in (tmp_path / "out.kept.json", tmp_path / "file" / "out.kept.json"):
         with pytest.raises(InputError, match=r"out\.kept\.json: is a directory|file: is a file"):
-            Kept(path, fresh)
+            PartStore(path, fresh)
 
 
 def test_the_latest_are_kept(tmp_path: Path) -> None:
-    kept = Kept(tmp_path / "out.kept.json")
-    for number in range(MOST + 3):
+    kept = PartStore(tmp_path / "out.kept.json")
+    for number in range(MAX_PARTS + 3):
         kept[f"glance {number}"] = number
-    assert len(kept) == MOST and "glance 2" not in kept and f"glance {MOST + 2}" in kept
+    assert len(kept) == MAX_PARTS and "glance 2" not in kept and f"glance {MAX_PARTS + 2}" in kept
 
 
 @pytest.mark.parametrize("other", [{"version": "0.0.0"}, {"schema": 1}])
 def test_parts_of_another_version_or_schema_are_not_read(tmp_path: Path, other: dict[str, object]) -> None:
     path = tmp_path / "out.kept.json"
-    Kept(path)["theta a"] = [1.0]
+    PartStore(path)["theta a"] = [1.0]
     path.write_text(json.dumps(json.loads(path.read_text()) | other))
-    assert dict(Kept(path)) == {}
+    assert dict(PartStore(path)) == {}
 
 
 @pytest.mark.parametrize(
@@ -61,10 +61,10 @@ def test_a_damaged_file_is_refused_in_one_line_and_left_alone(tmp_path: Path, te
     path = tmp_path / "out.kept.json"
     path.write_text(text)
     with pytest.raises(InputError, match=r"out\.kept\.json") as error:
-        Kept(path)
+        PartStore(path)
     assert "\n" not in str(error.value) and path.read_text() == text
 
 
 def test_a_directory_that_is_not_there_is_made(tmp_path: Path) -> None:
-    Kept(tmp_path / "out" / "base.kept.json")["theta a"] = [1.0]
-    assert dict(Kept(tmp_path / "out" / "base.kept.json")) == {"theta a": [1.0]}
+    PartStore(tmp_path / "out" / "base.kept.json")["theta a"] = [1.0]
+    assert dict(PartStore(tmp_path / "out" / "base.kept.json")) == {"theta a": [1.0]}
