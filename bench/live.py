@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from bench.processes import NODE, Answered, Window, streamed
 from bench.table import Row, render
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
-from biodyn_ros.base.environment import settle
+from biodyn_ros.base.environment import prepare
 
 ROUNDS = 4
 MEASURE_S = 10.0
@@ -28,7 +28,7 @@ BASELINE = "without mathematics"
 
 def rows() -> list[Row]:
     """Measure; about five minutes."""
-    domain = settle(os.environ)  # already held where the environment wrapper started us
+    domain = prepare(os.environ)  # already held where the environment wrapper started us
     try:
         turns = [(_run(NODE), _run(_minimal())) for _ in range(ROUNDS)]
         measured = _run((*NODE, *MEASURED), "measured"), _run(_minimal("measured"), "measured")

@@ -12,7 +12,7 @@ import sys
 from bench.__main__ import setting
 from bench.processes import NODE, FellBehind, Window, streamed
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
-from biodyn_ros.base.environment import settle
+from biodyn_ros.base.environment import prepare
 
 MINUTES = 30.0
 WINDOWS = 10
@@ -43,7 +43,7 @@ def soaked(rate: float, seconds: float, windows: int) -> list[Window]:
 def main(arguments: list[str]) -> int:
     """Soak, ramp, print, judge."""
     minutes = float(arguments[0]) if arguments else MINUTES
-    domain = settle(os.environ)
+    domain = prepare(os.environ)
     try:
         print(HEADER, flush=True)
         native = soaked(1.0, 60.0 * minutes, WINDOWS)

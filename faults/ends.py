@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException
 from typing import Final
 
-from biodyn_ros.base.environment import settle
+from biodyn_ros.base.environment import prepare
 from biodyn_ros.base.resources import bag_file
 from faults.over_dds import LISTENER
 from faults.rig import START_WITHIN_S
@@ -39,7 +39,7 @@ class End:
 
 def every(count: int) -> int:
     """End a node so many times, and print each; 1 where one ended with another code than 0."""
-    domain = settle(os.environ)
+    domain = prepare(os.environ)
     found = []
     try:
         with ExitStack() as stack:

@@ -143,7 +143,7 @@ def test_a_model_that_leaves_its_range_is_an_error_while_it_does() -> None:
     node.look()
     assert node.predicts() == (
         ERROR,
-        "the model left its range at 3 samples, none of them predicted: it began at rest",
+        "the model left its range at 3 samples: no prediction there, restarted at rest",
     )
     node.look(2)
     assert node.predicts() == (OK, "predicting")

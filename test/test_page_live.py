@@ -276,7 +276,7 @@ def marks_and_resets(browser: Browser) -> None:
 
 def it_says_that_the_seat_is_silent(browser: Browser) -> None:
     browser.until("document.body.dataset.tone == 'none' && $('reason').innerText.includes('silent for')", 60.0)
-    assert browser.text("#headline") == "Undecided: no verdict on the seat"
+    assert browser.text("#headline") == "Undecided: no assessment of the seat"
     assert browser.text("#left-action") == "withheld"
     assert browser.page.evaluate("getComputedStyle(document.querySelector('main')).opacity") == "0.45"
 

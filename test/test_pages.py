@@ -31,7 +31,7 @@ from biodyn_core.identification.settings import FitSettings
 from biodyn_core.pipeline.frames import NO_PREDICTED, Frames
 from biodyn_core.recording.recording import Recording
 from biodyn_ros.base.resources import subject_file
-from biodyn_ros.base.wording import number, told_apart
+from biodyn_ros.base.wording import number, with_interval
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import page as fit_report
@@ -236,7 +236,7 @@ def test_a_fit_says_the_numbers_of_its_document(fitted: Fitted, page: str) -> No
     for name, of in document["intervals"].items():
         if not of["at_bound"]:
             unit = "" if of["unit"] == "-" else f" {of['unit']}"
-            value, lower, upper = told_apart(of["value"], of["lower"], of["upper"])
+            value, lower, upper = with_interval(of["value"], of["lower"], of["upper"])
             assert lower != upper, name
             said = f"{value} ({lower} to {upper}){unit}, "
             assert said + document["identifiable"][name] in told(page), name

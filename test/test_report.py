@@ -19,7 +19,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.exposure.limits import EU_LIMITS
 from biodyn_core.pipeline.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
-from biodyn_ros.base.wording import bound, duration, left, number, sentence, shocks, time_left, told_apart
+from biodyn_ros.base.wording import bound, duration, left, number, sentence, shocks, time_left, with_interval
 from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
@@ -329,7 +329,7 @@ def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
         changed[name]["lower_bound"] = True
     page = page_of(tmp_path, changed)
     for expected in (
-        "Undecided: no verdict on the seat", "Too much is missing.", "A(8), m/s² >= 0.0187", "VDV, m/s¹·⁷⁵ >= 2.32",
+        "Undecided: no assessment of the seat", "Too much is missing.", "A(8), m/s² >= 0.0187", "VDV, m/s¹·⁷⁵ >= 2.32",
         "1.234 s missing and 0 samples clipped",
         "Action value: time left withheld, because 1.23 s are missing at the seat, more than 1 %.",
         "seat 0.100 >= 0.500 >= 0.200 7.25 >= 0.900 1.234 0",
@@ -423,7 +423,7 @@ def test_shocks_that_ask_for_more_are_flagged(tmp_path):
     assert '<p class="flag">' not in (tmp_path / "report.html").read_text(encoding="utf-8")
     changed["seat"]["shock_ratios"] = ratios(crest=11.2, mtvv=1.6)
     said = (
-        "Shocks, additional evaluation asked for (ISO 2631-1:1997, axis z): crest factor 11.2 > 9 (6.2.2),"
+        "Shocks: additional evaluation required (ISO 2631-1:1997, axis z): crest factor 11.2 > 9 (6.2.2),"
         " MTVV/aw 1.60 > 1.5 (6.3.3)."
     )
     assert said in page_of(tmp_path, changed).text
@@ -434,7 +434,7 @@ def test_shocks_that_ask_for_more_are_flagged(tmp_path):
 def test_ratios_that_were_not_measured_clear_nothing():
     seat = document()["seat"] | {"axis": "worst_direction", "shock_ratios": ratios("worst_direction", None, None)}
     assert shocks(seat) == (
-        "Shocks, undecided whether additional evaluation is asked for (ISO 2631-1:1997, axis worst direction):"
+        "Shocks: undecided whether additional evaluation is required (ISO 2631-1:1997, axis worst direction):"
         " crest factor and MTVV/aw not measured."
     )
 
@@ -538,7 +538,7 @@ def test_numbers_have_three_digits(value, expected):
     ],
 )
 def test_the_ends_of_an_interval_are_told_apart(estimate, expected):
-    assert told_apart(*estimate) == expected
+    assert with_interval(*estimate) == expected
 
 
 def test_a_bound_of_nothing_is_nothing():

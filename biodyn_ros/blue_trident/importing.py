@@ -17,7 +17,7 @@ from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
-from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.blue_trident.cleaning import Cleaner
 from biodyn_ros.blue_trident.found import Chosen, Found, choose, find_exports
@@ -52,7 +52,7 @@ def import_blue_trident(
     place: Path,
     bag: Path,
     options: ImportOptions,
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
 ) -> dict[str, Any]:
     """Write the bag and return the mapping of `biodyn import-blue-trident --json`.
 

@@ -13,7 +13,7 @@ from typing import Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
-from biodyn_ros.base.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
+from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, state_directory, write_text
 
 TOKEN_BYTES: Final = 16
 TOKEN_VARIABLE: Final = "BIODYN_PAGE_TOKEN"  # noqa: S105 - where the token is, not what it is
@@ -76,9 +76,9 @@ def page_token() -> str:
         return given
     try:
         path = state_directory() / "page.token"
-        if not is_there(path):
+        if not exists(path):
             make_directory(path.parent)
-            write_text(path, secrets.token_urlsafe(TOKEN_BYTES) + "\n", mode=OWNER_ALONE)
+            write_text(path, secrets.token_urlsafe(TOKEN_BYTES) + "\n", mode=OWNER_ONLY)
         return _read(path)
     except (InputError, RuntimeError):
         return secrets.token_urlsafe(TOKEN_BYTES)

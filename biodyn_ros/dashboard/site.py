@@ -126,7 +126,7 @@ async def _serve(
     node: str, serving: ServingSettings, told: Callable[[str], None], until_input_ends: bool, shutdown: Shutdown
 ) -> None:
     loop, ended, hub, token = asyncio.get_running_loop(), asyncio.Event(), Hub(), page_token()
-    shutdown.on_asked(lambda: loop.call_soon_threadsafe(ended.set))
+    shutdown.on_request(lambda: loop.call_soon_threadsafe(ended.set))
     if until_input_ends:
         threading.Thread(target=_wait_for_input, daemon=True).start()
     site = Site(serving, token, hub)

@@ -326,7 +326,7 @@ def main(args: list[str] | None = None) -> int:
         except KeyboardInterrupt:  # before it was up
             return 0
         finally:
-            shutdown.through([("the ROS context", rclpy.try_shutdown)])
+            shutdown.run_stages([("the ROS context", rclpy.try_shutdown)])
 
 
 def _run(shutdown: Shutdown) -> int:
@@ -347,10 +347,10 @@ def _run(shutdown: Shutdown) -> int:
         gc.freeze()
         ended = Future()
         shutdown.interrupts, shutdown.stage = False, "a callback"
-        shutdown.on_asked(lambda: ended.set_result(None))
+        shutdown.on_request(lambda: ended.set_result(None))
         spin(executor, ended)
         return 0
     finally:
         shutdown.interrupts = False
         keep, *others = node.last_stages()
-        shutdown.through((keep, ("the executor", executor.shutdown), *others))
+        shutdown.run_stages((keep, ("the executor", executor.shutdown), *others))

@@ -19,7 +19,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.exposure.exposure_store import ExposureCheckpoint, digest
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros import __version__
-from biodyn_ros.base.files import OWNER_ALONE, is_there, make_directory, remove, state_directory, write_text
+from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, remove, state_directory, write_text
 from biodyn_ros.base.json_files import keys_of, read_json
 
 SCHEMA: Final = 4
@@ -52,7 +52,7 @@ class StateFile:
         self.path = path
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="biodyn state")
         self._writing: Future[None] | None = None
-        if is_there(path) and path.is_dir():  # it would be set aside as a damaged file, with all that is in it
+        if exists(path) and path.is_dir():  # it would be set aside as a damaged file, with all that is in it
             raise InputError(f"{path}: is a directory, state_file names a file")
         make_directory(path.parent)
         if not os.access(path.parent, os.W_OK):
@@ -60,7 +60,7 @@ class StateFile:
 
     def read(self) -> ExposureCheckpoint | None:
         """What is kept there; None where there is no file. Raises InputError, naming it, for one that is damaged."""
-        if not is_there(self.path):
+        if not exists(self.path):
             return None
         try:
             document = keys_of(read_json(self.path), "the file", ("schema", "version", "digest", "kept"))
@@ -75,7 +75,7 @@ class StateFile:
     def set_aside(self) -> Path:
         """Give what is there a name that nothing has, so that nothing is lost by what is written next; returns it."""
         names = (f"{self.path.name}{ASIDE}{number or ''}" for number in itertools.count())
-        aside = next(path for name in names if not is_there(path := self.path.with_name(name)))
+        aside = next(path for name in names if not exists(path := self.path.with_name(name)))
         self.path.replace(aside)
         return aside
 
@@ -105,7 +105,7 @@ class StateFile:
 
     def _write(self, kept: Mapping[str, Any]) -> None:
         document = {"schema": SCHEMA, "version": __version__, "digest": digest(kept), "kept": kept}
-        write_text(self.path, json.dumps(document, allow_nan=False) + "\n", mode=OWNER_ALONE)
+        write_text(self.path, json.dumps(document, allow_nan=False) + "\n", mode=OWNER_ONLY)
 
 
 class ExposureStore:
@@ -117,7 +117,7 @@ class ExposureStore:
     def __init__(self, file: StateFile, belongs: Mapping[str, str], most_h: float, believed: Believed) -> None:
         self._file, self._belongs, self._most_h, self._believed = file, belongs, most_h, believed
         self.resumed, self.failed = False, ""
-        self.waits = is_there(file.path)
+        self.waits = exists(file.path)
         """Whether the first sample is still to come that says what becomes of the file."""
 
     def begin(self, pipeline: Pipeline, sensor: str, stamp_ns: int) -> str:

@@ -7,7 +7,7 @@ from typing import Any, Final
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.findings import ComparedEvent, Round, Trace
-from biodyn_ros.base.wording import number, parameter_name, told_apart
+from biodyn_ros.base.wording import number, parameter_name, with_interval
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import event_document
@@ -131,5 +131,5 @@ def _with_interval(of: Document) -> str:
     """The value that was given, with its interval where the file has one."""
     if of["given"] is None or of["given_interval"] is None:
         return number(of["given"])
-    value, lower, upper = told_apart(of["given"], *of["given_interval"])
+    value, lower, upper = with_interval(of["given"], *of["given_interval"])
     return f"{value} ({lower} to {upper})"

@@ -11,7 +11,7 @@ from biodyn_core.body.parameters import PARAMETERS, is_fitted
 from biodyn_core.body.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import number, parameter_name, told_apart
+from biodyn_ros.base.wording import number, parameter_name, with_interval
 
 Document = dict[str, Any]
 
@@ -90,7 +90,7 @@ def refitted_beside(of: Document) -> str:
     if ends is None:
         return number(value)
     near = min(ends, key=lambda end: abs(value - end))
-    return told_apart(value, *(sorted((value, near)) if outside(of) else ends))[0]
+    return with_interval(value, *(sorted((value, near)) if outside(of) else ends))[0]
 
 
 def _percent(before: float, after: float) -> float | None:
@@ -120,7 +120,7 @@ def _text(document: Document, moved: Document) -> str:
     more = {1: "", 2: ", and 1 more leaves its own"}.get(
         len(left_theirs), f", and {len(left_theirs) - 1} more leave theirs"
     )
-    value, lower, upper = told_apart(moved[far]["given"], *moved[far]["given_interval"])
+    value, lower, upper = with_interval(moved[far]["given"], *moved[far]["given_interval"])
     return (
         f"refitted to the {here} given here, {parameter_name(far)} goes from {value} ({lower} to {upper}) to"
         f" {refitted_beside(moved[far])}, outside its 95 % interval{more}: {_holds(document)}; {left}"

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from biodyn_core.base.segments import SEAT, SEGMENTS
 from biodyn_core.effects import CATALOGUE, EffectParameter
-from biodyn_ros.base.wording import number, parameter_name, sentence, told_apart, words
+from biodyn_ros.base.wording import number, parameter_name, sentence, with_interval, words
 from biodyn_ros.reading.provenance import without_note
 
 Document = dict[str, Any]
@@ -126,7 +126,7 @@ def with_unit(value: float | None, unit: str) -> str:
 
 def interval(of: Document) -> str:
     """A value with its 95 % interval and unit."""
-    value, lower, upper = told_apart(of["value"], of["lower"], of["upper"])
+    value, lower, upper = with_interval(of["value"], of["lower"], of["upper"])
     return f"{value} ({lower} to {upper})" + ("" if of["unit"] in ("", "-") else f" {of['unit']}")
 
 
