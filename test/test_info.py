@@ -268,7 +268,7 @@ def test_nothing_is_left_behind_by_a_refusal(capsys: pytest.CaptureFixture[str],
         assert len(capsys.readouterr().err.strip().splitlines()) == 1
         assert not (tmp_path / "deep").exists()
     assert main(["replay", str(slow), "--subject", "subject_1", "-o", str(slow)]) == 2
-    assert "is a file, a directory is needed" in capsys.readouterr().err
+    assert "is a file; the results need a directory" in capsys.readouterr().err
 
 
 def test_what_a_failing_replay_had_begun_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,7 @@ from biodyn_ros.replay.traces import DIGEST_SAMPLES, ENVELOPE_BINS, RECENT_SAMPL
 from biodyn_ros.reports.downsampling import BIN_NS
 from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
-from biodyn_ros.reports.verdict import judge
+from biodyn_ros.reports.verdict import seat_verdict
 
 START_NS = 1_767_225_600 * 10**9 + 37
 RATE_HZ = 1000.0
@@ -271,8 +271,8 @@ def test_the_page_says_every_figure_with_its_unit(tmp_path):
         "Replay of rail.mcap", "subject_1", "segment", "61.2 s", "0.75 s", "0.1.0", "causal",
         "Below the action values so far", "A(8), m/s² 0.0187 0.5 1.15 worst direction",
         "VDV, m/s¹·⁷⁵ 2.32 9.1 21 z", "Everything is below.",
-        "Beside, ISO 2631-1 caution zone: below the action values so far. Lower than 8.5.",
-        "no additional evaluation asked for (ISO 2631-1:1997, axis z): crest factor 7.25, MTVV/aw 1.31",
+        "Also ISO 2631-1 caution zone: below the action values so far. Lower than 8.5.",
+        "no additional evaluation required (ISO 2631-1:1997, axis z): crest factor 7.25, MTVV/aw 1.31",
         "Governed by VDV, axis z (2002/44/EC)", "4 h 0 min left", "more than 24 h left", "use the seat alone",
         "No yaw given", "worst direction 0.0313 0.213 1.4 0.0438 0.298",
         "Residual at worst 15.0 % of the measured rms (head)", "neck 0.123 14.0",
@@ -335,7 +335,7 @@ def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
         "seat 0.100 >= 0.500 >= 0.200 7.25 >= 0.900 1.234 0",
         "head >= 0.155 >= 0.775 >= 0.310 7.25 >= 1.40 0.000 17",
         "pelvis 0.200 0.317 >= 1.00 1.58 >= 0.400", "DRI >= 6.78", "HIC15 >= 1.23 >= 0.456 >= 0.567 1.200 to 1.213 565",
-        "undecided whether additional evaluation is asked for",
+        "undecided whether additional evaluation is required",
     ):  # fmt: skip
         assert expected in page.text, expected
     assert 'class="strip good"' not in (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -366,7 +366,7 @@ def test_a_vertical_only_seat_is_a_lower_bound_and_its_vertical_is_none(tmp_path
 def test_page_and_terminal_show_the_zone_in_words_and_green_for_one_alone(tmp_path, zone, tone, headline):
     changed = document()
     changed["seat"] |= {"zone": zone, "zone_reason": f"because of {zone}"}
-    verdict = judge(changed)
+    verdict = seat_verdict(changed)
     assert verdict.tone == tone
     assert headline in verdict.headline
     page_of(tmp_path, changed)
@@ -379,7 +379,7 @@ def test_page_and_terminal_show_the_zone_in_words_and_green_for_one_alone(tmp_pa
 
 
 def test_without_a_seat_there_is_no_verdict():
-    verdict = judge(document() | {"seat": None})
+    verdict = seat_verdict(document() | {"seat": None})
     assert (verdict.tone, verdict.reasons) == ("none", ())
     assert "nothing counted" in verdict.headline
     assert "seat: nothing counted" in summary(document() | {"seat": None})
@@ -454,7 +454,7 @@ def test_a_page_of_almost_nothing(tmp_path):
     empty = {"sensors": {}, "predicted": {}, "measured_low_passed": {}, "residual": {}}
     none = {"seat": None, "dri": None, "hic15": None, "hic36": None}
     text = page_of(tmp_path, document() | empty | none, Traces()).text
-    for expected in ("nothing counted at the seat", "Nothing to compare", "No measured instant", "none were made"):
+    for expected in ("nothing counted at the seat", "No measurement to compare", "No measured instant", "Predictions come from a model: none"):
         assert expected in text
 
 
@@ -570,8 +570,10 @@ def test_at_most_never_promises_more_than() -> None:
 
 def test_a_doubt_withholds_the_time_in_every_sentence() -> None:
     for limit in ("action", "limit"):
-        assert any(f"{limit.capitalize()} value: " in line and " left" in line for line in judge(document()).reasons)
-    doubted = judge(document(), "two publishers send to the seat")
+        assert any(
+            f"{limit.capitalize()} value: " in line and " left" in line for line in seat_verdict(document()).reasons
+        )
+    doubted = seat_verdict(document(), "two publishers send to the seat")
     assert doubted.tone == "none" and not any(" left, if" in line for line in doubted.reasons)
     assert sum("withheld, because two publishers send" in line for line in doubted.reasons) == 2
     assert "below" not in " ".join(doubted.reasons)

@@ -394,7 +394,7 @@ def test_what_no_subject_carries_is_named_and_not_added() -> None:
     assert "named, not added: periodic on the head" in " ".join(text_of(document).split())
     assert "events that choose" in belief(document) and "chance" not in belief(document)
     _, page = page_of(alone)
-    assert "What was found, and no subject carries" in page.text and "What was added" not in page.text
+    assert "Effects found but not stored in the subject" in page.text and "Added effects" not in page.text
     beside = trace_document(found(effects=(line, STOP), intervals=((), found().intervals[0])))
     assert [effect["added"] for effect in beside["effects"]] == [False, True]
     assert headline(beside) == (
@@ -431,7 +431,7 @@ def test_findings_about_sensors_stand_beside_the_verdict() -> None:
     terminal, page = " ".join(text_of(document).split()), page_of(quiet)[1].text
     for line in (leans, is_late):
         assert f"sensor: {line}" in terminal and line[1:] in page
-    assert "stand beside the verdict" in page and "stand beside the verdict" not in drawn("none")[1].text
+    assert "are independent of the verdict" in page and "are independent of the verdict" not in drawn("none")[1].text
     (loud,) = sensors_said(trace_document(found(sensors=(LOUD,))))
     assert "off by 1.00 % in its gain" in loud and "within the 1.52 %" in loud and "it explains the residual" in loud
 
@@ -471,7 +471,7 @@ def test_the_page_shows_numbers_before_and_after() -> None:
         "F -= k_s max(0, -stretch - d0)", "0.0120 (0.0115 to 0.0126) m", "rail_2 rail held out 3.0 50.0 25.0 5.00",
         "Dealt by turns.", "-50.0 +0.0", "+0.0 -10.0", "+0.0 -25.0", "0.810, taken", "screened only", "gap 0.0120",
         "asymmetry in the joint between seat and pelvis: a parameter ends on its bound",
-        "Noise of the sensors alone leaves 0.900 %",
+        "Sensor noise alone gives 0.900 %",
     ):  # fmt: skip
         assert expected in page.text, expected
 
@@ -559,7 +559,7 @@ def test_names_from_outside_are_text_and_nothing_else() -> None:
 def test_a_trace_that_the_gate_stopped_has_a_page() -> None:
     source, _ = page_of(nothing())
     assert "<svg" not in source
-    assert re.findall(r"<h2>(.*?)</h2>", source) == ["What moved in the body's parameters"]
+    assert re.findall(r"<h2>(.*?)</h2>", source) == ["Changes of the body's parameters"]
 
 
 def test_the_worst_event_held_out_is_drawn() -> None:
@@ -837,5 +837,5 @@ def test_a_place_that_cannot_be_written_to_is_said_before_the_work(
     (tmp_path / "file").touch()
     for place in (tmp_path / "file", tmp_path / "file" / "below"):
         assert main(["trace", "missing.mcap", "--subject", "subject_1", "-o", str(place)]) == 2
-        assert "file: is a file, a directory is needed" in capsys.readouterr().err
+        assert "file: is a file; the results need a directory" in capsys.readouterr().err
     check_directory(tmp_path / "new" / "out")

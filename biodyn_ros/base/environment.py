@@ -95,7 +95,7 @@ def private_directory() -> Path:
 
 
 def clean_environment(base: Mapping[str, str]) -> dict[str, str]:
-    """A copy of `base` for a new process: cleared, on localhost, with a log directory and this Python's scripts first."""
+    """A copy of `base` for a new process: cleared, on localhost, with a log directory, this Python's scripts first."""
     environment = {name: value for name, value in base.items() if name not in (*CLEARED, HELD)}
     environment.update(_localhost())
     scripts = sysconfig.get_path("scripts")

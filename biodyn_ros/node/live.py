@@ -215,7 +215,7 @@ class BiodynNode(LifecycleNode):
 
     def _ask_page(self) -> None:
         if self._page is not None:
-            self._page.ask()
+            self._page.request_end()
 
     def _end_page(self) -> None:
         page, self._page = self._page, None

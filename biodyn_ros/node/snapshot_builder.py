@@ -18,7 +18,7 @@ from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
 from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
 from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.meter import meter_readings
-from biodyn_ros.reports.verdict import judge
+from biodyn_ros.reports.verdict import seat_verdict
 
 STILL_MPS2: Final = 0.05
 """A seat that shakes less moves nobody: a transmissibility would be that of the sensors' noise."""
@@ -64,7 +64,7 @@ class SnapshotBuilder:
             "shock_mps2": self._shock_mps2,
             "limits": document["limits"],
             "seconds": document["seconds"],
-            "verdict": vars(judge(document, doubt)),
+            "verdict": vars(seat_verdict(document, doubt)),
             "seat": _seat(seat, document, doubt) if seat else None,
             "meter": asdict(readings) if (readings := meter_readings(document)) else None,
             "rows": _rows(pipeline.exposure(rolling=True), by_name, document["sensors"]),
