@@ -1,4 +1,4 @@
-"""The page: all chapters as Markdown, with the number of rows and of failures at the top."""
+"""The page: all chapters as Markdown, with the number of rows and failures at the top."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ INTROS: Final = {"Frequency weightings": weightings.INTRO}
 HEAD: Final = """\
 # Conformance
 
-Made by `make conformance`, which ends with an error where a row fails. Do not edit.
+Made by `make conformance`, which ends with an error if a row fails. Do not edit.
 
-Every figure below has gone the whole way: a motion becomes `sensor_msgs/Imu` messages of up to six sensors, mounted
-in six ways, in a rosbag2, which `biodyn replay` reads chunk by chunk. The figure is that of `exposure.json`, or of
-`biodyn info --json` or of the frames handed to `predicted.mcap` where it is said. References do not use the code that
-is judged: they are the constants of ISO 8041-1, closed forms and brute force.
+Every result below is end to end: a motion is written as `sensor_msgs/Imu` messages of up to six sensors, with six
+mountings, to a rosbag2, which `biodyn replay` reads chunk by chunk. The results are from `exposure.json`, or, where
+stated, from `biodyn info --json` or the frames of `predicted.mcap`. The references are independent of the code under
+test: constants of ISO 8041-1, closed forms and brute force.
 """
 
 

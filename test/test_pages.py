@@ -248,7 +248,11 @@ def test_every_drawing_of_a_fit_says_what_and_in_which_unit(page: str) -> None:
     drawings = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
     expected = (
         ("place between the bounds of Table 1, logarithmic, no unit", "natural frequency, head", "stiffening scale"),
-        ("vertical acceleration; below, model minus measured; m/s²", "s since the start of the event", "residual, % of rms"),
+        (
+            "vertical acceleration; below, model minus measured; m/s²",
+            "s since the start of the event",
+            "residual, % of rms",
+        ),
         ("power spectral density, (m/s²)²/Hz", "Hz", "upper torso"),
         ("correlation of the estimates' logarithms, no unit", "damping ratio, neck"),
     )

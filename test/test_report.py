@@ -454,7 +454,12 @@ def test_a_page_of_almost_nothing(tmp_path):
     empty = {"sensors": {}, "predicted": {}, "measured_low_passed": {}, "residual": {}}
     none = {"seat": None, "dri": None, "hic15": None, "hic36": None}
     text = page_of(tmp_path, document() | empty | none, Traces()).text
-    for expected in ("nothing counted at the seat", "No measurement to compare", "No measured instant", "Predictions come from a model: none"):
+    for expected in (
+        "nothing counted at the seat",
+        "No measurement to compare",
+        "No measured instant",
+        "Predictions come from a model: none",
+    ):
         assert expected in text
 
 
