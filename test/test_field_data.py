@@ -29,7 +29,7 @@ from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay
 
 RESULT = ""
-NO_IMU, NO_SEAT = "no sensor_msgs/msg/Imu in the bag", "no seat sensor among {}: name it with --map seat=TOPIC"
+NO_IMU, NO_SEAT = "no sensor_msgs/msg/Imu in the bag", "no seat sensor among {}: give it with --map seat=TOPIC"
 FOREIGN = "is serialized as '{}', only 'cdr' \\(ROS 2\\) can be read"
 NO_BAG = "no .mcap or .db3 file in this directory"
 

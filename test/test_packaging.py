@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # Prints every file that resources finds; run where neither the source tree nor its tests can be seen by accident.
 FIND_ALL = """
 import biodyn_ros, biodyn_core
-from biodyn_ros import resources
+from biodyn_ros.base import resources
 from biodyn_ros.commands.table import parser
 print(biodyn_ros.__file__)
 print(biodyn_core.__file__)
@@ -365,5 +365,5 @@ def test_what_is_not_there_is_told_with_what_is(
 
 def test_no_files_anywhere_is_told(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("AMENT_PREFIX_PATH")
-    with pytest.raises(InputError, match=r"\Athe files of biodyn are in none of .*; install it again\Z"):
+    with pytest.raises(InputError, match=r"\Anone of .* holds the files of biodyn; install it again\Z"):
         resources.subject_names()

@@ -93,7 +93,7 @@ def test_what_is_given_as_a_sensor_takes_the_place_of_the_topic_of_that_name(bag
         assert played_on(reader, {}) == {"imu/seat/data": "imu/seat/data", "imu/head/data": "imu/head/data"}
         assert played_on(reader, {"seat": "imu/head/data"}) == {"imu/head/data": "imu/seat/data"}
         with pytest.raises(
-            InputError, match="--map seat=/floor: no such Imu topic; there is imu/seat/data, imu/head/d"
+            InputError, match="--map seat=/floor: no such Imu topic; Imu topics: imu/seat/data, imu/head/d"
         ):
             played_on(reader, {"seat": "/floor"})
 

@@ -273,7 +273,7 @@ def test_the_page_says_every_figure_with_its_unit(tmp_path):
         "VDV, m/s¹·⁷⁵ 2.32 9.1 21 z", "Everything is below.",
         "Also ISO 2631-1 caution zone: below the action values so far. Lower than 8.5.",
         "no additional evaluation required (ISO 2631-1:1997, axis z): crest factor 7.25, MTVV/aw 1.31",
-        "Governed by VDV, axis z (2002/44/EC)", "4 h 0 min left", "more than 24 h left", "use the seat alone",
+        "Governed by VDV, axis z (2002/44/EC)", "4 h 0 min left", "more than 24 h left", "use the seat only",
         "No yaw given", "worst direction 0.0313 0.213 1.4 0.0438 0.298",
         "Residual at worst 15.0 % of the measured rms (head)", "neck 0.123 14.0",
         "seat 0.100 0.500 0.200 7.25 0.900 0.000 0", "pelvis 0.200 0.317 1.00 1.58 0.400 7.25 1.80 not validated",
