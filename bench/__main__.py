@@ -1,4 +1,4 @@
-"""`python -m bench [start] [ode] [effects] [bag] [replay] [live] [fit]`: the marks beside their baselines."""
+"""`python -m bench [start] [ode] [effects] [bag] [replay] [live] [fit]`: benchmarks with targets and baselines."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from bench.table import render
 NAMES = ("start", "ode", "effects", "bag", "replay", "live", "fit")
 
 
-def main(asked: list[str]) -> int:
-    """Run the benchmarks asked for, all without a name, and print one table."""
-    unknown = [name for name in asked if name not in NAMES]
+def main(arguments: list[str]) -> int:
+    """Run the given benchmarks, or all, and print one table."""
+    unknown = [name for name in arguments if name not in NAMES]
     if unknown:
-        print(f"bench: {', '.join(unknown)} is unknown, known are {', '.join(NAMES)}", file=sys.stderr)
+        print(f"bench: unknown: {', '.join(unknown)}; allowed: {', '.join(NAMES)}", file=sys.stderr)
         return 2
     rows = []
-    for name in [name for name in NAMES if name in asked or not asked]:
+    for name in [name for name in NAMES if name in arguments or not arguments]:
         print(f"bench: measuring {name}", file=sys.stderr, flush=True)
         rows += importlib.import_module(f"bench.{name}").rows()
     print(render(rows))
@@ -33,7 +33,7 @@ def main(asked: list[str]) -> int:
 
 
 def setting() -> str:
-    """Where and when this was measured; ratios travel, absolute times do not."""
+    """Machine, versions and time of the measurement; unlike ratios, absolute times depend on the machine."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
     model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown CPU")

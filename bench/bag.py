@@ -1,4 +1,4 @@
-"""Bags: 60 s of six Imu topics at 1129.3 Hz, read into arrays and written from them, beside the usual ways."""
+"""Bags: 60 s of six Imu topics at 1129.3 Hz, read to arrays and written from arrays, compared with other libraries."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def rows() -> list[Row]:
     """Measure; about half a minute."""
     recording = _recording()
     count = sum(len(stamps_ns) for stamps_ns, _ in recording.values())
-    # In memory where that is possible: the disk is not what is measured.
+    # In memory if possible, to exclude the disk.
     memory = Path("/dev/shm")  # noqa: S108
     with TemporaryDirectory(dir=memory if memory.is_dir() else None) as directory:
         bag = Path(directory) / "bag.mcap"
@@ -53,7 +53,7 @@ def rows() -> list[Row]:
 
 
 def _rates(count: int, *tasks: Callable[[], object]) -> list[float]:
-    """Messages per second of each task, the best of some rounds that take turns."""
+    """Messages per second of each task, the best of alternating rounds."""
     best = [np.inf] * len(tasks)
     for _ in range(ROUNDS):
         for i, task in enumerate(tasks):
@@ -102,7 +102,7 @@ def _read(path: Path) -> None:
 
 
 def _decompress(path: Path) -> None:
-    """The bound: what any reader must do."""
+    """The lower bound of the time of any reader."""
     decompressor = zstandard.ZstdDecompressor()
     with path.open("rb") as stream:
         for index in make_reader(stream).get_summary().chunk_indexes:

@@ -1,4 +1,4 @@
-"""Identification: one swarm on the surrogate, one cost among sixteen, and a whole subject from three recordings."""
+"""Identification: one swarm on the surrogate, the batched cost, and a whole subject from three recordings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from biodyn_ros.work.executors import executor_of
 from biodyn_ros.work.tasks import Work
 
 SECONDS = 6.0
-"""Of each case behind the warm-up, as the paper's windows."""
+"""Length of each case after the warm-up, as in the paper."""
 SUBJECTS = 6
 REPEATS = 7
 FINE = SpectrumSettings(segment_s=4.0, lowest_hz=0.5, highest_hz=50.25)
@@ -38,7 +38,7 @@ FINE = SpectrumSettings(segment_s=4.0, lowest_hz=0.5, highest_hz=50.25)
 
 
 def rows() -> list[Row]:
-    """Measure; about three minutes, most of it the paper's way and the subjects of the scaling."""
+    """Measure; about three minutes, most of it for the paper's phases and the scaling with subjects."""
     subject = load_subject(subject_file("subject_1"))
     recordings = [_recording(subject, case) for case in CASES]
     cases = [Case.of(recording) for recording in recordings]
@@ -64,15 +64,15 @@ def rows() -> list[Row]:
 
 
 def _whole(cases: list[Case], subject: Subject, work: Work) -> None:
-    """Everything `biodyn fit` does once the bags are read."""
+    """The work of `biodyn fit` after reading the bags."""
     found = identify(cases, subject, 0, run=work.run(""))
     uncertainty(found.joint, cases)
 
 
 def _paper_s(cases: list[Case], subject: Subject) -> tuple[float, float]:
-    """Both phases as printed, case by case: in our kernels, and what SciPy at the paper's settings would take.
+    """Time of both phases as printed, case by case: in our kernels, and extrapolated for SciPy at the paper's settings.
 
-    The latter is its time for one simulated second, times the seconds that were simulated.
+    The latter is the time for one simulated second, times the simulated seconds.
     """
     start = time.perf_counter()
     fits = fit_cases(cases, subject, 0, PAPER)
@@ -85,7 +85,7 @@ def _paper_s(cases: list[Case], subject: Subject) -> tuple[float, float]:
 
 
 def _subjects_s(cases: list[Case], subject: Subject, workers: int) -> float:
-    """Several subjects, one a task, as a campaign has them; the workers' start is left out."""
+    """Several subjects, one per task, as in a campaign; without the start of the workers."""
     with executor_of(f"processes:{workers}") as executor:
         list(executor.map(_one_subject, [cases[:1]] * 2, [subject] * 2))
         return _seconds(lambda: list(executor.map(_one_subject, [cases] * SUBJECTS, [subject] * SUBJECTS)))
@@ -96,7 +96,7 @@ def _one_subject(cases: list[Case], subject: Subject) -> Fit:
 
 
 def _recording(subject: Subject, case: str) -> Recording:
-    """What six IMUs make of a case, every sensor error on."""
+    """A recording of six IMUs of a case, with all sensor errors."""
     rng = np.random.default_rng(list(CASES).index(case))
     recorder = Recorder(case, case)
     for stream in imu_streams(subject, load_case(case, SECONDS, rng), rng, quiet_s=3.0):
@@ -105,7 +105,7 @@ def _recording(subject: Subject, case: str) -> Recording:
 
 
 def _swarm_s(case: Case, subject: Subject) -> tuple[float, float]:
-    """One swarm, ours and with NumPy's solver in the place of the kernel."""
+    """One swarm, ours and with NumPy's solver instead of the kernel."""
     surrogate = Surrogate([case], subject.mass_matrix)
     once = SwarmSettings(starts=1, polish=False)
     chain = Chain.of(subject)
@@ -118,7 +118,7 @@ def _swarm_s(case: Case, subject: Subject) -> tuple[float, float]:
 
 
 def _cost_ms(subject: Subject) -> tuple[float, float]:
-    """The objective of 5 s, each of a full batch and alone."""
+    """The objective of 5 s, per item of a full batch, and singly."""
     seat = load_case("road", 5.0, np.random.default_rng(0), NATIVE_RATE_HZ).accel_mps2[:, 2]
     accel = Chain.of(subject).simulate(seat, NATIVE_RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
     stamps = np.rint(np.arange(seat.size) / NATIVE_RATE_HZ * 1e9).astype(np.int64)
@@ -130,7 +130,7 @@ def _cost_ms(subject: Subject) -> tuple[float, float]:
 
 
 def _least(task: Callable[[], object], repeats: int) -> float:
-    """The quickest of several runs: what else the machine does only ever adds."""
+    """The shortest of several runs, because other load only adds time."""
     return min(_seconds(task) for _ in range(repeats))
 
 

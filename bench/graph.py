@@ -1,7 +1,7 @@
 """The other processes of the live benchmark: `python -m bench.graph publisher|subscriber|minimal ARGUMENT...`.
 
 publisher RATE SECONDS FILE, subscriber TOPICS FILE and minimal TOPICS; TOPICS is predicted or measured (both kinds).
-All three handle serialized messages, so that what they cost does not hide what the node costs.
+All three use serialized messages, so that their cost is small compared with that of the node.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from biodyn_ros.bag.cdr import AccelStampedTemplate, encode_imu
 from biodyn_ros.base import topics
 
 REST_S = 1.5
-PATIENCE_S = 180.0  # a cold cache compiles every kernel before the node listens
+START_TIMEOUT_S = 180.0  # without a cache the node compiles every kernel before it subscribes
 FLUSH_S = 5.0
 STAMP = struct.Struct("<iI")
 
@@ -56,7 +56,7 @@ def _outputs(kind: str) -> dict[str, str]:
 
 
 def publisher(rate_hz: float, seconds: float, path: Path) -> None:
-    """Publish six Imu topics at one rate; save every tick's stamp, when it left, and how late that was."""
+    """Publish six Imu topics at one rate; save the stamp, the time of sending and the delay of every tick."""
     node = Node("bench_publisher")
     outputs = [node.create_publisher(Imu, topics.INPUT[sensor], _qos(2000, reliable=True)) for sensor in SENSORS]
     rest, motion = _tails(rate_hz)
@@ -70,7 +70,7 @@ def publisher(rate_hz: float, seconds: float, path: Path) -> None:
 
 
 def _stream(outputs: list[Any], rest: list[bytes], motion: list[list[bytes]], period_ns: float, ticks: int) -> Any:
-    """All six sensors at every tick: the stamps, when the seat's message left, and how late that was, ns."""
+    """Send all six sensors at every tick: stamps, times of sending of the seat's message, and delays, ns."""
     stamps_ns, sent_ns, late_ns = array("q"), array("q"), array("q")
     resting = round(REST_S * 1e9 / period_ns)
     begin_ns, wall_ns = time.monotonic_ns(), time.time_ns()
@@ -80,7 +80,7 @@ def _stream(outputs: list[Any], rest: list[bytes], motion: list[list[bytes]], pe
         if wait_ns > 0:
             time.sleep(1e-9 * wait_ns)
         late_ns.append(time.monotonic_ns() - begin_ns - at_ns)
-        # A sensor's own even clock: a publisher held up by the machine must not look like a jumping one.
+        # An even clock: a delay of the publisher by the machine must not appear as a jump of the clock.
         stamp = b"\0\1\0\0" + STAMP.pack(*divmod(wall_ns + at_ns, 10**9))
         stamps_ns.append(wall_ns + at_ns)
         sent_ns.append(time.time_ns())
@@ -92,9 +92,9 @@ def _stream(outputs: list[Any], rest: list[bytes], motion: list[list[bytes]], pe
 
 
 def _tails(rate_hz: float) -> tuple[list[bytes], list[list[bytes]]]:
-    """What follows the stamp in each sensor's message: at rest, and in every sample of a motion that comes round."""
+    """The bytes after the stamp in each sensor's message: at rest, and for every sample of a periodic motion."""
     t = np.arange(round(rate_hz)) / round(rate_hz)
-    # Whole cycles a second, so that the motion closes; 3 m/s^2 in all, as on a rough road.
+    # Whole cycles per second, so that the motion is periodic; 3 m/s^2 in total, as on a rough road.
     up = 1.5 * np.sin(2 * np.pi * 2 * t) + np.sin(2 * np.pi * 5 * t) + 0.5 * np.sin(2 * np.pi * 13 * t)
     accel = np.column_stack([0.3 * up, 0.2 * up, STANDARD_GRAVITY_MPS2 + up])
     still = np.array([[0.0, 0.0, STANDARD_GRAVITY_MPS2]])
@@ -108,12 +108,12 @@ def _tails_of(sensor: str, accel: Any) -> list[bytes]:
 
 
 def _wait(node: Node, outputs: list[Any]) -> None:
-    """Until the node listens to every sensor and somebody to the node, and all of them have found each other."""
-    heard = topics.absolute(topics.PREDICTED["head"])
-    deadline = time.monotonic() + PATIENCE_S
-    while not (all(output.get_subscription_count() for output in outputs) and node.count_subscribers(heard)):
+    """Wait until the node subscribes to every sensor, the node has a subscriber, and discovery is complete."""
+    predicted = topics.absolute(topics.PREDICTED["head"])
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while not (all(output.get_subscription_count() for output in outputs) and node.count_subscribers(predicted)):
         if time.monotonic() > deadline:
-            raise SystemExit("bench: nobody listens to the publisher")
+            raise SystemExit("bench: the publisher has no subscriber")
         time.sleep(0.05)
     time.sleep(1.0)
 
@@ -122,7 +122,7 @@ def _wait(node: Node, outputs: list[Any]) -> None:
 
 
 def subscriber(kind: str, path: Path) -> None:
-    """Keep every answer with the time of its arrival until SIGINT, then save them and the last diagnostics."""
+    """Store every response with its time of arrival until SIGINT, then save them with the last diagnostics."""
     node, outputs = Node("bench_subscriber"), _outputs(kind)
     got = {name: _Answers() for name in outputs}
     statuses: dict[str, dict[str, str]] = {}
@@ -137,13 +137,13 @@ def subscriber(kind: str, path: Path) -> None:
 
 
 class _Answers:
-    """The stamps of answers and when they came, small enough for hours."""
+    """Stamps and arrival times of responses, compact enough for hours."""
 
     def __init__(self) -> None:
         self.arrived_ns, self.stamps_ns = array("q"), array("q")
 
     def keep(self, message: bytes) -> None:
-        """Note one."""
+        """Store one response."""
         self.arrived_ns.append(time.time_ns())
         seconds, nanoseconds = STAMP.unpack_from(message, 4)
         self.stamps_ns.append(seconds * 10**9 + nanoseconds)
@@ -158,7 +158,7 @@ def _note(statuses: dict[str, dict[str, str]], message: DiagnosticArray) -> None
 
 
 class _Minimal(Node):
-    """The live node without mathematics: as many messages in and out, of the same size, through the same executor."""
+    """The live node without computation: the same number and size of messages through the same executor."""
 
     def __init__(self, kind: str) -> None:
         super().__init__("biodyn")
@@ -173,7 +173,7 @@ class _Minimal(Node):
             self.create_subscription(Imu, topics.INPUT[sensor], callback, _qos(2000, reliable=False), raw=True)
 
     def _answer(self, seat: bool, outputs: list[tuple[Any, tuple[bytes, bytes]]], message: bytes) -> None:
-        """Every answer bears the seat's stamp, as in the live node."""
+        """Publish with the seat's stamp, as the live node does."""
         if seat:
             self._stamp = message[4:12]
         for output, (before, after) in outputs:
@@ -185,25 +185,25 @@ def _belongs(name: str, sensor: str) -> bool:
 
 
 def _around(name: str) -> tuple[bytes, bytes]:
-    """A serialized answer before and after its stamp."""
+    """The bytes of a response before and after its stamp."""
     message = AccelStampedTemplate(name.partition("/")[2]).fill(0, 0.0)
     return message[:4], message[12:]
 
 
 def _spin(node: Node) -> None:
-    """Until SIGINT, by the loop the marks were measured with; EventsExecutor's own `spin` busy-loops in rclpy 7.1."""
+    """Spin until SIGINT, with the loop of the targets; EventsExecutor's own `spin` busy-loops in rclpy 7.1."""
     executor = EventsExecutor()
     executor.add_node(node)
-    # A signal may end the context between the question and the spin.
+    # A signal may end the context between the check and the spin.
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException, RCLError):
         while rclpy.ok():
             executor.spin_once(timeout_sec=0.1)
 
 
 def main(role: str, *arguments: str) -> None:
-    """Run one role until its end."""
+    """Run one process until its end."""
     rclpy.init(args=[])
-    # What piles up here is measured data: walking it again and again would show as latency of the node.
+    # Garbage collection over the stored data would appear as latency of the node.
     gc.disable()
     if role == "publisher":
         publisher(float(arguments[0]), float(arguments[1]), Path(arguments[2]))

@@ -1,7 +1,7 @@
-"""The live node over real DDS, three processes, beside a node that passes the same messages without mathematics.
+"""The live node over real DDS, three processes, compared with a node that passes the same messages without computing.
 
-A publisher sends six Imu topics, the node answers, a subscriber takes six predicted topics at full rate; the node and
-the baseline take turns before the same publisher and subscriber. CPU is the node's process alone, start-up left out.
+A publisher sends six Imu topics, the node responds, a subscriber receives six predicted topics at full rate; the node
+and the baseline alternate with the same publisher and subscriber. CPU is that of the node's process, without start-up.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from collections.abc import Sequence
 from bench.processes import NODE, Answered, Window, streamed
 from bench.table import Row, render
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
-from biodyn_ros.base.environment import settle
+from biodyn_ros.base.environment import prepare
 
 ROUNDS = 4
 MEASURE_S = 10.0
 
 PROTOTYPE_RATIO = 15.0 / 10.6
-"""The mark over what the prototype without exposure took on the machine the mark was set on."""
+"""The target over the CPU of the prototype without exposure, on the machine of the target."""
 
 MEASURED = ("-p", "publish_measured:=true")
 BASELINE = "without mathematics"
@@ -28,7 +28,7 @@ BASELINE = "without mathematics"
 
 def rows() -> list[Row]:
     """Measure; about five minutes."""
-    domain = settle(os.environ)  # already held where the environment wrapper started us
+    domain = prepare(os.environ)  # None if the environment wrapper has reserved one
     try:
         turns = [(_run(NODE), _run(_minimal())) for _ in range(ROUNDS)]
         measured = _run((*NODE, *MEASURED), "measured"), _run(_minimal("measured"), "measured")
@@ -71,7 +71,7 @@ def _lost_row(name: str, ours: Answered, baseline: Answered) -> Row:
 
 
 def _middle(runs: Sequence[Window]) -> Window:
-    """Medians, but every loss of every round."""
+    """Medians of the rounds, and sums of the losses."""
     found = {
         name: (sum if name in ("owed", "lost", "counted_lost") else statistics.median)(
             [getattr(run.found, name) for run in runs]
@@ -97,8 +97,8 @@ def _run(node: tuple[str, ...], kind: str = "predicted", rate_hz: float = NATIVE
     """Measure a node while messages flow."""
     (window,) = streamed(node, kind, rate_hz, [MEASURE_S])
     figures = {**vars(window), **vars(window.found)}
-    told = ", ".join(f"{name} {value:.4g}" for name, value in figures.items() if name != "found")
-    print(f"  {node[-1]}, {rate_hz:.0f} Hz: {told}", file=sys.stderr, flush=True)
+    values = ", ".join(f"{name} {value:.4g}" for name, value in figures.items() if name != "found")
+    print(f"  {node[-1]}, {rate_hz:.0f} Hz: {values}", file=sys.stderr, flush=True)
     return window
 
 

@@ -1,4 +1,4 @@
-"""The ODE: 5 s of one simulation at the native rate, beside SciPy at the paper's ode45 settings, and its error."""
+"""The ODE: time and error of 5 s of simulation at the native rate; SciPy at the paper's ode45 settings as baseline."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from biodyn_ros.base.resources import subject_file
 
 SECONDS = 5.0
 ROUNDS = 5
-REPEATS = 40  # of ours in each round, which takes a tenth of what SciPy takes
+REPEATS = 40  # of ours in each round, a tenth of the time of SciPy
 
 Floats = NDArray[np.float64]
 Slope = Callable[[float, Floats], Floats]
 
 
 def rows() -> list[Row]:
-    """Measure; about half a minute, most of it the reference solutions."""
+    """Measure; about half a minute, most of it for the reference solutions."""
     chain = Chain.of(load_subject(subject_file("subject_1")))
     seats = {
         name: load_case(name, SECONDS, np.random.default_rng(0), NATIVE_RATE_HZ).accel_mps2[:, 2] for name in CASES
@@ -46,7 +46,7 @@ def rows() -> list[Row]:
 
 
 def _times_ms(chain: Chain, seat: Floats) -> tuple[float, float]:
-    """Medians of ours and of SciPy, which take turns."""
+    """Medians of ours and of SciPy, alternating."""
     stepper = Stepper(chain, NATIVE_RATE_HZ)
     stepper.push(seat)  # compiles
     ours, paper = [], []
@@ -72,7 +72,7 @@ def _errors(chain: Chain, seat: Floats) -> tuple[float, float]:
 
 
 def _slope(chain: Chain, seat_at: Callable[[float], float]) -> Slope:
-    """The state's derivative as one writes it down from Eq. 4, 17 and 18, matrices and all."""
+    """The state's derivative by Eq. 4, 17 and 18, with full matrices."""
     inverse, damping, stiffness = np.linalg.inv(chain.M), chain.C, chain.K
     k_alpha = chain.stiffness_n_per_m * chain.stiffening_per_m
 
@@ -96,7 +96,7 @@ def rk45(chain: Chain, seat: Floats) -> Floats:
 
 
 def _reference(chain: Chain, seat: Floats) -> Floats:
-    """DOP853 to 1e-13, begun anew at every sample, because the seat's slope jumps there."""
+    """DOP853 to 1e-13, restarted at every sample, because the seat's slope is discontinuous there."""
     accel, state, step = np.zeros((len(seat), N_SEGMENTS)), np.zeros(2 * N_SEGMENTS), 1.0 / NATIVE_RATE_HZ
     for n in range(1, len(seat)):
         before, rise = seat[n - 1], (seat[n] - seat[n - 1]) / step

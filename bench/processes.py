@@ -1,4 +1,4 @@
-"""What the benchmarks of the live node share: its three processes, what the node costs, and what became of samples."""
+"""Shared by the benchmarks of the live node: its three processes, cost of the node, and lost samples."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from biodyn_ros.base import topics
 NODE = ("-m", "biodyn_ros.commands.cli", "live", "--ros-args", "-p", "state_file:=none", "--log-level", "warn")
 
 SETTLE_S = 3.0  # rest, first predictions, discovery
-TAIL_S = 2.0  # measurements wait a second for the slowest sensor: the last ones are not owed yet
-MARGIN_S = 1.0  # between the last message and the end of who receives it
+TAIL_S = 2.0  # measurements wait a second for the slowest sensor: the last ones are not expected yet
+MARGIN_S = 1.0  # between the last message and the end of the subscriber
 ENDING_S = 30.0
 EXACT_NS = 1000  # diagnostics give the filter delay in whole microseconds
 
@@ -42,7 +42,7 @@ def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def stop(process: subprocess.Popen[str]) -> None:
-    """As Ctrl-C would: a process killed at once leaves its shared memory to slow down the others."""
+    """Stop as Ctrl-C would: a killed process leaves its shared memory, which slows down the others."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
         try:
@@ -66,9 +66,9 @@ def resident_mb(pid: int) -> float:
 
 @dataclass(frozen=True)
 class Answered:
-    """Answers owed and lost over some seconds, lost as the node counts since its start, how late they and sending were.
+    """Expected and lost responses in a window, losses counted by the node since its start, latency and sending delay.
 
-    Times are beyond the filter's delay.
+    Latencies are without the filter's delay.
     """
 
     owed: int
@@ -80,7 +80,7 @@ class Answered:
 
 
 def answered(sent: Arrays, got: Arrays, begin_s: float, end_s: float) -> Answered:
-    """What became of the samples that were sent from one second up to another."""
+    """The responses to the samples sent in a time window."""
     diagnostics = json.loads(str(got["diagnostics"]))
     delay_ns = round(1e6 * float(diagnostics.get(topics.status_name(SEAT), {}).get("filter_delay_ms") or 0.0))
     stamps_ns = sent["stamps_ns"]
@@ -90,7 +90,7 @@ def answered(sent: Arrays, got: Arrays, begin_s: float, end_s: float) -> Answere
     for name in names:
         which, latency_ms = _latencies(sent, got[f"{name}/stamps_ns"] + delay_ns, got[f"{name}/arrived_ns"])
         lost += int(owed.sum()) - np.unique(which[owed[which]]).size
-        if name.startswith("predicted"):  # measurements wait for the slowest sensor, so theirs is no mark
+        if name.startswith("predicted"):  # measurements wait for the slowest sensor, so they have no target
             latencies.append(latency_ms[owed[which]])
     counted = sum(int(values.get("lost", 0)) for values in diagnostics.values())
     p50, p99 = np.percentile(np.concatenate(latencies), [50, 99]).tolist()
@@ -101,9 +101,9 @@ def answered(sent: Arrays, got: Arrays, begin_s: float, end_s: float) -> Answere
 def _latencies(
     sent: Arrays, answered_ns: NDArray[np.int64], arrived_ns: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Which sample each answer belongs to, and ms from that sample's leaving to the answer's arrival.
+    """The sample of each response, and the ms from sending the sample to receiving the response.
 
-    An answer that belongs to no sample is an interpolated one, for which nothing was sent: it is left out.
+    A response without a sample is interpolated, and excluded.
     """
     stamps_ns = sent["stamps_ns"]
     which = np.minimum(np.searchsorted(stamps_ns, answered_ns - EXACT_NS), stamps_ns.size - 1)
@@ -113,7 +113,7 @@ def _latencies(
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of a run, seconds since it began: what the node cost and held, and what became of its samples."""
+    """A window of a run, in seconds since its start: CPU and memory of the node, and its responses."""
 
     begin_s: float
     end_s: float
@@ -124,11 +124,11 @@ class Window:
 
 
 class FellBehind(RuntimeError):
-    """The publisher could not send as fast as it was asked to."""
+    """The publisher could not send at the requested rate."""
 
 
 def streamed(node: Sequence[str], kind: str, rate_hz: float, seconds: Sequence[float]) -> list[Window]:
-    """Stream to a node by a publisher and from it to a subscriber; a window for each of these lengths, in a row."""
+    """Stream from a publisher to a node and from it to a subscriber; consecutive windows of these lengths."""
     edges = np.cumsum([SETTLE_S, *seconds]).tolist()
     with TemporaryDirectory() as directory, ExitStack() as started:
         sent, got = Path(directory, "sent.npz"), Path(directory, "got.npz")
@@ -137,7 +137,7 @@ def streamed(node: Sequence[str], kind: str, rate_hz: float, seconds: Sequence[f
         words = (str(rate_hz), str(edges[-1] + TAIL_S), str(sent))
         publisher = started.enter_context(running("-m", "bench.graph", "publisher", *words))
         if publisher.stdout is None or not publisher.stdout.readline():
-            raise RuntimeError("the publisher found nobody to listen")
+            raise RuntimeError("the publisher found no subscriber")
         begin_s, costs = time.monotonic(), []
         for edge in edges:
             time.sleep(max(0.0, begin_s + edge - time.monotonic()))
@@ -146,7 +146,7 @@ def streamed(node: Sequence[str], kind: str, rate_hz: float, seconds: Sequence[f
             publisher.wait(TAIL_S + ENDING_S)
         except subprocess.TimeoutExpired:
             late = f"the publisher is {ENDING_S:g} s late at {rate_hz:.0f} Hz"
-            raise FellBehind(f"{late}: this machine cannot send so fast beside the node") from None
+            raise FellBehind(f"{late}: the machine cannot send at this rate beside the node") from None
         time.sleep(MARGIN_S)
         stop(subscriber)
         arrays = dict(np.load(sent)), dict(np.load(got))

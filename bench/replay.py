@@ -1,7 +1,7 @@
-"""Replay of 300 s of six IMUs, without and with the full-rate predicted bag, beside reading and decoding alone.
+"""Replay of 300 s of six IMUs, without and with the full-rate predicted bag, compared with reading and decoding only.
 
-Every measurement is a child process of its own, `python -m bench.replay TASK BAG DIRECTORY`: what it tells is its CPU
-seconds, start-up left out, and its peak of resident memory. Tasks are read, replay and predicted.
+Every measurement is a child process, `python -m bench.replay TASK BAG DIRECTORY`, which prints its CPU seconds without
+start-up and its peak of resident memory. Tasks are read, replay and predicted.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from biodyn_ros.simulate import motion_of_cases, simulate_bag
 LONG_S, SHORT_S = 300.0, 60.0
 ROUNDS = 3
 PART = 60_000
-"""Messages written one by one, enough to know what one costs."""
+"""Number of messages written one by one, enough for the time per message."""
 
 TASKS = ("read", "replay", "predicted")
 NAMES = {"read": "read, decode only", "replay": "replay", "predicted": "replay with predicted bag"}
@@ -41,7 +41,7 @@ NAMES = {"read": "read, decode only", "replay": "replay", "predicted": "replay w
 
 @dataclass(frozen=True)
 class Cost:
-    """What a task took: CPU seconds of its process on one core, peak resident MB, and messages it wrote."""
+    """Cost of a task: CPU seconds of its process on one core, peak resident MB, and messages written."""
 
     cpu_s: float
     peak_mb: float
@@ -50,13 +50,13 @@ class Cost:
 
 def rows() -> list[Row]:
     """Measure; about two minutes."""
-    # In memory where that is possible: the disk is not what is measured.
+    # In memory if possible, to exclude the disk.
     memory = Path("/dev/shm")  # noqa: S108
     with TemporaryDirectory(dir=memory if memory.is_dir() else None) as directory:
         long, short = (_simulate(Path(directory, f"{seconds:g}.mcap"), seconds) for seconds in (LONG_S, SHORT_S))
-        brief = {task: _cost(task, short) for task in TASKS}  # first, so that it warms the caches
+        brief = {task: _cost(task, short) for task in TASKS}  # first, to fill the caches
         rounds = [{task: _cost(task, long) for task in TASKS} for _ in range(ROUNDS)]
-        # The second of two: the first also loads the compressor.
+        # The second run: the first also loads the compressor.
         singly_s = [_seconds_a_message(Path(directory, "singly.mcap")) for _ in range(2)][1]
     costs = {task: _middle([each[task] for each in rounds]) for task in TASKS}
     return [*_speed_rows(costs, singly_s), *_memory_rows(costs, brief)]
@@ -74,7 +74,7 @@ def _speed_rows(costs: dict[str, Cost], singly_s: float) -> list[Row]:
 
 
 def _memory_rows(costs: dict[str, Cost], brief: dict[str, Cost]) -> list[Row]:
-    """The hour of the mark is not replayed: that its peak is flat between a minute and five says enough."""
+    """The target is for an hour; a constant peak between one and five minutes is sufficient evidence."""
     return [
         Row(
             f"{NAMES[task]}: peak, {LONG_S:g} s", costs[task].peak_mb, "MB", brief[task].peak_mb, f"{SHORT_S:g} s",
@@ -91,7 +91,7 @@ def _simulate(path: Path, seconds: float) -> Path:
 
 
 def _cost(task: str, bag: Path) -> Cost:
-    """Run a task in a child process; what it wrote is removed, since memory may be where it lies."""
+    """Run a task in a child process; its output is removed, because it may be in memory."""
     with TemporaryDirectory(dir=bag.parent) as directory:
         command = [sys.executable, "-m", "bench.replay", task, str(bag), directory]
         answer = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
@@ -103,7 +103,7 @@ def _middle(costs: list[Cost]) -> Cost:
 
 
 def _seconds_a_message(path: Path) -> float:
-    """What the mcap library takes to write one predicted sample, measured on a part."""
+    """Seconds of the mcap library to write one predicted sample, measured on a part."""
     stamps_ns = np.arange(PART // len(SEGMENTS)) * 885_000
     wave = np.random.default_rng(0).normal(size=stamps_ns.size)
     messages = [encode_accel_stamped(stamps_ns, wave, name) for name in SEGMENTS]
@@ -137,7 +137,7 @@ def _child(task: str, bag: str, directory: str) -> Cost:
 
 
 def _peak_mb() -> float:
-    """Not getrusage's ru_maxrss: a child inherits that from the process that started it."""
+    """The peak of resident memory; not ru_maxrss, which a child inherits from its parent."""
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     return int(next(line.split()[1] for line in lines if line.startswith("VmHWM"))) / 1024.0
 

@@ -1,7 +1,7 @@
-"""`python -m bench.soak [MINUTES]`: the live node for half an hour over real DDS, then at up to four times the rate.
+"""`python -m bench.soak [MINUTES]`: runs the live node for 30 minutes over real DDS, then at up to four times the rate.
 
-Every window is a row: answers lost, CPU of the node's process, how late answers come, resident memory. Exits with 1
-where anything was lost at the native rate or memory grew behind the warm-up.
+Each window is a row: lost responses, CPU of the node's process, latency, resident memory. Exit code 1 if a message is
+lost at the native rate or memory grows after the warm-up.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ import sys
 from bench.__main__ import setting
 from bench.processes import NODE, FellBehind, Window, streamed
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
-from biodyn_ros.base.environment import settle
+from biodyn_ros.base.environment import prepare
 
 MINUTES = 30.0
 WINDOWS = 10
 RAMP = (1.5, 2.0, 3.0, 4.0)
 RAMP_S = 30.0
 WARM_SHARE = 0.1
-MOST_GROWTH_MB = 3.0
-"""Memory is flat where it grows by less behind the warm-up; an arena of the allocator is one."""
+MAX_GROWTH_MB = 3.0
+"""Allowed growth of memory after the warm-up; an arena of the allocator takes 1 MB."""
 
 
 HEADER = " rate     from      to          answers     lost    CPU %   p50 ms   p99 ms  sent late     MB"
 
 
 def soaked(rate: float, seconds: float, windows: int) -> list[Window]:
-    """Run the node for so long at so many times the native rate, and print window by window."""
+    """Run the node at a multiple of the native rate, and print each window."""
     found = streamed(NODE, "predicted", rate * NATIVE_RATE_HZ, [seconds / windows] * windows)
     for window in found:
         one = window.found
@@ -41,9 +41,9 @@ def soaked(rate: float, seconds: float, windows: int) -> list[Window]:
 
 
 def main(arguments: list[str]) -> int:
-    """Soak, ramp, print, judge."""
+    """Run at the native rate, then at higher rates, and print the result."""
     minutes = float(arguments[0]) if arguments else MINUTES
-    domain = settle(os.environ)
+    domain = prepare(os.environ)
     try:
         print(HEADER, flush=True)
         native = soaked(1.0, 60.0 * minutes, WINDOWS)
@@ -58,9 +58,9 @@ def main(arguments: list[str]) -> int:
     warm = native[max(1, round(WARM_SHARE * len(native))) - 1]
     lost, grown_mb = sum(one.found.lost for one in native), native[-1].resident_mb - warm.resident_mb
     print(f"lost at the native rate: {lost}; counted by the node: {native[-1].found.counted_lost}")
-    print(f"memory behind the first window: {grown_mb:+.1f} MB")
+    print(f"memory growth after the first window: {grown_mb:+.1f} MB")
     print(setting())
-    return 1 if lost or grown_mb > MOST_GROWTH_MB else 0
+    return 1 if lost or grown_mb > MAX_GROWTH_MB else 0
 
 
 if __name__ == "__main__":

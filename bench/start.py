@@ -1,4 +1,4 @@
-"""Start: the time of commands that compute little, beside that of their unavoidable imports."""
+"""Start: time of commands that compute little, compared with that of the necessary imports."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from biodyn_ros.base.resources import bag_file
 from biodyn_ros.commands.table import NAMES
 
 ROUNDS = 7
-MOST = 2.0
+MAX_RATIO = 2.0
 COMMAND = (sys.executable, "-m", "biodyn_ros.commands.cli")
 IMPORTS = (sys.executable, "-c", "import numpy, scipy.signal")
 
 
 def rows() -> list[Row]:
-    """Measure; about a minute. Processes take turns, and medians are compared."""
+    """Measure; about a minute. Processes alternate, and medians are compared."""
     info = (*COMMAND, "info", str(bag_file("subject_1.mcap")))
-    asked = {f"{name} -h": (*COMMAND, name, "-h") for name in NAMES}
-    programs = {"version": (*COMMAND, "--version"), "imports": IMPORTS, "info": info, **asked}
+    helps = {f"{name} -h": (*COMMAND, name, "-h") for name in NAMES}
+    programs = {"version": (*COMMAND, "--version"), "imports": IMPORTS, "info": info, **helps}
     times: dict[str, list[float]] = {name: [] for name in (*programs, "info, nothing cached")}
     for _ in range(ROUNDS):
         for name, program in programs.items():
@@ -31,7 +31,7 @@ def rows() -> list[Row]:
         with tempfile.TemporaryDirectory() as folder:
             times["info, nothing cached"].append(_process_s(info, NUMBA_CACHE_DIR=folder))
     median = {name: statistics.median(each) for name, each in times.items()}
-    slowest = max(asked, key=lambda name: median[name])
+    slowest = max(helps, key=lambda name: median[name])
     return [
         _row(f"the slowest help, biodyn {slowest}", median[slowest], median["version"], "--version"),
         _row("info of the bundled bag", median["info"], median["imports"], "import numpy, scipy.signal"),
@@ -40,7 +40,7 @@ def rows() -> list[Row]:
 
 
 def _row(what: str, ours_s: float, baseline_s: float, baseline: str) -> Row:
-    return Row(what, ours_s, "s", baseline_s, baseline, f"<= {MOST:g} times", ours_s <= MOST * baseline_s)
+    return Row(what, ours_s, "s", baseline_s, baseline, f"<= {MAX_RATIO:g} times", ours_s <= MAX_RATIO * baseline_s)
 
 
 def _process_s(program: tuple[str, ...], **environment: str) -> float:

@@ -1,4 +1,4 @@
-"""The table of a benchmark: ours beside its baseline, measured in one run."""
+"""The table of a benchmark: results and baselines of one run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """One measurement, its baseline from the same run, and the mark with the verdict; None where there is none."""
+    """One measurement, its baseline from the same run, and the target with its result; None without one."""
 
     what: str
     ours: float
@@ -21,7 +21,7 @@ class Row:
 
 def render(rows: Iterable[Row]) -> str:
     """The rows as an aligned text table; the ratio is ours over baseline."""
-    cells = [("what", "ours", "unit", "baseline", "", "ratio", "mark", "met"), *map(_cells, rows)]
+    cells = [("quantity", "biodyn", "unit", "baseline", "", "ratio", "mark", "met"), *map(_cells, rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     right = {1, 3, 5}
     lines = [
@@ -43,12 +43,12 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def _number(value: float) -> str:
-    """Three digits at least, thousands set off."""
+    """At least three digits, with thousands separators."""
     return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def _ratio(ours: float, baseline: float) -> str:
-    """Two decimals where they say something, otherwise two digits."""
+    """Two decimals, or two digits for small ratios."""
     if baseline == 0.0:
         return "-"
     ratio = ours / baseline

@@ -1,4 +1,4 @@
-"""The demo: the bundled bag played by one process, the live node in another, exposure and residual in this terminal."""
+"""The demo: one process plays the bundled bag, another is the live node, this one prints exposure and residual."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ START_WITHIN_S: Final = 60.0
 QUIET_S: Final = 3.0
 
 DEPTH: Final = 20_000
-"""More than the bag has of any sensor: however long the machine holds somebody up, no queue drops a sample."""
+"""More messages than the bag has of any sensor, so that no queue drops a sample on a slow machine."""
 
 _SHOWN: Final = (
     f"{topics.EXPOSURE}/dri",
@@ -44,7 +44,7 @@ _SHOWN: Final = (
 
 
 class _Observer(Node):
-    """Listens to the live node as any other user of its topics would."""
+    """Subscribes to the topics of the live node."""
 
     def __init__(self) -> None:
         super().__init__("biodyn_demo")
@@ -62,7 +62,7 @@ class _Observer(Node):
         self.state = said.get(topics.status_name("prediction"), self.state)
 
     def line(self) -> str:
-        """One line of what is known now."""
+        """The current values as one line."""
         get = self.latest.get
         residual = " ".join(f"{number(get(topics.RESIDUAL[segment])):>7s}" for segment in MEASURED_SEGMENTS)
         vdv, rolling = get(f"{topics.EXPOSURE}/{SEAT}/vdv"), get(f"{topics.ROLLING}/{SEAT}/vdv")
@@ -76,44 +76,46 @@ class _Observer(Node):
 
 
 def demo(out: Path, subject_name: str) -> None:
-    """Run the main job and leave report, exposure and predicted bag under `out`.
+    """Run the demo and write report, exposure and predicted bag to `out`.
 
-    Raises InputError where a process fails, or the live node gives no figure: then the offline results are there.
+    Raises InputError if a process fails, or if the live node gives no value, after the offline results are written.
     """
     check_directory(out)
     check_reports()
     bag, subject_path = bag_file(BAG), subject_file(subject_name)
     subject = load_subject(subject_path)
-    print(f"playing {bag.name} onto six topics; the live node answers for {subject.name}\n{MADE_BY_MODEL}\n")
+    print(f"playing {bag.name} onto six topics; the live node predicts {subject.name}\n{MADE_BY_MODEL}\n")
     rclpy.init()
     live = _child("live", "--ros-args", *_parameters(subject_path), "--log-level", "warn")
     player = None
     try:
         observer = _Observer()
-        _wait_until_listening(observer, live)
+        _wait_for_subscription(observer, live)
         player = _child("play", str(bag), "--depth", str(DEPTH))
-        last = _watch(observer, live, player)
+        last = _print_values(observer, live, player)
         observer.destroy_node()
     finally:
         for process in (player, live):
             if process is not None:
                 _stop(process)
         rclpy.try_shutdown()
-    print("\nthe same bag offline, by the same path:\n")
+    print("\nthe same bag, processed offline by the same pipeline:\n")
     replayed = replay_to_directory(bag, subject, out)
     print(summary(replayed.document))
     offline = replayed.document["sensors"][SEAT]["vdv_mps175"]
-    shown = "no figure" if last is None else f"{last:.9f}"
+    shown = "no value" if last is None else f"{last:.9f}"
     print(f"\nseat VDV live {shown}, offline {offline:.9f} m/s^1.75")
-    print(f"report: {out / 'report.html'}   predicted bag: {out / 'predicted.mcap'}   figures: {out / 'exposure.json'}")
+    print(
+        f"report: {out / 'report.html'}   predicted bag: {out / 'predicted.mcap'}   exposure: {out / 'exposure.json'}"
+    )
     if last is None:
-        raise InputError("the live node gave no figure: this machine may be too busy; try again when it is not")
+        raise InputError("the live node gave no value: the machine may be too busy; try again later")
 
 
 def _parameters(subject_path: Path) -> list[str]:
-    """What the live node is told."""
+    """The ROS arguments of the live node."""
     given = [f"subject_file:={subject_path}", "state_file:=none", f"queue_depth:={DEPTH}"]
-    # Best effort loses samples where a process waits 75 ms for its turn, and live would differ from the replay.
+    # Best effort loses samples if a process is delayed by 75 ms; live would then differ from the replay.
     given += [f"qos_overrides./{topic}.subscription.reliability:=reliable" for topic in topics.INPUT.values()]
     return [argument for parameter in given for argument in ("-p", parameter)]
 
@@ -122,18 +124,18 @@ def _child(*arguments: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-m", "biodyn_ros.commands.cli", *arguments], stdout=subprocess.DEVNULL)
 
 
-def _wait_until_listening(observer: _Observer, live: subprocess.Popen[bytes]) -> None:
+def _wait_for_subscription(observer: _Observer, live: subprocess.Popen[bytes]) -> None:
     deadline = time.monotonic() + START_WITHIN_S
     while observer.count_subscribers(topics.INPUT[SEAT]) == 0:
         rclpy.spin_once(observer, timeout_sec=0.1)
         if live.poll() is not None:
-            raise InputError(f"the live node ended at once (exit code {live.returncode}); its message stands above")
+            raise InputError(f"the live node ended at once (exit code {live.returncode}); see its message above")
         if time.monotonic() > deadline:
-            raise InputError("the live node did not start listening within a minute")
+            raise InputError("the live node did not subscribe within a minute")
 
 
-def _watch(observer: _Observer, live: subprocess.Popen[bytes], player: subprocess.Popen[bytes]) -> float | None:
-    """Print a line a second until the bag has ended and the last figures have come; return the seat's VDV."""
+def _print_values(observer: _Observer, live: subprocess.Popen[bytes], player: subprocess.Popen[bytes]) -> float | None:
+    """Print a line per second until the bag has ended and the last values are received; return the seat's VDV."""
     segments = " ".join(f"{name[:7]:>7s}" for name in MEASURED_SEGMENTS)
     print(" seat VDV   window    DRI  head VDV     model   residual rms over the window, m/s^2")
     print(f" m/s^1.75                  m/s^1.75             {segments}")
@@ -141,10 +143,10 @@ def _watch(observer: _Observer, live: subprocess.Popen[bytes], player: subproces
     while ended is None or time.monotonic() < ended + QUIET_S:
         rclpy.spin_once(observer, timeout_sec=0.05)
         if live.poll() is not None:
-            raise InputError(f"the live node ended (exit code {live.returncode}); its message stands above")
+            raise InputError(f"the live node ended (exit code {live.returncode}); see its message above")
         if ended is None and player.poll() is not None:
             if player.returncode:
-                raise InputError(f"playing the bag failed (exit code {player.returncode}); its message stands above")
+                raise InputError(f"playing the bag failed (exit code {player.returncode}); see its message above")
             ended = time.monotonic()
         if time.monotonic() >= next_line and ended is None:
             next_line += 1.0
@@ -153,7 +155,7 @@ def _watch(observer: _Observer, live: subprocess.Popen[bytes], player: subproces
 
 
 def _stop(process: subprocess.Popen[bytes]) -> None:
-    """End a process of ours as Ctrl-C would, and only it."""
+    """End a child process as Ctrl-C would."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
         try:

@@ -1,4 +1,4 @@
-"""Simulate: a subject and a seat motion become a six-IMU bag."""
+"""Simulates a bag of six IMUs from a subject and a seat motion."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from biodyn_core.body.synthesis_settings import SensorSettings
 from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
-from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.reading.provenance import MADE_BY, RECORD
 
 START_NS: Final = 1_767_225_600 * 10**9
-"""2026-01-01, so that the same seed gives the same bag."""
+"""2026-01-01; constant, so that the same seed gives the same bag."""
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """What was written."""
+    """The written bag."""
 
     bag: str
     messages: int
@@ -33,7 +33,7 @@ class Simulated:
 
 
 def motion_of_cases(cases: list[str], seconds: float, seed: int) -> SeatMotion:
-    """Draw load cases of `seconds` each, one after the other."""
+    """Random load cases of `seconds` each, one after the other."""
     rng = _generator(seed, 0)
     return joined([load_case(case, seconds, rng) for case in cases])
 
@@ -45,11 +45,11 @@ def simulate_bag(
     seed: int,
     sensors: SensorSettings,
     compression: str = "zstd",
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
 ) -> Simulated:
-    """Write the bag; it says in its metadata that the model made it. Raises InputError where the path cannot be.
+    """Write the bag, with its origin in the metadata. Raises InputError if the path cannot be written.
 
-    `progress` hears (sensors written, sensors in all).
+    `progress` is called with (sensors written, all sensors).
     """
     streams = imu_streams(subject, motion, _generator(seed, 1), sensors, START_NS)
     with BagWriter(path, compression=compression) as writer:
@@ -68,5 +68,5 @@ def simulate_bag(
 
 
 def _generator(seed: int, stream: int) -> np.random.Generator:
-    """Independent streams of one seed: the sensors' errors do not depend on how the motion was drawn."""
+    """Independent streams of one seed: the sensors' errors do not depend on the drawn motion."""
     return np.random.default_rng([seed, stream])

@@ -1,4 +1,4 @@
-"""`python -m conformance`: measures every row, writes docs/conformance.md, and ends with 1 where one fails."""
+"""`python -m conformance`: measures every row, writes docs/conformance.md; exit code 1 if a row fails."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ def main() -> int:
     """Run all chapters, a minute or two."""
     if not recordings.data().is_dir():
         print(
-            f"conformance: the recordings are not in {recordings.data()}: without them the page is not whole, say where"
-            " they are with BIODYN_DATA",
+            f"conformance: the recordings are not in {recordings.data()}: set BIODYN_DATA to their directory",
             file=sys.stderr,
         )
         return 2

@@ -1,4 +1,4 @@
-"""Clocks: one motion seen through faults of the stamps, each injected and known; six faults at once, one a sensor."""
+"""Clocks: one motion with injected faults of the stamps; six faults at a time, one per sensor."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ SECONDS: Final = 60.0
 TIME_S: Final = record.instants(RATE_HZ, SECONDS)
 QUIET_S: Final = (19.0, 23.0)
 GAP_S: Final = 1.0
-"""The motion pauses for so long, and a gap of so much lies in the middle."""
+"""The pause of the motion, and the length of the gap in its middle."""
 
 SPOILT: Final = np.arange(math.ceil(2.0 * RATE_HZ), TIME_S.size - 200, 100)
-"""1 % of the messages; not while gravity is looked for, nor at the end, where nothing confirms a stamp."""
+"""1 % of the messages; not during the search for gravity, nor at the end, where no later stamp confirms one."""
 
 TRANSPORT_S: Final = 2e-3
 DELAY_S: Final = 2e-5
-"""The least that a message takes to be logged, and the mean of what comes on top."""
+"""The smallest delay of logging, and the mean of the additional delay."""
 
 FIGURE_TOLERANCE: Final = 0.001
 PPM_FLOOR: Final = 0.1
@@ -45,11 +45,11 @@ HOUR_NS: Final = 3600 * 10**9
 
 @dataclass(frozen=True)
 class Fault:
-    """What is done to a sensor's messages, and what the product should make of it.
+    """A change of a sensor's messages, and the expected result.
 
-    ppm: by how much the stamps run fast; late_s: by how much they are late; error_s: rms of their errors about an even
-    clock; counts: the causes that the spoilt are counted as; gap: whether there is one; by_log: whether log time is
-    used instead, so that nothing is known of the stamps' clock.
+    ppm: drift of the stamps; late_s: their delay; error_s: rms of their errors about an even clock; counts: the causes
+    under which changed messages are counted; gap: whether there is one; by_log: whether log time is used instead, so
+    that the clock of the stamps is unknown.
     """
 
     what: str
@@ -64,7 +64,7 @@ class Fault:
 
 @cache
 def motion() -> Floats:
-    """Three sines that swell and die away within a second, twice."""
+    """Three sines with a rise and decay of a second, twice."""
     swells = ((record.BEGIN_S, QUIET_S[0]), (QUIET_S[1], SECONDS - 3.0))
     inside = np.maximum(*(np.minimum(TIME_S - begin, end - TIME_S) for begin, end in swells))
     tones = sum(a * np.sin(2.0 * np.pi * f * TIME_S) for a, f in ((1.2, 1.3), (2.0, 4.1), (1.5, 9.3)))
@@ -73,7 +73,7 @@ def motion() -> Floats:
 
 @cache
 def weighted() -> Floats:
-    """The motion behind the analog Wk."""
+    """The motion weighted by the analog Wk."""
     return twins.weighted("Wk", motion(), RATE_HZ)
 
 
@@ -164,7 +164,7 @@ FAULTS: Final = (
 
 
 def fault_rows(faults: tuple[Fault, ...]) -> list[Row]:
-    """Up to six faults in one record, which `replay` and `info` both look at."""
+    """Rows of up to six faults in one record, from `replay` and `info`."""
     streams = {}
     for number, (sensor, fault) in enumerate(zip(SENSORS, faults, strict=False)):
         delay_s = np.random.default_rng(number).exponential(DELAY_S, TIME_S.size)
@@ -218,15 +218,15 @@ def _figure_rows(fault: Fault, dose: dict[str, float]) -> list[Row]:
 
 
 def rate_tolerance_ppm(fault: Fault) -> float:
-    """Four standard deviations of the rate that a critically damped loop finds in white errors of the stamps."""
+    """Four standard deviations of the rate estimated by a critically damped loop from stamps with white errors."""
     return PPM_FLOOR + 4e6 * fault.error_s / (2.0 * CLOCK_TIME_CONSTANT_S**1.5 * math.sqrt(RATE_HZ))
 
 
 def log_tolerance_ppm(fault: Fault) -> float:
-    """Four standard deviations of the slope of a line through the least lag of every second.
+    """Four standard deviations of the slope of a line through the smallest lag of every second.
 
-    The least of 1129 white errors scatters by 0.35 of their standard deviation; the least lag under a drift by that of
-    a Rayleigh distribution, 0.655 of its root of drift x mean delay / rate.
+    The minimum of 1129 white errors has 0.35 of their standard deviation; the smallest lag under a drift has that of a
+    Rayleigh distribution, 0.655 of the root of drift x mean delay / rate.
     """
     least_s = 0.35 * fault.error_s + 0.655 * math.sqrt(1e-6 * abs(fault.ppm) * DELAY_S / RATE_HZ)
     return PPM_FLOOR + 4e6 * least_s * math.sqrt(12.0 / SECONDS**3)
@@ -242,7 +242,7 @@ and a line through the least lags of T seconds to 0.35 σ √(12 / T³), a drift
 
 
 def sections() -> list[RowTable]:
-    """All of it: some five seconds."""
+    """All sections; about five seconds."""
     size = len(SENSORS)
     rows = [row for at in range(0, len(FAULTS), size) for row in fault_rows(FAULTS[at : at + size])]
     return [RowTable("Faults of the stamps", WORDS, tuple(rows))]

@@ -1,4 +1,4 @@
-"""Delay and interpolation: what stands in the measured frames, beside the theory of filter and interpolator."""
+"""Delay and interpolation: the measured frames compared with the theory of filter and interpolator."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RATES_HZ: Final = (250.0, 500.0, 1000.0, 1129.3, 2000.0)
 CUTOFF_HZ: Final = 100.0
 SECONDS: Final = 6.0
 STEADY_S: Final = (3.0, 5.0)
-"""The filter has settled and its neighbours are there."""
+"""Time span in which the filter has settled and all neighbours exist."""
 
 DELAY_HZ: Final = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0)
 LAG_TOLERANCE_S: Final = 1e-6
@@ -57,7 +57,7 @@ class _Grid:
 
 
 def sine(time_s: Floats, frequency_hz: float) -> Floats:
-    """A sine that swells within half a second."""
+    """A sine with a rise of half a second."""
     rise = np.clip((time_s - record.BEGIN_S) / 0.5, 0.0, 1.0)
     return AMPLITUDE_MPS2 * np.sin(0.5 * np.pi * rise) ** 2 * np.sin(2.0 * np.pi * frequency_hz * time_s)
 
@@ -66,20 +66,20 @@ def sine(time_s: Floats, frequency_hz: float) -> Floats:
 
 
 def filter_delay_s(rate_hz: float) -> float:
-    """Group delay at 0 Hz of the sampled 4th-order Butterworth low-pass: sum of 2 cos of its poles' angles, bent."""
+    """Group delay at 0 Hz of the 4th-order Butterworth low-pass by the bilinear transform, from its pole angles."""
     angles = (math.pi / 8.0, 3.0 * math.pi / 8.0)
     return sum(math.cos(angle) for angle in angles) / (rate_hz * math.tan(math.pi * CUTOFF_HZ / rate_hz))
 
 
 def filter_gain(frequency_hz: float, rate_hz: float) -> complex:
-    """Of that low-pass, by its analog prototype at the frequency that the bilinear transform puts there."""
+    """Gain of that low-pass, by its analog prototype at the prewarped frequency."""
     s = 1j * math.tan(math.pi * frequency_hz / rate_hz) / math.tan(math.pi * CUTOFF_HZ / rate_hz)
     quadratics = (s * s + 2.0 * math.cos(k * math.pi / 8.0) * s + 1.0 for k in (1, 3))
     return 1.0 / math.prod(quadratics, start=1.0 + 0j)
 
 
 def delay_rows(rate_hz: float) -> list[Row]:
-    """Gain and remaining lag of sines, one a sensor, after the filter's delay was taken off the stamps."""
+    """Gain and remaining lag of sines, one per sensor, after subtraction of the filter's delay from the stamps."""
     time = record.instants(rate_hz, SECONDS)
     streams = {s: record.stream(s, time, sine(time, f)) for s, f in zip(SENSORS, DELAY_HZ, strict=True)}
     grid = _Grid(streams)
@@ -107,7 +107,7 @@ def _against_theory(what: str, found: complex, frequency_hz: float, rate_hz: flo
 
 
 def interpolation_rows(rate_hz: float) -> list[Row]:
-    """Sensors whose clocks are late by a part of a sample, read at the seat's instants: their largest error."""
+    """Largest error of sensors with a delay of a fraction of a sample, interpolated at the seat's instants."""
     streams = {}
     for sensor, late in zip(SENSORS, LATE_SAMPLES, strict=True):
         time = record.instants(rate_hz, SECONDS, late)
@@ -125,7 +125,7 @@ def interpolation_rows(rate_hz: float) -> list[Row]:
 
 
 def lagrange_error(late_samples: float, rate_hz: float) -> float:
-    """Largest relative error of a sine read by the polynomial through its nearest neighbours, as Lagrange wrote it."""
+    """Largest relative error of a sine interpolated by the Lagrange polynomial of its nearest neighbours."""
     half = half_width(rate_hz, CUTOFF_HZ)
     nodes = np.arange(1.0 - half, half + 1.0)
     angle = 2j * np.pi * TOP_HZ / rate_hz
@@ -164,7 +164,7 @@ neighbours."""
 
 
 def sections() -> list[RowTable]:
-    """All of it: some three seconds."""
+    """All sections; about three seconds."""
     delay = tuple(row for rate_hz in RATES_HZ for row in delay_rows(rate_hz))
     interpolation = tuple(row for rate_hz in RATES_HZ for row in interpolation_rows(rate_hz))
     return [

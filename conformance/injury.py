@@ -1,4 +1,4 @@
-"""DRI and HIC: pulses on the seat and on the head, against closed forms and brute force."""
+"""DRI and HIC: pulses of seat and head, compared with closed forms and brute force."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 SECONDS: Final = 2.5
 BEGIN_S: Final = 1.2
 WIDE_RANGE: Final = ConditioningSettings(saturation_mps2=2000.0)
-"""Pulses of tens of g are those of high-g sensors."""
+"""Pulses of tens of g need high-g sensors."""
 
 ROUNDING: Final = 1e-6
 
@@ -39,13 +39,13 @@ BRUTE_RATE_HZ: Final = 20_000.0
 
 
 def dri_rows(rate_hz: float) -> list[Row]:
-    """DRI of half-sine pulses, of a jump to a level and of a decaying oscillation."""
+    """DRI of half-sine pulses, a step and a decaying oscillation."""
     rows = []
     for high, length_s in HALF_SINES:
         modes = twins.tone(high * GRAVITY_MPS2, 0.5 / length_s, 0.5, BEGIN_S)
         rows += _dri(f"half-sine, {high:g} g, {1e3 * length_s:g} ms, at {rate_hz:g} Hz", modes, rate_hz, length_s)
     decay = twins.decay(3.0 * GRAVITY_MPS2, 8.0, 0.2, BEGIN_S)
-    rows += _dri(f"8 Hz from 3 g, dying away with 0.2 s, at {rate_hz:g} Hz", decay, rate_hz, 0.0625)
+    rows += _dri(f"8 Hz from 3 g, decaying with 0.2 s, at {rate_hz:g} Hz", decay, rate_hz, 0.0625)
     jump_s = (math.ceil(BEGIN_S * rate_hz) + 0.5) / rate_hz
     found = _seat(twins.step(3.0 * GRAVITY_MPS2, jump_s), rate_hz)
     overshoot = math.exp(-math.pi * ZETA / math.sqrt(1.0 - ZETA**2))
@@ -60,7 +60,7 @@ def _dri(what: str, modes: list[Mode], rate_hz: float, turn_s: float) -> list[Ro
     found = _seat(modes, rate_hz)
     z = twins.answer(twins.spinal_oscillator(), modes, np.arange(BEGIN_S, SECONDS, twins.FINE_S))
     ratio = OMEGA**2 / GRAVITY_MPS2
-    # Straight lines between samples cut a half-sine by the first part; the second: a peak between two samples.
+    # First part: linear interpolation of a half-sine; second part: a peak between two samples.
     allowed = (math.pi / (turn_s * rate_hz)) ** 2 / 12.0 + (OMEGA / rate_hz) ** 2 / 8.0
     return [
         Row(f"compression, {what}", found["compression"], ratio * float((-z).max()), allowed),
@@ -78,9 +78,9 @@ def _seat(modes: list[Mode], rate_hz: float) -> dict[str, float]:
 
 
 def hic_of_half_sine(peak_g: float, length_s: float, window_s: float) -> float:
-    """HIC of a half-sine: windows lie around its middle, the best half as long as x, tan x = 5/3 x, or the longest.
+    """HIC of a half-sine: the window is centred; its optimal half length x has tan x = 5/3 x, unless it is limited.
 
-    Over a share u of it the mean is 2 sin(pi u / 2) / (pi u).
+    Over a fraction u of it the mean is 2 sin(pi u / 2) / (pi u).
     """
     best = optimize.brentq(lambda x: math.tan(x) - 5.0 / 3.0 * x, 0.5, 1.5) * 2.0 / math.pi
     u = min(best, window_s / length_s)
@@ -93,7 +93,7 @@ def hic_rows(rate_hz: float) -> list[Row]:
 
 
 def level_rows(rate_hz: float) -> list[Row]:
-    """A level of 60 ms holds the longest window: the answer is exact, whatever lies between two samples at its ends."""
+    """A level of 60 ms is longer than every window, so that the result is exact."""
     jump_s = (math.ceil(BEGIN_S * rate_hz) + 0.5) / rate_hz
     unit = [Mode(jump_s, 0j, GRAVITY_MPS2), Mode(jump_s + 0.06, 0j, -GRAVITY_MPS2)]
     up, down, oblique = (_head(unit, rate_hz, *axes) for axes in ((0.0, 20.0), (0.0, -20.0), (12.0, 16.0)))
@@ -133,16 +133,15 @@ def _decay_rows(rate_hz: float) -> list[Row]:
     for key, window_s in WINDOWS_S.items():
         for definition, channel in (("vertical", np.abs(g)), ("as_printed", np.abs(g + 1.0))):
             wanted = twins.head_injury(channel, BRUTE_RATE_HZ, window_s)
-            what = f"{key}.{definition}, 15 Hz from 30 g, dying away with 50 ms, at {rate_hz:g} Hz"
+            what = f"{key}.{definition}, 15 Hz from 30 g, decaying with 50 ms, at {rate_hz:g} Hz"
             rows.append(Row(what, found[key][definition], wanted, _of_samples(1.0 / 30.0, rate_hz)))
     return rows
 
 
 def _of_samples(turn_s: float, rate_hz: float) -> float:
-    """What samples may take off HIC, to the power 2.5 of a mean.
+    """Relative error of HIC, a mean to the power of 2.5, due to sampling.
 
-    Straight lines between them cut a half-sine of `turn_s` by the first part, a window that lies half a period beside
-    the best one by the second.
+    First part: linear interpolation of a half-sine of `turn_s`; second part: a window half a sample off the optimum.
     """
     return 2.5 * (math.pi / (turn_s * rate_hz)) ** 2 * (1.0 / 12.0 + 1.0 / 8.0)
 
@@ -171,7 +170,7 @@ length T, and a window half a period off the best."""
 
 
 def sections() -> list[RowTable]:
-    """All of it: some five seconds."""
+    """All sections; about five seconds."""
     dri = tuple(row for rate_hz in DRI_RATES_HZ for row in dri_rows(rate_hz))
     hic = tuple(row for rate_hz in HIC_RATES_HZ for row in hic_rows(rate_hz))
     return [RowTable("DRI", DRI_WORDS, dri), RowTable("HIC", HIC_WORDS, hic)]

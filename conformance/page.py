@@ -1,4 +1,4 @@
-"""The page: all chapters as Markdown, with the number of rows and of failures at the top."""
+"""The page: all chapters as Markdown, with the number of rows and failures at the top."""
 
 from __future__ import annotations
 

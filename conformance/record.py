@@ -1,4 +1,4 @@
-"""Records that go the whole way: motions become Imu messages in a bag, and `replay` gives the figures it prints."""
+"""Records for end-to-end tests: motions are written as Imu messages to a bag, and `replay` gives the results."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ Integers = NDArray[np.int64]
 START_NS: Final = 1_767_225_600 * 10**9
 GRAVITY_MPS2: Final = 9.80665
 REST_S: Final = 0.8
-"""The pipeline's default: what it takes to know gravity is not counted."""
+"""The pipeline's default: the time to find gravity is not counted."""
 
 BEGIN_S: Final = 1.0
-"""Every motion here begins after so much rest."""
+"""Every motion starts after this time at rest."""
 
 CHUNK_BYTES: Final = 150_001
-"""Small and odd, so that the messages reach the pipeline in uneven blocks, some fifteen for every second."""
+"""Small and odd, so that the pipeline receives uneven blocks, about fifteen per second."""
 
 NOISE_MPS2: Final = 1e-6
-"""Far below every tolerance, and enough that no two readings are the same, as with any real sensor."""
+"""Far below every tolerance, but enough that successive values differ, as for a real sensor."""
 
 _TURN_S: Final = 0.5
 
-# Sensors are mounted differently, so that every figure goes through finding the vertical too. Only the seat's
-# horizontal axes are answered for, so it stands upright. Rows are the sensor's axes.
+# Sensors have different mountings, so that every result includes the search for the vertical. The seat is upright,
+# because only its horizontal axes are evaluated. Rows are the sensor's axes.
 _MOUNTING: Final[dict[str, Floats]] = {
     "seat": np.eye(3),
     "pelvis": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
@@ -64,7 +64,7 @@ class Stream:
     force_mps2: Floats
 
     def picked(self, which: NDArray[Any]) -> Stream:
-        """Some of the messages, as an index tells, logged in the order of the index."""
+        """The messages selected by an index, logged in the order of the index."""
         return Stream(self.stamps_ns[which], np.sort(self.log_ns[which]), self.force_mps2[which])
 
     def stamped(self, seconds: Floats) -> Stream:
@@ -77,14 +77,14 @@ class Stream:
 
 
 def instants(rate_hz: float, seconds: float, late_samples: float = 0.0) -> Floats:
-    """When a sensor samples, seconds (n,) from the start; `late_samples` shifts its clock by a part of a sample."""
+    """Times of samples, seconds (n,) from the start; `late_samples` shifts the clock by a fraction of a sample."""
     return (np.arange(math.floor(seconds * rate_hz)) + late_samples) / rate_hz
 
 
 def stream(
     sensor: str, time_s: Floats, up: Floats, forward: Floats | float = 0.0, left: Floats | float = 0.0
 ) -> Stream:
-    """What a sensor would send at instants time_s (n,) for a motion in m/s² (n,), gravity added, stamps right."""
+    """The messages of a sensor at times time_s (n,) for a motion in m/s² (n,), with gravity and exact stamps."""
     force = np.column_stack([np.broadcast_to(part, time_s.shape) for part in (forward, left, up + GRAVITY_MPS2)])
     noise = NOISE_MPS2 * np.random.default_rng(SENSORS.index(sensor)).standard_normal(force.shape)
     stamps = _nanoseconds(time_s)
@@ -96,7 +96,7 @@ def _nanoseconds(seconds: Floats) -> Integers:
 
 
 def first_counted(time_s: Floats) -> int:
-    """The first sample behind the rest that is not counted, for right stamps from the start."""
+    """The first counted sample, after the rest, for exact stamps."""
     return int(np.searchsorted(time_s - time_s[0], REST_S - 1e-9))
 
 
@@ -125,7 +125,7 @@ def replay_of(
 
 @contextmanager
 def bag_of(streams: Mapping[str, Stream]) -> Iterator[Path]:
-    """A bag with these streams, for as long as it is looked at."""
+    """A temporary bag with these streams."""
     with TemporaryDirectory() as directory:
         bag = Path(directory, "record.mcap")
         write_bag(bag, streams)
@@ -133,7 +133,7 @@ def bag_of(streams: Mapping[str, Stream]) -> Iterator[Path]:
 
 
 def write_bag(path: Path, streams: Mapping[str, Stream]) -> None:
-    """Write the streams as sensor_msgs/Imu, in turns of half a second so that the file is in the order of log time."""
+    """Write the streams as sensor_msgs/Imu, interleaved every half second, so that the file is in order of log time."""
     with BagWriter(path, compression="none", chunk_bytes=CHUNK_BYTES) as writer:
         for sensor in streams:
             writer.add_topic(INPUT[sensor], IMU_TYPE)

@@ -1,4 +1,4 @@
-"""Recorded pulses, which lie beside the checkout and not in it: NHTSA's dummy heads, Yoganandan's seat pulses."""
+"""Recorded pulses, which are not part of the repository: NHTSA's dummy heads, Yoganandan's seat pulses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RATE_HZ: Final = 10_000.0
 QUIET_S: Final = 1.2
 
 HEADS: Final = {"toyota_corolla": (205.75, 345.55), "honda_cr_v": (177.63, 330.60)}
-"""HIC15 and HIC36 of the resultant by trapezoids over all windows of whole samples, given with the recordings."""
+"""HIC15 and HIC36 of the resultant, as given with the recordings: trapezoids over all windows of whole samples."""
 
 HIC_TOLERANCE: Final = 0.001
 PULSES_MS: Final = (50, 75, 100, 150, 200)
@@ -29,7 +29,7 @@ DRI_TOLERANCE: Final = 1e-4
 
 
 def data() -> Path:
-    """Where the recordings are, if they are there: `$BIODYN_DATA` or ../shared/data."""
+    """The directory of the recordings: `$BIODYN_DATA` or ../shared/data; it need not exist."""
     return Path(os.environ.get("BIODYN_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
 
 
@@ -70,11 +70,11 @@ NHTSA frontal impacts, dummy head, 10 kHz. Reference: the values given with the 
 of whole samples. Tolerance: {100.0 * HIC_TOLERANCE:g} %, because the end of a window may lie between two samples."""
 SEAT_WORDS: Final = f"""\
 Seat pulses of Yoganandan et al. 2021, digitised, sampled at 10 kHz. Reference: the oscillator integrated by DOP853
-over the digitised points. Tolerance: {100.0 * DRI_TOLERANCE:g} %, for corners between two samples."""
+over the digitised points. Tolerance: {100.0 * DRI_TOLERANCE:g} %, because of corners between two samples."""
 
 
 def sections() -> list[RowTable]:
-    """All of it, about three seconds; FileNotFoundError where the recordings are not there."""
+    """All sections, about three seconds; FileNotFoundError without the recordings."""
     return [
         RowTable("HIC of recorded head impacts", HEAD_WORDS, tuple(head_rows())),
         RowTable("DRI of seat pulses", SEAT_WORDS, tuple(seat_rows())),

@@ -1,4 +1,4 @@
-"""The start of a record: gravity is there from the first sample, and must not count as a jump of 1 g."""
+"""The start of a record: gravity is present from the first sample, and must not count as a step of 1 g."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TOLERANCE: Final = 0.001
 
 
 def rest_rows() -> list[Row]:
-    """Six sensors that never move."""
+    """Six sensors at rest."""
     time = record.instants(RATE_HZ, SECONDS)
     found = record.replayed({sensor: record.stream(sensor, time, np.zeros(time.size)) for sensor in SENSORS}).document
     rows = [_nothing(f"VDV, {sensor}", found["sensors"][sensor]["vdv_mps175"], "m/s¹·⁷⁵") for sensor in SENSORS]
@@ -37,7 +37,7 @@ def _nothing(what: str, value: float, unit: str = "") -> Row:
 
 
 def gravity_rows() -> list[Row]:
-    """One motion, six different readings of gravity."""
+    """One motion, six different magnitudes of gravity."""
     time = record.instants(RATE_HZ, SECONDS)
     modes = twins.decay(6.0, 5.0, 0.4, 1.5)
     streams = {}
@@ -53,12 +53,11 @@ def gravity_rows() -> list[Row]:
 
 
 def sections() -> list[RowTable]:
-    """All of it: a second."""
+    """All sections; a second."""
     counted = twins.figures("Wk", twins.step(GRAVITY_MPS2, 0.0), 0.0, SECONDS).vdv_mps175
     rest = f"""\
-Six sensors at rest, gravity along six different axes from the first sample on. Were it taken for a jump to 1 g, VDV
-would be {counted:.2f} m/s¹·⁷⁵. Tolerance: ten times the noise of {record.NOISE_MPS2:g} m/s² that every sensor here
-has."""
+Six sensors at rest, gravity along six different axes from the first sample on. As a step to 1 g it would give a VDV of
+{counted:.2f} m/s¹·⁷⁵. Tolerance: ten times the noise of every sensor, {record.NOISE_MPS2:g} m/s²."""
     same = """\
 One motion (5 Hz from 6 m/s², decaying with 0.4 s), measured by sensors that read gravity differently, by place, gain or
 bias. Reference: the analog curve in closed form. Tolerance: that of Wk."""

@@ -1,4 +1,4 @@
-"""What the page is made of: rows of value, reference and tolerance, and sections of rows, as Markdown."""
+"""Rows of value, reference and tolerance, and sections of rows, as Markdown."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FAIL: Final = "**FAIL**"
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of the product beside its reference; `tolerance` is a share of the reference, or absolute."""
+    """One result with its reference; `tolerance` is relative to the reference, or absolute."""
 
     what: str
     value: float
@@ -24,12 +24,12 @@ class Row:
 
     @property
     def off(self) -> float:
-        """How far the value lies from its reference, as the tolerance counts."""
+        """The deviation from the reference, relative or absolute as the tolerance."""
         return self.value - self.reference if self.absolute else self.value / self.reference - 1.0
 
     @property
     def passes(self) -> bool:
-        """Whether the value lies within its tolerance; what is not a number does not."""
+        """Whether the value is within its tolerance; False for NaN."""
         return abs(self.off) <= self.tolerance
 
     def line(self) -> str:
@@ -44,12 +44,12 @@ class Row:
 
 
 class Section(Protocol):
-    """A part of the page: its title, what it says of method and tolerance, its rows, and how it looks."""
+    """A section of the page: its title, its rows, and its Markdown."""
 
     title: str
 
     def rows(self) -> Sequence[Row]:
-        """Every comparison in it."""
+        """All comparisons of the section."""
 
     def lines(self) -> list[str]:
         """The section as Markdown."""
@@ -64,12 +64,12 @@ class RowTable:
     entries: tuple[Row, ...]
 
     def rows(self) -> Sequence[Row]:
-        """Every comparison in it."""
+        """All comparisons of the section."""
         return self.entries
 
     def lines(self) -> list[str]:
         """The section as Markdown."""
-        head = [cells("what", "value", "reference", "unit", "off by", "tolerance", ""), cells(*["---"] * 7)]
+        head = [cells("quantity", "value", "reference", "unit", "deviation", "tolerance", ""), cells(*["---"] * 7)]
         return [f"### {self.title}", "", self.words, "", *head, *(row.line() for row in self.entries), ""]
 
 
@@ -84,7 +84,7 @@ def number(value: float) -> str:
 
 
 def rounded(value: float, tolerance: float) -> str:
-    """As fine as a hundredth of the tolerance: more would only change with the machine."""
+    """Rounded to a hundredth of the tolerance, because further digits depend on the machine."""
     if not math.isfinite(value):
         return str(value)
     digits = max(0, 2 - math.floor(math.log10(tolerance))) if tolerance > 0.0 else 0

@@ -1,4 +1,4 @@
-"""Transients: steps, shocks, tone bursts and decays from rest, against analog answers in closed form."""
+"""Transients: steps, shocks, tone bursts and decays from rest, compared with analog responses in closed form."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from conformance.table import Row, RowTable
 from conformance.twins import Mode
 
 TOLERANCES: Final = {500.0: 0.005, 1129.3: 0.001}
-"""Of every figure at a sampling rate: those of the weightings."""
+"""Tolerance of all results by sampling rate, as for the weightings."""
 
 SECONDS: Final = 8.0
 
@@ -23,9 +23,9 @@ MOTIONS: Final[dict[str, Callable[[float], list[Mode]]]] = {
     "half-sine shock, 30 m/s², 100 ms": lambda begin_s: twins.tone(30.0, 5.0, 0.5, begin_s),
     "one cycle of 12 Hz, 10 m/s²": lambda begin_s: twins.tone(10.0, 12.0, 1.0, begin_s),
     "eight cycles of 4 Hz, 10 m/s²": lambda begin_s: twins.tone(10.0, 4.0, 8.0, begin_s),
-    "12 Hz from 20 m/s², dying away with 90 ms": lambda begin_s: twins.decay(20.0, 12.0, 0.09, begin_s),
+    "12 Hz from 20 m/s², decaying with 90 ms": lambda begin_s: twins.decay(20.0, 12.0, 0.09, begin_s),
 }
-"""One for every sensor's vertical."""
+"""One for the vertical of each sensor."""
 
 HORIZONTAL: Final = {"x": "step of 2 m/s²", "y": "half-sine shock, 30 m/s², 100 ms"}
 
@@ -37,24 +37,24 @@ UNITS: Final = {name: "m/s¹·⁷⁵" if name == "vdv_mps175" else "m/s²" for n
 
 
 class _Span:
-    """The instants of a record, and where its motions begin and its counting begins and ends."""
+    """The sample times of a record, the start of its motions, and the start and end of counting."""
 
     def __init__(self, rate_hz: float) -> None:
         self.time_s = record.instants(rate_hz, SECONDS)
-        # A jump lies midway between two samples: nothing else is known of it.
+        # A jump is midway between two samples, because samples do not determine it better.
         self.motion_s = (np.ceil(1.2 * rate_hz) + 0.5) / rate_hz
-        # A sample stands for half a period on either side of it.
+        # A sample represents half a period on either side of it.
         self.begin_s = float(self.time_s[record.first_counted(self.time_s)]) - 0.5 / rate_hz
         self.end_s = float(self.time_s[-1]) + 0.5 / rate_hz
 
     def rows(self, name: str, what: str, doses: dict[str, float], names: Sequence[str], tolerance: float) -> list[Row]:
-        """A motion's figures by a weighting beside the analog ones."""
+        """A motion's results with a weighting, and the analog ones."""
         analog = twins.figures(name, MOTIONS[what](self.motion_s), self.begin_s, self.end_s)
         return [Row(f"{name} {NAMES[f]}, {what}", doses[f], getattr(analog, f), tolerance, UNITS[f]) for f in names]
 
 
 def vertical(rate_hz: float, also: Sequence[str]) -> dict[str, list[Row]]:
-    """Every figure by Wk, and VDV by further weightings."""
+    """All results with Wk, and VDV with further weightings."""
     span = _Span(rate_hz)
     streams = {
         sensor: record.stream(sensor, span.time_s, twins.motion(modes(span.motion_s), span.time_s))
@@ -73,7 +73,7 @@ def vertical(rate_hz: float, also: Sequence[str]) -> dict[str, list[Row]]:
 
 
 def horizontal(rate_hz: float) -> list[Row]:
-    """The seat's horizontal axes by Wd."""
+    """The seat's horizontal axes with Wd."""
     span = _Span(rate_hz)
     x, y = (twins.motion(MOTIONS[what](span.motion_s), span.time_s) for what in HORIZONTAL.values())
     found = record.replayed({SEAT: record.stream(SEAT, span.time_s, np.zeros_like(x), x, y)}).document["seat"]
@@ -88,7 +88,7 @@ ALSO: Final = ("Wc", "We", "Wj", "Wb")
 
 
 def sections() -> list[RowTable]:
-    """All of it: some ten seconds."""
+    """All sections; about ten seconds."""
     tables = []
     for rate_hz, tolerance in TOLERANCES.items():
         found = vertical(rate_hz, ALSO)

@@ -1,6 +1,6 @@
-"""Where the references come from: the standard's curves as poles and zeros, and analog answers by partial fractions.
+"""References: the standard's curves as poles and zeros, and analog responses by partial fractions.
 
-Nothing here uses the code that is judged.
+Independent of the code under test.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
-# The slow twins of HIC and DRI belong to the tests, which are no package.
+# The slow reference implementations of HIC and DRI are in the tests, which are no package.
 sys.path.append(str(Path(__file__).resolve().parents[1] / "test"))
 
 import naive
@@ -27,11 +27,11 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 FINE_S: Final = 2e-5
-"""Step of the grid on which an analog answer is looked at: its peak is then right to 2e-5."""
+"""Step of the grid of an analog response; the error of its peak is 2e-5."""
 
 head_injury, dynamic_response, lagrange = naive.head_injury, naive.dynamic_response, naive.lagrange
 
-# ISO 8041-1: f1, f2 | f3, f4, Q4 | f5, Q5, f6, Q6 | gain; None where a weighting has no such part.
+# ISO 8041-1: f1, f2 | f3, f4, Q4 | f5, Q5, f6, Q6 | gain; None for a missing part of a weighting.
 _CONSTANTS: Final = {
     "Wk": (0.4, 100.0, 12.5, 12.5, 0.63, 2.37, 0.91, 3.35, 0.91, 1.0),
     "Wd": (0.4, 100.0, 2.0, 2.0, 0.63, None, None, None, None, 1.0),
@@ -45,7 +45,7 @@ WEIGHTINGS: Final = tuple(_CONSTANTS)
 
 
 class System(NamedTuple):
-    """A linear system gain x prod(s - zeros) / prod(s - poles), its poles all different."""
+    """A linear system gain x prod(s - zeros) / prod(s - poles) with distinct poles."""
 
     zeros: Complexes
     poles: Complexes
@@ -57,7 +57,7 @@ class System(NamedTuple):
         return self.gain * np.prod(s - self.zeros, axis=-1) / np.prod(s - self.poles, axis=-1)
 
     def residues(self) -> Complexes:
-        """Of the transfer function, one a pole."""
+        """Residues of the transfer function, one per pole."""
         apart = self.poles[:, None] - self.poles
         np.fill_diagonal(apart, 1.0)
         return self.gain * np.prod(self.poles[:, None] - self.zeros, axis=1) / np.prod(apart, axis=1)
@@ -99,14 +99,14 @@ def curve(name: str, frequency_hz: ArrayLike) -> Floats:
 
 
 def weighted(name: str, accel: Floats, rate_hz: float) -> Floats:
-    """A signal (n,) weighted by its spectrum; zeros behind it keep the end from ringing into the beginning."""
+    """A signal (n,) weighted in the frequency domain; zero padding prevents circular wrap-around."""
     size = 2 ** math.ceil(math.log2(3 * accel.size))
     frequency = np.fft.rfftfreq(size, 1.0 / rate_hz)
     return np.fft.irfft(np.fft.rfft(accel, size) * weighting(name).at(2j * np.pi * frequency), size)[: accel.size]
 
 
 class Mode(NamedTuple):
-    """A part of a motion: Re(amplitude exp(exponent (t - begin))) from `begin` on, m/s²."""
+    """A component of a motion: Re(amplitude exp(exponent (t - begin))) from `begin` on, m/s²."""
 
     begin_s: float
     exponent: complex
@@ -123,7 +123,7 @@ def motion(modes: Sequence[Mode], time_s: Floats) -> Floats:
 
 
 def answer(system: System, modes: Sequence[Mode], time_s: Floats) -> Floats:
-    """What the analog system makes of the motion at instants (n,), in closed form."""
+    """The response of the analog system to the motion at times (n,), in closed form."""
     residues = system.residues()
     total = np.zeros(time_s.shape)
     for mode in modes:
@@ -136,7 +136,7 @@ def answer(system: System, modes: Sequence[Mode], time_s: Floats) -> Floats:
 
 
 def _real_part_of(mode: Mode, unit: Complexes) -> Floats:
-    # The system is real: its answer to the real part of an exponential is the real part of its answer.
+    # The system is real: its response to the real part of an exponential is the real part of its response.
     return (mode.amplitude * unit).real
 
 
@@ -174,17 +174,17 @@ def figures(name: str, modes: Sequence[Mode], begin_s: float, end_s: float) -> F
 
 
 def step(height: float, begin_s: float) -> list[Mode]:
-    """A level that comes and stays."""
+    """A step to a level."""
     return [Mode(begin_s, 0j, height)]
 
 
 def tone(amplitude: float, frequency_hz: float, cycles: float, begin_s: float) -> list[Mode]:
-    """A sine that begins at zero and ends after so many cycles; half a cycle is a half-sine shock."""
+    """A sine that starts at zero and ends after `cycles`; half a cycle is a half-sine shock."""
     w = 2.0 * math.pi * frequency_hz
     on, turn = -1j * amplitude, cmath.exp(2j * math.pi * cycles)
     return [Mode(begin_s, 1j * w, on), Mode(begin_s + cycles / frequency_hz, 1j * w, -on * turn)]
 
 
 def decay(amplitude: float, frequency_hz: float, tau_s: float, begin_s: float) -> list[Mode]:
-    """A sine that begins at zero and dies away."""
+    """A decaying sine that starts at zero."""
     return [Mode(begin_s, complex(-1.0 / tau_s, 2.0 * math.pi * frequency_hz), -1j * amplitude)]

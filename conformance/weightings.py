@@ -1,7 +1,7 @@
-"""Frequency weightings: tone bursts at every third-octave band, against the analog curve and the printed table.
+"""Frequency weightings: tone bursts at every third-octave band, compared with the analog curve and the printed table.
 
-A burst is narrow, but it is not a line: its figure is set against that of the same burst behind the analog curve, and
-the ratio of the two times the curve's gain at the band is the gain in the table.
+A burst is not exactly a single frequency: its result is divided by that of the same burst weighted by the analog curve,
+and multiplied by the gain of the curve at the band.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ RATES_HZ: Final = (250.0, 500.0, 1000.0, 1129.3, 2000.0)
 TOLERANCES: Final = {250.0: 0.01, 500.0: 0.005, 1000.0: 0.001, 1129.3: 0.001, 2000.0: 0.001}
 MSDV_TOLERANCE: Final = 0.005
 TABLE_DB: Final = 0.25
-"""The printed factors are rounded, and some of them lie 0.2 dB off the curve itself."""
+"""The printed factors are rounded, and some deviate from the curve by 0.2 dB."""
 
 GROUPS: Final = ((25.0, range(-3, 3)), (10.0, range(3, 9)), (4.0, range(9, 15)), (2.0, range(15, 20)))
-"""Length of the bursts in seconds and bands, by their number: 0.5 to 1.6, 2 to 6.3, 8 to 25 and 31.5 to 80 Hz."""
+"""Length of the bursts in seconds, and numbers of the bands: 0.5 to 1.6, 2 to 6.3, 8 to 25 and 31.5 to 80 Hz."""
 
 SICKNESS_BANDS: Final = range(-11, -1)
 SICKNESS_BURST_S: Final = 110.0
@@ -47,8 +47,8 @@ _TABLES: Final = {
 }
 """File and column of a weighting in the transcription of ISO 2631-1:1997, Tables 3 and 4, beside the recordings."""
 
-_MENDED: Final = {("Wd", 2.0): 890.0, ("Wd", 10.0): 202.0}
-"""2 Hz was copied wrongly, 10 Hz (212) is a misprint of the standard, whose own decibels say 202."""
+_CORRECTED: Final = {("Wd", 2.0): 890.0, ("Wd", 10.0): 202.0}
+"""2 Hz is a transcription error; 10 Hz (212) is a misprint of the standard, whose decibels give 202."""
 
 
 def frequency(band: int) -> float:
@@ -66,13 +66,13 @@ def printed(name: str) -> dict[int, float]:
     found = {}
     for row in csv.DictReader(lines):
         hz = float(row["frequency_hz"])
-        found[round(10.0 * math.log10(hz))] = _MENDED.get((name, hz), float(row[column])) / 1000.0
+        found[round(10.0 * math.log10(hz))] = _CORRECTED.get((name, hz), float(row[column])) / 1000.0
     return found
 
 
 @dataclass(frozen=True)
 class Gain:
-    """What was found of one weighting: its gain at a band and a sampling rate."""
+    """Measured gain of one weighting at a band and a sampling rate."""
 
     band: int
     rate_hz: float
@@ -81,7 +81,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class GainTable:
-    """A section with a line for every band and a column for every rate, one comparison or two in every cell."""
+    """A section with a line per band and a column per rate, with one or two comparisons in each cell."""
 
     title: str
     words: str
@@ -101,7 +101,7 @@ class GainTable:
         return Row(what, value, reference, TABLE_DB, "dB", absolute=True)
 
     def rows(self) -> Sequence[Row]:
-        """Every comparison in it."""
+        """All comparisons of the section."""
         both = [row for gain in self.gains for row in (self._against_curve(gain), self._against_print(gain))]
         return [row for row in both if row is not None]
 
@@ -119,18 +119,18 @@ class GainTable:
         return [*lines, *self._feet(rates), ""]
 
     def _cell(self, gain: Gain) -> str:
-        judged = [self._against_curve(gain), self._against_print(gain)]
-        return number(1000.0 * gain.gain) + ("" if all(row is None or row.passes for row in judged) else f" {FAIL}")
+        rows = [self._against_curve(gain), self._against_print(gain)]
+        return number(1000.0 * gain.gain) + ("" if all(row is None or row.passes for row in rows) else f" {FAIL}")
 
     def _feet(self, rates: list[float]) -> Iterator[str]:
         """The largest deviations of every rate, with their tolerances."""
         curve = {rate: [self._against_curve(gain) for gain in self.gains if gain.rate_hz == rate] for rate in rates}
-        yield cells("off the curve", "", "", *(_worst(rows) for rows in curve.values()))
+        yield cells("deviation from the curve", "", "", *(_worst(rows) for rows in curve.values()))
         yield cells("tolerance", "", "", *(f"{100.0 * tolerance:g} %" for tolerance in self.tolerances.values()))
         table = {rate: [self._against_print(gain) for gain in self.gains if gain.rate_hz == rate] for rate in rates}
         known = {rate: [row for row in rows if row is not None] for rate, rows in table.items()}
         if any(known.values()):
-            yield cells("off the print", "", "", *(_worst(rows) for rows in known.values()))
+            yield cells("deviation from the print", "", "", *(_worst(rows) for rows in known.values()))
             yield cells("tolerance", "", "", *[f"{TABLE_DB:g} dB"] * len(rates))
         passes = [all(row.passes for row in [*curve[rate], *known[rate]]) for rate in rates]
         yield cells("", "", "", *(PASS if ok else FAIL for ok in passes))
@@ -151,13 +151,13 @@ def _decibels(gain: float) -> float:
 
 
 def burst(band: int, time_s: Floats, length_s: float) -> Floats:
-    """A sine that swells and dies away: within the length it is sin^2 of half a turn."""
+    """A sine with an envelope of sin^2 over the length."""
     since = np.clip(time_s - record.BEGIN_S, 0.0, length_s)
     return AMPLITUDE_MPS2 * np.sin(np.pi * since / length_s) ** 2 * np.sin(2.0 * np.pi * frequency(band) * since)
 
 
 def vertical_gains(rate_hz: float, length_s: float, bands: range) -> dict[str, list[Gain]]:
-    """Gains of every weighting but Wf: one band a sensor, its vertical weighted in all ways."""
+    """Gains of every weighting except Wf: one band per sensor, its vertical with all weightings."""
     time = record.instants(rate_hz, record.BEGIN_S + length_s + TAIL_S)
     up = {sensor: burst(band, time, length_s) for sensor, band in zip(SENSORS, bands, strict=False)}
     streams = {sensor: record.stream(sensor, time, motion) for sensor, motion in up.items()}
@@ -215,7 +215,7 @@ formula; Wb is in neither table."""
 
 
 def sections() -> list[GainTable]:
-    """All of it: about half a minute."""
+    """All sections; about half a minute."""
     found: dict[str, list[Gain]] = {}
     horizontal: list[Gain] = []
     for rate_hz in RATES_HZ:

@@ -1,1 +1,1 @@
-"""The fault bench: what is injected, what is detected, how long recovery takes, what is lost; a row for each fault."""
+"""The fault bench: for each fault the diagnostic message, the recovery time and the lost data."""

@@ -1,4 +1,4 @@
-"""A ride driven through the pipeline in order of arrival, with a look at its health every half second, as live does."""
+"""Pushes a ride through the pipeline in order of arrival, with a health check every half second, as the live node."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from biodyn_ros.node.health import HealthMonitor, SensorHealth, Status
 from faults.ride import SECONDS, START_NS, Arriving, subject
 
 SLOT_S: Final = 0.02
-LOOK_S: Final = 0.5
+CHECK_S: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """What the diagnostics said at an instant of the ride, by sensor, and of `prediction`."""
+class HealthCheck:
+    """The diagnostics at an instant of the ride, by sensor and for `prediction`."""
 
     time_s: float
     statuses: Mapping[str, Status]
@@ -28,19 +28,19 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """All that a ride brought: the pipeline, its frames, when each prediction was there, and the looks."""
+    """The result of a ride: the pipeline, its frames and the health checks."""
 
     pipeline: Pipeline
     frames: Frames
-    looks: tuple[Look, ...]
+    checks: tuple[HealthCheck, ...]
 
 
 def drive(ride: Mapping[str, Arriving]) -> Driven:
-    """Push what has arrived, slot by slot."""
+    """Push the arrived samples, slot by slot."""
     pipeline, clock = Pipeline(subject()), [0.0]
     health = {name: SensorHealth(publishers=1, now=lambda: clock[0]) for name in SENSORS}
-    watch = HealthMonitor(pipeline, health)
-    done, frames, looks = dict.fromkeys(SENSORS, 0), [], []
+    monitor = HealthMonitor(pipeline, health)
+    done, frames, checks = dict.fromkeys(SENSORS, 0), [], []
     for slot in range(1, round(SECONDS / SLOT_S) + 1):
         clock[0] = slot * SLOT_S
         for name, one in ride.items():
@@ -50,9 +50,9 @@ def drive(ride: Mapping[str, Arriving]) -> Driven:
             if part.start < part.stop:
                 frames.append(pipeline.push(name, one.stamps_ns[part], one.accel_mps2[part]))
                 health[name].arrived(part.stop - part.start)
-        if slot % round(LOOK_S / SLOT_S) == 0:
-            looks.append(Look(clock[0], {status.of: status for status in watch.check()}))
-    return Driven(pipeline, joined(frames), tuple(looks))
+        if slot % round(CHECK_S / SLOT_S) == 0:
+            checks.append(HealthCheck(clock[0], {status.of: status for status in monitor.check()}))
+    return Driven(pipeline, joined(frames), tuple(checks))
 
 
 def seconds_of(stamps_ns: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Ends of the live node on a busy machine: with page and visitor, a looping player and two subscribers, many times."""
+"""Ends the live node repeatedly on a busy machine, with a page client, a looping player and two subscribers."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException
 from typing import Final
 
-from biodyn_ros.base.environment import settle
+from biodyn_ros.base.environment import prepare
 from biodyn_ros.base.resources import bag_file
 from faults.over_dds import LISTENER
 from faults.rig import START_WITHIN_S
 
 BUSY: Final = 4
 LONGEST_WAIT_S: Final = 3.0
-GIVEN_UP_S: Final = 30.0
+TIMEOUT_S: Final = 30.0
 BUSY_CODE: Final = "while True: pass"
 LISTENING_CODE: Final = f"import rclpy; rclpy.init(); {LISTENER}\nrclpy.spin(n)"
 
 
 @dataclass(frozen=True)
 class End:
-    """One end: the signal, how long it took until the process was gone, its exit code, and its last words."""
+    """One end: the signal, the time until the process ended, its exit code, and its standard error."""
 
-    asking: str
+    signal: str
     seconds: float
     code: int | None
-    said: str
+    errors: str
 
 
 def every(count: int) -> int:
-    """End a node so many times, and print each; 1 where one ended with another code than 0."""
-    domain = settle(os.environ)
+    """End a node `count` times and print each end; returns 1 if an exit code is not 0."""
+    domain = prepare(os.environ)
     found = []
     try:
         with ExitStack() as stack:
@@ -48,7 +48,7 @@ def every(count: int) -> int:
                 *[("-c", LISTENING_CODE)] * 2,
                 ("-m", "biodyn_ros.commands.cli", "play", str(bag_file("subject_1.mcap")), "--loop", "--wait-s", "0"),
             ):
-                stack.enter_context(_beside(words))
+                stack.enter_context(_running(words))
             for number in range(count):
                 found.append(_ended(signal.SIGTERM if number % 2 else signal.SIGINT))
                 print(f"{number + 1:3d} {vars(found[-1])}", flush=True)
@@ -59,8 +59,8 @@ def every(count: int) -> int:
     return 1 if any(end.code != 0 for end in found) else 0
 
 
-def _ended(asking: signal.Signals) -> End:
-    """Start a node with its page, have somebody look on, and end it at a random moment."""
+def _ended(by: signal.Signals) -> End:
+    """Start a node with its page and a client, and end it at a random time."""
     port = _free_port()
     parameters = ("state_file:=none", "dashboard:=true", f"page_port:={port}")
     given = [word for one in parameters for word in ("-p", one)]
@@ -69,43 +69,43 @@ def _ended(asking: signal.Signals) -> End:
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
-        visit = _looking_on(port)
+        client = _connected(port)
         time.sleep(random.uniform(0.0, LONGEST_WAIT_S))
         begin_s = time.monotonic()
-        live.send_signal(asking)
+        live.send_signal(by)
         try:
-            _, said = live.communicate(timeout=GIVEN_UP_S)
+            _, errors = live.communicate(timeout=TIMEOUT_S)
         except subprocess.TimeoutExpired:
             live.kill()
-            return End(asking.name, GIVEN_UP_S, None, live.communicate()[1])
+            return End(by.name, TIMEOUT_S, None, live.communicate()[1])
         seconds = time.monotonic() - begin_s
-        visit.close()
-        return End(asking.name, seconds, live.returncode, said)
+        client.close()
+        return End(by.name, seconds, live.returncode, errors)
     finally:
         if live.poll() is None:
             live.kill()
             live.wait()
 
 
-def _looking_on(port: int) -> HTTPConnection:
-    """A visitor's stream of events, open once the page is served."""
+def _connected(port: int) -> HTTPConnection:
+    """A client with an open stream of events, when the page is served."""
     deadline = time.monotonic() + START_WITHIN_S
     while True:
-        visitor = HTTPConnection("127.0.0.1", port, timeout=5.0)
+        client = HTTPConnection("127.0.0.1", port, timeout=5.0)
         try:
-            visitor.request("GET", "/events")
-            visitor.getresponse().readline()
+            client.request("GET", "/events")
+            client.getresponse().readline()
         except (OSError, HTTPException):
-            visitor.close()
+            client.close()
             if time.monotonic() > deadline:
                 raise
             time.sleep(0.1)
         else:
-            return visitor
+            return client
 
 
 @contextmanager
-def _beside(words: Sequence[str]) -> Iterator[None]:
+def _running(words: Sequence[str]) -> Iterator[None]:
     process = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL)
     try:
         yield
@@ -124,4 +124,4 @@ def _summary(found: list[End]) -> str:
     seconds = sorted(end.seconds for end in found)
     codes = sorted({str(end.code) for end in found})
     quarters = ", ".join(f"{seconds[round(share * (len(seconds) - 1))]:.2f}" for share in (0.0, 0.25, 0.5, 0.75, 1.0))
-    return f"{len(found)} ends, exit codes {' '.join(codes)}; least, quarters and most: {quarters} s"
+    return f"{len(found)} ends, exit codes {' '.join(codes)}; minimum, quartiles and maximum: {quarters} s"

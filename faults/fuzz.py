@@ -1,4 +1,4 @@
-"""Every reader under Atheris, which follows what code new bytes reach; a process each, bounded in time and memory."""
+"""Runs every reader under Atheris, a coverage-guided fuzzer; one process each, with limits on time and memory."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ NAMES: Final = (
     "Nexus",
     "parts of a trace",
 )
-MOST_MB: Final = 2048
-LONGEST_INPUT: Final = 16_384
+MAX_MB: Final = 2048
+MAX_INPUT_BYTES: Final = 16_384
 
 
 def every(seconds: int) -> int:
-    """Fuzz every reader so long; 1 where anything but InputError came of it, 2 where Atheris is missing."""
+    """Fuzz every reader for some seconds; returns 1 for an error other than InputError, 2 without Atheris."""
     if importlib.util.find_spec("atheris") is None:
         print("faults: fuzzing needs Atheris: pip install 'biodyn_ros[fuzz]'", file=sys.stderr)
         return 2
@@ -44,10 +44,10 @@ def every(seconds: int) -> int:
 
 
 def one(name: str, seconds: int, directory: Path) -> None:
-    """Fuzz one reader in this process, which the fuzzer ends."""
-    import atheris  # an extra
+    """Fuzz one reader in this process; the fuzzer ends the process."""
+    import atheris  # needs the extra `fuzz`
 
-    import biodyn_core.body.effect_assembly  # noqa: F401 - what is compiled is loaded before, as it cannot be followed
+    import biodyn_core.body.effect_assembly  # noqa: F401 - compiled code cannot be instrumented, so it is loaded before
 
     with atheris.instrument_imports(include=["biodyn_core", "biodyn_ros", "yaml"]):
         from biodyn_core.base.errors import InputError
@@ -58,15 +58,15 @@ def one(name: str, seconds: int, directory: Path) -> None:
         (corpus / str(number)).write_bytes(data)
     with as_file(reader) as read:
 
-        def judge(data: bytes) -> None:
+        def check(data: bytes) -> None:
             try:
                 read(data)
             except InputError as error:
                 if "\n" in str(error):
                     raise AssertionError(f"more than one line: {error}") from error
 
-        limits = [f"-max_total_time={seconds}", f"-rss_limit_mb={MOST_MB}", f"-max_len={LONGEST_INPUT}", "-timeout=10"]
-        atheris.Setup([sys.argv[0], *limits, str(corpus)], judge)
+        limits = [f"-max_total_time={seconds}", f"-rss_limit_mb={MAX_MB}", f"-max_len={MAX_INPUT_BYTES}", "-timeout=10"]
+        atheris.Setup([sys.argv[0], *limits, str(corpus)], check)
         atheris.Fuzz()
 
 

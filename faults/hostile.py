@@ -1,4 +1,4 @@
-"""Hostile input: good files spoilt at random, as damage and malice would, and what every reader makes of them."""
+"""Hostile input: valid files with random changes, and the response of every reader."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ import numpy as np
 from biodyn_core.base.errors import InputError
 from faults.readers import READERS, as_file
 
-LONGEST_S: Final = 5.0
-MOST_BYTES: Final = 300 * 2**20
-"""What reading one spoilt file of a few kilobytes may take at most, of time and of memory."""
+MAX_S: Final = 5.0
+MAX_BYTES: Final = 300 * 2**20
+"""Limits of time and memory for reading one changed file of a few kilobytes."""
 
 NUMBERS: Final = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**63 - 1, 2**64 - 1, 10**9)
 WORDS: Final = (
@@ -28,15 +28,15 @@ WORDS: Final = (
 
 @dataclass(frozen=True)
 class Read:
-    """What a reader made of spoilt bytes: a line it refused them with, or empty; seconds; growth of memory, bytes."""
+    """One read of changed bytes: error message or empty text, seconds, growth of memory in bytes."""
 
-    said: str
+    message: str
     seconds: float
     grown_bytes: int
 
 
-def spoilt(data: bytes, rng: np.random.Generator) -> bytes:
-    """The bytes with one to four things done to them."""
+def mutated(data: bytes, rng: np.random.Generator) -> bytes:
+    """The bytes after one to four random changes."""
     for _ in range(int(rng.integers(1, 5))):
         if not data:
             return data
@@ -61,31 +61,31 @@ def spoilt(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def attacked(name: str, count: int, seed: int) -> Iterator[Read]:
-    """What a reader makes of its corpus spoilt so many times; whatever is no InputError is raised, with the seed."""
+    """Read `count` changed files of a reader's corpus; an error other than InputError is raised with the seed."""
     reader = READERS[name]
     with tempfile.TemporaryDirectory() as directory, as_file(reader) as read:
         corpus = reader.good(Path(directory))
         for number in range(count):
-            data = spoilt(corpus[number % len(corpus)], np.random.default_rng([seed, number]))
-            begin, before = time.process_time(), peak_bytes(anew=True)
-            said = ""
+            data = mutated(corpus[number % len(corpus)], np.random.default_rng([seed, number]))
+            begin, before = time.process_time(), peak_bytes(reset=True)
+            message = ""
             try:
                 read(data)
             except InputError as error:
-                said = str(error)
+                message = str(error)
             except Exception as error:
                 raise AssertionError(
                     f"{name}, seed {seed}, number {number}: {type(error).__name__}: {error}"
                 ) from error
-            yield Read(said, time.process_time() - begin, peak_bytes() - before)
+            yield Read(message, time.process_time() - begin, peak_bytes() - before)
 
 
-def peak_bytes(anew: bool = False) -> int:
-    """The most memory that this process has held; anew: from now on (Linux alone, elsewhere it only grows)."""
+def peak_bytes(reset: bool = False) -> int:
+    """The peak memory of this process; reset: restart the measurement (on Linux only)."""
     status = Path("/proc/self/status")
     if not status.exists():
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    if anew:
+    if reset:
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     line = next(line for line in status.read_text(encoding="ascii").splitlines() if line.startswith("VmHWM:"))
     return int(line.split()[1]) * 1024

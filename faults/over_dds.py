@@ -1,4 +1,4 @@
-"""Faults of DDS, of processes and of the disk, each over real DDS and in real time; a row says what came of it."""
+"""Faults of DDS, processes and the disk, over real DDS in real time; one row each."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from biodyn_ros.base.resources import bag_file, subject_file
 from faults.rig import Rig, command, ended, rig
 
 BEGIN_S, END_S, UNTIL_S = 3.0, 8.0, 12.0
-"""Long enough for another process to start and to be found."""
+"""Long enough for another process to start and to be discovered."""
 
 WITHIN_S: Final = 2.5
-"""Two seconds, and the half of one between two diagnostics."""
+"""Two seconds, plus half a second between two diagnostics."""
 
 HEAD: Final = topics.INPUT["head"]
 OK: Final = DiagnosticStatus.OK
@@ -40,17 +40,17 @@ OK: Final = DiagnosticStatus.OK
 
 @dataclass(frozen=True)
 class Result:
-    """One row: what was injected, what was said of it, how long it took until all was normal, what was wrong."""
+    """One row: the fault, the diagnostic message, the recovery time, and the errors."""
 
     fault: str
-    said: str
+    message: str
     recovered_s: float | None
     wrong: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class OverDds:
-    """A fault that lasts as long as `during` while the ride is sent; says: what its sensor's diagnostics must hold."""
+    """A fault, active in the context `during` of a ride; says: the text required in its sensor's diagnostics."""
 
     name: str
     during: Callable[[Rig], AbstractContextManager[None]]
@@ -59,7 +59,7 @@ class OverDds:
     parameters: tuple[str, ...] = ()
 
     def run(self) -> Result:
-        """Drive it."""
+        """Send the ride with the fault."""
         with rig(*self.parameters) as one, ExitStack() as lasting:
             begin, end = (lambda one: lasting.enter_context(self.during(one)), lambda one: lasting.close())
             one.play(UNTIL_S, {BEGIN_S: begin, END_S: end})
@@ -68,34 +68,34 @@ class OverDds:
 
 def _judged(one: Rig, fault: OverDds) -> tuple[str, float | None, tuple[str, ...]]:
     wrong = []
-    told = [(at, name, status) for at, found in one.heard.statuses for name, status in found.items() if at > 2.0]
-    mine = [status.message for _, name, status in told if name == topics.status_name(fault.of)]
-    said = next((message for message in mine if fault.says and fault.says in message), "")
-    if fault.says and not said:
-        wrong.append(f"nothing said of {fault.says}: {sorted(set(mine))}")
+    statuses = [(at, *item) for at, found in one.received.statuses for item in found.items() if at > 2.0]
+    own = [status.message for _, name, status in statuses if name == topics.status_name(fault.of)]
+    reported = next((message for message in own if fault.says and fault.says in message), "")
+    if fault.says and not reported:
+        wrong.append(f"no message with {fault.says}: {sorted(set(own))}")
     others = {
         f"{name}: {status.message}"
-        for _, name, status in told
+        for _, name, status in statuses
         if name != topics.status_name(fault.of) and status.level != OK
     }
     if others:
-        wrong.append(f"others are blamed: {sorted(others)}")
-    last = max((at for at, _, status in told if status.level != OK), default=0.0)
+        wrong.append(f"others are reported: {sorted(others)}")
+    last = max((at for at, _, status in statuses if status.level != OK), default=0.0)
     recovered = max(0.0, last - END_S)
     if recovered > WITHIN_S:
         wrong.append(f"not normal {recovered:.1f} s after it")
-    wrong += _silences(one)
-    return said, recovered, tuple(wrong)
+    wrong += _interruptions(one)
+    return reported, recovered, tuple(wrong)
 
 
-def _silences(one: Rig) -> list[str]:
-    """Predictions and diagnostics go on throughout."""
+def _interruptions(one: Rig) -> list[str]:
+    """Predictions and diagnostics must not be interrupted."""
     found = []
-    predicted = [at for at in one.heard.predicted_s if at > 2.0]
+    predicted = [at for at in one.received.predicted_s if at > 2.0]
     gaps = [b - a for a, b in pairwise(predicted)]
     if not predicted or max(gaps, default=9.0) > 1.0 or predicted[-1] < UNTIL_S - 1.0:
         found.append(f"predictions pause for {max(gaps, default=9.0):.1f} s")
-    times = [at for at, _ in one.heard.statuses]
+    times = [at for at, _ in one.received.statuses]
     if not times or times[-1] < UNTIL_S - 1.5:
         found.append("diagnostics stop")
     if one.live.poll() is not None:
@@ -103,7 +103,7 @@ def _silences(one: Rig) -> list[str]:
     return found
 
 
-# --- what is done to the node ----------------------------------------------------------------------------------------
+# --- faults during a ride --------------------------------------------------------------------------------------------
 
 OF_ANOTHER_TYPE: Final = (
     f"from std_msgs.msg import String; n = rclpy.create_node('other'); p = n.create_publisher(String, '{HEAD}', 10)"
@@ -116,7 +116,7 @@ LISTENER: Final = (
 
 @contextmanager
 def _aside(code: str, stopping: signal.Signals = signal.SIGINT) -> Iterator[subprocess.Popen[bytes]]:
-    """Another process on the graph, in which `code` makes the node n; the ride does not wait until it has left."""
+    """Another process in the ROS graph, in which `code` makes the node n; the ride does not wait for its end."""
     spinning = "with contextlib.suppress(KeyboardInterrupt): rclpy.spin(n)"
     words = [sys.executable, "-c", f"import contextlib, rclpy; rclpy.init(); {code}\n{spinning}"]
     process = subprocess.Popen(words)
@@ -142,7 +142,7 @@ def _listener(_: Rig) -> Iterator[None]:
 
 @contextmanager
 def _hanging(_: Rig) -> Iterator[None]:
-    """Somebody who listens, reliably, and after two seconds takes nothing any more, and does not leave either."""
+    """A reliable subscriber that stops receiving after two seconds without leaving."""
     with _aside(LISTENER, signal.SIGKILL) as process:
         stopping = threading.Timer(2.0, process.send_signal, (signal.SIGSTOP,))
         stopping.start()
@@ -151,7 +151,7 @@ def _hanging(_: Rig) -> Iterator[None]:
 
 
 def _published(kind: Any, topic: str, qos: Any = 10) -> Callable[[Rig], AbstractContextManager[None]]:
-    """One more publisher."""
+    """An additional publisher."""
 
     @contextmanager
     def during(one: Rig) -> Iterator[None]:
@@ -164,10 +164,10 @@ def _published(kind: Any, topic: str, qos: Any = 10) -> Callable[[Rig], Abstract
 
 @contextmanager
 def _garbage(one: Rig) -> Iterator[None]:
-    """Messages that end too early, or claim a frame_id longer than they are.
+    """Messages that are too short, or state a frame_id longer than themselves.
 
-    None is shorter than the four bytes that every message of ROS has: behind an empty one a reliable reader of Fast DDS
-    waits for seconds.
+    Each has at least the four bytes of every ROS message: after an empty one a reliable reader of Fast DDS waits for
+    seconds.
     """
     for message in (
         b"\0\1\0\0",
@@ -181,16 +181,16 @@ def _garbage(one: Rig) -> Iterator[None]:
 def _framed(length: int) -> Callable[[Rig], AbstractContextManager[None]]:
     @contextmanager
     def during(one: Rig) -> Iterator[None]:
-        usual, one.frame_id = one.frame_id, "f" * length
+        before, one.frame_id = one.frame_id, "f" * length
         yield
-        one.frame_id = usual
+        one.frame_id = before
 
     return during
 
 
 @contextmanager
 def _clock(one: Rig) -> Iterator[None]:
-    """Time that somebody simulates, and then does not any more."""
+    """Simulated time that stops."""
     publisher = one.node.create_publisher(Clock, "/clock", 10)
     for second in range(5):
         message = Clock()
@@ -201,7 +201,7 @@ def _clock(one: Rig) -> Iterator[None]:
 
 
 UNRELIABLE: Final = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""The rig's node is asked to be reliable by an override; who offers this is not."""
+"""Incompatible with the rig's node, which subscribes as reliable by an override."""
 
 STREAMED: Final = (
     OverDds("a publisher of another type", _other_type, says="a publisher sends std_msgs/msg/String"),
@@ -221,9 +221,9 @@ STREAMED: Final = (
 
 def _service(one: Rig, kind: Any, name: str, request: Any) -> Any:
     client = one.node.create_client(kind, f"/biodyn/{name}")
-    one.wait(client.service_is_ready, f"{name} is there", 20.0)
+    one.wait(client.service_is_ready, f"{name} is available", 20.0)
     future = client.call_async(request)
-    one.wait(future.done, f"{name} answers", 60.0)
+    one.wait(future.done, f"{name} responds", 60.0)
     return future.result()
 
 
@@ -232,40 +232,40 @@ def _transition(one: Rig, which: int) -> bool:
     return bool(_service(one, ChangeState, "change_state", request).success)
 
 
-def subject_spoilt_at_run_time() -> Result:
-    """The subject's file becomes nonsense: what runs goes on, a new start fails, and once mended works again."""
+def subject_damaged_at_run_time() -> Result:
+    """The subject's file becomes invalid: the running node continues, configuring fails until the file is repaired."""
     wrong = []
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "anna.yaml"
         shutil.copy(subject_file("subject_1"), path)
         with rig(f"subject_file:={path}") as one:
             one.play(UNTIL_S, {BEGIN_S: lambda _: path.write_text("not: a subject\n")})
-            wrong += _silences(one)
+            wrong += _interruptions(one)
             value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=50.0)
             request = SetParameters.Request(parameters=[Parameter(name="cutoff_hz", value=value)])
             answer = _service(one, SetParameters, "set_parameters", request).results[0]
             if answer.successful or "clean up first" not in answer.reason:
-                wrong.append("a parameter that is read on configure was taken")
+                wrong.append("a parameter that is read on configure was accepted")
             steps = [
                 _transition(one, which) for which in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
             ]
             if not all(steps):
                 wrong.append("it cannot be deactivated and cleaned up")
             if _transition(one, Transition.TRANSITION_CONFIGURE):
-                wrong.append("it was configured with nonsense")
+                wrong.append("it was configured with an invalid subject")
             shutil.copy(subject_file("subject_1"), path)
             steps = [
                 _transition(one, which) for which in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
             ]
             if not all(steps):
-                wrong.append("once mended it cannot be configured and activated")
-            one.wait(one.matched, "it listens again", 20.0)
+                wrong.append("it cannot be configured and activated with the repaired subject")
+            one.wait(one.matched, "it subscribes again", 20.0)
     return Result("subject file made invalid at run time", answer.reason, 0.0, tuple(wrong))
 
 
 def disk_full() -> Result:
-    """A replay meets a full disk: one line, exit code 2, and the earlier results stay as they were."""
-    bag, wrong, said = str(bag_file("subject_1.mcap")), [], ""
+    """A replay on a full disk: one line, exit code 2, and earlier results unchanged."""
+    bag, wrong, message = str(bag_file("subject_1.mcap")), [], ""
     with tempfile.TemporaryDirectory() as directory:
         out = Path(directory) / "out"
         given = ("replay", bag, "--subject", "subject_1", "-o", str(out))
@@ -274,20 +274,20 @@ def disk_full() -> Result:
         before = {path.name: path.read_bytes() for path in out.iterdir()}
         for limit in (200_000, 20_000, 1_000):
             full = command(*given, file_limit=limit)
-            said = full.stderr.strip().splitlines()[-1] if full.stderr.strip() else ""
+            message = full.stderr.strip().splitlines()[-1] if full.stderr.strip() else ""
             if full.returncode != 2 or "Traceback" in full.stderr:
                 wrong.append(f"{limit} bytes: exit code {full.returncode}: {full.stderr[-300:]}")
             left = {path.name: path.read_bytes() for path in out.iterdir()}
             if left != before:
-                wrong.append(f"{limit} bytes: what was there has changed: {sorted(left)}")
-    return Result("the disk full while a replay writes", said, None, tuple(wrong))
+                wrong.append(f"{limit} bytes: earlier results have changed: {sorted(left)}")
+    return Result("the disk full while a replay writes", message, None, tuple(wrong))
 
 
 def looping_bag() -> Result:
-    """A bag that is played again and again with its own stamps: exposure goes on, and the loop is no lasting alarm."""
+    """A bag played in a loop with its own stamps: exposure continues, and the loop gives no lasting error."""
     wrong: list[str] = []
     with rig() as one:
-        one.wait(one.matched, "the node listens")
+        one.wait(one.matched, "the node subscribes")
         for output in one.outputs.values():
             one.node.destroy_publisher(output)
         words = [sys.executable, "-m", "biodyn_ros.commands.cli", "play", str(bag_file("subject_1.mcap")), "--loop"]
@@ -296,20 +296,20 @@ def looping_bag() -> Result:
         )
         try:
             one.begin()
-            one.wait(lambda: len(one.heard.vdv) > 60, "half a minute of exposure", 90.0)
+            one.wait(lambda: len(one.received.vdv) > 60, "half a minute of exposure", 90.0)
         finally:
             ended(player)
-        values = [value for _, value in one.heard.vdv]
+        values = [value for _, value in one.received.vdv]
         if any(b < a - 1e-12 for a, b in pairwise(values)) or not values[-1] > values[10] > 0.0:
-            wrong.append(f"exposure does not go on: {values[:2]} ... {values[-2:]}")
-        levels = [found[topics.status_name("prediction")].level for _, found in one.heard.statuses]
+            wrong.append(f"exposure does not continue: {values[:2]} ... {values[-2:]}")
+        levels = [found[topics.status_name("prediction")].level for _, found in one.received.statuses]
         if levels.count(DiagnosticStatus.ERROR) > 0.2 * len(levels):
-            wrong.append("predictions are an error more often than not")
+            wrong.append("predictions are an error in more than 20 % of the diagnostics")
     return Result("a looping bag", "", 0.0, tuple(wrong))
 
 
 OTHERS: Final[Mapping[str, Callable[[], Result]]] = {
-    "subject": subject_spoilt_at_run_time,
+    "subject": subject_damaged_at_run_time,
     "disk": disk_full,
     "loop": looping_bag,
 }

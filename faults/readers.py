@@ -1,4 +1,4 @@
-"""Everything that is read from a disk or a wire, as functions of bytes, with a small corpus of good ones each."""
+"""All readers of files and messages as functions of bytes, each with a small corpus of valid input."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, frame_id_of
 from biodyn_ros.base.resources import config_file, subject_file
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
-from biodyn_ros.blue_trident.found import find_exports
+from biodyn_ros.blue_trident.exports import find_exports
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.node.exposure_store import StateFile, identity_of
 from biodyn_ros.work.checkpoint import Checkpoint
@@ -37,7 +37,7 @@ TOPIC: Final = "/imu/seat/data"
 
 @dataclass(frozen=True)
 class Reader:
-    """read: takes a file of these bytes, and raises InputError or nothing; good: what it reads without a word."""
+    """read: reads a file and raises only InputError; good: the valid files."""
 
     suffix: str
     read: Callable[[Path], object]
@@ -99,7 +99,7 @@ def _states(directory: Path) -> list[bytes]:
 
 
 def _state(path: Path) -> None:
-    """As the node reads it, its digest made right: whoever means harm can do that too."""
+    """Read the state as the node does, with a corrected digest, as an attacker could."""
     try:
         document = json.loads(path.read_bytes())
         if isinstance(document, dict):
@@ -112,7 +112,7 @@ def _state(path: Path) -> None:
 
 
 def _import(path: Path) -> None:
-    """A file as `biodyn import-blue-trident` takes it, every sensor of it."""
+    """Import a file with all its sensors, as `biodyn import-blue-trident`."""
     serials = find_exports(path).serials()
     mapping = dict(zip(SENSORS, serials, strict=False))
     with TemporaryDirectory() as directory:
@@ -135,7 +135,7 @@ def _exports_of_capture_u(_: Path) -> list[bytes]:
 
 
 def _exports_of_nexus(_: Path) -> list[bytes]:
-    """Two sensors side by side, one of which starts late and is at its rail once, as Nexus and as Excel write them."""
+    """Two sensors, one of which starts late and saturates once, as written by Nexus and by Excel."""
     channels = ("accel", "gyro", "mag", "Global Angle", "HighG")
     names = ",," + ",".join(f"{serial} - {channel},," for serial in ("TS-01874", "TS-01902") for channel in channels)
     axes = "Frame,Sub Frame" + ",x,y,z" * 10
@@ -173,7 +173,7 @@ READERS: Final = {
 
 @contextmanager
 def as_file(reader: Reader) -> Iterator[Callable[[bytes], object]]:
-    """The reader as a function of bytes, by way of a file that is gone afterwards."""
+    """The reader as a function of bytes, by a temporary file."""
     with TemporaryDirectory() as directory:
         path = Path(directory) / f"given{reader.suffix}"
 

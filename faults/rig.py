@@ -1,4 +1,4 @@
-"""A rig for faults over DDS: the live node in a process of its own, six sensors in real time, and what it answers."""
+"""A test rig for faults over DDS: the live node in its own process, six sensors in real time, and its outputs."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from biodyn_ros.base import topics
 from faults.ride import ride
 
 START_WITHIN_S: Final = 120.0
-"""A cold cache compiles every kernel first."""
+"""Without a cache the node compiles every kernel first."""
 
 SLOT_S: Final = 0.01
 RELIABLE: Final = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=20_000, reliability=ReliabilityPolicy.RELIABLE)
 
 
 @dataclass
-class Heard:
-    """What the node answered, with when it came, seconds since the ride began."""
+class Received:
+    """Messages of the node, with their times in seconds since the start of the ride."""
 
     statuses: list[tuple[float, Mapping[str, Any]]] = field(default_factory=list)
     predicted_s: list[float] = field(default_factory=list)
@@ -43,19 +43,19 @@ class Heard:
 
 
 class Rig:
-    """The node under test, a tester node, and the ride that is sent; made by `rig`."""
+    """The node under test, a test node, and the ride to send; made by `rig`."""
 
     def __init__(self, live: subprocess.Popen[str], node: Any, executor: Any) -> None:
         self.live, self.node, self._executor = live, node, executor
         self.outputs = {name: node.create_publisher(Imu, topics.INPUT[name], RELIABLE) for name in SENSORS}
-        self.heard, self._begun, self.frame_id = Heard(), 0.0, "imu"
+        self.received, self._begun, self.frame_id = Received(), 0.0, "imu"
         node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 50)
         predicted = topics.absolute(topics.PREDICTED["head"])
         node.create_subscription(AccelStamped, predicted, self._on_predicted, RELIABLE, raw=True)
         node.create_subscription(Float64, "/biodyn/exposure/seat/vdv", self._on_vdv, 10)
 
     def wait(self, condition: Any, what: str, within_s: float = START_WITHIN_S) -> None:
-        """Spin until it holds; TimeoutError naming what did not come."""
+        """Spin until the condition holds; TimeoutError with `what` if it does not."""
         deadline = time.monotonic() + within_s
         while not condition():
             if time.monotonic() > deadline:
@@ -65,26 +65,26 @@ class Rig:
             self._executor.spin_once(timeout_sec=0.02)
 
     def matched(self) -> bool:
-        """Whether the node listens to all sensors."""
+        """Whether the node subscribes to all sensors."""
         return all(output.get_subscription_count() > 0 for output in self.outputs.values())
 
     @property
     def now_s(self) -> float:
-        """Seconds since the ride began."""
+        """Seconds since the start of the ride."""
         return time.monotonic() - self._begun
 
     def begin(self) -> None:
-        """Let the ride begin now: what is heard from here on counts."""
-        self.heard, self._begun = Heard(), time.monotonic()
+        """Start the ride and discard earlier messages."""
+        self.received, self._begun = Received(), time.monotonic()
 
-    def play(self, until_s: float, deeds: Mapping[float, Any]) -> None:
-        """Send the ride in real time; each deed is done once at its second."""
-        self.wait(self.matched, "the node listens")
+    def play(self, until_s: float, actions: Mapping[float, Any]) -> None:
+        """Send the ride in real time; each action is called once at its second."""
+        self.wait(self.matched, "the node subscribes")
         streams = {
             name: (one.arrival_s, encode_imu(one.stamps_ns, one.accel_mps2, np.zeros_like(one.accel_mps2), "imu"))
             for name, one in ride().items()
         }
-        done, left = dict.fromkeys(SENSORS, 0), sorted(deeds.items(), key=lambda item: item[0])
+        done, left = dict.fromkeys(SENSORS, 0), sorted(actions.items(), key=lambda item: item[0])
         self.begin()
         while (now_s := self.now_s) < until_s:
             while left and left[0][0] <= now_s:
@@ -106,19 +106,19 @@ class Rig:
 
     def _on_diagnostics(self, message: Any) -> None:
         if self._begun:
-            self.heard.statuses.append((self.now_s, {one.name: one for one in message.status}))
+            self.received.statuses.append((self.now_s, {one.name: one for one in message.status}))
 
     def _on_predicted(self, message: bytes) -> None:
-        self.heard.predicted_s.append(self.now_s)
+        self.received.predicted_s.append(self.now_s)
 
     def _on_vdv(self, message: Any) -> None:
-        self.heard.vdv.append((self.now_s, message.data))
+        self.received.vdv.append((self.now_s, message.data))
 
 
 @contextlib.contextmanager
 def rig(*parameters: str) -> Iterator[Rig]:
-    """A rig whose node has these parameters (`name:=value`); everything it started is ended with it."""
-    # Nothing is lost for want of time on a busy machine: rows are about what is done to the node.
+    """A rig whose node has these parameters (`name:=value`); ends all processes that it started."""
+    # Reliable, so that a busy machine loses no message and only the injected fault has an effect.
     whole = [f"qos_overrides./{topic}.subscription.reliability:=reliable" for topic in topics.INPUT.values()]
     given = [word for one in ("state_file:=none", *whole, *parameters) for word in ("-p", one)]
     live = subprocess.Popen(
@@ -140,15 +140,15 @@ def rig(*parameters: str) -> Iterator[Rig]:
 
 
 def ended(process: subprocess.Popen[str]) -> str:
-    """End a process of ours as Ctrl-C would, and only it; returns what it said."""
+    """End a child process as Ctrl-C would; returns its standard error."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     try:
-        _, said = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=20)
     except subprocess.TimeoutExpired:
         process.kill()
-        _, said = process.communicate()
-    return said or ""
+        _, errors = process.communicate()
+    return errors or ""
 
 
 LIMITED: Final = """
@@ -159,11 +159,11 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 sys.argv[0] = "biodyn"
 runpy.run_module("biodyn_ros.commands.cli", run_name="__main__")
 """
-"""Runs a command with a limit on the size of its files, which stands in for a full disk."""
+"""Runs a command with a limit on the size of its files, as a substitute for a full disk."""
 
 
 def command(*arguments: str, file_limit: int | None = None) -> subprocess.CompletedProcess[str]:
-    """Run one of our commands; file_limit: bytes that no file of it may exceed."""
+    """Run a command of biodyn; file_limit: the maximum size of its files in bytes."""
     words = ["-m", "biodyn_ros.commands.cli"] if file_limit is None else ["-c", LIMITED, str(file_limit)]
     return subprocess.run(
         [sys.executable, *words, *arguments], text=True, capture_output=True, check=False, timeout=300

@@ -1,4 +1,4 @@
-"""Faults of stamps and samples as a table: how they spoil a stream, and what must be said and what may be lost."""
+"""Faults of stamps and samples: the change of a stream, the required message, and the allowed loss."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 from faults.ride import BEGIN_S, END_S, RATE_HZ, SECONDS, Arriving
 
 HOUR_NS: Final = 3600 * 10**9
-ANEW_NS: Final = 1000 * 10**9
-SOME: Final = 20
-"""Samples of a fault that spoils a few."""
+OTHER_CLOCK_NS: Final = 1000 * 10**9
+FEW: Final = 20
+"""Number of samples of a short fault."""
 
 
 @dataclass(frozen=True)
 class Fault:
     """One fault of one sensor.
 
-    spoil: the stream with it. says: any of these words must stand in the diagnostics while it lasts; none where nothing
-    can be seen, or nothing is wrong. missing_s: what is lost at most, and what must be said to be missing at least.
-    lasts: nothing recovers, as the fault goes on to the end. compared: whether the sensor is compared again. exact:
-    whether what is counted is as good as without the fault, but for what is missing. over_s: when it ends.
+    spoil: applies it to a stream. says: one of these texts must be in the diagnostics; empty if it is harmless or
+    cannot be detected. missing_s: minimum and maximum of the time reported as missing. lasts: whether it continues to
+    the end, without recovery. compared: whether the sensor is compared again. exact: whether the counted values are
+    correct apart from missing samples. over_s: its end.
     """
 
     name: str
@@ -37,33 +37,33 @@ class Fault:
 
 
 def dead(one: Arriving) -> Arriving:
-    """Nothing comes any more."""
+    """The sensor sends no more messages."""
     return one.only(one.arrival_s < BEGIN_S)
 
 
 def late(one: Arriving) -> Arriving:
-    """Held up by half a second on the way."""
+    """Messages are delayed by half a second."""
     return one.but(arrival_s=np.where(one.within(), np.maximum(one.arrival_s, BEGIN_S + 0.5) + 0.0, one.arrival_s))
 
 
 def joins_late(one: Arriving) -> Arriving:
-    """It is switched on three seconds after the others."""
+    """The sensor starts three seconds after the others."""
     return one.only(one.arrival_s >= 3.0)
 
 
 def returning(one: Arriving) -> Arriving:
-    """Away for a second."""
+    """The sensor is silent for a second."""
     return one.only(~one.within())
 
 
 def restarted(one: Arriving) -> Arriving:
-    """Away for a second, and back with another clock."""
+    """The sensor is silent for a second and then has another clock."""
     gone = returning(one)
-    return gone.but(stamps_ns=np.where(gone.arrival_s >= END_S, gone.stamps_ns - ANEW_NS, gone.stamps_ns))
+    return gone.but(stamps_ns=np.where(gone.arrival_s >= END_S, gone.stamps_ns - OTHER_CLOCK_NS, gone.stamps_ns))
 
 
 def bursts(one: Arriving) -> Arriving:
-    """Twenty at a time within two milliseconds, stamped as sent; they arrive when the last is there."""
+    """Twenty messages arrive within two milliseconds, with their original stamps."""
     number = np.arange(one.arrival_s.size)
     last = np.minimum(number // 20 * 20 + 19, number.size - 1)
     arrival_s = one.arrival_s[last] + 1e-4 * (number % 20)
@@ -79,19 +79,19 @@ def _lost(share: float) -> Callable[[Arriving], Arriving]:
 
 
 def twice(one: Arriving) -> Arriving:
-    """Every message comes twice."""
+    """Every message arrives twice."""
     again = np.repeat(np.arange(one.arrival_s.size), np.where(one.within(), 2, 1))
     return Arriving(one.arrival_s[again], one.stamps_ns[again], one.accel_mps2[again])
 
 
 def reordered(one: Arriving) -> Arriving:
-    """Every message is held up by up to 50 ms of its own."""
-    held = 0.05 * np.random.default_rng(4).random(one.arrival_s.size)
-    return one.but(arrival_s=one.arrival_s + np.where(one.within(), held, 0.0)).ordered()
+    """Every message has its own delay of up to 50 ms."""
+    delay_s = 0.05 * np.random.default_rng(4).random(one.arrival_s.size)
+    return one.but(arrival_s=one.arrival_s + np.where(one.within(), delay_s, 0.0)).ordered()
 
 
 def jitter(one: Arriving) -> Arriving:
-    """Stamps are off by up to 5 ms, and come in their order."""
+    """Stamps have errors of up to 5 ms, in unchanged order of arrival."""
     off_ns = np.rint(5e6 * np.random.default_rng(5).uniform(-1.0, 1.0, one.arrival_s.size)).astype(np.int64)
     return one.but(stamps_ns=one.stamps_ns + np.where(one.within(), off_ns, 0))
 
@@ -102,17 +102,17 @@ def unset(one: Arriving) -> Arriving:
 
 
 def frozen(one: Arriving) -> Arriving:
-    """Stamps stand still."""
+    """Stamps do not change."""
     here = one.within()
     return one.but(stamps_ns=np.where(here, one.stamps_ns[here][0], one.stamps_ns))
 
 
 def quantised(one: Arriving) -> Arriving:
-    """Stamps in steps of 10 ms."""
+    """Stamps are quantised to 10 ms."""
     return one.but(stamps_ns=np.where(one.within(), one.stamps_ns // 10**7 * 10**7, one.stamps_ns))
 
 
-def _leapt(by_ns: int) -> Callable[[Arriving], Arriving]:
+def _shifted(by_ns: int) -> Callable[[Arriving], Arriving]:
     return lambda one: one.but(stamps_ns=one.stamps_ns + np.where(one.within(), by_ns, 0))
 
 
@@ -124,7 +124,7 @@ def _drifting(ppm: float) -> Callable[[Arriving], Arriving]:
     return spoil
 
 
-def _reading(value: float, samples: int = SOME) -> Callable[[Arriving], Arriving]:
+def _reading(value: float, samples: int = FEW) -> Callable[[Arriving], Arriving]:
     def spoil(one: Arriving) -> Arriving:
         accel = one.accel_mps2.copy()
         begin = int(np.argmax(one.within()))
@@ -135,7 +135,7 @@ def _reading(value: float, samples: int = SOME) -> Callable[[Arriving], Arriving
 
 
 def flat(one: Arriving) -> Arriving:
-    """The reading does not change for three seconds."""
+    """The value does not change for three seconds."""
     accel, here = one.accel_mps2.copy(), one.within(BEGIN_S, BEGIN_S + 3.0)
     accel[here] = accel[np.argmax(here)]
     return one.but(accel_mps2=accel)
@@ -150,7 +150,7 @@ def _gravity(times: float) -> Callable[[Arriving], Arriving]:
 
 
 def ten_times(one: Arriving) -> Arriving:
-    """Ten samples for each, stamped in between."""
+    """Ten samples instead of each, with interpolated stamps."""
     count = np.where(one.within(), 10, 1)
     source = np.repeat(np.arange(count.size), count)
     inner = np.arange(source.size) - np.repeat(np.cumsum(count) - count, count)
@@ -160,7 +160,7 @@ def ten_times(one: Arriving) -> Arriving:
 
 
 def two_sources(one: Arriving) -> Arriving:
-    """Another sensor's samples, half a period apart, on the same topic."""
+    """The samples of another sensor, half a period later, on the same topic."""
     here = one.within()
     other = Arriving(
         one.arrival_s[here] + 0.5 / RATE_HZ,
@@ -180,7 +180,7 @@ EVERY: Final = (
     Fault("returning", returning, ("silent", "gap"), SECOND),
     Fault("restarted with another clock", restarted, ("silent", "clock was set"), (0.9, 1.3), compared=False),
 )
-"""Of each of the six sensors."""
+"""For each of the six sensors."""
 
 OTHERS: Final = (
     Fault("bursts of 20", bursts),
@@ -193,9 +193,9 @@ OTHERS: Final = (
     Fault("stamps unset", unset, ("never set",), SECOND),
     Fault("stamps frozen", frozen, ("late", "twice", "gap", "astray", "interpolated"), (0.0, 1.1)),
     Fault("stamps in steps of 10 ms", quantised, ("late", "twice"), (0.0, 1.1), exact=False),
-    Fault("stamps an hour ahead", _leapt(HOUR_NS), ("gap", "clock was set")),
-    Fault("stamps an hour back", _leapt(-HOUR_NS), ("gap", "clock was set")),
-    Fault("clock half a second back", _leapt(-(10**9) // 2), ("late",), (0.45, 1.1)),
+    Fault("stamps an hour ahead", _shifted(HOUR_NS), ("gap", "clock was set")),
+    Fault("stamps an hour back", _shifted(-HOUR_NS), ("gap", "clock was set")),
+    Fault("clock half a second back", _shifted(-(10**9) // 2), ("late",), (0.45, 1.1)),
     Fault("clock drifting by 50 ppm", _drifting(50.0), lasts=True),
     Fault("clock drifting by 500 ppm", _drifting(500.0), lasts=True),
     Fault("readings NaN", _reading(float("nan")), ("no numbers",), (0.015, 0.02)),
@@ -208,4 +208,4 @@ OTHERS: Final = (
     Fault("ten times the rate", ten_times, ("late", "twice", "rate is"), (0.0, 1.1), exact=False),
     Fault("two sensors on one topic", two_sources, ("late", "jitter", "interpolated"), (0.0, 1.1), exact=False),
 )
-"""Of the seat, which predictions need, and of the head, which they do not."""
+"""For the seat, which predictions use, and the head, which they do not."""

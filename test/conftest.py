@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 assert "rclpy" not in sys.modules
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.pop(environment.HELD, None)  # the domain that is held is one, and tests run side by side
-DOMAIN = environment.settle(os.environ)
+DOMAIN = environment.prepare(os.environ)
 # As the command line does.
 os.environ.update(environment.ONE_THREAD)
 

@@ -193,7 +193,7 @@ def test_topics_written_far_apart_still_come_in_the_order_of_time(tmp_path):
 
 
 def test_pending_messages_are_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("biodyn_ros.bag.writer._MOST_PENDING_BYTES", 50_000)
+    monkeypatch.setattr("biodyn_ros.bag.writer._MAX_PENDING_BYTES", 50_000)
     payload, stamps = np.zeros((100, 400), dtype=np.uint8), START_NS + np.arange(100)
     with BagWriter(tmp_path / "a.mcap", chunk_bytes=10_000) as writer:
         writer.add_topic(SEAT, IMU_TYPE)
@@ -361,7 +361,7 @@ def test_wrong_wishes_are_refused_by_name(tmp_path):
     with BagWriter(tmp_path / "b.mcap") as writer:
         writer.add_topic("/exposure", "std_msgs/msg/Float64")
     with open_bag(tmp_path / "a.mcap") as bag:
-        with pytest.raises(InputError, match=f"a.mcap: topic /none is not in the bag; topics there: {HEAD}"):
+        with pytest.raises(InputError, match=f"a.mcap: topic /none is not in the bag; its topics: {HEAD}"):
             bag.blocks(["/none"])
         with pytest.raises(InputError, match="time is 'stamp': use 'header'"):
             imu_blocks(bag, [SEAT], "stamp")
@@ -419,7 +419,7 @@ def read_plainly(file: Path) -> list[Logged]:
         ("bags_odd/mcap2arrow", "several recordings"),
         ("bags_odd/mcap2arrow/no_summary.mcap", "topic /decoded is serialized as 'json'"),
         ("bags_odd/mcap2arrow/with_summary.mcap", "topic /decoded is serialized as 'json'"),
-        ("bags_odd/mcap_crate/chunk_not_closed.mcap", "cut before its first whole chunk"),
+        ("bags_odd/mcap_crate/chunk_not_closed.mcap", "cut before its first complete chunk"),
         ("bags_odd/mcap_crate/compressed.mcap", "is serialized as 'ros1'"),
         ("bags_odd/plotjuggler/tilt_laser.bag", "a ROS 1 bag"),
         ("bags_odd/ros2_rosbag2/rosbag2_tests/resources/mcap/wrong_rmw_test", "is serialized as 'wrong_format'"),

@@ -104,7 +104,7 @@ def test_a_damaged_chunk_is_left_out_with_a_warning(tmp_path):
         assert sum(map(len, read_ours(bag).values())) == 1200 - count
         assert bag.recovered
         assert len(bag.warnings) == 1
-        assert "damaged and left out: zstd" in bag.warnings[0]
+        assert "damaged and omitted: zstd" in bag.warnings[0]
 
 
 def test_a_cut_database_is_read_as_far_as_it_goes(tmp_path):
@@ -188,7 +188,7 @@ def test_a_chunk_that_lies_about_its_size_allocates_nothing(tmp_path, compressio
     (tmp_path / "a.mcap").write_bytes(data)
     with open_bag(tmp_path / "a.mcap") as bag:
         assert read_ours(bag) == {}
-        assert "damaged and left out" in bag.warnings[0]
+        assert "damaged and omitted" in bag.warnings[0]
 
 
 @pytest.mark.parametrize("field", ["offset", "length"])
@@ -246,9 +246,7 @@ def test_missing_parts_are_told(tmp_path):
     metadata_yaml(tmp_path / "drive", [f"drive_{k}.mcap" for k in range(13)])
     with open_bag(tmp_path / "drive") as bag:
         assert bag.message_count == 1200
-        assert bag.warnings == [
-            f"{tmp_path / 'drive'}: drive_12.mcap is missing: its part of the recording is left out"
-        ]
+        assert bag.warnings == [f"{tmp_path / 'drive'}: drive_12.mcap is missing: its part of the recording is omitted"]
 
 
 def test_a_renamed_file_is_used_with_a_warning(tmp_path):
@@ -292,9 +290,9 @@ def test_what_is_no_bag_is_refused_in_one_line(tmp_path):
         "both/a_1.db3": "not a readable rosbag2 database",
         "ros1": "a ROS 1 bag",
         "ros1/a.bag": "a ROS 1 bag",
-        "zstd": "compressed as a whole",
-        "zstd/a.mcap.zstd": "compressed as a whole",
-        "compressed": "compressed by file",
+        "zstd": "whole files are compressed",
+        "zstd/a.mcap.zstd": "the whole file is compressed",
+        "compressed": "compression by file",
         "foreign": f"topic {SEAT} is serialized as 'ros1'",
         "text.mcap": "neither an MCAP nor a sqlite3 file",
         "nothing.mcap": "the file is empty",
@@ -312,7 +310,7 @@ def test_bags_that_rosbags_compressed_by_file_or_message_are_refused(tmp_path):
         writer.set_compression(mode, CompressionFormat.ZSTD)
         with writer:
             writer.write(writer.add_connection(SEAT, IMU_TYPE, typestore=store), 1, RECORDING[0][2])
-        with pytest.raises(InputError, match=f"compressed by {mode.name.lower()}"):
+        with pytest.raises(InputError, match=f"compression by {mode.name.lower()}"):
             open_bag(tmp_path / mode.name)
 
 

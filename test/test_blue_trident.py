@@ -209,7 +209,7 @@ def test_without_high_g_it_stays_clipped(drive: tuple[Path, Path, dict[str, Any]
     assert info(bag)["topics"][0]["clipped"] == expected
     replayed = replay(bag, subject(), ReplayOptions()).document
     assert replayed["sensors"]["seat"]["clipped_samples"] == expected and replayed["sensors"]["seat"]["lower_bound"]
-    assert any("high-g was not asked for" in line for line in document["warnings"])
+    assert any("high-g is switched off" in line for line in document["warnings"])
 
 
 def test_a_sensor_whose_high_g_is_missing_is_flagged_for_itself_alone(tmp_path: Path) -> None:
@@ -220,7 +220,7 @@ def test_a_sensor_whose_high_g_is_missing_is_flagged_for_itself_alone(tmp_path: 
     assert document["sensors"]["seat"]["clipped"] == 0 < document["sensors"]["head"]["clipped"]
     clipped = {row["sensor"]: row["clipped"] for row in info(bag)["topics"]}
     assert clipped == {"seat": 0, "head": document["sensors"]["head"]["clipped"]}
-    assert any("there is no high-g of this sensor" in line for line in document["warnings"])
+    assert any("no high-g file of this sensor" in line for line in document["warnings"])
 
 
 def test_a_shock_that_high_g_missed_stays_clipped_with_all_that_sensor(tmp_path: Path) -> None:
@@ -235,7 +235,7 @@ def test_a_shock_that_high_g_missed_stays_clipped_with_all_that_sensor(tmp_path:
     row = document["sensors"]["seat"]
     assert row["high_g"]["taken_over"] == 1 == row["high_g"]["left"] and row["clipped"] > 5 and row["from_high_g"] > 5
     assert info(bag)["topics"][0]["clipped"] > row["clipped"]
-    assert any("counts those from high-g as clipped too" in line for line in document["warnings"])
+    assert any("counts the high-g samples as clipped too" in line for line in document["warnings"])
 
 
 def test_high_g_of_another_motion_is_not_believed(tmp_path: Path) -> None:
@@ -246,7 +246,7 @@ def test_high_g_of_another_motion_is_not_believed(tmp_path: Path) -> None:
     document = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": SERIALS["seat"]})
     row = document["sensors"]["seat"]
     assert row["from_high_g"] == 0 < row["clipped"] and row["high_g"]["left"] == 1
-    assert any("tells of another motion" in line for line in document["warnings"])
+    assert any("inconsistent there" in line for line in document["warnings"])
 
 
 def test_any_cut_into_blocks_gives_the_same_messages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -283,7 +283,7 @@ def test_a_file_that_is_still_being_written_is_read_as_far_as_it_was(tmp_path: P
     assert document["sensors"]["seat"]["samples"] == 2249
     (file,) = document["files"]
     assert file["cut"] and file["bytes"] == len(cut) and file["sha256"] == hashlib.sha256(cut).hexdigest()
-    assert any("the last line has no end" in line for line in document["warnings"])
+    assert any("the last line is incomplete" in line for line in document["warnings"])
 
 
 # --- Nexus ------------------------------------------------------------------------------------------------------------
@@ -355,13 +355,14 @@ def test_zeros_are_dropped_or_left_as_gaps_and_counted(tmp_path: Path) -> None:
     assert np.array_equal(stamps, 4_000_000 * (kept + 5)) and np.abs(accel[:, 2] - G).max() < 0.2
     assert document["sensors"]["seat"]["samples"] == 500
     told = " ".join(document["warnings"])
-    assert "40 of zeros before it started" in told and "30 of zeros amid" in told and "3 that Nexus faded" in told
+    for expected in ("40 of zeros before it started", "30 of zeros during", "3 mixed with zeros by Nexus"):
+        assert expected in told
 
 
 def test_a_sensor_of_zeros_alone_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "t.csv"
     file.write_text(nexus_text({"TS-01902": np.zeros((50, 15)), "TS-01874": still(50)}))
-    with pytest.raises(InputError, match=r"TS-01902 \(head\) has no sample: leave it out of the mapping"):
+    with pytest.raises(InputError, match=r"TS-01902 \(head\) has no sample: remove it from the mapping"):
         imported(file, tmp_path / "b.mcap", {"seat": "TS-01874", "head": "TS-01902"})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["t.csv"]
 
@@ -386,7 +387,7 @@ def test_a_rail_below_the_limit_is_said_and_one_that_was_given_stays_with_the_ba
     file = tmp_path / "t.csv"
     file.write_text(nexus_text({"TS-01874": values}))
     document = imported(file, tmp_path / "b.mcap", {"seat": "TS-01874"})
-    assert any("153.25 m/s^2, returns like a rail" in line for line in document["warnings"])
+    assert any("153.25 m/s^2, repeats as in saturation" in line for line in document["warnings"])
     assert info(tmp_path / "b.mcap")["topics"][0]["clipped"] == 0
     settings = DualRangeSettings(saturation_mps2=153.2)
     document = imported(file, tmp_path / "c.mcap", {"seat": "TS-01874"}, settings=settings, high_g=False)

@@ -120,7 +120,7 @@ GOOD = {"subject": "anna.yaml", "bags": ["anna.mcap"]}
         ([3], r"subjects\[0\]: expected keys and values, got int"),
         ([GOOD | {"bag": 1}], r"subjects\[0\]: unknown key 'bag', known are subject, bags, name, hold_out, cases"),
         ([{"subject": "anna.yaml"}], r"subjects\[0\]: key 'bags' is missing"),
-        ([GOOD, GOOD | {"subject": "nobody"}], r"subjects\[1\].subject: no subject file nobody; bundled are"),
+        ([GOOD, GOOD | {"subject": "nobody"}], r"subjects\[1\].subject: no subject file nobody; bundled:"),
         ([GOOD | {"subject": 3}], r"subjects\[0\].subject is 3, expected a text"),
         (
             [GOOD | {"subject": "anna.mcap"}],

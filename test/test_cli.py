@@ -335,7 +335,7 @@ def test_measured_seat_motions_drive_a_simulation(
     code, _, errors = run(capsys, "simulate", *given, "-o", bag)
     if "byu" in name:  # no seat motion, and its stamps are all zero: the recorder's times served
         assert code == 2
-        assert "a rate of 10.1 Hz does not carry a seat motion" in errors
+        assert "a rate of 10.1 Hz is too low for a seat motion" in errors
         assert not bag.exists()
         return
     assert code == 0, errors
@@ -405,7 +405,7 @@ def test_where_no_stamp_is_set_log_time_serves_and_a_warning_says_so(
             payload = encode_imu(0 * stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "")
             writer.write(topic, stream.stamps_ns, payload)
     document = figures(capsys, bag, tmp_path / "out")
-    assert "seat: header stamps are zero: the recorder's log time is used instead" in document["warnings"]
+    assert "seat: header stamps are zero: log time is used instead" in document["warnings"]
     code, out, _ = run(
         capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--time", "log", "--no-report",
         "--no-predicted", "--json",
@@ -470,10 +470,10 @@ def test_a_subject_that_does_not_fit_names_file_and_key(
         ),
         (
             ("simulate", "--subject", "subject_1", "--case", "road", "--seed", "-1", "-o", "x.mcap"),
-            "'-1' is no whole number from 0 on",
+            "'-1' is not a whole number >= 0",
         ),
-        (("fit", BAG, "--subject", "subject_1", "--seed", "-1", "-o", "x.yaml"), "'-1' is no whole number from 0 on"),
-        (("trace", BAG, "--subject", "subject_1", "--seed", "1.5", "-o", "x"), "'1.5' is no whole number from 0 on"),
+        (("fit", BAG, "--subject", "subject_1", "--seed", "-1", "-o", "x.yaml"), "'-1' is not a whole number >= 0"),
+        (("trace", BAG, "--subject", "subject_1", "--seed", "1.5", "-o", "x"), "'1.5' is not a whole number >= 0"),
         (
             ("simulate", "--subject", "subject_1", "--case", "road", "--seconds", "0", "-o", "x.mcap"),
             "a case of 0 s is not",
@@ -493,9 +493,9 @@ def test_a_subject_that_does_not_fit_names_file_and_key(
         ),
         (
             ("simulate", "--subject", "subject_1", "--case", "road", "--seat-rate", "500", "-o", "x.mcap"),
-            "--seat-rate is for a CSV file given by --seat",
+            "--seat-rate needs a CSV file given by --seat",
         ),
-        (("trace", BAG, "--subject", "subject_1", "-o", "/"), "/: DIR.kept.json is made of a directory's name"),
+        (("trace", BAG, "--subject", "subject_1", "-o", "/"), "/: has no name, which DIR.kept.json needs"),
         (("trace", "none.mcap", "--subject", "subject_1", "--fresh", "-o", "."), "none.mcap"),
         (("trace", "--subject", "subject_1", "-o", "x"), "no bag is given: give at least one"),
         (
@@ -521,9 +521,9 @@ def test_bad_arguments_are_one_clear_line(
     ("text", "said"),
     [
         ("x,y,z\n1,2,3\n1,2\n", "rows of 3 numbers are needed"),
-        ("t,ax_g,ay_g,az_g\n0,0,0,1\n1,0,0,1\n", "ax_g is in g, m/s^2 are needed"),
-        ("t,ax [mg],ay [mg],az [mg]\n0,0,0,1\n1,0,0,1\n", "ax [mg] is in mg, m/s^2 are needed"),
-        ("t,x,y,z\n0,0,0,1.01\n3,0,0,0.99\n", "1.00 is felt on the mean, as of readings in g"),
+        ("t,ax_g,ay_g,az_g\n0,0,0,1\n1,0,0,1\n", "ax_g is in g, m/s^2 is needed"),
+        ("t,ax [mg],ay [mg],az [mg]\n0,0,0,1\n1,0,0,1\n", "ax [mg] is in mg, m/s^2 is needed"),
+        ("t,x,y,z\n0,0,0,1.01\n3,0,0,0.99\n", "the mean acceleration is 1.00, so the values are in g"),
         ("t,angular_velocity_x,angular_velocity_y,angular_velocity_z\n0,0,0,1\n3,0,0,1\n", "no acceleration columns"),
         ("t,altitude\n0,200\n3,201\n", "no acceleration columns"),
         ("t,ax,ay\n0,0,0\n3,0,0\n", "no acceleration columns"),

@@ -66,4 +66,4 @@ def test_a_place_without_room_for_results_is_told_before_anything_starts(tmp_pat
     command = [sys.executable, "-m", "biodyn_ros.commands.cli", "demo", "--out", str(tmp_path / "file")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
     assert done.returncode == 2 and done.stdout == ""
-    assert "file: is a file, a directory is needed for the results" in done.stderr
+    assert "file: is a file; the results need a directory" in done.stderr

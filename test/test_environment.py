@@ -77,14 +77,14 @@ def test_a_directory_of_somebody_else_is_refused(tmp_path: Path, monkeypatch: py
 
 def test_a_missing_place_for_locks_is_told_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(environment.tempfile, "gettempdir", lambda: str(tmp_path / "missing"))
-    with pytest.raises(environment.EnvironmentFault, match=r"\Ano place for locks and logs.*set TMPDIR.*\Z"):
+    with pytest.raises(environment.EnvironmentFault, match=r"\Ano directory for locks and logs.*set TMPDIR.*\Z"):
         environment.hold_domain()
 
 
 def test_settling_keeps_the_search_paths_and_takes_a_domain() -> None:
     variables = polluted()
     variables.pop(environment.HELD, None)
-    domain = environment.settle(variables)
+    domain = environment.prepare(variables)
     assert domain is not None
     with domain:
         assert variables["ROS_DOMAIN_ID"] == variables[environment.HELD] == str(domain.domain_id)
@@ -95,7 +95,7 @@ def test_settling_keeps_the_search_paths_and_takes_a_domain() -> None:
 
 def test_settling_a_process_with_a_held_domain_changes_nothing() -> None:
     variables = {"ROS_DOMAIN_ID": "7", environment.HELD: "7", "PATH": "/bin"}
-    assert environment.settle(variables) is None
+    assert environment.prepare(variables) is None
     assert variables == {"ROS_DOMAIN_ID": "7", environment.HELD: "7", "PATH": "/bin"}
 
 

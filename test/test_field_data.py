@@ -29,7 +29,7 @@ from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay
 
 RESULT = ""
-NO_IMU, NO_SEAT = "no sensor_msgs/msg/Imu in the bag", "no seat sensor among {}: name it with --map seat=TOPIC"
+NO_IMU, NO_SEAT = "no sensor_msgs/msg/Imu in the bag", "no seat sensor among {}: give it with --map seat=TOPIC"
 FOREIGN = "is serialized as '{}', only 'cdr' \\(ROS 2\\) can be read"
 NO_BAG = "no .mcap or .db3 file in this directory"
 
@@ -55,7 +55,7 @@ REFUSED = {
     "bags_odd/mcap2arrow/no_summary.mcap": FOREIGN.format("json"),
     "bags_odd/mcap2arrow/with_summary.mcap": FOREIGN.format("json"),
     "bags_odd/mcap_crate": "several recordings and no metadata.yaml that names them",
-    "bags_odd/mcap_crate/chunk_not_closed.mcap": "cut before its first whole chunk, nothing to recover",
+    "bags_odd/mcap_crate/chunk_not_closed.mcap": "cut before its first complete chunk, nothing to recover",
     "bags_odd/mcap_crate/compressed.mcap": FOREIGN.format("ros1"),
     "bags_odd/plotjuggler/tilt_laser.bag": "a ROS 1 bag, only ROS 2 bags can be read: convert it",
     f"{ROSBAG2}rosbag2_tests/resources/mcap/wrong_rmw_test": FOREIGN.format("wrong_format"),
@@ -71,8 +71,8 @@ OF_ITS_OWN = {
 
 BY_NAME = {
     "metadata.yaml": "the metadata of a recording: give its directory",
-    ".db3-shm": "only a part of the database empty_bag_0.db3: give that file",
-    ".db3-wal": "only a part of the database empty_bag_0.db3: give that file",
+    ".db3-shm": "part of the database empty_bag_0.db3: give that file",
+    ".db3-wal": "part of the database empty_bag_0.db3: give that file",
     ".csv": "biodyn simulate --seat",
     ".txt": "biodyn simulate --seat",
     ".npy": "neither an MCAP nor a sqlite3 file: give a .mcap, a .db3 or a rosbag2 directory",

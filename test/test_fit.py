@@ -243,7 +243,7 @@ def test_a_place_that_cannot_be_written_to_is_said_before_the_work(tmp_path: Pat
     (tmp_path / "file").write_text("")
     for output, said in (
         (tmp_path / "out.txt", "ends in .yaml"),
-        (tmp_path / "file" / "out.yaml", "file: is a file, a directory is needed for the results"),
+        (tmp_path / "file" / "out.yaml", "file: is a file; the results need a directory"),
     ):
         with pytest.raises(InputError, match=said):
             check_output(output)

@@ -297,7 +297,7 @@ def test_a_fit_goes_on_and_stops_only_where_nothing_is_left(
     short_bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = [short_bags["road_second"], short_bags["road_still"]]
-    with pytest.raises(InputError, match=r"none of the 2 bags can be fitted to; the first: .*road_second.* too short"):
+    with pytest.raises(InputError, match=r"none of the 2 bags can be fitted; the first: .*road_second.* too short"):
         fit_bags(bad, subject())
     with pytest.raises(InputError, match="road_still"):
         fit_bags(bad[1:], subject())
@@ -306,7 +306,7 @@ def test_a_fit_goes_on_and_stops_only_where_nothing_is_left(
         events(bad, [short_bags["road_whole"]])
     assert main(["trace", *map(str, bad), "--subject", "subject_1", "-o", str(tmp_path / "out")]) == 2
     refused = capsys.readouterr().err.strip().splitlines()[-1]
-    assert refused.startswith("biodyn trace: none of the 2 bags can be fitted to") and not (tmp_path / "out").exists()
+    assert refused.startswith("biodyn trace: none of the 2 bags can be fitted") and not (tmp_path / "out").exists()
     # A path that is wrong is an error, not an event to leave out.
     assert main(["fit", str(short_bags["road_whole"]), "nowhere.mcap", "--subject", "subject_1", "-o", "x.yaml"]) == 2
     assert "nowhere.mcap" in capsys.readouterr().err

@@ -143,7 +143,7 @@ def test_a_diverging_model_is_an_error_while_it_diverges() -> None:
     node.advance()
     assert node.prediction() == (
         ERROR,
-        "the model left its range at 3 samples, none of them predicted: it began at rest",
+        "the model left its range at 3 samples: no prediction there, restarted at rest",
     )
     node.advance(2)
     assert node.prediction() == (OK, "predicting")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from biodyn_core.base.errors import MAX_CHARACTERS
-from faults.hostile import LONGEST_S, MOST_BYTES, attacked, spoilt
+from faults.hostile import MAX_BYTES, MAX_S, attacked, mutated
 from faults.readers import READERS, as_file
 
 COUNT = 250
@@ -26,14 +26,14 @@ def test_what_is_good_is_read(name: str, tmp_path: Path) -> None:
 def test_what_is_spoilt_is_one_line_at_most(name: str) -> None:
     lines = 0
     for one in attacked(name, COUNT, seed=1):
-        assert "\n" not in one.said and len(one.said) <= MAX_CHARACTERS
-        assert one.seconds < LONGEST_S and one.grown_bytes < MOST_BYTES
-        lines += bool(one.said)
+        assert "\n" not in one.message and len(one.message) <= MAX_CHARACTERS
+        assert one.seconds < MAX_S and one.grown_bytes < MAX_BYTES
+        lines += bool(one.message)
     assert lines > COUNT // 10  # otherwise nothing was spoilt
 
 
 def test_spoiling_spoils_and_can_be_repeated() -> None:
     data = bytes(range(200))
-    found = {spoilt(data, np.random.default_rng([3, number])) for number in range(100)}
-    assert len(found) > 90 and spoilt(data, np.random.default_rng(5)) == spoilt(data, np.random.default_rng(5))
-    assert spoilt(b"", np.random.default_rng(1)) == b""
+    found = {mutated(data, np.random.default_rng([3, number])) for number in range(100)}
+    assert len(found) > 90 and mutated(data, np.random.default_rng(5)) == mutated(data, np.random.default_rng(5))
+    assert mutated(b"", np.random.default_rng(1)) == b""

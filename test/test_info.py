@@ -90,13 +90,13 @@ def test_every_figure_of_a_known_recording(tmp_path: Path) -> None:
     assert (spare["sensor"], spare["rate_hz"]) == (None, pytest.approx(10.0, rel=1e-4))
     text = text_of(document)
     assert "seat: rejected 1 unset, 1 non finite, 1 duplicate" in text
-    assert "replay: takes seat; not in the bag: pelvis" in text
+    assert "replay: uses seat; not in the bag: pelvis" in text
 
 
 def test_a_topic_of_any_rate_mapped_or_not_and_what_replay_would_say(tmp_path: Path) -> None:
     bag = write(tmp_path / "a.mcap", {"/imu": still(rate_hz=31.0)})
     document = info(bag)
-    assert "name it with --map seat=TOPIC" in document["replay"]["refusal"]
+    assert "give it with --map seat=TOPIC" in document["replay"]["refusal"]
     document = info(bag, ReadingOptions({"seat": "/imu"}))
     assert by_sensor(document)["seat"]["rate_hz"] == pytest.approx(31.0, rel=1e-4)
     with pytest.raises(InputError) as refused:
@@ -111,7 +111,7 @@ def test_two_topics_that_may_be_one_sensor_are_both_shown(tmp_path: Path) -> Non
     bag = write(tmp_path / "a.mcap", {f"/{who}/{topics.INPUT['seat']}": still(3.0) for who in ("left", "right")})
     document = info(bag)
     assert [row["sensor"] for row in document["topics"]] == [None, None]
-    assert "may all be the seat: say which with --map seat=TOPIC" in document["replay"]["refusal"]
+    assert "match the seat: choose one with --map seat=TOPIC" in document["replay"]["refusal"]
 
 
 def test_what_is_there_when_there_is_no_imu(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_clocks_that_keep_together_are_not_talked_about(tmp_path: Path) -> None:
 def test_different_offsets_against_the_log_are_said(tmp_path: Path) -> None:
     streams = {"seat": still(), "head": still(late_s=0.02, seed=1)}
     warnings = info(write(tmp_path / "a.mcap", streams))["warnings"]
-    assert any("by different amounts (ms: seat 2.0, head 20.0)" in text for text in warnings), warnings
+    assert any("differs between sensors (ms: seat 2.0, head 20.0)" in text for text in warnings), warnings
 
 
 @pytest.mark.parametrize("value", [0, START_NS])
@@ -173,9 +173,9 @@ def test_stamps_that_are_zero_or_stand_still_give_way_to_log_time(tmp_path: Path
     assert (seat["time"], head["time"]) == ("log", "header")
     assert seat["rate_hz"] == pytest.approx(500.0, rel=1e-3)
     assert seat["rejected"] == 0
-    why = "are zero" if value == 0 else "stand still"
-    said = f"seat: header stamps {why}: the recorder's log time is used instead"
-    mixed = "seat by log time beside others by header time, which log time follows by 2.0 ms"
+    why = "are zero" if value == 0 else "do not change"
+    said = f"seat: header stamps {why}: log time is used instead"
+    mixed = "seat by log time, others by header time, and log time is 2.0 ms later"
     replayed = replay(bag, subject()).document
     for warnings in (document["warnings"], replayed["warnings"]):
         assert said in warnings
@@ -210,13 +210,13 @@ def test_quantised_stamps_and_a_clock_that_was_set_are_said(tmp_path: Path) -> N
     document = info(bag)
     assert by_sensor(document)["seat"]["quantum_ms"] == pytest.approx(10.0)
     assert any("seat: header stamps are quantised to 10 ms" in text for text in document["warnings"])
-    assert any("head: header and log time leapt against each other once" in text for text in document["warnings"])
+    assert any("head: header time jumped against log time once" in text for text in document["warnings"])
 
 
 def test_stamps_that_count_samples_are_told_from_a_clock(tmp_path: Path) -> None:
     bag = write(tmp_path / "a.mcap", {"seat": still(ppm=3000.0)})
     (line,) = info(bag)["warnings"]
-    assert re.match(r"seat: its header stamps gain \+(2999|3000|3001) ppm on log time", line)
+    assert re.match(r"seat: its header stamps drift by \+(2999|3000|3001) ppm against log time", line)
 
 
 def test_a_cut_bag_says_how_far_it_goes(tmp_path: Path) -> None:
@@ -268,7 +268,7 @@ def test_nothing_is_left_behind_by_a_refusal(capsys: pytest.CaptureFixture[str],
         assert len(capsys.readouterr().err.strip().splitlines()) == 1
         assert not (tmp_path / "deep").exists()
     assert main(["replay", str(slow), "--subject", "subject_1", "-o", str(slow)]) == 2
-    assert "is a file, a directory is needed" in capsys.readouterr().err
+    assert "is a file; the results need a directory" in capsys.readouterr().err
 
 
 def test_what_a_failing_replay_had_begun_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

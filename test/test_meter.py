@@ -72,7 +72,7 @@ def test_lower_bounds_say_why() -> None:
     assert all(each.vdv_lower_bound and not each.aw_lower_bound for each in read.axes)
     one = meter_readings(document({"lower_bound": True}))
     assert one is not None
-    assert "a horizontal axis gives nothing" in one.bounds
+    assert "a horizontal axis has no data" in one.bounds
 
 
 def test_before_the_seat_counts_there_are_no_readings() -> None:

@@ -349,8 +349,8 @@ def test_a_subject_by_path_goes_before_a_bundled_one(elsewhere: Path) -> None:
 @pytest.mark.parametrize(
     ("find", "name", "message"),
     [
-        (resources.subject_file, "short", "no subject file short; bundled are tall; give others by path"),
-        (resources.subject_file, "no/tall", r"no subject file no/tall; did you mean tall\? bundled are tall"),
+        (resources.subject_file, "short", "no subject file short; bundled: tall; give others by path"),
+        (resources.subject_file, "no/tall", r"no subject file no/tall; did you mean tall\? bundled: tall"),
         (resources.config_file, "live.yaml", "no live.yaml in .*config; there is limits.yaml, subjects"),
         (resources.bag_file, "long.mcap", "no long.mcap in .*bags; there is short.mcap"),
         (resources.package_directory, "nowhere", "the installation is incomplete: .*nowhere is missing"),
@@ -365,5 +365,5 @@ def test_what_is_not_there_is_told_with_what_is(
 
 def test_no_files_anywhere_is_told(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("AMENT_PREFIX_PATH")
-    with pytest.raises(InputError, match=r"\Athe files of biodyn are in none of .*; install it again\Z"):
+    with pytest.raises(InputError, match=r"\Anone of .* holds the files of biodyn; install it again\Z"):
         resources.subject_names()

@@ -1,4 +1,4 @@
-"""The page's server without ROS: who is let in, what is sent, and visitors that are slow, huge, many or hostile."""
+"""The page's server without ROS: access, events, and clients that are slow, numerous or hostile."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from biodyn_ros.reports.downsampling import BIN_NS
 TOKEN = "right-token-0123456789"  # noqa: S105 - of these tests
 
 
-class Asked:
-    """In the node's place: notes what it is asked."""
+class FakeFeed:
+    """Replaces the node: records the calls."""
 
     def __init__(self) -> None:
-        self.asked: list[str] = []
+        self.called: list[str] = []
 
-    async def ask(self, name: str) -> str:
-        """Do it."""
-        self.asked.append(name)
+    async def call(self, name: str) -> str:
+        """Record the call."""
+        self.called.append(name)
         return f"done: {name}"
 
 
 class Served:
     """A site that is up."""
 
-    def __init__(self, port: int, hub: Hub, feed: Asked, server: ConnectionLimiter) -> None:
+    def __init__(self, port: int, hub: Hub, feed: FakeFeed, server: ConnectionLimiter) -> None:
         self.port, self.hub, self.feed, self.server = port, hub, feed, server
 
     def url(self, path: str = "/") -> str:
@@ -52,15 +52,15 @@ class Served:
 @asynccontextmanager
 async def served(host: str = "127.0.0.1"):
     """The site on a free port, with a node that answers."""
-    told, feed = Hub(), Asked()
-    page = Site(ServingSettings(page_host=host), TOKEN, told)
+    events, feed = Hub(), FakeFeed()
+    page = Site(ServingSettings(page_host=host), TOKEN, events)
     page.feed = feed
     server = ConnectionLimiter(page.handle)
     runner = web.ServerRunner(server, shutdown_timeout=0.2)
     await runner.setup()
     try:
         await web.TCPSite(runner, host, 0).start()
-        yield Served(runner.addresses[0][1], told, feed, server)
+        yield Served(runner.addresses[0][1], events, feed, server)
     finally:
         await runner.cleanup()
 
@@ -110,12 +110,12 @@ async def read_event(stream: aiohttp.StreamReader) -> tuple[str, dict]:
 def test_a_newcomer_is_sent_the_last_minute_and_then_what_comes():
     async def steps(page, client):
         for k in range(20):
-            page.hub.take(snapshot(0.2 * k))
+            page.hub.add(snapshot(0.2 * k))
         async with client.get(page.url("/events")) as answer:
             kind, minute = await read_event(answer.content)
             assert kind == "history"
             assert len(minute["measured"]["begin_s"]) == 40
-            page.hub.take(snapshot(4.0, text="now"))
+            page.hub.add(snapshot(4.0, text="now"))
             kind, now = await read_event(answer.content)
             assert (kind, now["text"]) == ("snapshot", "now")
 
@@ -123,24 +123,24 @@ def test_a_newcomer_is_sent_the_last_minute_and_then_what_comes():
 
 
 def test_the_minute_is_a_minute_and_begins_anew_where_time_leaps():
-    told = Hub()
+    events = Hub()
     for k in range(100):
-        told.take(snapshot(1.0 * k, count=10))
-    minute = json.loads(told.events(-2)[0].split("data: ")[1])["measured"]
+        events.add(snapshot(1.0 * k, count=10))
+    minute = json.loads(events.events(-2)[0].split("data: ")[1])["measured"]
     assert (minute["begin_s"][0], len(minute["begin_s"])) == (40.0, hub.HISTORY_BINS)
     for leap_s in (5.0, 5000.0):
-        told.take(snapshot(leap_s))
-        minute = json.loads(told.events(-2)[0].split("data: ")[1])["measured"]
+        events.add(snapshot(leap_s))
+        minute = json.loads(events.events(-2)[0].split("data: ")[1])["measured"]
         assert minute["begin_s"] == [leap_s, leap_s + 0.1]
 
 
 def test_a_stream_that_falls_far_behind_is_sent_the_minute_anew():
-    told = Hub()
+    events = Hub()
     for k in range(hub.RECENT):
-        told.take(snapshot(float(k)))
-    assert [event.split("\n")[0] for event in told.events(told.number - 2)] == ["event: snapshot"] * 2
-    told.take(snapshot(99.0))
-    assert [event.split("\n")[0] for event in told.events(0)] == ["event: history"]
+        events.add(snapshot(float(k)))
+    assert [event.split("\n")[0] for event in events.events(events.number - 2)] == ["event: snapshot"] * 2
+    events.add(snapshot(99.0))
+    assert [event.split("\n")[0] for event in events.events(0)] == ["event: history"]
 
 
 NO_SNAPSHOTS = [
@@ -157,23 +157,23 @@ NO_SNAPSHOTS = [
 
 @pytest.mark.parametrize("text", NO_SNAPSHOTS, ids=range(len(NO_SNAPSHOTS)))
 def test_what_is_no_snapshot_is_left_out(text):
-    told = Hub()
-    told.take(text)
-    assert told.number == 0
+    events = Hub()
+    events.add(text)
+    assert events.number == 0
 
 
 def test_no_memory_grows_with_what_is_sent():
-    told = Hub()
+    events = Hub()
     for k in range(50):
-        told.take(snapshot(1.0 * k).replace('"measured"', f'"other_{k}"'))
-    assert told.number == 50
-    assert "other" not in told.events(-2)[0]
+        events.add(snapshot(1.0 * k).replace('"measured"', f'"other_{k}"'))
+    assert events.number == 50
+    assert "other" not in events.events(-2)[0]
 
 
 def test_a_snapshot_cannot_bring_an_event_of_its_own():
-    told = Hub()
-    told.take(snapshot(text="\n\nevent: reset\ndata: {}\n\n"))
-    (event,) = told.events(0)
+    events = Hub()
+    events.add(snapshot(text="\n\nevent: reset\ndata: {}\n\n"))
+    (event,) = events.events(0)
     assert event.count("\n\n") == 1
     assert json.loads(event.split("data: ", 1)[1])["text"].startswith("\n\nevent")
 
@@ -211,7 +211,7 @@ def test_another_page_is_not_answered():
         foreign = {"Origin": "http://evil.example", connection_limiter.TOKEN_HEADER: TOKEN}
         async with client.post(page.url("/reset"), headers=foreign) as answer:
             assert answer.status == 403
-        assert page.feed.asked == []
+        assert page.feed.called == []
 
     visit(steps)
 
@@ -228,11 +228,11 @@ def test_writing_needs_the_token_and_a_post():
                 assert answer.status == 403
         async with client.get(page.url("/reset"), headers={connection_limiter.TOKEN_HEADER: TOKEN}) as answer:
             assert answer.status == 405
-        assert page.feed.asked == []
+        assert page.feed.called == []
         for name in ("reset", "mark"):
             async with client.post(page.url(f"/{name}"), headers={connection_limiter.TOKEN_HEADER: TOKEN}) as answer:
                 assert (answer.status, await answer.json()) == (200, {"message": f"done: {name}"})
-        assert page.feed.asked == ["reset", "mark"]
+        assert page.feed.called == ["reset", "mark"]
 
     visit(steps)
 
@@ -242,17 +242,17 @@ def test_writing_needs_the_token_and_a_post():
 )
 def test_nothing_else_is_served(path):
     async def steps(page, client):
-        assert (await told_raw(page.port, f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())).startswith(
+        assert (await response_to(page.port, f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())).startswith(
             "HTTP/1.1 404"
         )
 
     visit(steps)
 
 
-# --- visitors that mean no good --------------------------------------------------------------------------------------
+# --- hostile clients ------------------------------------------------------------------------------------------------
 
 
-async def told_raw(port: int, sent: bytes) -> str:
+async def response_to(port: int, sent: bytes) -> str:
     """What comes back first for these bytes."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
@@ -283,19 +283,19 @@ async def is_well(page: Served, client: aiohttp.ClientSession) -> bool:
 )
 def test_a_huge_or_broken_request_costs_nobody_else(sent):
     async def steps(page, client):
-        assert "200" not in (await told_raw(page.port, sent))[:15]
+        assert "200" not in (await response_to(page.port, sent))[:15]
         assert await is_well(page, client)
 
     visit(steps)
 
 
 def test_who_says_nothing_is_shown_out(monkeypatch):
-    monkeypatch.setattr(connection_limiter, "GREETING_S", 0.3)
+    monkeypatch.setattr(connection_limiter, "REQUEST_TIMEOUT_S", 0.3)
 
     async def steps(page, client):
-        for said in (b"", b"GET / HT"):
+        for sent in (b"", b"GET / HT"):
             reader, writer = await asyncio.open_connection("127.0.0.1", page.port)
-            writer.write(said)
+            writer.write(sent)
             with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
                 await asyncio.wait_for(reader.readexactly(1), 5.0)
             writer.close()
@@ -315,7 +315,7 @@ async def ends(reader: asyncio.StreamReader) -> bool:
 
 
 def test_many_at_once_are_turned_away_and_there_is_room_again_when_they_leave(monkeypatch):
-    monkeypatch.setattr(connection_limiter, "MOST_CONNECTIONS", 10)
+    monkeypatch.setattr(connection_limiter, "MAX_CONNECTIONS", 10)
 
     async def steps(page, client):
         crowd = [await asyncio.open_connection("127.0.0.1", page.port) for _ in range(50)]
@@ -333,9 +333,9 @@ def test_many_at_once_are_turned_away_and_there_is_room_again_when_they_leave(mo
     visit(steps)
 
 
-def test_streams_are_few_and_end_with_their_visitors(monkeypatch):
-    monkeypatch.setattr(site, "MOST_STREAMS", 2)
-    monkeypatch.setattr(site, "BEAT_S", 0.1)
+def test_streams_are_limited_and_end_with_their_clients(monkeypatch):
+    monkeypatch.setattr(site, "MAX_STREAMS", 2)
+    monkeypatch.setattr(site, "KEEP_ALIVE_S", 0.1)
 
     async def steps(page, client):
         held = [await client.get(page.url("/events")) for _ in range(2)]
@@ -354,14 +354,14 @@ def test_streams_are_few_and_end_with_their_visitors(monkeypatch):
 
 
 def test_a_stream_that_is_not_read_is_dropped_and_holds_up_nobody(monkeypatch):
-    monkeypatch.setattr(site, "ANSWER_S", 0.5)
+    monkeypatch.setattr(site, "RESPONSE_TIMEOUT_S", 0.5)
 
     async def steps(page, client):
         _, writer = await asyncio.open_connection("127.0.0.1", page.port, limit=1)
         writer.write(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
         gone = False
         for k in range(300):
-            page.hub.take(snapshot(0.2 * k, text="x" * 200_000))
+            page.hub.add(snapshot(0.2 * k, text="x" * 200_000))
             await asyncio.sleep(0.01)
             gone = not any(c.transport is not None and not c.transport.is_closing() for c in page.server.connections)
             if gone:
@@ -408,7 +408,7 @@ def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(tm
 def test_a_node_knows_the_port_that_its_page_takes() -> None:
     assert port_of(ServingSettings(page_port=8765)) == 8765
     assert 1024 <= port_of(ServingSettings(page_port=0)) < 65536
-    with pytest.raises(InputError, match=r"page_host 192\.0\.2\.1: nothing can be served there"):
+    with pytest.raises(InputError, match=r"page_host 192\.0\.2\.1: the address cannot be used"):
         port_of(ServingSettings(page_host="192.0.2.1", page_port=0))
 
 

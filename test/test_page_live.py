@@ -262,7 +262,7 @@ def it_shows_a_dead_sensor(browser: Browser) -> None:
 
 def marks_and_resets(browser: Browser) -> None:
     browser.page.click("#mark")
-    browser.until("$('said').innerText.startsWith('mark 1 at')", 10.0)
+    browser.until("$('reply').innerText.startsWith('mark 1 at')", 10.0)
     browser.until("$('marks').innerText.startsWith('mark 1 at')", 10.0)
     counted = browser.page.evaluate("snapshot.seat.counted_s")
     browser.page.click("#reset")
@@ -271,12 +271,12 @@ def marks_and_resets(browser: Browser) -> None:
     assert browser.page.evaluate("snapshot.seat.counted_s") > counted, "once is not enough"
     browser.page.click("#reset")
     browser.until(f"snapshot.seat.counted_s < {counted}", 10.0)
-    assert "is set to zero" in browser.text("#said")
+    assert "is set to zero" in browser.text("#reply")
 
 
 def it_says_that_the_seat_is_silent(browser: Browser) -> None:
     browser.until("document.body.dataset.tone == 'none' && $('reason').innerText.includes('silent for')", 60.0)
-    assert browser.text("#headline") == "Undecided: no verdict on the seat"
+    assert browser.text("#headline") == "Undecided: no assessment of the seat"
     assert browser.text("#left-action") == "withheld"
     assert browser.page.evaluate("getComputedStyle(document.querySelector('main')).opacity") == "0.45"
 
@@ -351,7 +351,7 @@ def test_without_the_token_one_may_look_but_not_touch(graph, browser):
         reached(browser, f"http://127.0.0.1:{port}/")
         assert browser.page.is_disabled("#mark")
         assert browser.page.is_disabled("#reset")
-        assert "open the link" in browser.text("#said")
+        assert "open the link" in browser.text("#reply")
         browser.page.wait_for_timeout(2000)
         assert browser.text("#headline") == "Waiting for the node"
         assert browser.page.evaluate("document.body.dataset.tone") == "none"

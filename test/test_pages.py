@@ -31,7 +31,7 @@ from biodyn_core.identification.settings import FitSettings
 from biodyn_core.pipeline.frames import NO_PREDICTED, Frames
 from biodyn_core.recording.recording import Recording
 from biodyn_ros.base.resources import subject_file
-from biodyn_ros.base.wording import number, told_apart
+from biodyn_ros.base.wording import number, with_interval
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import page as fit_report
@@ -113,7 +113,7 @@ def test_a_validation_says_the_numbers_of_its_document(validated: Validated, val
             if of[side]:
                 assert f"{number(of[side]['vdv_mps175'])} {side}" in told(validation), segment
     assert number(document["exposure"]["dri"]["compression"]) in told(validation)
-    assert "What not to believe" in text and "No force was measured" in text
+    assert "Limitations" in text and "No force was measured" in text
 
 
 def test_every_drawing_of_a_validation_says_what_and_in_which_unit(validation: str) -> None:
@@ -236,11 +236,11 @@ def test_a_fit_says_the_numbers_of_its_document(fitted: Fitted, page: str) -> No
     for name, of in document["intervals"].items():
         if not of["at_bound"]:
             unit = "" if of["unit"] == "-" else f" {of['unit']}"
-            value, lower, upper = told_apart(of["value"], of["lower"], of["upper"])
+            value, lower, upper = with_interval(of["value"], of["lower"], of["upper"])
             assert lower != upper, name
             said = f"{value} ({lower} to {upper}){unit}, "
             assert said + document["identifiable"][name] in told(page), name
-    assert "None was asked for: --profile NAME" in text and "The mass scale was held" in text
+    assert "None requested: use --profile NAME" in text and "The mass scale was held" in text
     assert text.count(MADE_BY_MODEL) == 1 and "3 of 3 recordings: " in text
 
 
@@ -248,7 +248,11 @@ def test_every_drawing_of_a_fit_says_what_and_in_which_unit(page: str) -> None:
     drawings = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
     expected = (
         ("place between the bounds of Table 1, logarithmic, no unit", "natural frequency, head", "stiffening scale"),
-        ("vertical acceleration; beneath, model minus measured; m/s²", "s since the event began", "residual, % of rms"),
+        (
+            "vertical acceleration; below, model minus measured; m/s²",
+            "s since the start of the event",
+            "residual, % of rms",
+        ),
         ("power spectral density, (m/s²)²/Hz", "Hz", "upper torso"),
         ("correlation of the estimates' logarithms, no unit", "damping ratio, neck"),
     )
@@ -390,7 +394,7 @@ def test_a_missing_library_is_told_before_the_work(
     given = [part.format(tmp_path) for part in command]
     assert main(given) == 2
     error = capsys.readouterr().err
-    assert f"reports need {missing}: pip install 'biodyn_ros[reports]', or leave them out with --no-report" in error
+    assert f"reports need {missing}: pip install 'biodyn_ros[reports]', or use --no-report" in error
     assert main([*given, "--no-report"]) == 2
     assert missing not in capsys.readouterr().err
 

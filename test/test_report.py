@@ -19,7 +19,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.exposure.limits import EU_LIMITS
 from biodyn_core.pipeline.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
-from biodyn_ros.base.wording import bound, duration, left, number, sentence, shocks, time_left, told_apart
+from biodyn_ros.base.wording import bound, duration, left, number, sentence, shocks, time_left, with_interval
 from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
@@ -27,7 +27,7 @@ from biodyn_ros.replay.traces import BATCH_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLE
 from biodyn_ros.reports.downsampling import BIN_NS
 from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
-from biodyn_ros.reports.verdict import judge
+from biodyn_ros.reports.verdict import seat_verdict
 
 START_NS = 1_767_225_600 * 10**9 + 37
 RATE_HZ = 1000.0
@@ -271,9 +271,9 @@ def test_the_page_says_every_figure_with_its_unit(tmp_path):
         "Replay of rail.mcap", "subject_1", "segment", "61.2 s", "0.75 s", "0.1.0", "causal",
         "Below the action values so far", "A(8), m/s² 0.0187 0.5 1.15 worst direction",
         "VDV, m/s¹·⁷⁵ 2.32 9.1 21 z", "Everything is below.",
-        "Beside, ISO 2631-1 caution zone: below the action values so far. Lower than 8.5.",
-        "no additional evaluation asked for (ISO 2631-1:1997, axis z): crest factor 7.25, MTVV/aw 1.31",
-        "Governed by VDV, axis z (2002/44/EC)", "4 h 0 min left", "more than 24 h left", "use the seat alone",
+        "Also ISO 2631-1 caution zone: below the action values so far. Lower than 8.5.",
+        "no additional evaluation required (ISO 2631-1:1997, axis z): crest factor 7.25, MTVV/aw 1.31",
+        "Governed by VDV, axis z (2002/44/EC)", "4 h 0 min left", "more than 24 h left", "use the seat only",
         "No yaw given", "worst direction 0.0313 0.213 1.4 0.0438 0.298",
         "Residual at worst 15.0 % of the measured rms (head)", "neck 0.123 14.0",
         "seat 0.100 0.500 0.200 7.25 0.900 0.000 0", "pelvis 0.200 0.317 1.00 1.58 0.400 7.25 1.80 not validated",
@@ -329,13 +329,13 @@ def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
         changed[name]["lower_bound"] = True
     page = page_of(tmp_path, changed)
     for expected in (
-        "Undecided: no verdict on the seat", "Too much is missing.", "A(8), m/s² >= 0.0187", "VDV, m/s¹·⁷⁵ >= 2.32",
+        "Undecided: no assessment of the seat", "Too much is missing.", "A(8), m/s² >= 0.0187", "VDV, m/s¹·⁷⁵ >= 2.32",
         "1.234 s missing and 0 samples clipped",
         "Action value: time left withheld, because 1.23 s are missing at the seat, more than 1 %.",
         "seat 0.100 >= 0.500 >= 0.200 7.25 >= 0.900 1.234 0",
         "head >= 0.155 >= 0.775 >= 0.310 7.25 >= 1.40 0.000 17",
         "pelvis 0.200 0.317 >= 1.00 1.58 >= 0.400", "DRI >= 6.78", "HIC15 >= 1.23 >= 0.456 >= 0.567 1.200 to 1.213 565",
-        "undecided whether additional evaluation is asked for",
+        "undecided whether additional evaluation is required",
     ):  # fmt: skip
         assert expected in page.text, expected
     assert 'class="strip good"' not in (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -366,7 +366,7 @@ def test_a_vertical_only_seat_is_a_lower_bound_and_its_vertical_is_none(tmp_path
 def test_page_and_terminal_show_the_zone_in_words_and_green_for_one_alone(tmp_path, zone, tone, headline):
     changed = document()
     changed["seat"] |= {"zone": zone, "zone_reason": f"because of {zone}"}
-    verdict = judge(changed)
+    verdict = seat_verdict(changed)
     assert verdict.tone == tone
     assert headline in verdict.headline
     page_of(tmp_path, changed)
@@ -379,7 +379,7 @@ def test_page_and_terminal_show_the_zone_in_words_and_green_for_one_alone(tmp_pa
 
 
 def test_without_a_seat_there_is_no_verdict():
-    verdict = judge(document() | {"seat": None})
+    verdict = seat_verdict(document() | {"seat": None})
     assert (verdict.tone, verdict.reasons) == ("none", ())
     assert "nothing counted" in verdict.headline
     assert "seat: nothing counted" in summary(document() | {"seat": None})
@@ -423,7 +423,7 @@ def test_shocks_that_ask_for_more_are_flagged(tmp_path):
     assert '<p class="flag">' not in (tmp_path / "report.html").read_text(encoding="utf-8")
     changed["seat"]["shock_ratios"] = ratios(crest=11.2, mtvv=1.6)
     said = (
-        "Shocks, additional evaluation asked for (ISO 2631-1:1997, axis z): crest factor 11.2 > 9 (6.2.2),"
+        "Shocks: additional evaluation required (ISO 2631-1:1997, axis z): crest factor 11.2 > 9 (6.2.2),"
         " MTVV/aw 1.60 > 1.5 (6.3.3)."
     )
     assert said in page_of(tmp_path, changed).text
@@ -434,7 +434,7 @@ def test_shocks_that_ask_for_more_are_flagged(tmp_path):
 def test_ratios_that_were_not_measured_clear_nothing():
     seat = document()["seat"] | {"axis": "worst_direction", "shock_ratios": ratios("worst_direction", None, None)}
     assert shocks(seat) == (
-        "Shocks, undecided whether additional evaluation is asked for (ISO 2631-1:1997, axis worst direction):"
+        "Shocks: undecided whether additional evaluation is required (ISO 2631-1:1997, axis worst direction):"
         " crest factor and MTVV/aw not measured."
     )
 
@@ -454,7 +454,12 @@ def test_a_page_of_almost_nothing(tmp_path):
     empty = {"sensors": {}, "predicted": {}, "measured_low_passed": {}, "residual": {}}
     none = {"seat": None, "dri": None, "hic15": None, "hic36": None}
     text = page_of(tmp_path, document() | empty | none, Traces()).text
-    for expected in ("nothing counted at the seat", "Nothing to compare", "No measured instant", "none were made"):
+    for expected in (
+        "nothing counted at the seat",
+        "No measurement to compare",
+        "No measured instant",
+        "Predictions come from a model: none",
+    ):
         assert expected in text
 
 
@@ -538,7 +543,7 @@ def test_numbers_have_three_digits(value, expected):
     ],
 )
 def test_the_ends_of_an_interval_are_told_apart(estimate, expected):
-    assert told_apart(*estimate) == expected
+    assert with_interval(*estimate) == expected
 
 
 def test_a_bound_of_nothing_is_nothing():
@@ -570,8 +575,10 @@ def test_at_most_never_promises_more_than() -> None:
 
 def test_a_doubt_withholds_the_time_in_every_sentence() -> None:
     for limit in ("action", "limit"):
-        assert any(f"{limit.capitalize()} value: " in line and " left" in line for line in judge(document()).reasons)
-    doubted = judge(document(), "two publishers send to the seat")
+        assert any(
+            f"{limit.capitalize()} value: " in line and " left" in line for line in seat_verdict(document()).reasons
+        )
+    doubted = seat_verdict(document(), "two publishers send to the seat")
     assert doubted.tone == "none" and not any(" left, if" in line for line in doubted.reasons)
     assert sum("withheld, because two publishers send" in line for line in doubted.reasons) == 2
     assert "below" not in " ".join(doubted.reasons)

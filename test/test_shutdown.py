@@ -22,12 +22,12 @@ from biodyn_ros.node.callbacks import spin
 _ASKED = """
 import atexit, ctypes, os, signal, threading, time
 from biodyn_ros.base import shutdown as bounds
-bounds.ENDS_WITHIN_S, bounds.ALARM_S = 0.3, 1.5
+bounds.TIMEOUT_S, bounds.ALARM_S = 0.3, 1.5
 with bounds.Shutdown("biodyn test") as shutdown:
     os.kill(os.getpid(), signal.SIGTERM)
-    while not shutdown.asked:
+    while not shutdown.requested:
         time.sleep(0.01)
-    shutdown.through([("the page", lambda: None), ("the node", lambda: NODE)])
+    shutdown.run_stages([("the page", lambda: None), ("the node", lambda: NODE)])
 BEHIND
 """
 
@@ -62,7 +62,7 @@ def test_without_a_signal_nothing_is_left_behind() -> None:
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
     before = [signal.getsignal(number) for number in numbers]
     with Shutdown("biodyn test", interrupts=True) as shutdown:
-        assert not shutdown.asked
+        assert not shutdown.requested
     assert [signal.getsignal(number) for number in numbers] == before
     assert signal.set_wakeup_fd(-1) == -1
 

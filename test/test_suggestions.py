@@ -19,7 +19,7 @@ from biodyn_core.identification.settings import FitSettings
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.bag import open_bag
 from biodyn_ros.base.resources import subject_file
-from biodyn_ros.blue_trident.found import find_exports
+from biodyn_ros.blue_trident.exports import find_exports
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.fit.fitting import FitOptions, check_profiles
 from biodyn_ros.reading.events import check_bags

@@ -839,5 +839,5 @@ def test_an_output_that_is_a_file_is_refused_before_the_work(
     (tmp_path / "file").touch()
     for place in (tmp_path / "file", tmp_path / "file" / "below"):
         assert main(["trace", "missing.mcap", "--subject", "subject_1", "-o", str(place)]) == 2
-        assert "file: is a file, a directory is needed" in capsys.readouterr().err
+        assert "file: is a file; the results need a directory" in capsys.readouterr().err
     check_directory(tmp_path / "new" / "out")

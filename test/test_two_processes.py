@@ -179,7 +179,7 @@ with Shutdown("biodyn test") as shutdown:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node, executor, ended = rclpy.create_node("interrupted"), make_executor(), Future()
     executor.add_node(node)
-    shutdown.on_asked(lambda: ended.set_result(None))
+    shutdown.on_request(lambda: ended.set_result(None))
     node.create_timer(0.01, guarded(lambda: signal.raise_signal(signal.SIGINT), print))
     spin(executor, ended)
     print("ended", rclpy.ok())

@@ -439,7 +439,7 @@ def test_a_directory_that_cannot_be_is_one_line(tmp_path):
     (tmp_path / "file").touch()
     bag = tmp_path / "road.mcap"
     simulate_bag(bag, subject(), load_case("road", 6.0, np.random.default_rng(3)), 3, SensorSettings())
-    with pytest.raises(InputError, match="is a file, a directory is needed"):
+    with pytest.raises(InputError, match="is a file; the results need a directory"):
         validate_to_directory(bag, subject(), tmp_path / "file")
 
 

@@ -21,8 +21,8 @@ ROOT = Path(__file__).resolve().parents[1]
         (counted(2, "shock"), "2 shocks"),
         (counted(1, "sample is", "samples are"), "1 sample is"),
         (counted(3, "sample is", "samples are"), "3 samples are"),
-        (stuck(1), "1 sample of an unchanging reading counted as missing: stuck?"),
-        (left_range(1), "left its range at 1 sample, none of them predicted: it began at rest"),
+        (stuck(1), "1 sample with an unchanging value counted as missing: stuck sensor?"),
+        (left_range(1), "left its range at 1 sample: no prediction there, restarted at rest"),
     ],
 )
 def test_a_count_has_its_singular_and_plural(said: str, wanted: str) -> None:

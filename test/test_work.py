@@ -31,7 +31,7 @@ from biodyn_core.identification.phase1 import Search, SwarmSettings
 from biodyn_core.identification.phase2 import Refined
 from biodyn_core.identification.settings import FitSettings
 from biodyn_ros.base.environment import ONE_THREAD
-from biodyn_ros.base.json_files import LARGEST_BYTES
+from biodyn_ros.base.json_files import MAX_BYTES
 from biodyn_ros.base.progress import Progress
 from biodyn_ros.work import executors
 from biodyn_ros.work.checkpoint import Checkpoint, decoded, encoded
@@ -352,7 +352,7 @@ def test_a_truncated_or_endless_checkpoint_is_one_line_and_stays(tmp_path: Path)
         path.write_bytes(content[:length])
         refused(path, "is damaged")
     with path.open("wb") as file:
-        file.truncate(LARGEST_BYTES + 1)
+        file.truncate(MAX_BYTES + 1)
     with pytest.raises(InputError, match="is larger than 64 MiB, so it is none of ours"):
         Checkpoint(path, "p", resume=True)
 

@@ -1,11 +1,11 @@
-"""Rosbag2 recordings in and out, whole chunks at a time, without ROS.
+"""Reads and writes rosbag2 recordings in whole chunks, without ROS.
 
     with open_bag("drive") as bag:
         for topic, block in imu_blocks(bag, ["imu/seat/data", "imu/head/data"]):
             ...
 
 A bag is a .mcap or .db3 file, or the directory of a recording, with or without its metadata.yaml, split or not.
-Memory is that of a chunk or two, whatever the length of the bag.
+Memory is that of one or two chunks, independent of the length of the bag.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from biodyn_ros.bag.writer import BagWriter
 __all__ = ["BagReader", "BagWriter", "Block", "Chunk", "LoggedImu", "TopicInfo", "imu_blocks", "open_bag"]
 
 SLICE_NS: Final = 250_000_000
-"""How far in log time one topic may run ahead of the others in `imu_blocks`."""
+"""How far one topic may be ahead of the others in log time in `imu_blocks`."""
 
 _NEVER = -(2**63)
 
 
 @dataclass(frozen=True, eq=False)
 class LoggedImu(ImuBlock):
-    """Samples of one sensor by both clocks: header_ns and log_ns int64 (n,); stamps_ns is the one asked for."""
+    """Samples of one sensor with both times: header_ns and log_ns int64 (n,); stamps_ns is the requested one."""
 
     header_ns: Integers
     log_ns: Integers
@@ -54,10 +54,10 @@ _STORAGES: dict[str, Callable[[Path, list[str]], Storage]] = {"mcap": McapStorag
 
 
 class BagReader:
-    """A bag open for reading: what is in it, and its messages in blocks. A context manager, made by `open_bag`.
+    """A bag open for reading: its topics, and its messages in blocks. A context manager, made by `open_bag`.
 
     storage is "mcap" or "sqlite3"; start_ns and end_ns are log times, None in an empty bag. `recovered` is True for
-    an unfinished, cut or damaged bag; `warnings` says what was missing or left out, and may grow while reading.
+    an unfinished, cut or damaged bag; `warnings` lists missing and omitted parts, and may grow while reading.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class BagReader:
         if missing := sorted(wanted - known):
             there = ", ".join(sorted(known)) or "none"
             near = did_you_mean(missing[0], known)
-            raise InputError(f"{self.path}: topic {missing[0]} is not in the bag; topics there: {there}{near}")
+            raise InputError(f"{self.path}: topic {missing[0]} is not in the bag; its topics: {there}{near}")
         return chain.from_iterable(part.chunks(frozenset(wanted)) for part in self._storages)
 
     def blocks(self, topics: Iterable[str] | None = None) -> Iterator[Block]:
@@ -119,8 +119,8 @@ class BagReader:
 def open_bag(path: str | Path) -> BagReader:
     """Open a .mcap or .db3 file or a recording's directory.
 
-    InputError, naming the file and what to do, for what is no ROS 2 bag: ROS 1, another serialization than CDR,
-    compression by file or message, several recordings in one directory, nothing there.
+    InputError, with the file and a remedy, if it is no ROS 2 bag: ROS 1, another serialization than CDR, compression by
+    file or message, several recordings in one directory, no such file.
     """
     path = Path(path)
     warnings: list[str] = []
@@ -129,7 +129,7 @@ def open_bag(path: str | Path) -> BagReader:
         files = files_of_directory(path, warnings) if path.is_dir() else [path]
         kinds = {kind_of(file) for file in files}
         if len(kinds) > 1:
-            raise InputError(f"{path}: both MCAP and sqlite3 files, one recording has one kind: name one file")
+            raise InputError(f"{path}: both MCAP and sqlite3 files, but a recording has one kind: give one file")
         (kind,) = kinds
         storages.extend(_STORAGES[kind](file, warnings) for file in files)
     except OSError as error:
@@ -145,20 +145,20 @@ def open_bag(path: str | Path) -> BagReader:
 def imu_blocks(
     reader: BagReader, topics: Iterable[str], time: str | Mapping[str, str] = "header", gyro: bool = False
 ) -> Iterator[tuple[str, LoggedImu]]:
-    """Decoded samples of these Imu topics, which advance together: (topic, block), over and over.
+    """Decoded samples of these Imu topics, in parallel: an iterator of (topic, block).
 
     Angular velocities are decoded with `gyro` only.
 
     Blocks are cut at multiples of 0.25 s of log time: all topics' samples of one such slot come before any of the
-    next, however the bag is chunked. Within a chunk the samples of a topic stay in file order; one logged earlier than
-    its predecessor belongs to the predecessor's slot. stamps_ns are the header's or, with time "log", the recorder's;
-    a mapping says it topic by topic.
+    next, independent of the chunks of the bag. Within a chunk the samples of a topic stay in file order; one logged
+    earlier than its predecessor belongs to the predecessor's slot. stamps_ns are the header's or, with time "log", the
+    recorder's; a mapping sets the time by topic.
     InputError for an unknown time, a topic not in the bag or of another type, or a message that cannot be decoded.
     """
     names = tuple(dict.fromkeys(topics))
     times = dict.fromkeys(names, time) if isinstance(time, str) else {name: time[name] for name in names}
     if wrong := [value for value in times.values() if value not in ("header", "log")]:
-        raise InputError(f"time is {wrong[0]!r}: use 'header' for the messages' own stamps or 'log' for the recorder's")
+        raise InputError(f"time is {wrong[0]!r}: use 'header' for the header stamps or 'log' for the recorder's times")
     for topic in reader.topics:
         if topic.name in names and topic.type != IMU_TYPE:
             raise InputError(f"{reader.path}: topic {topic.name} is {topic.type}, {IMU_TYPE} is needed: map another")
@@ -171,10 +171,10 @@ def _sliced(
 ) -> Iterator[tuple[str, LoggedImu]]:
     waiting: list[_Run] = []
     for chunk in chunks:
-        # Nothing before the chunk's first slot can follow any more: that much of every topic is complete.
+        # No later chunk has messages before this chunk's first slot: every topic is complete up to there.
         yield from _advance(waiting, names, chunk.start_ns // SLICE_NS)
         block, log_ns, runs = _decoded(reader, chunk, gyro), chunk.log_ns, list(_runs(chunk))
-        del chunk  # its memory serves the next one, which is a third faster than fresh memory
+        del chunk  # the next one reuses its memory, which is a third faster than new memory
         for name, slot, first_ns, lo, hi in runs:
             header, log = block.stamps_ns[lo:hi], log_ns[lo:hi]
             stamps = log if name in by_log else header
@@ -202,7 +202,7 @@ def _runs(chunk: Chunk) -> Iterator[tuple[str, int, int, int, int]]:
 
 
 def _advance(waiting: list[_Run], names: tuple[str, ...], end_slot: int | None) -> Iterator[tuple[str, LoggedImu]]:
-    """Yield and forget what waits in slots before end_slot, or everything, slot by slot over the topics."""
+    """Yield and remove the runs in slots before end_slot, or all, slot by slot over the topics."""
     waiting.sort(key=itemgetter(0, 1, 2))
     n = len(waiting) if end_slot is None else bisect_left(waiting, end_slot, key=itemgetter(0))
     ready = waiting[:n]
@@ -229,12 +229,12 @@ def _decoded(reader: BagReader, chunk: Chunk, gyro: bool) -> ImuBlock:
     try:
         return decode_imu_in(chunk.buffer, chunk.offsets, chunk.lengths, gyro)
     except InputError:
-        _name_culprit(reader, chunk)
+        _raise_for_topic(reader, chunk)
         raise
 
 
-def _name_culprit(reader: BagReader, chunk: Chunk) -> None:
-    """Decode a chunk that failed once more, topic by topic, to say which one it was."""
+def _raise_for_topic(reader: BagReader, chunk: Chunk) -> None:
+    """Decode a chunk that failed again by topic; raises InputError with the topic that fails."""
     for part in chunk.blocks():
         try:
             decode_imu_in(part.buffer, part.offsets, part.lengths)

@@ -1,6 +1,6 @@
-"""Bytes of sensor_msgs/msg/Imu and geometry_msgs/msg/AccelStamped to arrays and back; numpy alone, no ROS.
+"""Converts serialized sensor_msgs/msg/Imu and geometry_msgs/msg/AccelStamped to arrays and back; numpy only, no ROS.
 
-Both messages open with std_msgs/Header and go on with float64 only. In CDR that is, in bytes:
+Both messages start with std_msgs/Header, followed by float64 only. In CDR the bytes are:
 
     0   encapsulation: 00, then 01 for little or 00 for big endian, then two option bytes
     4   stamp.sec int32      8  stamp.nanosec uint32      12  length of frame_id uint32, its NUL included
@@ -10,8 +10,8 @@ Both messages open with std_msgs/Header and go on with float64 only. In CDR that
                       linear acceleration +200 (3), covariance +224 (9); 296 bytes
     AccelStamped body linear +0 (3), angular +24 (3); 48 bytes
 
-So a message needs no message object: given where each one lies, two gathers read a whole block of them, a third one
-its angular velocity where that is asked for. Writers do not zero their padding: compare values, never serialized bytes.
+No message object is needed: given the offset of each message, two gathers read a block of messages, and a third one
+the angular velocity if requested. Writers do not zero their padding: compare values, never serialized bytes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ NS_PER_S: Final = 1_000_000_000
 
 @dataclass(frozen=True)
 class _Layout:
-    """A stamped message of float64: type, bytes of its body, and (byte in it, how many) of the numbers to be read."""
+    """A stamped message of float64: type, bytes of its body, and (byte offset, count) of the numbers to read."""
 
     type: str
     body_bytes: int
@@ -51,7 +51,7 @@ _STRING_AT = 8
 _GYRO_AT = 104
 _ACCEL_AT = 200
 _IMU = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3),))
-# The angular velocity and, right behind it, the first element of its covariance.
+# The angular velocity, followed by the first element of its covariance.
 _IMU_WITH_GYRO = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3), (_GYRO_AT, 4)))
 _ACCEL_STAMPED = _Layout(ACCEL_STAMPED_TYPE, 48, ((0, 3),))
 _STAMPED = _Layout("message that starts with std_msgs/Header", 0, ())
@@ -59,7 +59,7 @@ _STAMPED = _Layout("message that starts with std_msgs/Header", 0, ())
 _LITTLE = b"\x00\x01\x00\x00"
 _HEAD = {0: struct.Struct(">iII"), 1: struct.Struct("<iII")}
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}
-# The covariance behind the acceleration is skipped but must be there: a message cut inside it is refused.
+# The covariance after the acceleration is not read but must exist: a message cut inside it is refused.
 _ACCEL = {0: struct.Struct(">3d72x"), 1: struct.Struct("<3d72x")}
 
 
@@ -67,7 +67,7 @@ _ACCEL = {0: struct.Struct(">3d72x"), 1: struct.Struct("<3d72x")}
 class ImuBlock:
     """Samples of one sensor: header stamps int64 (n,), specific force (n, 3) and angular rate (n, 3), SI units.
 
-    gyro_radps is None where it was not asked for, and NaN in messages without one: covariance[0] = -1 (REP-145).
+    gyro_radps is None if it was not requested, and NaN in messages without one: covariance[0] = -1 (REP-145).
     """
 
     stamps_ns: Integers
@@ -81,16 +81,16 @@ class ImuBlock:
 def decode_imu(messages: Sequence[bytes], gyro: bool = False) -> ImuBlock:
     """Decode serialized Imu messages, order kept; frame_id lengths and byte orders may differ among them.
 
-    The angular velocity with `gyro` only. InputError names the first message that is cut or is no Imu.
+    With `gyro` the angular velocity too. InputError names the first message that is cut or is no Imu.
     """
     return decode_imu_in(*_joined(messages), gyro)
 
 
 def decode_imu_in(buffer: Bytes, offsets: Integers, lengths: Integers, gyro: bool = False) -> ImuBlock:
-    """Decode the Imu messages that lie in a buffer, such as a decompressed chunk, at offsets[i] with lengths[i] bytes.
+    """Decode the Imu messages in a buffer, such as a decompressed chunk, at offsets[i] with lengths[i] bytes.
 
-    Only stamp and linear acceleration are touched, and with `gyro` the angular velocity. Nothing outside a message is
-    read: InputError names the first message that reaches beyond the buffer, is cut, or is no Imu.
+    Reads stamp and linear acceleration, and with `gyro` the angular velocity. Nothing outside a message is read:
+    InputError names the first message that exceeds the buffer, is cut, or is no Imu.
     """
     if not gyro:
         stamps_ns, (accel,) = _decode(_IMU, buffer, offsets, lengths)
@@ -101,7 +101,7 @@ def decode_imu_in(buffer: Bytes, offsets: Integers, lengths: Integers, gyro: boo
 
 
 def decode_imu_one(message: bytes) -> tuple[int, tuple[float, float, float]]:
-    """Header stamp in ns and linear acceleration in m/s^2 of one Imu: the live callback's decoder, below 1 us.
+    """Header stamp in ns and linear acceleration in m/s^2 of one Imu, for the live callback; takes less than 1 us.
 
     InputError for a message that is cut or is no Imu.
     """
@@ -132,7 +132,7 @@ def decode_string(message: bytes) -> str:
         end = _STRING_AT + int.from_bytes(message[4:_STRING_AT], "little" if message[1] else "big")
         if _STRING_AT < end <= len(message):
             return bytes(message[_STRING_AT : end - 1]).decode("utf-8", errors="replace")
-    raise InputError(f"{STRING_TYPE}: the message is cut, or no CDR")
+    raise InputError(f"{STRING_TYPE}: the message is cut or not CDR")
 
 
 def restamp(message: bytes, stamp_ns: int) -> bytes:
@@ -145,7 +145,7 @@ def restamp(message: bytes, stamp_ns: int) -> bytes:
 
 
 def shift_stamp(message: bytes, by_ns: int) -> bytes:
-    """The same message with its header stamp moved by some ns; otherwise as `restamp`. A stamp never set stays so."""
+    """The same message with its header stamp shifted by some ns; otherwise as `restamp`. A zero stamp stays zero."""
     stamp_ns = stamp_of(message)
     return restamp(message, stamp_ns + by_ns) if stamp_ns else message
 
@@ -200,9 +200,9 @@ def encode_accel_stamped(stamps_ns: Integers, vertical_mps2: Floats, frame_id: s
 
 
 class AccelStampedTemplate:
-    """One AccelStamped of a fixed frame, to be filled per sample: vertical in linear.z, everything else 0.
+    """One AccelStamped of a fixed frame, filled for each sample: vertical in linear.z, everything else 0.
 
-    A single struct call builds the whole message, which is twice as fast as patching a bytearray and copying it.
+    One struct call builds the whole message, which is twice as fast as changing a bytearray and copying it.
     """
 
     def __init__(self, frame_id: str) -> None:
@@ -235,7 +235,7 @@ def scatter(buffer: Bytes, offsets: Integers, items: NDArray[np.void]) -> None:
 
 
 def _windows(buffer: Bytes, item_bytes: int) -> NDArray[np.void]:
-    """Every stretch of item_bytes bytes in the buffer as one overlapping view."""
+    """All windows of item_bytes bytes in the buffer, as one overlapping view."""
     return np.ndarray((buffer.size - item_bytes + 1,), f"V{item_bytes}", buffer=buffer, strides=(1,))
 
 
@@ -295,24 +295,24 @@ def _refusal_of_first(layout: _Layout, buffer: Bytes, offsets: Integers, lengths
     where = f"message {i + 1} of {len(offsets)}"
     if offset < 0 or length < 0 or offset + length > buffer.size:
         size = counted(buffer.size, "byte")
-        return f"{where}: {counted(length, 'byte')} at byte {offset} reach outside a buffer of {size}"
+        return f"{where}: {counted(length, 'byte')} at byte {offset} exceed a buffer of {size}"
     return f"{where}: {_refusal(layout, buffer[offset : offset + length].tobytes())}"
 
 
 def _refusal(layout: _Layout, message: bytes) -> str:
-    """Why one message cannot be read, and what to do."""
-    advice = f"it is cut, or no {layout.type}: check the topic's type and the bag"
+    """The reason why one message cannot be read, with a remedy."""
+    advice = f"it is cut or not a {layout.type}: check the topic's type and the bag"
     if len(message) < _HEADER_BYTES:
         return f"{counted(len(message), 'byte')} cannot hold a header; {advice}"
     if message[0] != 0 or message[1] > 1:
         return f"encapsulation {message[:2].hex(' ')} is not plain CDR (00 00 or 00 01); {advice}"
     frame_bytes = _HEAD[message[1]].unpack_from(message, 4)[2]
     needed = 4 + ((frame_bytes + 19) & ~7) + layout.body_bytes
-    return f"{counted(len(message), 'byte')}, but {needed} are needed behind a frame_id of {frame_bytes}; {advice}"
+    return f"{counted(len(message), 'byte')}, but {needed} are needed with a frame_id of {frame_bytes}; {advice}"
 
 
 def _frame_span(message: bytes) -> tuple[int, int]:
-    """Where the frame_id lies in a stamped message, its NUL included."""
+    """Start and end of the frame_id in a stamped message, its NUL included."""
     if len(message) >= _HEADER_BYTES and message[0] == 0 and message[1] <= 1:
         end = _HEADER_BYTES + _HEAD[message[1]].unpack_from(message, 4)[2]
         if end <= len(message):
@@ -338,7 +338,7 @@ def _frame_bytes(frame_id: str) -> bytes:
 
 
 def _blank(layout: _Layout, stamps_ns: Integers, frame_id: str) -> tuple[Bytes, int]:
-    """All messages with encapsulation, stamp and frame_id filled and a zero body, and where the body starts."""
+    """All messages with encapsulation, stamp, frame_id and a zero body; and the offset of the body."""
     stamps = np.asarray(stamps_ns)
     if stamps.ndim != 1 or stamps.dtype.kind not in "iu":
         raise InputError(f"stamps_ns must be whole nanoseconds of shape (n,), not {stamps.dtype} {stamps.shape}")

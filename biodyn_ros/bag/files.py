@@ -1,4 +1,4 @@
-"""Which files make up a bag: metadata.yaml where it can be believed, the directory's content where it cannot."""
+"""The files of a bag: those that metadata.yaml names, or those in the directory if metadata.yaml is not usable."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ def kind_of(file: Path) -> str:
     if head.startswith(b"#ROSBAG V"):
         raise InputError(f"{file}: {_ROS1}")
     if head.startswith(b"\x28\xb5\x2f\xfd"):
-        raise InputError(f"{file}: compressed as a whole: decompress it first (zstd -d) and open the result")
+        raise InputError(f"{file}: the whole file is compressed: decompress it first (zstd -d) and open the result")
     if file.name.endswith(("-wal", "-shm")):
-        raise InputError(f"{file}: only a part of the database {file.name[:-4]}: give that file")
+        raise InputError(f"{file}: part of the database {file.name[:-4]}: give that file")
     if not head:
-        raise InputError(f"{file}: the file is empty: nothing was recorded")
+        raise InputError(f"{file}: the file is empty")
     raise InputError(f"{file}: neither an MCAP nor a sqlite3 file: {_instead(file)}")
 
 
 def _instead(file: Path) -> str:
-    """What to do with a file that is no bag, by its name."""
+    """The remedy for a file that is no bag, by its name."""
     name = file.name.lower()
     if name == "metadata.yaml":
         return "the metadata of a recording: give its directory"
     if name.endswith((".csv", ".txt")):
         return (
-            "give a .mcap, a .db3 or a rosbag2 directory (a table of a seat's motion: 'biodyn simulate --seat'; "
+            "give a .mcap, a .db3 or a rosbag2 directory (for a table of a seat motion: 'biodyn simulate --seat'; for "
             "exports of Blue Trident sensors: 'biodyn import-blue-trident')"
         )
     if name.endswith((".gz", ".tgz", ".zip", ".bz2", ".xz", ".tar", ".7z")):
-        return "an archive: unpack it first, and give the .mcap, the .db3 or the rosbag2 directory in it"
+        return "an archive: unpack it, then give the .mcap, the .db3 or the rosbag2 directory in it"
     return "give a .mcap, a .db3 or a rosbag2 directory"
 
 
 def files_of_directory(path: Path, warnings: list[str]) -> list[Path]:
-    """The storage files of a recording in order; what metadata.yaml says and is not there becomes a warning.
+    """The storage files of a recording in order; a file that metadata.yaml names and that is missing gives a warning.
 
     InputError for a directory without a bag, with several, or with one that is compressed or not CDR.
     """
@@ -58,14 +58,14 @@ def files_of_directory(path: Path, warnings: list[str]) -> list[Path]:
     there = [file for file in named if file.is_file()]
     missing = [file.name for file in named if not file.is_file()]
     if there:
-        warnings.extend(f"{path}: {name} is missing: its part of the recording is left out" for name in missing)
+        warnings.extend(f"{path}: {name} is missing: its part of the recording is omitted" for name in missing)
         return there
     found = sorted((f for f in path.iterdir() if f.suffix in _SUFFIXES and f.is_file()), key=_stem_and_number)
     if not found:
         raise InputError(_why_none(path))
     if len({_stem_and_number(file)[0] for file in found}) > 1:
         names = ", ".join(file.name for file in found)
-        raise InputError(f"{path}: several recordings and no metadata.yaml that names them: choose one of {names}")
+        raise InputError(f"{path}: several recordings, and no metadata.yaml that lists them: choose one of {names}")
     if missing:
         names = ", ".join(file.name for file in found)
         warnings.append(f"{path}: metadata.yaml names {missing[0]}, which is missing: {names} is read instead")
@@ -73,9 +73,9 @@ def files_of_directory(path: Path, warnings: list[str]) -> list[Path]:
 
 
 def _named_files(metadata: Path, warnings: list[str]) -> list[Path]:
-    """The files metadata.yaml names; none, with a warning, where it is broken, as after a full disk.
+    """The files that metadata.yaml names; none, with a warning, if it is damaged, as after a full disk.
 
-    Only the last part of a name counts: old bags put their own directory before it, and none may lead elsewhere.
+    Only the last part of a name is used: old bags prepend their directory, and a name must not leave the directory.
     """
     if not metadata.is_file():
         return []
@@ -85,11 +85,11 @@ def _named_files(metadata: Path, warnings: list[str]) -> list[Path]:
         formats = [_name_and_format(topic["topic_metadata"]) for topic in info["topics_with_message_count"]]
         mode = str(info.get("compression_mode") or "none").lower()
     except (InputError, KeyError, TypeError, AttributeError):
-        warnings.append(f"{metadata}: not readable as rosbag2 metadata: the files beside it are taken as they are")
+        warnings.append(f"{metadata}: not readable as rosbag2 metadata: all bag files in the directory are read")
         return []
     if mode != "none":
         raise InputError(
-            f"{metadata}: compressed by {mode}, which cannot be read: rewrite the bag with 'ros2 bag convert',"
+            f"{metadata}: compression by {mode} cannot be read: rewrite the bag with 'ros2 bag convert',"
             " without compression or as MCAP with compressed chunks"
         )
     refuse_foreign(metadata, formats, [])
@@ -110,5 +110,5 @@ def _why_none(path: Path) -> str:
     if any(path.glob("*.bag")):
         return f"{path}: {_ROS1}"
     if any(path.glob("*.zstd")):
-        return f"{path}: files compressed as a whole: decompress them first (zstd -d)"
-    return f"{path}: no .mcap or .db3 file in this directory: give a bag file or the directory of one"
+        return f"{path}: whole files are compressed: decompress them first (zstd -d)"
+    return f"{path}: no .mcap or .db3 file in this directory: give a bag file or its directory"

@@ -1,10 +1,10 @@
-"""MCAP files, chunk by chunk: one read and one decompression per chunk, numpy views of its flat message index.
+"""Reads MCAP files chunk by chunk: one read and one decompression per chunk, numpy views of its message index.
 
-A finished file is read by its summary. A file without one, or with one that does not account for every message (cut,
-still being written, messages outside of chunks), is scanned from the front, and every whole chunk is used.
+A finished file is read by its summary. A file without a summary, or with one that does not cover every message (cut,
+still being written, messages outside of chunks), is scanned from the start, and every complete chunk is used.
 
-Every length in the file is checked before it is used. Files are read, not mapped: a mapped file that shrinks kills
-the process, and its pages count as memory of the process.
+Every length in the file is checked before use. Files are not memory-mapped: a mapped file that shrinks kills the
+process, and its pages count as memory of the process.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _LOOSE_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class _Piece:
-    """A stretch of the file with messages: a chunk record and its index, or a run of records outside of chunks.
+    """A part of the file with messages: a chunk record and its index, or consecutive records outside of chunks.
 
-    channels are those with messages in it. index_bytes is 0 where there is no index to trust.
+    channels are those with messages in it. index_bytes is 0 if there is no complete index.
     """
 
     offset: int
@@ -50,7 +50,7 @@ class _Piece:
 
 
 class McapStorage:
-    """One MCAP file, open for reading; see `storage.Storage`. Raises InputError for what is no ROS 2 MCAP."""
+    """One MCAP file, open for reading; see `storage.Storage`. Raises InputError if it is no ROS 2 MCAP file."""
 
     def __init__(self, path: Path, warnings: list[str]) -> None:
         self._records = require("mcap.records")
@@ -93,11 +93,11 @@ class McapStorage:
             try:
                 yield self._chunk(piece, keys, group_of)
             except DamagedError as damage:
-                self._leave_out(piece, damage)
+                self._omit(piece, damage)
 
-    def _leave_out(self, piece: _Piece, damage: DamagedError) -> None:
+    def _omit(self, piece: _Piece, damage: DamagedError) -> None:
         self.recovered = True
-        text = f"{self._path}: the chunk at byte {piece.offset} is damaged and left out: {damage}"
+        text = f"{self._path}: the chunk at byte {piece.offset} is damaged and omitted: {damage}"
         if text not in self._warnings:  # a bag may be read more than once
             self._warnings.append(text)
 
@@ -121,17 +121,17 @@ class McapStorage:
         self.start_ns = min((piece.start_ns for piece in self._pieces), default=None)
         self.end_ns = max((piece.end_ns for piece in self._pieces), default=None)
         if self.recovered:
-            self._tell_recovery()
+            self._report_recovery()
 
     def _scan_or_refuse(self) -> None:
         try:
             self._scan()
         except DamagedError as damage:
-            raise InputError(f"{self._path}: damaged beyond recovery: {damage}; record again") from None
+            raise InputError(f"{self._path}: cannot be recovered: {damage}; record again") from None
 
-    def _tell_recovery(self) -> None:
+    def _report_recovery(self) -> None:
         if self.start_ns is None or self.end_ns is None:
-            raise InputError(f"{self._path}: cut before its first whole chunk, nothing to recover: record again")
+            raise InputError(f"{self._path}: cut before its first complete chunk, nothing to recover: record again")
         count, seconds = sum(t.messages for t in self.topics), (self.end_ns - self.start_ns) / 1e9
         self._warnings.append(
             f"{self._path}: unfinished or cut: recovered {counted(count, 'message')},"
@@ -139,7 +139,7 @@ class McapStorage:
         )
 
     def _load_summary(self) -> None:
-        """Channels, chunks and counts by the summary; DamagedError unless it accounts for every message."""
+        """Read channels, chunks and counts from the summary; DamagedError unless it covers every message."""
         footer_at = self._size - _FOOTER_BYTES
         if footer_at < len(MAGIC):
             raise DamagedError("no footer")
@@ -164,7 +164,7 @@ class McapStorage:
         self._check_summary(statistics)
 
     def _check_summary(self, statistics: Any) -> None:
-        """A MessageIndex record is 15 bytes and 16 per message, which gives the count without reading one."""
+        """Compare the counts: a MessageIndex record has 15 bytes and 16 per message, so its size gives the count."""
         indexed = sum((p.index_bytes - 15 * len(p.channels)) // 16 for p in self._pieces)
         known = all(p.channels <= self._channels.keys() for p in self._pieces)
         if statistics is None or not known or statistics.message_count != indexed:
@@ -188,7 +188,7 @@ class McapStorage:
         return _Piece(offset, length, index_bytes, start_ns, end_ns, channels)
 
     def _scan(self) -> None:
-        """Channels, chunks and counts from the records themselves, up to DataEnd or where the file breaks off."""
+        """Read channels, chunks and counts from the records, up to DataEnd or the end of the file."""
         self._channels, self._metadata, self._counts, self._pieces = {}, {}, Counter(), []
         opcode = 0
         for opcode, at, end in self._records_of_file():
@@ -210,7 +210,7 @@ class McapStorage:
         self._look_into_chunks()
 
     def _records_of_file(self) -> Iterator[tuple[int, int, int]]:
-        """(opcode, start, end) of the records up to DataEnd that lie whole in the file."""
+        """(opcode, start, end) of the complete records up to DataEnd."""
         at = len(MAGIC)
         while at + 9 <= self._size:
             opcode, length = records.RECORD.unpack(self._read(at, 9))
@@ -227,7 +227,7 @@ class McapStorage:
         return _Piece(at, end - at, 0, start_ns, end_ns, frozenset())
 
     def _extend_index(self, at: int, end: int) -> None:
-        """Take a MessageIndex record into its chunk, the last piece; one that stands anywhere else is ignored."""
+        """Add a MessageIndex record to its chunk, the last piece; a record elsewhere is ignored."""
         last = self._pieces[-1] if self._pieces else None
         if last is None or last.loose or last.offset + last.length + last.index_bytes != at or end - at < 15:
             return
@@ -237,7 +237,7 @@ class McapStorage:
         self._pieces[-1] = replace(last, index_bytes=last.index_bytes + end - at, channels=channels)
 
     def _extend_loose(self, at: int, end: int) -> None:
-        """Take a message outside of chunks into the run it continues, or begin a new run of up to 1 MiB."""
+        """Add a message outside of chunks to the preceding run, or start a new run of up to 1 MiB."""
         if end - at < records.MESSAGE_HEAD.size:
             return
         _, _, channel, _, log_ns, _ = records.MESSAGE_HEAD.unpack(self._read(at, records.MESSAGE_HEAD.size))
@@ -252,7 +252,7 @@ class McapStorage:
         )
 
     def _forget_index(self, i: int) -> None:
-        """Take back what the index of piece i told: it is incomplete where the file breaks off behind the chunk."""
+        """Remove the index of piece i, which is incomplete if the file ends after the chunk."""
         piece = self._pieces[i]
         for channel, entries in records.index_entries(self._read(piece.offset + piece.length, piece.index_bytes)):
             self._counts[channel] -= len(entries)
@@ -268,7 +268,7 @@ class McapStorage:
             try:
                 found = self._counted(self._chunk_data(self._read(piece.offset, piece.length)))
             except DamagedError as damage:
-                self._leave_out(piece, damage)
+                self._omit(piece, damage)
                 self._forget_index(i)
                 continue
             if bare:

@@ -1,6 +1,6 @@
-"""Records of MCAP files: walking over them, and what lies in a chunk, decompressed and by its message index.
+"""Records of MCAP files: iteration, decompression of chunks, and messages by the message index.
 
-Every length is checked before it is used.
+Every length is checked before use.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ _PLAUSIBLE_RATIO = 1000
 
 
 class DamagedError(Exception):
-    """Bytes that cannot be what they claim to be; the reader leaves out the chunk they are in."""
+    """Invalid bytes; the reader omits the chunk with them."""
 
 
 def walk(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
-    """(opcode, start, end) of the bodies of the records in a chunk or summary; DamagedError where one is cut."""
+    """(opcode, start, end) of the bodies of the records in a chunk or summary; DamagedError if one is cut."""
     at, size, unpack = 0, len(data), RECORD.unpack_from
     while at < size:
         if at + 9 > size:
@@ -45,13 +45,13 @@ def walk(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
         opcode, length = unpack(data, at)
         at += 9
         if length > size - at:
-            raise DamagedError(f"a record claims {counted(length, 'byte')}, left: {size - at}")
+            raise DamagedError(f"a record states {counted(length, 'byte')}, {size - at} remain")
         yield opcode, at, at + length
         at += length
 
 
 def prefixed(data: bytes) -> str:
-    """The text behind its own length in bytes, as much of it as is there."""
+    """The text after its length in bytes; cut if the data ends before."""
     (length,) = struct.unpack_from("<I", data.ljust(4, b"\0"))
     return data[4 : 4 + length].decode("utf-8", errors="replace")
 
@@ -59,7 +59,7 @@ def prefixed(data: bytes) -> str:
 def _from_zstd(data: bytes | memoryview, size: int) -> bytes:
     zstandard = require("zstandard")
     try:
-        # zstandard believes the frame's own size before max_output_size, so compare the two beforehand.
+        # zstandard uses the size of the frame rather than max_output_size, so the two are compared first.
         if zstandard.frame_content_size(data) not in (-1, size):
             raise DamagedError("the frame has another size than the chunk")
         return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size)) if size else b""
@@ -72,7 +72,7 @@ def _from_lz4(data: bytes | memoryview, size: int) -> bytes:
     try:
         if lz4.get_frame_info(data)["content_size"] not in (0, size):
             raise DamagedError("the frame has another size than the chunk")
-        # A frame need not state its size, so no more is taken out of it than the chunk states, and one byte.
+        # A frame may omit its size, so at most the size that the chunk states, plus one byte, is decompressed.
         return bytes(lz4.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     except (RuntimeError, EOFError) as error:
         raise DamagedError(f"lz4: {error}") from None
@@ -103,9 +103,9 @@ def by_index(
     keys: tuple[TopicKey, ...],
     group_of: dict[int, int],
 ) -> Chunk | None:
-    """The messages that the index entries of the wanted channels point at; None if one does not point at a message.
+    """The messages of the index entries of the selected channels; None if an entry does not refer to a message.
 
-    Each must be a message record of its channel that lies inside the chunk.
+    Each must be a message record of its channel inside the chunk.
     """
     if not entries:
         return None
@@ -123,7 +123,7 @@ def by_index(
         return None
     group = np.repeat([group_of[channel] for channel, _ in entries], counts)
     if ((at[1:] <= at[:-1]) & (group[1:] == group[:-1])).any():
-        # An index sorted by time, or two channels of one topic: back to the order of the file.
+        # An index sorted by time, or two channels of one topic: restore the order of the file.
         order = np.lexsort((at, group))
         log_ns, at, lengths = log_ns[order], at[order], lengths[order]
     edges = np.searchsorted(group, np.arange(len(keys) + 1)).tolist()
@@ -131,7 +131,7 @@ def by_index(
 
 
 def by_walking(data: bytes | memoryview, group_of: dict[int, int]) -> tuple[Integers, Integers, Integers, Integers]:
-    """The same, record after record in file order, for what has no index."""
+    """The same without an index, record by record in file order."""
     found = []
     for opcode, lo, hi in walk(data):
         if opcode == MESSAGE and hi - lo >= 22:
@@ -143,10 +143,10 @@ def by_walking(data: bytes | memoryview, group_of: dict[int, int]) -> tuple[Inte
 
 
 def chunk_data(record: bytes | memoryview, path: Path, is_verified: bool) -> bytes | memoryview:
-    """The records inside a chunk record of a file, decompressed, with its checksum verified or not.
+    """The decompressed records inside a chunk record of a file; is_verified: whether to verify its checksum.
 
-    That costs as much as the decompression, which itself notices most damage. Raises DamagedError, and InputError for
-    an unknown compression.
+    The checksum takes as long as the decompression, which detects most damage itself. Raises DamagedError, and
+    InputError for an unknown compression.
     """
     try:
         _, _, size, crc, name_bytes = CHUNK_HEAD.unpack_from(record, 9)
@@ -156,15 +156,15 @@ def chunk_data(record: bytes | memoryview, path: Path, is_verified: bool) -> byt
         raise DamagedError("its header is cut") from None
     compressed = record[at + 8 : at + 8 + data_bytes]
     if len(compressed) != data_bytes:
-        raise DamagedError(f"{counted(data_bytes, 'byte')} claimed, {len(compressed)} there")
+        raise DamagedError(f"{counted(data_bytes, 'byte')} stated, {len(compressed)} found")
     compression = bytes(record[at - name_bytes : at]).decode("utf-8", errors="replace")
     if compression not in _DECOMPRESS:
-        raise InputError(f"{path}: chunk compression {compression!r}: none, lz4 and zstd can be read")
+        raise InputError(f"{path}: chunk compression {compression!r}: only none, lz4 and zstd can be read")
     if size > max(_PLAUSIBLE_BYTES, _PLAUSIBLE_RATIO * data_bytes):
-        raise DamagedError(f"{counted(size, 'byte')} cannot come out of {data_bytes}")
+        raise DamagedError(f"{counted(data_bytes, 'byte')} cannot contain {counted(size, 'byte')}")
     data = _DECOMPRESS[compression](compressed, size)
     if len(data) != size:
-        raise DamagedError(f"{counted(size, 'byte')} claimed, {len(data)} decompressed")
+        raise DamagedError(f"{counted(size, 'byte')} stated, {len(data)} decompressed")
     if is_verified and crc and zlib.crc32(data) != crc:
         raise DamagedError("its checksum is wrong")
     return data

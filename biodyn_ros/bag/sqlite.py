@@ -1,6 +1,6 @@
-"""rosbag2's sqlite3 files, read by the standard library, some MiB of rows at a time.
+"""Reads rosbag2's sqlite3 files with the standard library, some MiB of rows at a time.
 
-A file that was cut or damaged is read in the order it was written, up to the first page that is missing or broken.
+A cut or damaged file is read in the order of writing, up to the first missing or damaged page.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _TABLE_LEAF = 0x0D
 
 
 class SqliteStorage:
-    """One .db3 file, open for reading; see `storage.Storage`. Raises InputError for what is no rosbag2 database."""
+    """One .db3 file, open for reading; see `storage.Storage`. Raises InputError if it is no rosbag2 database."""
 
     def __init__(self, path: Path, warnings: list[str]) -> None:
         self._path, self._warnings = path, warnings
         self.recovered = False
         self.start_ns: int | None = None
         self.end_ns: int | None = None
-        self._last_id: int | None = None  # of the last whole message, where the file is recovered
+        self._last_id: int | None = None  # of the last complete message of a recovered file
         self._in_cut_page = _messages_in_cut_page(path)
         self._db = _connect(path, warnings)
         try:
@@ -61,13 +61,13 @@ class SqliteStorage:
     def chunks(self, topics: frozenset[str]) -> Iterator[Chunk]:
         """The messages of these topics in the order of log time; a damaged database ends with a warning.
 
-        Ordered by timestamp as rosbag2 itself does, which its index on timestamp gives without sorting; rows with
-        the same timestamp follow in the order they were written. A damaged file's index is not to be trusted.
+        Ordered by timestamp as in rosbag2, by its index on timestamp; rows with the same timestamp are in the order of
+        writing. The index of a damaged file is not used.
         """
         keys = tuple((t.name, t.type) for t in self.topics if t.name in topics)
         place = {key: k for k, key in enumerate(keys)}
         group_of = {i: place[key] for i, key in self._keys.items() if key in place}
-        marks = ",".join("?" * len(group_of))  # nothing else goes into the text of the query
+        marks = ",".join("?" * len(group_of))  # no data enters the text of the query
         where = f"topic_id IN ({marks})"
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE {where} ORDER BY timestamp, id"  # noqa: S608
         values = [*group_of]
@@ -82,20 +82,20 @@ class SqliteStorage:
             count = max(1, min(_MOST_ROWS, _CHUNK_BYTES * len(found) // max(1, chunk.buffer.size)))
 
     def _rows(self, query: str, values: Sequence[int] = ()) -> Iterator[tuple[Any, ...]]:
-        """The rows up to the end, or up to where the file is damaged."""
+        """The rows up to the end or to the first damage."""
         try:
             yield from self._db.execute(query, values)
         except sqlite3.Error as error:
             if not self.recovered:
                 self.recovered = True
-                self._warnings.append(f"{self._path}: damaged, the messages from here on are left out: {error}")
+                self._warnings.append(f"{self._path}: damaged, the messages from here on are omitted: {error}")
 
     def _open(self) -> None:
         if self._in_cut_page:
             raise sqlite3.DatabaseError("its last page is cut")
         self._read_topics()
         self._count(dict(self._db.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id")))
-        # Two queries, for the index on timestamp answers only one at a time without a full scan.
+        # Two queries, because the index on timestamp avoids a full scan only for one of them at a time.
         (self.start_ns,) = self._db.execute("SELECT CAST(min(timestamp) AS INTEGER) FROM messages").fetchone()
         (self.end_ns,) = self._db.execute("SELECT CAST(max(timestamp) AS INTEGER) FROM messages").fetchone()
 
@@ -114,9 +114,9 @@ class SqliteStorage:
         self.topics = tuple(TopicInfo(topic, kind, n) for (topic, kind), n in counts.items())
 
     def _recover(self) -> None:
-        """Open what is left of a damaged file: its messages in the order they were written, up to the damage."""
+        """Open a damaged file: its messages in the order of writing, up to the damage."""
         self.recovered = True
-        # Without this SQLite refuses a file that is shorter than its header says, whatever is asked of it.
+        # Without this SQLite refuses every query of a file that is shorter than its header states.
         self._db.execute("PRAGMA writable_schema=ON")
         self._read_topics()
         counts: Counter[int] = Counter()
@@ -135,9 +135,9 @@ class SqliteStorage:
         )
 
     def _whole_rows(self) -> Iterator[tuple[int, int, int]]:
-        """(id, topic, timestamp) of the messages before the damage, those in a page that is cut left out.
+        """(id, topic, timestamp) of the messages before the damage, without those in a cut page.
 
-        Such a page reads as zeros from the cut on: messages that begin before it look whole and are not.
+        SQLite reads such a page as zeros after the cut: messages that start before it only appear complete.
         """
         held: deque[tuple[int, int, int]] = deque()
         for i, topic, stamp_ns, data in self._rows(
@@ -150,20 +150,20 @@ class SqliteStorage:
                 yield held.popleft()
 
     def _chunk(self, rows: list[tuple[int, int, bytes]], keys: tuple[TopicKey, ...], group_of: dict[int, int]) -> Chunk:
-        """The rows as one buffer; the joining is the only copy."""
+        """The rows as one buffer; joining is the only copy."""
         ids, stamps, data = zip(*rows, strict=True)
         try:
             buffer = np.frombuffer(b"".join(data), dtype=np.uint8)
             log_ns = np.array(stamps, dtype=np.int64)
         except (TypeError, ValueError, OverflowError):
-            raise InputError(f"{self._path}: table messages holds other things than bytes: check the file") from None
+            raise InputError(f"{self._path}: the table messages holds data other than bytes: check the file") from None
         lengths = np.fromiter(map(len, data), dtype=np.int64, count=len(data))
         group = np.fromiter(map(group_of.__getitem__, ids), dtype=np.int64, count=len(ids))
         return grouped(int(log_ns[0]), buffer, keys, group, log_ns, np.cumsum(lengths) - lengths, lengths)
 
 
 def _messages_in_cut_page(path: Path) -> int:
-    """How many messages at most lie in the last page, if that is cut; 0 where the file ends with a whole page."""
+    """The maximum number of messages in a cut last page; 0 if the last page is complete."""
     with path.open("rb") as stream:
         (size,) = struct.unpack(">H", stream.read(18).ljust(18, b"\0")[16:])
         size = 65536 if size == 1 else size or 1
@@ -176,9 +176,9 @@ def _messages_in_cut_page(path: Path) -> int:
 
 
 def _connect(path: Path, warnings: list[str]) -> sqlite3.Connection:
-    """Open read-only; immutable, so that nothing is created beside the bag, unless a write-ahead log must be read.
+    """Open read-only; immutable, so that no file is created beside the bag, unless a write-ahead log must be read.
 
-    A recorder that was killed leaves its last messages in that log; an immutable connection does not see them.
+    After a killed recorder the last messages are in that log; an immutable connection does not read it.
     """
     log = path.with_name(path.name + "-wal")
     if log.exists() and log.stat().st_size:
@@ -187,7 +187,7 @@ def _connect(path: Path, warnings: list[str]) -> sqlite3.Connection:
             database.execute("SELECT count(*) FROM sqlite_master")
         except sqlite3.Error as error:
             database.close()
-            warnings.append(f"{log}: its messages are left out ({error}): copy the bag to a writable directory")
+            warnings.append(f"{log}: its messages are omitted ({error}): copy the bag to a writable directory")
         else:
             return database
     return _connect_by(path, "mode=ro&immutable=1")

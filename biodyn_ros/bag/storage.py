@@ -1,4 +1,4 @@
-"""What the storage back-ends of a bag have in common: topics, blocks of messages, and the protocol they follow."""
+"""The common part of the storage back-ends of a bag: topics, blocks of messages, and the protocol."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TopicKey = tuple[str, str]
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One topic of a bag: name, message type (sensor_msgs/msg/Imu), and how many messages it has."""
+    """One topic of a bag: name, message type (sensor_msgs/msg/Imu) and number of messages."""
 
     name: str
     type: str
@@ -31,7 +31,7 @@ class TopicInfo:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Consecutive messages of one topic, lying in a buffer they share with other topics; nothing is copied.
+    """Consecutive messages of one topic in a buffer shared with other topics; nothing is copied.
 
     Message i was logged at log_ns[i] and is buffer[offsets[i] : offsets[i] + lengths[i]]; all three are int64 (n,).
     """
@@ -54,7 +54,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """The wanted messages of one stretch of a bag, topic after topic, in file order within a topic.
+    """The selected messages of one part of a bag, topic after topic, in file order within a topic.
 
     Rows edges[k] to edges[k + 1] of log_ns, offsets and lengths belong to keys[k]. Chunks come in the order of
     start_ns, their first log time: every message logged before start_ns is in an earlier chunk.
@@ -93,7 +93,7 @@ class Storage(Protocol):
 
 
 def require(module: str) -> ModuleType:
-    """Import a module of the 'bags' extra, or raise InputError saying what to install."""
+    """Import a module of the 'bags' extra; raises InputError with the command that installs it."""
     try:
         return importlib.import_module(module)
     except ImportError:
@@ -112,7 +112,7 @@ def grouped(
     offsets: Integers,
     lengths: Integers,
 ) -> Chunk:
-    """A chunk from messages in file order, group[i] being the place in keys of message i's topic."""
+    """A chunk from messages in file order; group[i] is the index in keys of message i's topic."""
     if (group[1:] < group[:-1]).any():
         order = np.argsort(group, kind="stable")
         group, log_ns, offsets, lengths = group[order], log_ns[order], offsets[order], lengths[order]
@@ -121,16 +121,16 @@ def grouped(
 
 
 def refuse_foreign(path: Path, formats: Iterable[tuple[str, str]], warnings: list[str]) -> None:
-    """Raise InputError unless some topic is CDR, and warn of those (topic, format) that are not; none at all is fine.
+    """Raise InputError if no topic is CDR, and warn of each (topic, format) that is not; an empty bag is accepted.
 
-    A recording of one foreign middleware cannot be read; a stray JSON topic beside ROS 2 topics is only left out.
+    A recording without ROS 2 topics cannot be read; a JSON topic beside ROS 2 topics is only omitted.
     """
     formats = list(formats)
     foreign = [(topic, form) for topic, form in formats if form != "cdr"]
     if foreign and len(foreign) == len(formats):
         topic, form = foreign[0]
         raise InputError(
-            f"{path}: topic {topic} is serialized as {form or 'nothing known'!r}, only 'cdr' (ROS 2) can be read:"
+            f"{path}: topic {topic} is serialized as {form or 'unknown'!r}, only 'cdr' (ROS 2) can be read:"
             " record with ROS 2, or convert the bag with rosbags-convert"
         )
-    warnings.extend(f"{path}: topic {topic} is serialized as {form!r}, not 'cdr': left out" for topic, form in foreign)
+    warnings.extend(f"{path}: topic {topic} is serialized as {form!r}, not 'cdr': omitted" for topic, form in foreign)

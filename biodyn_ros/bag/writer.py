@@ -1,7 +1,7 @@
-"""Writing MCAP bags from arrays: whole chunks are put together by numpy, no message is touched by itself.
+"""Writes MCAP bags from arrays: numpy assembles whole chunks, without a loop over messages.
 
-The topics' blocks wait until every topic has come past a time, are put in the order of log time, and are cut into
-chunks. Readers that go message by message then find them in order too.
+Blocks are buffered until all topics have passed a time, are sorted by log time, and are cut into chunks. The messages
+of the file are then in order of log time.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ _MESSAGE_HEAD = np.dtype(
         ("publish_ns", "<i8"),
     ]
 )
-_MOST_PENDING_BYTES = 64 << 20
+_MAX_PENDING_BYTES = 64 << 20
 _NEVER = -(2**63)
 
 
 @dataclass(frozen=True, eq=False)
 class _Pending:
-    """Messages of one topic not yet in a chunk: log times int64 (n,), payloads void (n,), running numbers."""
+    """Messages of one topic not yet in a chunk: log times int64 (n,), payloads void (n,), sequence numbers."""
 
     channel: int
     log_ns: Integers
@@ -57,7 +57,7 @@ class _Pending:
     sequence: NDArray[np.uint32]
 
     def rows(self, which: Integers) -> _Pending:
-        """Some of the messages; a view where they are consecutive, which is the rule."""
+        """Some of the messages; a view if they are consecutive, as usual."""
         pick = slice(int(which[0]), int(which[-1]) + 1) if (which[1:] - which[:-1] == 1).all() else which
         return replace(self, log_ns=self.log_ns[pick], payload=self.payload[pick], sequence=self.sequence[pick])
 
@@ -68,7 +68,7 @@ class _Pending:
 
 @dataclass
 class _Written:
-    """What the summary will tell."""
+    """The content of the summary."""
 
     schemas: dict[str, Any] = field(default_factory=dict)
     channels: dict[str, Any] = field(default_factory=dict)
@@ -120,13 +120,13 @@ class BagWriter:
             self.discard()
 
     def add_topic(self, name: str, message_type: str) -> int:
-        """Declare a topic of a ROS 2 Jazzy message type and return its channel id; the same again is the same topic.
+        """Declare a topic of a ROS 2 Jazzy message type and return its channel id; repeated calls return the same id.
 
-        InputError for an unknown type, or a topic declared with another one before.
+        InputError for an unknown type, or for a topic declared with another type before.
         """
         channels, schemas = self._written.channels, self._written.schemas
         if name in channels and (message_type not in schemas or channels[name].schema_id != schemas[message_type].id):
-            raise InputError(f"{self._path}: topic {name} has another type than {message_type} already: use two topics")
+            raise InputError(f"{self._path}: topic {name} already has another type than {message_type}: use two topics")
         if message_type not in schemas:
             text, type_hash = _definition(message_type)
             schema = self._records.Schema(len(schemas) + 1, text.encode(), "ros2msg", message_type)
@@ -143,8 +143,8 @@ class BagWriter:
     def write(self, topic: str, log_ns: Integers, payload: Bytes) -> None:
         """Append messages of a declared topic: log times int64 (n,), serialized messages uint8 (n, size).
 
-        The arrays are kept, not copied, until their chunk is written: do not change them. Blocks of the topics are
-        best written in turns, some tenths of a second each; a topic that falls far behind is not waited for.
+        The arrays are kept, not copied, until their chunk is written: do not change them. Write blocks of the topics
+        in turn, some tenths of a second each; the writer does not wait for a topic that is far behind.
         InputError for an undeclared topic or arrays that do not fit.
         """
         block = self._checked(topic, log_ns, payload)
@@ -154,7 +154,7 @@ class BagWriter:
         self._last_ns[block.channel] = int(block.log_ns[-1])
         self._pending.append(block)
         self._pending_bytes += block.nbytes
-        if self._pending_bytes > _MOST_PENDING_BYTES:
+        if self._pending_bytes > _MAX_PENDING_BYTES:
             self._flush(None)
             return
         complete_ns = min(self._last_ns.values())
@@ -170,7 +170,7 @@ class BagWriter:
         self._written.metadata_indexes.append(index)
 
     def close(self) -> None:
-        """Write what is pending and the summary, and put the bag in its place; a second call does nothing."""
+        """Write pending messages and the summary, and rename the bag; a second call does nothing."""
         if self._file.closed:
             return
         try:
@@ -179,7 +179,7 @@ class BagWriter:
             self._file.close()
             if self._directory:
                 (self._part / "metadata.yaml").write_text(self._metadata_yaml(), encoding="utf-8")
-            _put_in_place(self._part, self._path)
+            _rename(self._part, self._path)
         except OSError as error:
             self.discard()
             raise self._unwritable(error) from None
@@ -188,8 +188,8 @@ class BagWriter:
             raise
 
     def discard(self) -> None:
-        """Give up: remove what was written."""
-        with suppress(OSError):  # a full disk refuses the last bytes once more
+        """Remove the unfinished bag."""
+        with suppress(OSError):  # on a full disk the buffered bytes fail again
             self._file.close()
         if self._directory:
             shutil.rmtree(self._part, ignore_errors=True)
@@ -223,7 +223,7 @@ class BagWriter:
         return _Pending(channel, log_ns.astype(np.int64), void, np.arange(first, first + n).astype(np.uint32))
 
     def _flush(self, before_ns: int | None, whole: bool = True) -> None:
-        """Write what is pending, or only what was logged before a time, by log time and in whole chunks."""
+        """Write the pending messages, or those logged before a time, by log time and in whole chunks."""
         if not self._pending:
             return
         log_ns = np.concatenate([p.log_ns for p in self._pending])
@@ -242,7 +242,7 @@ class BagWriter:
         self._keep(order[: edges[-1]])
 
     def _keep(self, taken: Integers) -> None:
-        """Drop the messages that were written, given by their place in the concatenation of all pending ones."""
+        """Drop the written messages, given by their index in the concatenation of all pending ones."""
         left = np.ones(sum(len(p.log_ns) for p in self._pending), dtype=bool)
         left[taken] = False
         kept, end = [], 0
@@ -315,10 +315,10 @@ class BagWriter:
             raise self._unwritable(error) from None
 
     def _unwritable(self, error: OSError) -> InputError:
-        return InputError(f"{self._path}: cannot be written ({error.strerror}): check the place and its free space")
+        return InputError(f"{self._path}: cannot be written ({error.strerror}): check the directory and its free space")
 
     def _finish(self) -> None:
-        """DataEnd, the summary in groups, the summary offsets, the footer with the summary's checksum."""
+        """Write DataEnd, the summary in groups, the summary offsets, and the footer with the summary's checksum."""
         self._append(self._records.DataEnd(0))
         done, start = self._written, self._file.tell()
         groups = (
@@ -376,7 +376,7 @@ class BagWriter:
             for name, channel in done.channels.items()
         ]
         span = {
-            # rosbag2 gives an empty bag the latest time there is.
+            # rosbag2 gives an empty bag the largest time.
             "starting_time": {"nanoseconds_since_epoch": 2**63 - 1 if done.start_ns is None else done.start_ns},
             "duration": {"nanoseconds": (done.end_ns or 0) - (done.start_ns or 0)},
             "message_count": done.counts.total(),
@@ -389,7 +389,7 @@ class BagWriter:
 
 
 class _PlainDumper(yaml.SafeDumper):
-    """Without anchors, which other YAML readers need not follow."""
+    """Writes no anchors, which some YAML readers do not support."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -402,7 +402,7 @@ def _compressor(compression: str) -> Callable[[Bytes], bytes | memoryview]:
         lz4 = require("lz4.frame")
         return lambda data: bytes(lz4.compress(data))
     if compression == "zstd":
-        # Level 1: numbers with noise in them gain next to nothing from more.
+        # Level 1: higher levels hardly compress noisy numbers further.
         zstd = require("zstandard").ZstdCompressor(level=1)
         return lambda data: bytes(zstd.compress(data))
     raise InputError(f"compression is {compression!r}: {', '.join(COMPRESSIONS)} are allowed")
@@ -416,7 +416,7 @@ def _typestore() -> Any:
 
 @cache
 def _definition(type_name: str) -> tuple[str, str]:
-    """The definition of a message type with all it contains, as ros2msg text, and its RIHS01 hash."""
+    """The definition of a message type with its nested types, as ros2msg text, and its RIHS01 hash."""
     store = _typestore()
     if type_name not in store.fielddefs:
         raise InputError(f"message type {type_name} is unknown: the types of ROS 2 Jazzy can be written")
@@ -424,8 +424,8 @@ def _definition(type_name: str) -> tuple[str, str]:
     return text, store.hash_rihs01(type_name)
 
 
-def _put_in_place(part: Path, path: Path) -> None:
-    """Rename the finished bag; what it replaces goes only after the new one stands."""
+def _rename(part: Path, path: Path) -> None:
+    """Rename the finished bag; a directory that it replaces is removed afterwards."""
     if not path.is_dir():
         part.replace(path)
         return

@@ -1,1 +1,1 @@
-"""What every part of the node package uses: files, topics, wording, the environment of ROS."""
+"""Shared by every part of this package: files, topics, wording, the environment of ROS."""

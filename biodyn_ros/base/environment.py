@@ -1,4 +1,4 @@
-"""The environment in which ROS runs here, whatever the machine carries: cleared variables, localhost, an own domain.
+"""The environment of a ROS process, independent of the machine: cleared variables, localhost, a domain of its own.
 
 Standard library only. `python -m biodyn_ros.base.environment -- COMMAND ARGUMENT...` runs a command in it.
 """
@@ -24,10 +24,10 @@ SEARCH_PATHS: Final = (
     "LD_LIBRARY_PATH",
     "AMENT_PREFIX_PATH",
     "COLCON_PREFIX_PATH",
-    # Says that LD_LIBRARY_PATH is already right for the ROS wheels; inherited without it, rclpy does not load.
+    # States that LD_LIBRARY_PATH is already set for the ROS wheels; inherited without that path, rclpy does not load.
     "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
 )
-"""Where a new process finds Python and ROS: cleared before its start, of no use afterwards."""
+"""Where a new process finds Python and ROS: cleared before its start, without effect afterwards."""
 
 MIDDLEWARE: Final = (
     "RMW_IMPLEMENTATION",
@@ -40,22 +40,22 @@ MIDDLEWARE: Final = (
     "FASTDDS_DEFAULT_PROFILES_FILE",
     "RCUTILS_LOGGING_USE_STDOUT",
 )
-"""What decides with whom a node talks and where it logs: read when rclpy starts."""
+"""Peers and logging of a node: read when rclpy starts."""
 
 CLEARED: Final = SEARCH_PATHS + MIDDLEWARE
 
 DOMAINS: Final = range(1, 102)
-"""Above 101 the ports of a domain reach into those Linux hands out freely; 0 is everybody's default."""
+"""Above 101 the ports of a domain overlap the ephemeral ports of Linux; 0 is the default of every ROS process."""
 
 ONE_THREAD: Final = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Linear algebra on one thread; read when numpy loads. More add sums up in another order, and a fit in other digits."""
+"""Linear algebra on one thread; read when numpy loads. More threads sum in another order and change a fit's digits."""
 
 HELD: Final = "BIODYN_HELD_DOMAIN_ID"
-"""Tells children that ROS_DOMAIN_ID is held for them by a lock, and not merely set on this machine."""
+"""States that ROS_DOMAIN_ID is reserved by a lock, and not merely set on this machine; inherited by child processes."""
 
 
 class EnvironmentFault(RuntimeError):
-    """The machine does not give what a run needs, told in one line."""
+    """The machine lacks a resource that a run needs; the message is one line."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Domain:
 
     @property
     def variables(self) -> dict[str, str]:
-        """What a process must find in its environment to use the domain."""
+        """The environment variables of a process that uses the domain."""
         return {"ROS_DOMAIN_ID": str(self.domain_id), HELD: str(self.domain_id)}
 
     def release(self) -> None:
@@ -87,15 +87,15 @@ def private_directory() -> Path:
     try:
         path.mkdir(mode=0o700, exist_ok=True)
     except OSError as error:
-        raise EnvironmentFault(f"no place for locks and logs: {error}; set TMPDIR to a writable directory") from error
-    # Anybody may make a directory of this name under /tmp beforehand, and would then own our locks.
+        raise EnvironmentFault(f"no directory for locks and logs: {error}; set TMPDIR to a writable one") from error
+    # Another user can create a directory of this name under /tmp first, and would then own the locks.
     if path.lstat().st_uid != os.getuid() or path.is_symlink() or not os.access(path, os.W_OK):
         raise EnvironmentFault(f"{path} is not a writable directory of user {os.getuid()}; remove it or set TMPDIR")
     return path
 
 
 def clean_environment(base: Mapping[str, str]) -> dict[str, str]:
-    """A copy of `base` for a new process: cleared, on localhost, with a log directory and our own scripts first."""
+    """A copy of `base` for a new process: cleared, on localhost, with a log directory, this Python's scripts first."""
     environment = {name: value for name, value in base.items() if name not in (*CLEARED, HELD)}
     environment.update(_localhost())
     scripts = sysconfig.get_path("scripts")
@@ -104,11 +104,11 @@ def clean_environment(base: Mapping[str, str]) -> dict[str, str]:
     return environment
 
 
-def settle(environment: MutableMapping[str, str]) -> Domain | None:
-    """Make the environment of a process that already runs safe for rclpy, in place; the domain now held, if any.
+def prepare(environment: MutableMapping[str, str]) -> Domain | None:
+    """Make the environment of a running process safe for rclpy, in place; returns the domain that it reserved, if any.
 
     Search paths stay: this process started with them, and a sourced ROS needs them.
-    Nothing is changed where a domain is already held for this process.
+    Nothing changes if a domain is already reserved for this process.
     """
     if HELD in environment and environment[HELD] == environment.get("ROS_DOMAIN_ID"):
         return None
@@ -120,12 +120,12 @@ def settle(environment: MutableMapping[str, str]) -> Domain | None:
 
 
 def hold_domain(directory: Path | None = None) -> Domain:
-    """Take a domain from 1 to 101 that nobody holds; EnvironmentFault when there is none.
+    """Reserve a free domain from 1 to 101; EnvironmentFault if all are held.
 
     The lock belongs to the open file: it is inherited over exec, and released by the end of the last process with it.
     """
     directory = private_directory() if directory is None else directory
-    # A random start keeps users apart who do not see one another's locks.
+    # Users do not see the locks of each other: a random start makes the same choice unlikely.
     first = random.randrange(len(DOMAINS))
     for domain_id in (*DOMAINS[first:], *DOMAINS[:first]):
         descriptor = try_lock(directory / f"domain-{domain_id}.lock")
@@ -137,13 +137,13 @@ def hold_domain(directory: Path | None = None) -> Domain:
 
 
 def run(command: Sequence[str]) -> None:
-    """Become the command, in a clean environment with an own domain; returns only by an EnvironmentFault.
+    """Replace this process by the command, in a clean environment with its own domain; EnvironmentFault if it fails.
 
-    Becoming it, rather than waiting for it, hands on signals and exit code without a line of code.
+    The command thus receives signals, and its exit code is that of this process.
     """
     domain = hold_domain()
     os.set_inheritable(domain.descriptor, True)
-    # Python ignores SIGPIPE, and what is ignored stays so in the command.
+    # Python ignores SIGPIPE, and the command would inherit that.
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     try:
         os.execvpe(command[0], list(command), clean_environment(os.environ) | domain.variables)
@@ -153,7 +153,7 @@ def run(command: Sequence[str]) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line: everything after `--` is the command."""
+    """Run the command line: everything after `--` is the command."""
     command = list(sys.argv[1:] if arguments is None else arguments)
     if command[:1] == ["--"]:
         command = command[1:]
@@ -174,9 +174,9 @@ def _localhost() -> dict[str, str]:
 
 
 def try_lock(path: Path) -> int | None:
-    """A descriptor that holds the lock file until it is closed, None where somebody else does.
+    """A descriptor that holds the lock file until it is closed, None if another process holds it.
 
-    Raises EnvironmentFault where the file cannot be opened.
+    Raises EnvironmentFault if the file cannot be opened.
     """
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)

@@ -1,4 +1,4 @@
-"""Results on disk: each is written beside its place and renamed, so that none is ever half there."""
+"""Result files: each is written under a temporary name and renamed, so that no incomplete file has the final name."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import Final
 
 from biodyn_core.base.errors import InputError
 
-OWNER_ALONE: Final = 0o600
-"""Permissions of what tells of a person, or opens a door."""
+OWNER_ONLY: Final = 0o600
+"""Permissions of personal data and of tokens."""
 
 
 def write_text(path: Path, text: str, errors: str = "strict", mode: int = 0o666) -> None:
-    """Write a text file, on the disk before it has its name; raises InputError where that cannot be done.
+    """Write a text file and synchronise it before it gets its name; raises InputError if that fails.
 
-    errors: as of `open`; mode: its permissions, of which the user's mask is taken off.
+    errors: as in `open`; mode: its permissions, reduced by the user's mask.
     """
     part = path.with_name(f".{path.name}.part")
     try:
-        part.unlink(missing_ok=True)  # one that is left over would keep its permissions
+        part.unlink(missing_ok=True)  # a leftover file would keep its permissions
         with open(part, "w", encoding="utf-8", errors=errors, opener=partial(os.open, mode=mode)) as file:
             file.write(text)
             file.flush()
@@ -33,8 +33,8 @@ def write_text(path: Path, text: str, errors: str = "strict", mode: int = 0o666)
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
-def is_there(path: Path) -> bool:
-    """Whether there is such a file or directory; a name that none can have is of none."""
+def exists(path: Path) -> bool:
+    """Whether the file or directory exists; False for an impossible name."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -42,31 +42,31 @@ def is_there(path: Path) -> bool:
 
 
 def state_directory() -> Path:
-    """Where users keep state; raises RuntimeError where whoever runs this has no home."""
+    """The user's directory for state; raises RuntimeError for a user without a home directory."""
     base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
     return Path(base) / "biodyn"
 
 
 def remove(path: Path) -> None:
-    """Take away what an earlier run left: beside results of another it would pass for theirs."""
+    """Remove a result of an earlier run, which does not belong to the new results; raises InputError if that fails."""
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: is of an earlier run and cannot be removed ({error.strerror})") from None
+        raise InputError(f"{path}: result of an earlier run, cannot be removed ({error.strerror})") from None
 
 
 def make_directory(path: Path) -> None:
-    """Make a directory with those above it; raises InputError where that cannot be done."""
+    """Make a directory and its parents; raises InputError if that fails."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: cannot be made a directory ({error.strerror})") from None
+        raise InputError(f"{path}: the directory cannot be created ({error.strerror})") from None
 
 
 def check_directory(directory: Path) -> None:
-    """Raise InputError for a place where the results cannot be written, before the work."""
+    """Raise InputError for a directory in which results cannot be written, before the work starts."""
     there = next(path for path in (directory, *directory.absolute().parents) if path.exists())
     if not there.is_dir():
-        raise InputError(f"{there}: is a file, a directory is needed for the results: name another")
+        raise InputError(f"{there}: is a file; the results need a directory: give another path")
     if not os.access(there, os.W_OK):
         raise InputError(f"{there}: cannot be written to")

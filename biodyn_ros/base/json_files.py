@@ -1,4 +1,4 @@
-"""JSON on disk: written whole or not at all, and read as if a stranger had written it."""
+"""JSON files: written completely or not at all, and checked as untrusted input when read."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any, Final
 from biodyn_core.base.errors import InputError
 from biodyn_ros.base.files import write_text
 
-LARGEST_BYTES: Final = 64 * 2**20
-"""Of a file that is read; 1000 results of 100 starts each take a third of it."""
+MAX_BYTES: Final = 64 * 2**20
+"""Largest file that is read; 1000 results of 100 starts each take a third of it."""
 
 
 def write_json(path: Path, document: dict[str, Any]) -> None:
@@ -20,22 +20,22 @@ def write_json(path: Path, document: dict[str, Any]) -> None:
 
 
 def read_json(path: Path) -> object:
-    """What a JSON file holds; raises InputError, without its name, for what is none or larger than `LARGEST_BYTES`."""
+    """The content of a JSON file; raises InputError, without the path, if it is no JSON or exceeds `MAX_BYTES`."""
     try:
         with path.open("rb") as file:
-            data = file.read(LARGEST_BYTES + 1)
+            data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})") from None
-    if len(data) > LARGEST_BYTES:
-        raise InputError(f"is larger than {LARGEST_BYTES // 2**20} MiB, so it is none of ours")
+    if len(data) > MAX_BYTES:
+        raise InputError(f"is larger than {MAX_BYTES // 2**20} MiB, so biodyn did not write it")
     try:
         return json.loads(data)
-    except (ValueError, RecursionError):  # JSON's own error and Unicode's are ValueErrors
-        raise InputError("is damaged, it is no JSON") from None
+    except (ValueError, RecursionError):  # the errors of JSON and of Unicode are ValueErrors
+        raise InputError("is damaged: not valid JSON") from None
 
 
 def keys_of(value: object, where: str, expected: tuple[str, ...] | None = None) -> dict[str, Any]:
-    """A mapping with these keys and no other; raises InputError."""
+    """The value as a mapping with exactly the expected keys; raises InputError."""
     if not isinstance(value, dict):
         raise InputError(f"{where}: expected keys and values, got {type(value).__name__}")
     if expected is not None and value.keys() != set(expected):
@@ -44,5 +44,5 @@ def keys_of(value: object, where: str, expected: tuple[str, ...] | None = None) 
 
 
 def finite(value: float) -> float | None:
-    """The value, or None: JSON knows neither NaN nor infinity."""
+    """The value, or None: JSON has neither NaN nor infinity."""
     return value if math.isfinite(value) else None

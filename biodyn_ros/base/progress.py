@@ -1,4 +1,4 @@
-"""How far long work is: percent and the time at which it will be done, on a terminal; silent where nobody watches."""
+"""Progress of long work: percent and expected end time on a terminal; no output elsewhere."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from types import TracebackType
 from typing import Final, TextIO
 
 OnProgress = Callable[[int, int], None]
-"""Hears how much is done, of how much."""
+"""A callback (done, total)."""
 
 REDRAWN_S: Final = 1.0
-"""A line whose percent stands still is drawn again after this long, for its ETA."""
+"""A line whose percentage does not change is redrawn after this time, for its ETA."""
 
 _ERASE: Final = "\x1b[K"
-"""To the end of the line: a shorter text must not leave the tail of a longer one."""
+"""Clears to the end of the line, where a longer text may have stood."""
 
 
-def unwatched(done: int, total: int) -> None:
-    """An `OnProgress` for nobody."""
+def ignore_progress(done: int, total: int) -> None:
+    """An `OnProgress` that does nothing."""
 
 
 class Progress:
     """One line on stderr, redrawn in place: `with Progress("replaying") as progress: work(progress)`.
 
-    It hears (done, total). The rate is measured from the first call on, so what was done before, a block that was read
-    or a file that was taken up, promises nothing. Leaving the block ends the line, also by an error or Ctrl-C.
+    It is called with (done, total). The rate is measured from the first call on, so that work done before, such as
+    results loaded from a file, does not distort it. Leaving the block ends the line, also by an error or Ctrl-C.
     """
 
     def __init__(self, what: str, stream: TextIO | None = None) -> None:
         self._what, self._stream = what, sys.stderr if stream is None else stream
-        self._watched = self._stream.isatty()
+        self._is_terminal = self._stream.isatty()
         self._first: tuple[float, int] | None = None
         self._shown, self._drawn_at = -1, 0.0
         self._open = False
@@ -47,7 +47,7 @@ class Progress:
 
     def __call__(self, done: int, total: int) -> None:
         """Show that `done` of `total` are done."""
-        if not self._watched:
+        if not self._is_terminal:
             return
         now, percent = time.monotonic(), min(100 * done // max(total, 1), 100)
         self._first = self._first or (now, done)
@@ -58,7 +58,7 @@ class Progress:
         print(f"\r{self._what}: {percent:3d} %{eta}{_ERASE}", end=end, file=self._stream, flush=True)
 
     def _eta(self, now: float, done: int, total: int) -> str:
-        """When it will be done, as a time of day: unlike seconds left it stays true while nothing is heard."""
+        """The expected end as a time of day, which stays valid between two updates."""
         begun, before = self._first or (now, done)
         if not before < done < total:
             return ""
@@ -68,5 +68,5 @@ class Progress:
 
 
 def silent(what: str) -> AbstractContextManager[OnProgress]:  # noqa: ARG001 - it is called as Progress is
-    """What takes the place of a `Progress` that nobody is to see."""
-    return nullcontext(unwatched)
+    """A `Progress` without output."""
+    return nullcontext(ignore_progress)

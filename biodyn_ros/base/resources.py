@@ -1,4 +1,4 @@
-"""Finds the files that come with biodyn: configuration, subjects, bags, page and templates; no ROS import.
+"""Finds the files of the installation: configuration, subjects, bags, page and templates; no ROS import.
 
 They lie in the source tree, or in share/biodyn_ros of wherever pip or colcon put the package.
 """
@@ -14,7 +14,7 @@ from typing import Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
-from biodyn_ros.base.files import is_there
+from biodyn_ros.base.files import exists
 
 SHARE: Final = Path("share") / "biodyn_ros"
 
@@ -36,20 +36,20 @@ def subject_names() -> list[str]:
 
 def subject_file(name_or_path: str | Path) -> Path:
     """The subject file at a path, or the bundled one of a bare name such as `subject_1`."""
-    with contextlib.suppress(RuntimeError):  # nobody of this name has a home
+    with contextlib.suppress(RuntimeError):  # `~name` of an unknown user
         path = Path(name_or_path).expanduser()
         bundled = _root() / "config" / "subjects" / f"{name_or_path}.yaml"
-        if is_there(path) and path.is_file():
+        if exists(path) and path.is_file():
             return path
-        if path.name == str(name_or_path) and is_there(bundled):
+        if path.name == str(name_or_path) and exists(bundled):
             return bundled
     there = subject_names()
     near = did_you_mean_file(name_or_path) or did_you_mean(Path(name_or_path).stem, there)
-    raise InputError(f"no subject file {name_or_path}{near or ';'} bundled are {_listed(there)}; give others by path")
+    raise InputError(f"no subject file {name_or_path}{near or ';'} bundled: {_listed(there)}; give others by path")
 
 
 def package_directory(name: str) -> Path:
-    """The directory `page` or `templates`, which lies beside the code that serves it."""
+    """The directory `page` or `templates` of this package."""
     path = Path(__file__).parents[1] / name
     if not path.is_dir():
         raise InputError(f"the installation is incomplete: {path} is missing")
@@ -66,20 +66,20 @@ def _find(kind: str, name: str) -> Path:
 
 
 def _root() -> Path:
-    """The first place that holds our files: a root without them is somebody else's."""
+    """The first root that holds the files of biodyn."""
     roots = list(_roots())
     for root in roots:
         if (root / "package.xml").is_file() and (root / "config").is_dir():
             return root
-    raise InputError(f"the files of biodyn are in none of {_listed([str(root) for root in roots])}; install it again")
+    raise InputError(f"none of {_listed([str(root) for root in roots])} holds the files of biodyn; install it again")
 
 
 def _roots() -> Iterator[Path]:
     # Resolved, because a symlinked build leads back to the source tree.
     here = Path(__file__).resolve()
     yield here.parents[2]
-    # An install keeps code and share below one prefix, be it a venv, ~/.local, /usr/local, --target or colcon's.
-    # It comes before every other prefix, so that code never reads the files of another version.
+    # An installation keeps code and share below one prefix: a venv, ~/.local, /usr/local, --target or colcon's.
+    # This prefix comes first, so that the code never reads the files of another version.
     yield from (parent / SHARE for parent in here.parents[2:])
     yield Path(sys.prefix) / SHARE
     yield from (Path(prefix) / SHARE for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix)

@@ -1,4 +1,4 @@
-"""The topics, once: relative names, for namespaces and remapping (REP-145 inputs), and what the scalars carry."""
+"""All topics: relative names, for namespaces and remapping (REP-145 inputs), and the values of the scalars."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ RESIDUAL: Final = {segment: f"~/residual/{segment}" for segment in MEASURED_SEGM
 EXPOSURE: Final = "~/exposure"
 ROLLING: Final = "~/exposure/rolling"
 SNAPSHOT: Final = "~/snapshot"
-"""What the live page shows, as JSON in a std_msgs/String; sent while somebody listens."""
+"""Data of the live page, as JSON in a std_msgs/String; published while it has a subscriber."""
 
 MARKS: Final = "~/marks"
-"""Every mark when it is set, as its name in a std_msgs/String: what was recorded of them, a replay lists."""
+"""The name of every mark when it is set, in a std_msgs/String; a replay lists the recorded marks."""
 
 RESET: Final = "~/reset"
 MARK: Final = "~/mark"
@@ -43,17 +43,17 @@ SCALARS: Final = (
 
 
 def absolute(topic: str, node: str = NODE_NAME) -> str:
-    """The topic as others see it when the node runs under its own name."""
+    """The full name of the topic when the node runs under its own name."""
     return topic.replace("~", f"/{node}", 1)
 
 
 def status_name(of: str) -> str:
-    """What a status of the diagnostics is called: of a sensor, of `prediction`, `exposure` or `page`."""
+    """The name of a diagnostic status: of a sensor, or of `prediction`, `exposure` or `page`."""
     return f"{NODE_NAME}: {of}"
 
 
 def exposure_values(exposure: Exposure, root: str) -> dict[str, float]:
-    """What the topics of one span carry; a figure not counted yet is absent."""
+    """The value of each topic of one time span; a value not available yet is absent."""
     values = {}
     for sensor, dose in exposure.sensors.items():
         values[f"{root}/{sensor}/vdv"], values[f"{root}/{sensor}/aw"] = dose.vdv_mps175, dose.aw_mps2
@@ -73,7 +73,7 @@ def residual_values(exposure: Exposure) -> dict[str, float]:
 
 
 def seat_values(seat: SeatExposure | None) -> dict[str, float]:
-    """The seat against its limits; a time that cannot be given honestly is absent."""
+    """The seat's exposure and times to its limits; an unknown time is absent."""
     if seat is None:
         return {}
     values = {

@@ -1,4 +1,4 @@
-"""Numbers and names as a reader sees them, in the page as in the terminal."""
+"""Numbers and names as text, for pages and the terminal."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ ZONE: Final = {
     "below_action_value": "Below the action values so far",
     "above_action_value": "Action value reached",
     "above_limit_value": "Limit value reached",
-    "undecided": "Undecided: no verdict on the seat",
+    "undecided": "Undecided: no assessment of the seat",
 }
 HORIZONTAL: Final = {
     "yaw_given": "Horizontal axes from the yaw given.",
-    "worst_direction": "No yaw given: the largest value over all horizontal directions stands for both axes.",
+    "worst_direction": "No yaw given: the largest value over all horizontal directions is used for both axes.",
     "missing": "Vertical only: horizontal data are missing.",
 }
 _GROUPS: Final = {
@@ -31,32 +31,32 @@ _RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv
 MODEL: Final = "the model"
 
 UNITS_TYPESET: Final = {"m/s^2": "m/s²", "m/s^1.75": "m/s¹·⁷⁵", "m/s^1.5": "m/s¹·⁵"}
-"""Units in messages, which terminals and JSON show as they are, and on pages."""
+"""Units in messages (terminal, JSON), and their form on pages."""
 
-MOST_MORE_PLACES: Final = 3
-"""An interval is told by at most so many decimal places more than a number is."""
+MAX_EXTRA_DECIMALS: Final = 3
+"""An interval has at most so many decimal places more than a number has."""
 
 
 def stuck(samples: int) -> str:
-    """What is said of samples of a reading that never changed."""
-    return f"{counted(samples, 'sample')} of an unchanging reading counted as missing: stuck?"
+    """The warning about samples whose value does not change."""
+    return f"{counted(samples, 'sample')} with an unchanging value counted as missing: stuck sensor?"
 
 
 def left_range(samples: int) -> str:
-    """What is said of samples at which the model left its range."""
-    return f"left its range at {counted(samples, 'sample')}, none of them predicted: it began at rest"
+    """The warning about samples at which the model left its range."""
+    return f"left its range at {counted(samples, 'sample')}: no prediction there, restarted at rest"
 
 
-def told_apart(value: float | None, lower: float | None, upper: float | None) -> tuple[str, str, str]:
-    """A value and the ends of its interval, as `number` has them, or with as many more places as tell them apart."""
+def with_interval(value: float | None, lower: float | None, upper: float | None) -> tuple[str, str, str]:
+    """A value and the ends of its interval, formatted as by `number`, with more decimals if they would look equal."""
     if value is None or lower is None or upper is None or not 0.0 < upper - lower < math.inf:
         return number(value), number(lower), number(upper)
     half = 0.5 * (upper - lower)
-    apart = min(-math.floor(math.log10(half)), (decimal_places(value) or 0) + MOST_MORE_PLACES)
+    needed = min(-math.floor(math.log10(half)), (decimal_places(value) or 0) + MAX_EXTRA_DECIMALS)
     shown = []
     for each in (value, lower, upper):
         places = decimal_places(each)
-        shown.append(number(each) if places is None else f"{each:.{max(places, apart)}f}")
+        shown.append(number(each) if places is None else f"{each:.{max(places, needed)}f}")
     return shown[0], shown[1], shown[2]
 
 
@@ -66,19 +66,19 @@ def bound(value: float | None, lower: bool) -> str:
 
 
 def span(window_s: Sequence[float] | None) -> str:
-    """Begin and end of a window of time to a millisecond: 2.317 to 2.332; a dash where there is none."""
+    """Start and end of a time window to a millisecond: 2.317 to 2.332; a dash for None."""
     return "–" if window_s is None else f"{window_s[0]:.3f} to {window_s[1]:.3f}"
 
 
 def typeset(text: str) -> str:
-    """The text of a page with its units in superscripts."""
+    """The text with its units in superscripts."""
     for plain, shown in UNITS_TYPESET.items():
         text = text.replace(plain, shown)
     return text
 
 
 def table(rows: Sequence[Sequence[str]], left: Container[int]) -> list[str]:
-    """Rows as lines, their columns below each other: those whose numbers are in `left` to the left, others right."""
+    """Rows as aligned lines: the columns whose indices are in `left` are left-aligned, the others right-aligned."""
     columns = list(zip(*rows, strict=True))
     aligned = [
         [f"{cell:{'<' if k in left else '>'}{max(map(len, column))}}" for cell in column]
@@ -88,9 +88,9 @@ def table(rows: Sequence[Sequence[str]], left: Container[int]) -> list[str]:
 
 
 def duration(seconds: float, at_most: bool = False) -> str:
-    """A time for people, rounded down, so that nobody is promised more: 8.4 s, 12 min, 3 h 20 min, more than 24 h.
+    """A duration, rounded down to be safe: 8.4 s, 12 min, 3 h 20 min, more than 24 h.
 
-    at_most: it may be less, so that "more than" would promise too much: 41 h.
+    at_most: the duration is an upper bound, so that "more than" would be wrong: 41 h.
     """
     if seconds < 60.0:
         return f"{math.floor(10.0 * seconds) / 10.0:g} s"
@@ -103,7 +103,7 @@ def duration(seconds: float, at_most: bool = False) -> str:
 
 
 def words(name: str) -> str:
-    """A name of ours as words: `lower_torso` is "lower torso"."""
+    """An identifier as words: `lower_torso` is "lower torso"."""
     return name.replace("_", " ")
 
 
@@ -114,13 +114,13 @@ def parameter_name(name: str) -> str:
 
 
 def sentence(text: str) -> str:
-    """The text with a capital at its beginning and a full stop at its end."""
+    """The text with a capital first letter and a full stop."""
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('?') else '.'}"
 
 
 def left(kind: str, seat: dict[str, Any]) -> str:
-    """How long until the `kind` (action or limit) value, from the seat's mapping, in a few words."""
-    if seat["zone"] in ("above_limit_value", f"above_{kind}_value"):  # a lower bound is enough to know that
+    """The time left to the `kind` (action or limit) value, from the seat's mapping, in a few words."""
+    if seat["zone"] in ("above_limit_value", f"above_{kind}_value"):  # a lower bound suffices for this
         return "reached"
     if seat["withheld"]:
         return "withheld"
@@ -131,17 +131,17 @@ def left(kind: str, seat: dict[str, Any]) -> str:
 
 
 def time_left(kind: str, seat: dict[str, Any]) -> str:
-    """How long until the `kind` (action or limit) value, from the seat's mapping, as a sentence."""
+    """The time left to the `kind` (action or limit) value, from the seat's mapping, as a sentence."""
     name, said = f"{kind.capitalize()} value", left(kind, seat)
     if said == "withheld":
         return f"{name}: time left withheld, because {seat['withheld']}."
     if seat[f"time_to_{kind}_value_s"] is None or said == "reached":
         return f"{name}: {said}."
-    return f"{name}: {said}, if exposure goes on as so far."
+    return f"{name}: {said}, if exposure continues at this rate."
 
 
 def shocks(seat: dict[str, Any]) -> str:
-    """Whether ISO 2631-1 asks for more than the rms on the governing axis, from the seat's mapping."""
+    """Whether ISO 2631-1 requires more than the rms on the governing axis, from the seat's mapping."""
     ratios = {_RATIO[name]: ratio for name, ratio in seat["shock_ratios"].items() if name in _RATIO}
     where = f"ISO 2631-1:1997, axis {words(seat['axis'])}"
     firing = [
@@ -150,10 +150,10 @@ def shocks(seat: dict[str, Any]) -> str:
         if ratio["exceeded"]
     ]
     if firing:
-        return f"Shocks, additional evaluation asked for ({where}): {', '.join(firing)}."
+        return f"Shocks: additional evaluation required ({where}): {', '.join(firing)}."
     unknown = [name for name, ratio in ratios.items() if ratio["exceeded"] is None]
     if seat["lower_bound"] or unknown:
-        why = f"{' and '.join(unknown)} not measured" if unknown else "the seat's figures are lower bounds"
-        return f"Shocks, undecided whether additional evaluation is asked for ({where}): {why}."
+        why = f"{' and '.join(unknown)} not measured" if unknown else "the seat's values are lower bounds"
+        return f"Shocks: undecided whether additional evaluation is required ({where}): {why}."
     known = ", ".join(f"{name} {number(ratio['value'])}" for name, ratio in ratios.items())
-    return f"Shocks, no additional evaluation asked for ({where}): {known}."
+    return f"Shocks: no additional evaluation required ({where}): {known}."

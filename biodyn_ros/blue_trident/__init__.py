@@ -1,6 +1,6 @@
-"""Recordings of Blue Trident sensors, as Capture.U and Nexus export them, to a bag; without ROS.
+"""Imports recordings of Blue Trident sensors, exported by Capture.U or Nexus, to a bag; without ROS.
 
-`import_blue_trident` is the whole way. A file is read in blocks and never held whole.
+`import_blue_trident` is the entry point. Files are read in blocks.
 """
 
 from biodyn_ros.blue_trident.importing import MADE_BY, ImportOptions, import_blue_trident

@@ -17,7 +17,7 @@ from biodyn_ros.blue_trident.samples import (
     GYRO_UNITS,
     LATEST_S,
     Channel,
-    Held,
+    ChannelInfo,
     Kind,
     Part,
     Samples,
@@ -31,46 +31,46 @@ COLUMN: Final = re.compile(r"(?P<name>[agm][xyz])_(?P<unit>.+)")
 
 @dataclass(frozen=True, eq=False)
 class CaptureU:
-    """A file of one channel of one sensor; its columns are the stamp, then three accelerations, then any gyro."""
+    """A file of one channel of one sensor; columns: the stamp, three accelerations, and angular velocities if any."""
 
     path: Path
     take: str
-    held: tuple[Held, ...]
+    channels: tuple[ChannelInfo, ...]
     columns: tuple[int, ...]
     width: int
     kind: Kind = "Capture.U"
 
-    def parts(self, damage: Damage, start_ns: int, most_bytes: int) -> Iterator[tuple[int, list[Part]]]:
-        """(bytes read, samples read) over and over; start_ns is not used: the stamps are Unix time."""
-        (held,) = self.held
-        accel = scale_of(held.accel_unit, ACCEL_UNITS, str(self.path))
-        gyro = scale_of(held.gyro_unit, GYRO_UNITS, str(self.path)) if held.gyro_unit else 1.0
-        for read, rows in number_rows(self.path, 1, self.columns, self.width, damage, most_bytes):
+    def parts(self, damage: Damage, start_ns: int, max_bytes: int) -> Iterator[tuple[int, list[Part]]]:
+        """Yield (bytes read, samples read); start_ns is not used: the stamps are Unix time."""
+        (info,) = self.channels
+        accel = scale_of(info.accel_unit, ACCEL_UNITS, str(self.path))
+        gyro = scale_of(info.gyro_unit, GYRO_UNITS, str(self.path)) if info.gyro_unit else 1.0
+        for read, rows in number_rows(self.path, 1, self.columns, self.width, damage, max_bytes):
             there = np.abs(rows[:, 0] - 0.5e6 * LATEST_S) < 0.5e6 * LATEST_S
             damage.untimed += int((~there).sum())
             good = rows[there]
             stamps_ns = np.rint(good[:, 0]).astype(np.int64) * 1000
-            rates = good[:, 4:7] * gyro if held.gyro_unit else None
-            yield read, [Part(held.serial, held.channel, Samples(stamps_ns, good[:, 1:4] * accel, rates))]
+            rates = good[:, 4:7] * gyro if info.gyro_unit else None
+            yield read, [Part(info.serial, info.channel, Samples(stamps_ns, good[:, 1:4] * accel, rates))]
 
 
 def is_capture_u(lines: Sequence[str]) -> bool:
-    """Whether a file begins as Capture.U's do."""
+    """Whether a file starts as an export of Capture.U."""
     return STAMP in lines[0]
 
 
 def is_magnetometer(path: Path) -> bool:
-    """Whether a file's name says that it holds a magnetic field, which no Imu message has room for."""
+    """Whether a file holds a magnetic field, by its name; an Imu message has no field for it."""
     named = NAME.fullmatch(path.stem)
     return named is not None and named["channel"].lower() == "mag"
 
 
 def capture_u(path: Path, lines: Sequence[str]) -> CaptureU:
-    """What a file of low-g or high-g holds; raises InputError naming what is missing in its name or its header."""
+    """Read the header of a low-g or high-g file; raises InputError for a missing part of its name or header."""
     named = NAME.fullmatch(path.stem)
     if named is None:
         raise InputError(
-            f"{path}: the name of a file of Capture.U tells sensor and channel: <subject>_TS-<number>_<date>_lowg.csv"
+            f"{path}: sensor and channel are read from the file name: <subject>_TS-<number>_<date>_lowg.csv"
         )
     names = [name.strip() for name in lines[0].rstrip(",\r ").split(",")]
     found = {match["name"]: (at, match["unit"]) for at, name in enumerate(names) if (match := COLUMN.fullmatch(name))}
@@ -88,5 +88,5 @@ def capture_u(path: Path, lines: Sequence[str]) -> CaptureU:
         scale_of(gyro_unit, GYRO_UNITS, str(path))
     columns = [names.index(STAMP), *(found[f"{letter}{axis}"][0] for letter in units for axis in "xyz")]
     channel: Channel = "low" if named["channel"].lower() == "lowg" else "high"
-    held = Held(named["serial"], channel, accel_unit, gyro_unit)
-    return CaptureU(path, named["take"], (held,), tuple(columns), len(names))
+    info = ChannelInfo(named["serial"], channel, accel_unit, gyro_unit)
+    return CaptureU(path, named["take"], (info,), tuple(columns), len(names))

@@ -1,4 +1,4 @@
-"""One sensor's low-g channel without what was never measured: rows of zeros, rows faded into them, unreadable ones."""
+"""Removes rows without a measurement from a low-g channel: rows of zeros, rows faded into zeros, unreadable rows."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_ros.blue_trident.samples import Samples, joined
 
-LARGEST_MPS2: Final = 1e5
-"""No accelerometer reads ten thousand g: such a number is no reading."""
+MAX_PLAUSIBLE_MPS2: Final = 1e5
+"""Larger values, ten thousand g, are not measurements."""
 
 FADED: Final = 0.97
 ALIKE: Final = 0.05
-"""A row is faded where field and acceleration shrink by one factor, within this, to less than `FADED` of their
-neighbours: Nexus resamples, and where a sensor begins or ends it mixes its last sample with zeros."""
+"""A row is faded if field and acceleration are reduced by the same factor, within this, below `FADED` of their
+neighbours: Nexus resamples, and mixes the first or last sample of a sensor with zeros."""
 
 
 @dataclass
-class LeftOut:
-    """Rows left out by cause: zeros before the sensor started, amid it, and after it ended; faded; unreadable."""
+class OmittedRows:
+    """Omitted rows by cause: zeros before the start, during the recording, after the end; faded; unreadable."""
 
     late_start: int = 0
     dropouts: int = 0
@@ -31,18 +31,18 @@ class LeftOut:
 
 
 class Cleaner:
-    """`push` samples as they were written, get those that were measured; `finish` for the last one."""
+    """`push` samples of the file and get the measured ones; `finish` gives the last one."""
 
     def __init__(self) -> None:
-        self.left_out = LeftOut()
+        self.left_out = OmittedRows()
         self._before: Samples | None = None
         self._waiting: Samples | None = None
         self._begun = False
         self._zeros = 0
 
     def push(self, samples: Samples) -> Samples:
-        """Take a block; the last row waits, because what follows tells whether it is faded."""
-        usable = (np.abs(samples.accel_mps2) < LARGEST_MPS2).all(axis=1)
+        """Add a block; the last row is kept, because the next row decides whether it is faded."""
+        usable = (np.abs(samples.accel_mps2) < MAX_PLAUSIBLE_MPS2).all(axis=1)
         self.left_out.unreadable += int((~usable).sum())
         samples = samples if usable.all() else samples.rows(usable)
         if not len(samples.stamps_ns):
@@ -53,14 +53,14 @@ class Cleaner:
         return self._decide(samples, 1)
 
     def finish(self) -> Samples | None:
-        """The last row, if it was measured; zeros at the end are counted."""
+        """Return the last row, if it is measured, and count the zeros at the end."""
         last = None if self._waiting is None else self._decide(self._waiting, 0)
         self.left_out.early_end, self._zeros = (self._zeros, 0) if self._begun else (0, self._zeros)
         self.left_out.late_start += self._zeros
         return last
 
     def _decide(self, samples: Samples, ahead: int) -> Samples:
-        """The measured ones of these samples but for the last `ahead`, which are only looked at."""
+        """The measured samples without the last `ahead`, which are only compared."""
         known = 0 if self._before is None else 1
         seen = samples if self._before is None else joined(self._before, samples)
         zero = _zeros(seen)
@@ -91,7 +91,7 @@ class Cleaner:
 
 
 def _zeros(samples: Samples) -> Flags:
-    """Which rows are zero throughout, to the last digit: noise alone forbids that of a sensor that measures."""
+    """Rows that are exactly zero; a sensor that measures has noise."""
     zero: Flags = (samples.accel_mps2 == 0.0).all(axis=1)
     if samples.gyro_radps is not None:
         zero &= (samples.gyro_radps == 0.0).all(axis=1)
@@ -99,7 +99,7 @@ def _zeros(samples: Samples) -> Flags:
 
 
 def _faded(samples: Samples, zero: Flags, at_start: bool, at_end: bool) -> Flags:
-    """Which rows beside zeros, or beside an end of the file, are a share of their other neighbour."""
+    """Rows beside zeros, or at an end of the file, that are a fraction of their other neighbour."""
     if samples.mag is None:
         return np.zeros(zero.shape, dtype=bool)
     field, accel = (np.linalg.norm(part, axis=1) for part in (samples.mag, samples.accel_mps2))

@@ -1,4 +1,4 @@
-"""Exports of Blue Trident sensors to one bag: a survey of all, high-g where low-g is at its rail, then the bag."""
+"""Imports exports of Blue Trident sensors to one bag: survey, high-g where low-g is saturated, writing."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
-from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.blue_trident.cleaning import Cleaner
-from biodyn_ros.blue_trident.found import Chosen, Found, choose, find_exports
-from biodyn_ros.blue_trident.outcome import Marked, Outcome, document_of, ranges
+from biodyn_ros.blue_trident.exports import ChosenExports, FoundExports, choose, find_exports
+from biodyn_ros.blue_trident.high_g import Comparison, Replacement
+from biodyn_ros.blue_trident.outcome import Outcome, SampleCounts, document_of, ranges
 from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export, Samples, joined
-from biodyn_ros.blue_trident.survey import Read, in_time_order, survey
-from biodyn_ros.blue_trident.wide import Comparison, Taken
+from biodyn_ros.blue_trident.survey import SurveyResult, in_time_order, survey
 from biodyn_ros.reading.provenance import sha256_of
 from biodyn_ros.reading.saturation import stated
 
 MADE_BY: Final = "biodyn import-blue-trident"
 FROM_HIGH_G: Final = "biodyn_from_high_g"
-"""The metadata record that tells which stamps carry high-g, sensor by sensor."""
+"""The metadata record with the stamps of high-g samples by sensor."""
 
 TURN_NS: Final = 500_000_000
 
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """{sensor: serial}; which take; when a recording without a time of day began, ns; whether high-g takes over."""
+    """{sensor: serial}; take; start of a recording without a time of day, ns; whether high-g replaces clipped low-g."""
 
     mapping: Mapping[str, str]
     take: str | None = None
@@ -52,68 +52,74 @@ def import_blue_trident(
     place: Path,
     bag: Path,
     options: ImportOptions,
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
 ) -> dict[str, Any]:
     """Write the bag and return the mapping of `biodyn import-blue-trident --json`.
 
-    `progress` hears (bytes read, bytes to be read). Raises InputError for what does not fit; no bag is left then.
+    `progress` is called with (bytes read, all bytes). Raises InputError for invalid input, without leaving a bag.
     """
     found = find_exports(place)
     chosen = choose(found, options.mapping, options.take)
     _check_start(chosen, options)
     with BagWriter(bag, compression=options.compression) as writer:
-        outcome = _imported(found, chosen, writer, options, _Telling(chosen, progress))
+        outcome = _imported(found, chosen, writer, options, _ReadProgress(chosen, progress))
         document = {"bag": str(bag), **document_of(outcome), "version": __version__}
-        _tell_provenance(writer, document, outcome)
+        _add_provenance(writer, document, outcome)
     return document
 
 
-def _imported(found: Found, chosen: Chosen, writer: BagWriter, options: ImportOptions, tell: _Telling) -> Outcome:
+def _imported(
+    found: FoundExports, chosen: ChosenExports, writer: BagWriter, options: ImportOptions, reading: _ReadProgress
+) -> Outcome:
     start_ns = options.start_ns or 0
-    read = survey(chosen, options.settings, tell.sizes, start_ns, tell)
+    read = survey(chosen, options.settings, reading.sizes, start_ns, reading)
     _check(chosen, read)
     damage = dict(read.damage)
-    taken = _compared(chosen, read, options, damage, tell) if options.high_g else {}
+    taken = _compared(chosen, read, options, damage, reading) if options.high_g else {}
     for sensor in chosen.sensors.values():
         writer.add_topic(INPUT[sensor], IMU_TYPE)
-    marked = _written(chosen, read, taken, writer, options, tell)
-    hashes = {export: sha256_of([export.path], tell.sizes[export]) for export in chosen.exports}
+    marked = _written(chosen, read, taken, writer, options, reading)
+    hashes = {export: sha256_of([export.path], reading.sizes[export]) for export in chosen.exports}
     how = options.start_ns, options.settings, options.high_g
-    return Outcome(found, chosen, read, taken, marked, damage, tell.sizes, hashes, *how)
+    return Outcome(found, chosen, read, taken, marked, damage, reading.sizes, hashes, *how)
 
 
-def _check_start(chosen: Chosen, options: ImportOptions) -> None:
+def _check_start(chosen: ChosenExports, options: ImportOptions) -> None:
     if options.start_ns is not None and any(export.kind == "Capture.U" for export in chosen.exports):
-        raise InputError("--start: exports of Capture.U have stamps of their own: leave it out")
+        raise InputError("--start: exports of Capture.U have Unix time: omit it")
 
 
-def _check(chosen: Chosen, read: Read) -> None:
-    """Raise InputError for a sensor without a sample, and for sensors that were never on at one time."""
+def _check(chosen: ChosenExports, read: SurveyResult) -> None:
+    """Raise InputError for a sensor without samples, and for sensors that do not overlap in time."""
     seen = {serial: read.sensors[serial] for serial in chosen.sensors}
     for serial, one in seen.items():
         file = chosen.file_of(serial, "low")
         assert file is not None
         if not one.count:
             raise InputError(
-                f"{file.path}: {serial} ({chosen.sensors[serial]}) has no sample: leave it out of the mapping"
+                f"{file.path}: {serial} ({chosen.sensors[serial]}) has no sample: remove it from the mapping"
             )
         if one.back > one.count // 2:
             raise InputError(
-                f"{file.path}: {serial} ({chosen.sensors[serial]}): stamps stand still or go back: Excel shortens them "
-                "when it saves, export again"
+                f"{file.path}: {serial} ({chosen.sensors[serial]}): stamps do not increase: Excel rounds them when it "
+                "saves, so export again"
             )
     last, first = max(seen, key=lambda one: seen[one].first_ns), min(seen, key=lambda one: seen[one].last_ns)
     if seen[first].last_ns < seen[last].first_ns:
         raise InputError(
             f"{chosen.sensors[first]} ({first}) ends {1e-9 * (seen[last].first_ns - seen[first].last_ns):.1f} s before "
-            f"{chosen.sensors[last]} ({last}) begins: files of one recording are needed, see --take"
+            f"{chosen.sensors[last]} ({last}) starts: give files of one recording, see --take"
         )
 
 
 def _compared(
-    chosen: Chosen, read: Read, options: ImportOptions, damage: dict[Export, Damage], tell: _Telling
-) -> dict[str, Taken]:
-    """What high-g gives, by serial, for the sensors that have it and need it."""
+    chosen: ChosenExports,
+    read: SurveyResult,
+    options: ImportOptions,
+    damage: dict[Export, Damage],
+    reading: _ReadProgress,
+) -> dict[str, Replacement]:
+    """The high-g replacement by serial, for the sensors that have high-g and are clipped."""
     comparisons: dict[str, Comparison] = {}
     exports: dict[Export, None] = {}
     for serial in chosen.sensors:
@@ -121,9 +127,9 @@ def _compared(
         if read.sensors[serial].clipped() and low is not None and high is not None:
             comparisons[serial] = Comparison(read.sensors[serial], options.settings, shared=low is high)
             exports |= {low: None, high: None}
-    tell.expect(exports)
+    reading.expect(exports)
     again = {export: Damage() for export in exports}
-    for parts in in_time_order(list(exports), again, tell.sizes, options.start_ns or 0, tell):
+    for parts in in_time_order(list(exports), again, reading.sizes, options.start_ns or 0, reading):
         for part in parts:
             if part.serial in comparisons:
                 comparisons[part.serial].push(part.channel, part.samples)
@@ -132,13 +138,18 @@ def _compared(
 
 
 def _written(
-    chosen: Chosen, read: Read, taken: dict[str, Taken], writer: BagWriter, options: ImportOptions, tell: _Telling
-) -> dict[str, Marked]:
-    """Write every sensor, in turns of half a second."""
-    lows = dict.fromkeys(export for export in chosen.exports if any(held.channel == "low" for held in export.held))
+    chosen: ChosenExports,
+    read: SurveyResult,
+    taken: dict[str, Replacement],
+    writer: BagWriter,
+    options: ImportOptions,
+    reading: _ReadProgress,
+) -> dict[str, SampleCounts]:
+    """Write all sensors interleaved, half a second at a time."""
+    lows = dict.fromkeys(export for export in chosen.exports if any(info.channel == "low" for info in export.channels))
     cleaners = {serial: Cleaner() for serial in chosen.sensors}
-    turns = _Turns(chosen, taken, writer, options.settings)
-    for parts in in_time_order(list(lows), {}, tell.sizes, options.start_ns or 0, tell):
+    turns = _InterleavedWriter(chosen, taken, writer, options.settings)
+    for parts in in_time_order(list(lows), {}, reading.sizes, options.start_ns or 0, reading):
         for part in parts:
             if part.channel == "low" and part.serial in cleaners:
                 turns.add(part.serial, cleaners[part.serial].push(part.samples))
@@ -150,14 +161,16 @@ def _written(
     return turns.marked
 
 
-class _Turns:
-    """What waits to be written, so that all sensors' messages come in about the order of time."""
+class _InterleavedWriter:
+    """Buffers samples, so that the messages of all sensors are written roughly in order of time."""
 
-    def __init__(self, chosen: Chosen, taken: dict[str, Taken], writer: BagWriter, settings: DualRangeSettings) -> None:
+    def __init__(
+        self, chosen: ChosenExports, taken: dict[str, Replacement], writer: BagWriter, settings: DualRangeSettings
+    ) -> None:
         self._sensors, self._taken, self._writer, self._settings = chosen.sensors, taken, writer, settings
         self._waiting: dict[str, Samples] = {}
         self._upto: dict[str, int] = {}
-        self.marked = {serial: Marked() for serial in chosen.sensors}
+        self.marked = {serial: SampleCounts() for serial in chosen.sensors}
 
     def add(self, serial: str, samples: Samples) -> None:
         if not len(samples.stamps_ns):
@@ -165,11 +178,11 @@ class _Turns:
         samples = samples._replace(mag=None)
         old = self._waiting.get(serial)
         self._waiting[serial] = samples if old is None else joined(old, samples)
-        # Stamps may go back; what was waited for once is not waited for again.
+        # Stamps may decrease: the largest stamp so far counts.
         self._upto[serial] = max(self._upto.get(serial, -(2**63)), int(samples.stamps_ns.max()))
 
-    def write(self, read: Read, final: bool) -> None:
-        """Write what all sensors that still go on have come past, or everything."""
+    def write(self, read: SurveyResult, final: bool) -> None:
+        """Write up to the time that all unfinished sensors have reached, or everything."""
         ends = []
         for serial in self._sensors:
             seen = read.sensors[serial]
@@ -202,8 +215,8 @@ class _Turns:
             samples, share = self._taken[serial].applied(samples)
             at_rail &= share == 0.0
             if share.any():
-                # Imu has no flags, but a covariance, of which 0 is "unknown": it marks every axis of every sample, says
-                # how much less sure that reading is, and stays with the message wherever it goes.
+                # Imu has no flags. Its covariance, of which 0 is "unknown", marks each high-g axis of each sample
+                # and gives its noise.
                 variance = np.where(share > 0.0, np.square(self._taken[serial].alignment.noise_mps2), 0.0)
                 marked.from_high_g += int(share.any(axis=1).sum())
         marked.clipped += int(at_rail.any(axis=1).sum())
@@ -212,37 +225,37 @@ class _Turns:
         self._writer.write(INPUT[sensor], samples.stamps_ns, payload)
 
 
-def _tell_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcome) -> None:
-    """Tell in the bag where it comes from, what was done to it, and from where on readings in it count as clipped."""
+def _add_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcome) -> None:
+    """Add the source, the processing and the saturation limits to the metadata of the bag."""
     limits = {INPUT[name]: _limit_mps2(row, outcome) for name, row in document["sensors"].items()}
-    usual = ConditioningSettings.saturation_mps2
-    limits = {topic: limit for topic, limit in limits.items() if limit != usual}
-    told = {key: document[key] for key in ("format", "take", "start")}
-    told |= {key: json.dumps(document[key]) for key in ("files", "sensors", "warnings")}
-    writer.add_metadata("biodyn", {"made_by": MADE_BY, "version": __version__, **told, **stated(limits)})
+    default = ConditioningSettings.saturation_mps2
+    limits = {topic: limit for topic, limit in limits.items() if limit != default}
+    values = {key: document[key] for key in ("format", "take", "start")}
+    values |= {key: json.dumps(document[key]) for key in ("files", "sensors", "warnings")}
+    writer.add_metadata("biodyn", {"made_by": MADE_BY, "version": __version__, **values, **stated(limits)})
     marks = {outcome.chosen.sensors[serial]: ranges(one) for serial, one in outcome.taken.items() if one.taken}
     if marks:
         writer.add_metadata(FROM_HIGH_G, marks)
 
 
 def _limit_mps2(row: dict[str, Any], outcome: Outcome) -> float:
-    """From where on a sensor's readings count as clipped: high-g's rail, unless any of them is at low-g's still."""
+    """The saturation limit of a sensor: that of high-g, or that of low-g if any sample is still clipped."""
     return HIGH_RAIL_MPS2 if row["from_high_g"] and not row["clipped"] else outcome.settings.saturation_mps2
 
 
-class _Telling:
-    """Adds up bytes for a `Progress`; every file is read twice, those that are compared once more.
+class _ReadProgress:
+    """Sums up bytes for a `Progress`; every file is read twice, compared files three times.
 
-    sizes: how long the files were at first: one that is still being written is read as far in every pass.
+    sizes: the initial sizes of the files: a file that grows is read to the same position in every pass.
     """
 
-    def __init__(self, chosen: Chosen, progress: OnProgress) -> None:
+    def __init__(self, chosen: ChosenExports, progress: OnProgress) -> None:
         self.sizes = {export: export.path.stat().st_size for export in chosen.exports}
-        lows = [export for export in chosen.exports if any(held.channel == "low" for held in export.held)]
+        lows = [export for export in chosen.exports if any(info.channel == "low" for info in export.channels)]
         self._total, self._done, self._progress = 2 * sum(self.sizes[export] for export in lows), 0, progress
 
     def expect(self, exports: Iterable[Export]) -> None:
-        """These are to be read once more."""
+        """Add one more pass over these files."""
         self._total += sum(self.sizes[export] for export in exports)
 
     def __call__(self, read: int) -> None:

@@ -1,4 +1,4 @@
-"""Exports of Nexus: one file with all sensors side by side, resampled to one rate, without a time of day."""
+"""Exports of Nexus: one file with all sensors, resampled to one rate, without a time of day."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from biodyn_ros.blue_trident.samples import (
     GYRO_UNITS,
     LATEST_S,
     Channel,
-    Held,
+    ChannelInfo,
     Kind,
     Part,
     Samples,
@@ -27,11 +27,11 @@ from biodyn_ros.blue_trident.samples import (
 SECTION, FRAME, SUB_FRAME = "Devices", "Frame", "Sub Frame"
 ACCEL, GYRO, MAG, HIGH = "accel", "gyro", "mag", "HighG"
 RATE_HZ: Final = (10.0, 20_000.0)
-MOST_FRAMES, MOST_SUB_FRAMES = 1e9, 1e5
+MAX_FRAMES, MAX_SUB_FRAMES = 1e9, 1e5
 
 
 class _Triplet(NamedTuple):
-    """Three neighbouring columns: the first of them in the file, and what their unit is in SI."""
+    """Three adjacent columns: index of the first, and the factor to SI units."""
 
     first: int
     scale: float
@@ -39,24 +39,24 @@ class _Triplet(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Nexus:
-    """The devices of one trial: which triplets each sensor has, by serial and channel name, and the stated rate."""
+    """The devices of one trial: triplets by serial and channel name, and the stated rate."""
 
     path: Path
     take: str
-    held: tuple[Held, ...]
+    channels: tuple[ChannelInfo, ...]
     rate_hz: float
     triplets: dict[str, dict[str, _Triplet]]
     skip_lines: int
     width: int
     kind: Kind = "Nexus"
 
-    def parts(self, damage: Damage, start_ns: int, most_bytes: int) -> Iterator[tuple[int, list[Part]]]:
-        """(bytes read, samples read) over and over; start_ns is the time of the first row, or 0: frames then count."""
+    def parts(self, damage: Damage, start_ns: int, max_bytes: int) -> Iterator[tuple[int, list[Part]]]:
+        """Yield (bytes read, samples read); start_ns: time of the first row, or 0 for stamps from frame numbers."""
         firsts = [triplet.first for found in self.triplets.values() for triplet in found.values()]
         columns = [0, 1, *(first + axis for first in firsts for axis in range(3))]
         at = {first: 2 + 3 * number for number, first in enumerate(firsts)}
         per_frame, first_index = 0, 0
-        for read, rows in number_rows(self.path, self.skip_lines, columns, self.width, damage, most_bytes):
+        for read, rows in number_rows(self.path, self.skip_lines, columns, self.width, damage, max_bytes):
             good = _numbered(rows)
             damage.untimed += len(rows) - len(good)
             if len(good) and not per_frame:
@@ -84,19 +84,19 @@ class Nexus:
 
 
 def is_nexus(lines: Sequence[str]) -> bool:
-    """Whether a file holds frames of devices, as exports of Nexus do."""
+    """Whether a file holds frames of devices, as an export of Nexus."""
     return any(_cells(line)[0] == SECTION for line in lines) or any(_is_header(line) for line in lines)
 
 
 def nexus(path: Path, lines: Sequence[str]) -> Nexus:
-    """What an export holds; raises InputError naming what is missing.
+    """Read the header of an export; raises InputError for a missing part.
 
-    The line that begins with "Frame," stands between names and units; what is above the names and a number is the rate.
-    Blank lines, and the empty cells that Excel adds, may stand anywhere.
+    The line that starts with "Frame," is between names and units; the number above the names is the rate. Blank lines,
+    and the empty cells that Excel adds, are allowed anywhere.
     """
     header = next((at for at, line in enumerate(lines) if _is_header(line)), None)
     if header is None or header == 0 or header + 1 >= len(lines):
-        raise InputError(f"{path}: no line that begins with {FRAME},{SUB_FRAME} between names and units")
+        raise InputError(f"{path}: no line that starts with {FRAME},{SUB_FRAME} between names and units")
     names, axes, units = (_cells(lines[at]) for at in (header - 1, header, header + 1))
     rate_hz = _rate(path, lines[: header - 1])
     triplets: dict[str, dict[str, _Triplet]] = {}
@@ -106,26 +106,24 @@ def nexus(path: Path, lines: Sequence[str]) -> Nexus:
         if not dash or channel not in (ACCEL, GYRO, MAG, HIGH):
             continue
         if axes[first : first + 3] != ["x", "y", "z"] or len(units) < first + 3:
-            raise InputError(f"{path}: {name}: three columns x, y, z with a unit each are needed")
+            raise InputError(f"{path}: {name}: needs three columns x, y, z, each with a unit")
         if channel in triplets.setdefault(serial, {}):
-            raise InputError(f"{path}: {name} is there twice")
+            raise InputError(f"{path}: {name} is given twice")
         unit = written[serial, channel] = units[first]
         known = {ACCEL: ACCEL_UNITS, HIGH: ACCEL_UNITS, GYRO: GYRO_UNITS}.get(channel)
         triplets[serial][channel] = _Triplet(first, scale_of(unit, known, f"{path}: {name}") if known else 1.0)
     triplets = {serial: found for serial, found in triplets.items() if ACCEL in found}
     if not triplets:
-        raise InputError(
-            f"{path}: no sensor with a channel called '<serial> - {ACCEL}': export the Blue Trident devices"
-        )
-    held = [_held(written, serial, "low") for serial in triplets]
-    held += [_held(written, serial, "high") for serial, found in triplets.items() if HIGH in found]
-    return Nexus(path, path.stem, tuple(held), rate_hz, triplets, header + 2, len(axes))
+        raise InputError(f"{path}: no sensor with a channel '<serial> - {ACCEL}': export the Blue Trident devices")
+    channels = [_channel(written, serial, "low") for serial in triplets]
+    channels += [_channel(written, serial, "high") for serial, found in triplets.items() if HIGH in found]
+    return Nexus(path, path.stem, tuple(channels), rate_hz, triplets, header + 2, len(axes))
 
 
-def _held(written: dict[tuple[str, str], str], serial: str, channel: Channel) -> Held:
+def _channel(written: dict[tuple[str, str], str], serial: str, channel: Channel) -> ChannelInfo:
     if channel == "high":
-        return Held(serial, channel, written[serial, HIGH], None)
-    return Held(serial, channel, written[serial, ACCEL], written.get((serial, GYRO)))
+        return ChannelInfo(serial, channel, written[serial, HIGH], None)
+    return ChannelInfo(serial, channel, written[serial, ACCEL], written.get((serial, GYRO)))
 
 
 def _is_header(line: str) -> bool:
@@ -133,7 +131,7 @@ def _is_header(line: str) -> bool:
 
 
 def _cells(line: str) -> list[str]:
-    """The cells of a line, without those that are empty at its end; at least one."""
+    """The cells of a line without empty ones at its end; at least one."""
     return [cell.strip() for cell in line.rstrip(", \r").split(",")]
 
 
@@ -145,14 +143,14 @@ def _rate(path: Path, lines: Sequence[str]) -> float:
         except ValueError:
             continue
         if not RATE_HZ[0] <= rate_hz <= RATE_HZ[1]:
-            raise InputError(f"{path}: the rate is {text}, allowed are {RATE_HZ[0]:g} to {RATE_HZ[1]:g} Hz")
+            raise InputError(f"{path}: the rate is {text} Hz, allowed: {RATE_HZ[0]:g} to {RATE_HZ[1]:g} Hz")
         return rate_hz
-    raise InputError(f"{path}: no rate stands above the names of the devices")
+    raise InputError(f"{path}: no rate above the names of the devices")
 
 
 def _numbered(rows: Floats) -> Floats:
-    """The rows whose frame and sub frame are whole numbers that can be."""
+    """The rows with valid whole numbers as frame and sub frame."""
     frame, sub = rows[:, 0], rows[:, 1]
     with np.errstate(invalid="ignore"):
-        good = (frame >= 0) & (frame < MOST_FRAMES) & (sub >= 0) & (sub < MOST_SUB_FRAMES)
+        good = (frame >= 0) & (frame < MAX_FRAMES) & (sub >= 0) & (sub < MAX_SUB_FRAMES)
         return rows[good & (frame % 1.0 == 0.0) & (sub % 1.0 == 0.0)]

@@ -1,4 +1,4 @@
-"""What an import says: its document for --json and for the bag's metadata, its warnings, and a page of text."""
+"""The result of an import: the document for --json and the bag's metadata, its warnings, and the text output."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_core.conditioning.range_alignment import Alignment
 from biodyn_ros.base.wording import number, table
-from biodyn_ros.blue_trident.cleaning import LeftOut
-from biodyn_ros.blue_trident.found import Chosen, Found
+from biodyn_ros.blue_trident.cleaning import OmittedRows
+from biodyn_ros.blue_trident.exports import ChosenExports, FoundExports
+from biodyn_ros.blue_trident.high_g import Replacement
 from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export
-from biodyn_ros.blue_trident.survey import Read, Surveyed
-from biodyn_ros.blue_trident.wide import Taken
+from biodyn_ros.blue_trident.survey import SensorSurvey, SurveyResult
 
-MOST_RANGES: Final = 10_000
-LOST_BY_NEXUS: Final = 0.5
-"""From this share of the rail on a reading that Nexus resampled may hide clipped ones."""
+MAX_RANGES: Final = 10_000
+RESAMPLED_RAIL_SHARE: Final = 0.5
+"""From this fraction of the range on, samples resampled by Nexus may hide clipped ones."""
 
 _LEFT_OUT: Final = {
     "late_start": "of zeros before it started",
-    "dropouts": "of zeros amid the recording, now gaps",
+    "dropouts": "of zeros during the recording, now gaps",
     "early_end": "of zeros after it ended",
-    "faded": "that Nexus faded into zeros or into an end",
+    "faded": "mixed with zeros by Nexus",
     "unreadable": "without a readable acceleration",
 }
 
 
 @dataclass
-class Marked:
-    """Samples of one sensor: those written, those with any reading of high-g, and those still at their rail."""
+class SampleCounts:
+    """Samples of one sensor: written, with a high-g value on any axis, and still clipped."""
 
     written: int = 0
     from_high_g: int = 0
@@ -48,13 +48,13 @@ class Marked:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """All that an import came to know; marked and taken are by serial, damage, bytes and their hashes by file."""
+    """The results of an import; marked and taken are by serial; damage, sizes and hashes by file."""
 
-    found: Found
-    chosen: Chosen
-    read: Read
-    taken: Mapping[str, Taken]
-    marked: Mapping[str, Marked]
+    found: FoundExports
+    chosen: ChosenExports
+    read: SurveyResult
+    taken: Mapping[str, Replacement]
+    marked: Mapping[str, SampleCounts]
     damage: Mapping[Export, Damage]
     sizes: Mapping[Export, int]
     hashes: Mapping[Export, str]
@@ -64,7 +64,7 @@ class Outcome:
 
 
 def document_of(outcome: Outcome) -> dict[str, Any]:
-    """The mapping of `--json` but for the bag's name and the version."""
+    """The mapping of `--json` without the bag's name and the version."""
     chosen = outcome.chosen
     by_sensor = {sensor: serial for serial, sensor in chosen.sensors.items()}
     ordered = [sensor for sensor in SENSORS if sensor in by_sensor]
@@ -81,9 +81,9 @@ def document_of(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def ranges(taken: Taken) -> str:
-    """Which stamps carry high-g, as JSON: [first_ns, last_ns, axes] each; only their number if they are too many."""
-    if len(taken.taken) > MOST_RANGES:
+def ranges(taken: Replacement) -> str:
+    """The stamp ranges of high-g as JSON, [first_ns, last_ns, axes] each; only their number if they are too many."""
+    if len(taken.taken) > MAX_RANGES:
         return json.dumps({"ranges": len(taken.taken)})
     axes = taken.share > 0.0
     cuts = np.flatnonzero((axes[1:] != axes[:-1]).any(axis=1) | (np.diff(taken.stamps_ns) > 20_000_000)) + 1
@@ -97,7 +97,7 @@ def ranges(taken: Taken) -> str:
 
 
 def text_of(document: Mapping[str, Any]) -> str:
-    """The document as a page of text."""
+    """The document as text."""
     sensors = document["sensors"]
     total = sum(row["samples"] for row in sensors.values())
     lines = [f"{document['bag']}: {counted(total, 'message')} from {document['format']}, take {document['take']}", ""]
@@ -124,16 +124,16 @@ def _alignment_text(row: Mapping[str, Any]) -> str:
     gain = ", ".join(
         f"{value:.3f}" if known else "1" for value, known in zip(high["gain"], high["gain_measured"], strict=True)
     )
-    delay = f"{1e3 * high['delay_s']:.2f} ms" if high["delay_measured"] else "none measured"
+    delay = f"{1e3 * high['delay_s']:.2f} ms" if high["delay_measured"] else "not measured"
     noise = ", ".join(number(value) for value in high["noise_mps2"])
-    return f"bias {bias} m/s^2, gain {gain}, delay {delay}, differs by {noise} m/s^2 rms"
+    return f"bias {bias} m/s^2, gain {gain}, delay {delay}, difference {noise} m/s^2 rms"
 
 
 def _start(outcome: Outcome) -> str:
     if outcome.chosen.exports[0].kind == "Capture.U":
         return "Unix time of the export"
     if outcome.start_ns is None:
-        return "none: stamps are frame numbers over the rate"
+        return "none: stamps are frame numbers divided by the rate"
     return datetime.fromtimestamp(1e-9 * outcome.start_ns, timezone.utc).isoformat() + " of the first row, as given"
 
 
@@ -145,8 +145,8 @@ def _file(outcome: Outcome, export: Export) -> dict[str, Any]:
         "sha256": outcome.hashes[export],
         "read": damage is not None,
         "holds": [
-            {"serial": held.serial, "channel": held.channel, "accel_unit": held.accel_unit, "gyro_unit": held.gyro_unit}
-            for held in export.held
+            {"serial": info.serial, "channel": info.channel, "accel_unit": info.accel_unit, "gyro_unit": info.gyro_unit}
+            for info in export.channels
         ],
         "ragged_rows": damage.ragged if damage else 0,
         "untimed_rows": damage.untimed if damage else 0,
@@ -172,7 +172,7 @@ def _row(outcome: Outcome, serial: str) -> dict[str, Any]:
     }
 
 
-def _high(taken: Taken) -> dict[str, Any]:
+def _high(taken: Replacement) -> dict[str, Any]:
     alignment: Alignment = taken.alignment
     return {
         "taken_over": len(taken.taken),
@@ -187,12 +187,12 @@ def _high(taken: Taken) -> dict[str, Any]:
 
 
 def _warnings(outcome: Outcome, ordered: list[str], by_sensor: Mapping[str, str]) -> list[str]:
-    lines = [] if SEAT in ordered else [f"{SEAT}: not mapped, and nothing is predicted without it: --map {SEAT}=SERIAL"]
+    lines = [] if SEAT in ordered else [f"{SEAT}: not mapped, needed for every prediction: --map {SEAT}=SERIAL"]
     missing = [sensor for sensor in SENSORS if sensor not in by_sensor and sensor != SEAT]
     if missing:
         lines.append(f"not mapped: {', '.join(missing)}")
     if outcome.chosen.exports[0].kind == "Nexus" and outcome.start_ns is None:
-        lines.append("Nexus keeps no time of day: stamps count from frame 0; --start TIME sets the first row's")
+        lines.append("Nexus stores no time of day: stamps count from frame 0; --start TIME sets that of the first row")
     for export, damage in outcome.damage.items():
         lines += _damage_lines(export.path, damage)
     for sensor in ordered:
@@ -208,62 +208,57 @@ def _damage_lines(path: Path, damage: Damage) -> list[str]:
     lines = []
     where = f", the first in line {damage.first_line}" if damage.first_line else ""
     if damage.ragged:
-        lines.append(f"{path.name}: rows of a wrong number of cells, left out: {damage.ragged}{where}")
+        lines.append(f"{path.name}: rows with a wrong number of cells, left out: {damage.ragged}{where}")
     if damage.untimed:
-        lines.append(f"{path.name}: rows without a time that can be, left out: {damage.untimed}{where}")
+        lines.append(f"{path.name}: rows without a valid time, left out: {damage.untimed}{where}")
     if damage.no_number:
-        lines.append(f"{path.name}: cells that are no number that can be: {damage.no_number}{where}")
+        lines.append(f"{path.name}: cells without a valid number: {damage.no_number}{where}")
     if damage.cut:
-        lines.append(
-            f"{path.name}: the last line has no end, so it may be cut: left out; is the file still being written?"
-        )
+        lines.append(f"{path.name}: the last line is incomplete and left out; is the file still being written?")
     return lines
 
 
-def _left_out_lines(left_out: LeftOut) -> list[str]:
-    told = [f"{count} {_LEFT_OUT[name]}" for name, count in asdict(left_out).items() if count]
-    return [", ".join(told)] if told else []
+def _left_out_lines(left_out: OmittedRows) -> list[str]:
+    texts = [f"{count} {_LEFT_OUT[name]}" for name, count in asdict(left_out).items() if count]
+    return [", ".join(texts)] if texts else []
 
 
-def _sensor_lines(outcome: Outcome, serial: str, seen: Surveyed) -> list[str]:
+def _sensor_lines(outcome: Outcome, serial: str, seen: SensorSurvey) -> list[str]:
     marked, taken = outcome.marked[serial], outcome.taken.get(serial)
     lines = []
     if seen.back:
         lines.append(
-            f"{counted(seen.back, 'stamp is', 'stamps are')} not after the one before: written all the same,"
-            " replay rejects them"
+            f"{counted(seen.back, 'stamp does', 'stamps do')} not increase: written unchanged, rejected by replay"
         )
     if not seen.gyro:
         lines.append("no gyro in the export")
     if marked.from_high_g:
         lines.append(
-            f"{counted(marked.from_high_g, 'sample carries', 'samples carry')} high-g where low-g was at its rail;"
-            " the covariance says which"
+            f"{counted(marked.from_high_g, 'sample has', 'samples have')} high-g values where low-g was clipped,"
+            " marked by the covariance"
         )
     if marked.clipped:
         lines.append(
-            f"{counted(marked.clipped, 'sample stays', 'samples stay')} clipped: {_why(outcome, serial, taken)}"
+            f"{counted(marked.clipped, 'sample remains', 'samples remain')} clipped: {_why(outcome, serial, taken)}"
         )
     if marked.clipped and marked.from_high_g:
-        lines.append("replay counts those from high-g as clipped too, because it cannot tell them apart")
+        lines.append("replay counts the high-g samples as clipped too, because it cannot distinguish them")
     rail = seen.lower_rail_mps2(outcome.settings)
     if rail:
         lines.append(
-            f"its largest reading, {rail:.2f} m/s^2, returns like a rail: if it is, --saturation-mps2 {rail - 0.05:.1f}"
+            f"its largest value, {rail:.2f} m/s^2, repeats as in saturation: if so, --saturation-mps2 {rail - 0.05:.1f}"
         )
     largest = float(seen.top_mps2.max())
-    if outcome.chosen.exports[0].kind == "Nexus" and largest > LOST_BY_NEXUS * outcome.settings.saturation_mps2:
-        lines.append(
-            f"reaches {largest:.0f} m/s^2 after Nexus resampled it: what was clipped before cannot be seen any more"
-        )
+    if outcome.chosen.exports[0].kind == "Nexus" and largest > RESAMPLED_RAIL_SHARE * outcome.settings.saturation_mps2:
+        lines.append(f"reaches {largest:.0f} m/s^2 after resampling by Nexus: earlier clipping cannot be detected")
     return lines
 
 
-def _why(outcome: Outcome, serial: str, taken: Taken | None) -> str:
+def _why(outcome: Outcome, serial: str, taken: Replacement | None) -> str:
     if not outcome.high_g:
-        return "high-g was not asked for"
+        return "high-g is switched off"
     if outcome.chosen.file_of(serial, "high") is None:
-        return "there is no high-g of this sensor"
+        return "no high-g file of this sensor"
     if taken is None or not (taken.taken or any(taken.bias_mps2)):
-        return "low-g is not to be trusted long enough beside them to set high-g right"
-    return "high-g is missing, at its own rail, stuck, or tells of another motion there"
+        return "too few valid low-g samples around them to calibrate high-g"
+    return "high-g is missing, saturated, stuck or inconsistent there"

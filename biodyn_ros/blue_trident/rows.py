@@ -1,4 +1,4 @@
-"""Rows of numbers in a text file of any length, by blocks: what is clean goes fast, what is not cell by cell."""
+"""Rows of numbers in a text file of any length, by blocks: valid blocks with numpy, others cell by cell."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from biodyn_core.base.errors import InputError
 
 BLOCK_BYTES: Final = 4 << 20
 HEAD_BYTES: Final = 1 << 16
-"""As much as the lines above the numbers may take: six sensors and a few force plates take a twentieth."""
+"""Limit of the lines above the numbers; six sensors and a few force plates need a twentieth."""
 
 HEADER_BYTES: Final = 1 << 10
-"""A NUL among so many first bytes is no damage: the file is no text."""
+"""With a NUL among the first bytes a file is not text, rather than damaged."""
 
 _ENDED: Final = re.compile(rb"[A-Za-z \-]{3,}")
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
@@ -27,7 +27,7 @@ _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 
 @dataclass
 class Damage:
-    """What was left out of a file: ragged rows, rows of no usable time, cells that are no number, a line cut short."""
+    """Omitted parts of a file: ragged rows, rows without a valid time, cells without a number, a cut last line."""
 
     ragged: int = 0
     no_number: int = 0
@@ -36,12 +36,12 @@ class Damage:
     cut: bool = False
 
     def at(self, line: int) -> None:
-        """Note where the first of them stood."""
+        """Note the line of the first damage."""
         self.first_line = line if self.first_line is None else min(self.first_line, line)
 
 
 def head_of(path: Path) -> bytes:
-    """The first bytes of a text file; raises InputError for what cannot be read or is not text of one byte a sign."""
+    """The first bytes of a text file; raises InputError if it cannot be read or is not text of one-byte characters."""
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
@@ -50,12 +50,12 @@ def head_of(path: Path) -> bytes:
     if head.startswith(_UTF_16):
         raise InputError(f"{path}: is UTF-16: save it as CSV UTF-8, or export it again")
     if b"\0" in head[:HEADER_BYTES]:
-        raise InputError(f"{path}: holds NUL bytes, so it is no text: export it again")
+        raise InputError(f"{path}: contains NUL bytes, so it is not text: export it again")
     return head
 
 
 def lines_of(head: bytes) -> list[str]:
-    """The whole lines of a head as text, each for itself: Excel saves in a code page of its own."""
+    """The complete lines of a head as text, decoded line by line, because Excel uses its own code page."""
     return [_text(line) for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:-1]]
 
 
@@ -67,16 +67,16 @@ def _text(line: bytes) -> str:
 
 
 def number_rows(
-    path: Path, skip_lines: int, columns: Sequence[int], width: int, damage: Damage, most_bytes: int
+    path: Path, skip_lines: int, columns: Sequence[int], width: int, damage: Damage, max_bytes: int
 ) -> Iterator[tuple[int, Floats]]:
-    """(bytes read since the block before, rows (n, k)) of a file, below its first lines, these columns of `width`.
+    """Yield (bytes read since the last block, rows (n, k)) of a file after its first lines; k of `width` columns.
 
-    A cell that is empty or no number is NaN. A row of another width is left out, as is a last line without its end,
-    which may be cut within a number. The rows end with the file, after `most_bytes` of it, or with a line of words,
-    which begins another section. `damage` hears what was left out. InputError for a line longer than a block.
+    A cell that is empty or no number is NaN. A row of another width is omitted, as is a last line without an end of
+    line, which may be cut within a number. The rows end with the file, after `max_bytes`, or at a line of words, which
+    starts another section. `damage` counts the omitted parts. InputError for a line longer than a block.
     """
     line = skip_lines
-    for read, block in _blocks(path, skip_lines, damage, most_bytes):
+    for read, block in _blocks(path, skip_lines, damage, max_bytes):
         rows, ended = _rows(block, line, columns, width, damage)
         line += block.count(b"\n")
         yield read, rows
@@ -84,18 +84,18 @@ def number_rows(
             return
 
 
-def _blocks(path: Path, skip_lines: int, damage: Damage, most_bytes: int) -> Iterator[tuple[int, bytes]]:
-    """Whole lines of a file, some megabytes at a time, with the bytes read for them."""
+def _blocks(path: Path, skip_lines: int, damage: Damage, max_bytes: int) -> Iterator[tuple[int, bytes]]:
+    """Complete lines of a file, some megabytes at a time, with the bytes read for them."""
     try:
         with path.open("rb") as file:
             for _ in range(skip_lines):
                 file.readline(HEAD_BYTES)
-            read, rest, left = file.tell(), b"", most_bytes - file.tell()
+            read, rest, left = file.tell(), b"", max_bytes - file.tell()
             while data := file.read(min(BLOCK_BYTES, max(left, 0))):
                 read, left = read + len(data), left - len(data)
                 end = data.rfind(b"\n") + 1
                 if not end and len(rest) + len(data) > BLOCK_BYTES:
-                    raise InputError(f"{path}: has a line of more than {BLOCK_BYTES >> 20} MiB: no export")
+                    raise InputError(f"{path}: not an export: a line has more than {BLOCK_BYTES >> 20} MiB")
                 if end:
                     yield read, rest + data[:end]
                     read, rest = 0, data[end:]
@@ -111,12 +111,12 @@ def _rows(block: bytes, line: int, columns: Sequence[int], width: int, damage: D
         try:
             return _fast(block, columns), False
         except ValueError:
-            pass  # somewhere in it is a cell that is no number
+            pass  # a cell is no number
     return _cell_by_cell(block, line, columns, width, damage)
 
 
 def _is_even(block: bytes, width: int) -> bool:
-    """Whether all lines have one number of cells, as many as there should be; Excel may have added empty ones."""
+    """Whether all lines have the same number of cells, at least `width`; Excel may add empty cells."""
     data = np.frombuffer(block, dtype=np.uint8)
     ends, commas = np.flatnonzero(data == 10), np.flatnonzero(data == 44)
     per_line = np.diff(np.searchsorted(commas, ends), prepend=0)
@@ -129,7 +129,7 @@ def _fast(block: bytes, columns: Sequence[int]) -> Floats:
 
 
 def _cell_by_cell(block: bytes, line: int, columns: Sequence[int], width: int, damage: Damage) -> tuple[Floats, bool]:
-    """The same one line after the other, with what is no number counted; whether another section began."""
+    """The same line by line, with a count of invalid numbers; and whether another section starts."""
     rows = []
     for number, whole in enumerate(block.split(b"\n")[:-1], start=line + 1):
         text = whole.strip()

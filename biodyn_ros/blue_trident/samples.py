@@ -1,4 +1,4 @@
-"""What both kinds of export are read into: samples in SI units, and what an export file says of itself."""
+"""The common form of both kinds of export: samples in SI units, and a description of the file."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ GYRO_UNITS: Final = {"deg/s": np.pi / 180.0, "°/s": np.pi / 180.0, "rad/s": 1.0
 """Units of angular velocity in rad/s."""
 
 LATEST_S: Final = 2.0**31
-"""Stamps of ROS count seconds in 31 bits."""
+"""ROS stamps have 31 bits for seconds."""
 
 
 class Samples(NamedTuple):
-    """Some samples of one channel: stamps_ns (n,), accel_mps2 (n, 3), gyro_radps and mag (n, 3) where there are any."""
+    """Samples of one channel: stamps_ns (n,), accel_mps2 (n, 3), gyro_radps and mag (n, 3) or None."""
 
     stamps_ns: Integers
     accel_mps2: Floats
@@ -39,7 +39,7 @@ class Samples(NamedTuple):
     mag: Floats | None = None
 
     def rows(self, which: slice | Flags) -> Samples:
-        """Some of them."""
+        """The selected rows."""
         return Samples(*(None if part is None else part[which] for part in self))
 
 
@@ -52,8 +52,8 @@ class Part(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Held:
-    """One channel of one sensor in a file, with the unit of acceleration and of angular velocity as written."""
+class ChannelInfo:
+    """One channel of one sensor in a file, with the units of acceleration and angular velocity as in the file."""
 
     serial: str
     channel: Channel
@@ -62,26 +62,26 @@ class Held:
 
 
 class Export(Protocol):
-    """One export file: what it is, which take it belongs to, and which channels it holds."""
+    """One export file: kind, take and channels."""
 
     path: Path
     kind: Kind
     take: str
-    held: tuple[Held, ...]
+    channels: tuple[ChannelInfo, ...]
 
-    def parts(self, damage: Damage, start_ns: int, most_bytes: int) -> Iterator[tuple[int, list[Part]]]:
-        """(bytes read, samples read) over and over; start_ns is for files that know no time of day."""
+    def parts(self, damage: Damage, start_ns: int, max_bytes: int) -> Iterator[tuple[int, list[Part]]]:
+        """Yield (bytes read, samples read); start_ns is for files without a time of day."""
 
 
 def joined(first: Samples, second: Samples) -> Samples:
-    """Samples of one channel, one after the other."""
+    """Concatenate samples of one channel."""
     pairs = zip(first, second, strict=True)
     return Samples(*(None if a is None or b is None else np.concatenate([a, b]) for a, b in pairs))
 
 
 def scale_of(unit: str, known: dict[str, float], where: str) -> float:
-    """What a unit is in SI; raises InputError for one that is not known."""
+    """The factor from a unit to SI; raises InputError for an unknown unit."""
     scale = known.get(unit.strip())
     if scale is None:
-        raise InputError(f"{where}: unit {unit.strip()!r} is unknown, known are {', '.join(known)}")
+        raise InputError(f"{where}: unit {unit.strip()!r} is unknown; known units: {', '.join(known)}")
     return scale

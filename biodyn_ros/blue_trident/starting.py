@@ -1,4 +1,4 @@
-"""When a recording began that keeps no time of day: as its user says."""
+"""The start time of a recording without a time of day, as given by the user."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def parse_start(text: str) -> int:
     except ValueError:
         seconds = _iso(text)
     if not 0.0 < seconds < LATEST_S:
-        raise InputError(f"--start {text}: from 1970 to 2038, as stamps of ROS are")
+        raise InputError(f"--start {text}: must be between 1970 and 2038, the range of ROS stamps")
     return round(seconds * 1e6) * 1000
 
 
@@ -27,5 +27,5 @@ def _iso(text: str) -> float:
             f"--start {text}: expected a time such as 2026-05-12T10:32:00+02:00, or Unix seconds"
         ) from None
     if time.tzinfo is None:
-        raise InputError(f"--start {text}: has no zone: add one, such as {text}+02:00, or Z")
+        raise InputError(f"--start {text}: has no time zone: add one, such as {text}+02:00, or Z")
     return time.timestamp()

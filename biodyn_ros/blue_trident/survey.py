@@ -1,4 +1,4 @@
-"""A first look through the exports: how much there is of every sensor, how fast, and where it is at its rail."""
+"""First pass over the exports: number of samples, rate and saturation of every sensor."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.conditioning.dual_range import Span, saturated, spans
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_ros.blue_trident.cleaning import Cleaner
-from biodyn_ros.blue_trident.found import Chosen
+from biodyn_ros.blue_trident.exports import ChosenExports
 from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export, Part, Samples
 
 GAP_PERIODS: Final = 1.5
 NEAR_RAIL: Final = 0.9
 REPEATED: Final = 4
-"""A largest reading that returns so often, close below the limit, is a rail that lies lower than is thought."""
+"""A largest value that repeats so often, slightly below the limit, is a lower saturation limit."""
 
 OnRead = Callable[[int], None]
-"""Hears how many bytes were read."""
+"""A callback with the number of bytes read."""
 
 
 @dataclass(eq=False)
-class Surveyed:
-    """What was seen of one sensor's low-g channel, zeros and the like left out."""
+class SensorSurvey:
+    """Survey of one sensor's cleaned low-g channel."""
 
     cleaner: Cleaner = field(default_factory=Cleaner)
     count: int = 0
@@ -44,13 +44,13 @@ class Surveyed:
     _hits: list[tuple[Any, Any, Any]] = field(default_factory=list)
 
     def push(self, samples: Samples, settings: DualRangeSettings) -> None:
-        """Take cleaned samples."""
+        """Add cleaned samples."""
         if not len(samples.stamps_ns):
             return
         if not self.count:
             self.first_ns = self.last_ns = int(samples.stamps_ns[0])
         self.gyro = samples.gyro_radps is not None
-        self._look_at_steps(np.diff(samples.stamps_ns, prepend=self.last_ns)[0 if self.count else 1 :])
+        self._add_steps(np.diff(samples.stamps_ns, prepend=self.last_ns)[0 if self.count else 1 :])
         sides = saturated(samples.accel_mps2, settings)
         hit = sides.any(axis=1)
         if hit.any():
@@ -65,25 +65,25 @@ class Surveyed:
         self.last_ns = int(samples.stamps_ns[-1])
 
     def spans(self) -> list[Span]:
-        """Where it is at its rail, in seconds since its first sample."""
+        """Time spans of saturation, in seconds since the first sample."""
         return spans(*(np.concatenate(part) for part in zip(*self._hits, strict=True))) if self._hits else []
 
     def clipped(self) -> int:
-        """Samples of which any axis is at its rail."""
+        """Number of samples with any axis saturated."""
         return sum(len(number) for number, _, _ in self._hits)
 
     def rate_hz(self) -> float | None:
-        """Samples per second where none is missing."""
+        """Samples per second outside of gaps."""
         return 1e9 * self._even / self._even_ns if self._even_ns else None
 
     def lower_rail_mps2(self, settings: DualRangeSettings) -> float | None:
-        """A reading below the limit that looks like a rail; None where there is none."""
+        """A repeated largest value below the limit, which indicates a lower range; None if there is none."""
         low = (self.tops >= REPEATED) & (self.top_mps2 < settings.saturation_mps2)
         low &= self.top_mps2 > NEAR_RAIL * settings.saturation_mps2
         return float(self.top_mps2[low].min()) if low.any() else None
 
-    def _look_at_steps(self, steps_ns: Integers) -> None:
-        """Add up the steps between samples of which none is missing, in whole nanoseconds: no cut changes the sum."""
+    def _add_steps(self, steps_ns: Integers) -> None:
+        """Sum up steps without gaps, in whole nanoseconds, so that the sum does not depend on the blocks."""
         ahead = steps_ns[steps_ns > 0]
         self.back += int((steps_ns <= 0).sum())
         if not ahead.size:
@@ -95,21 +95,21 @@ class Surveyed:
 
 
 @dataclass(eq=False)
-class Read:
-    """What a survey brought: by serial what was seen, by file what was damaged."""
+class SurveyResult:
+    """The result of a survey: sensors by serial, damage by file."""
 
-    sensors: dict[str, Surveyed]
+    sensors: dict[str, SensorSurvey]
     damage: dict[Export, Damage]
 
 
 def survey(
-    chosen: Chosen, settings: DualRangeSettings, sizes: Mapping[Export, int], start_ns: int, on_read: OnRead
-) -> Read:
-    """Read every low-g channel once, so many bytes of each file; `on_read` hears the bytes read."""
-    sensors = {serial: Surveyed() for serial in chosen.sensors}
+    chosen: ChosenExports, settings: DualRangeSettings, sizes: Mapping[Export, int], start_ns: int, on_read: OnRead
+) -> SurveyResult:
+    """Read every low-g channel once, up to the given size of each file; `on_read` is called with the bytes read."""
+    sensors = {serial: SensorSurvey() for serial in chosen.sensors}
     damage: dict[Export, Damage] = {}
     for export in chosen.exports:
-        if all(held.channel == "high" for held in export.held):
+        if all(info.channel == "high" for info in export.channels):
             continue
         damage[export] = Damage()
         for read, parts in export.parts(damage[export], start_ns, sizes[export]):
@@ -121,13 +121,13 @@ def survey(
     for seen in sensors.values():
         if (last := seen.cleaner.finish()) is not None:
             seen.push(last, settings)
-    return Read(sensors, damage)
+    return SurveyResult(sensors, damage)
 
 
 def in_time_order(
     exports: Sequence[Export], damage: dict[Export, Damage], sizes: Mapping[Export, int], start_ns: int, on_read: OnRead
 ) -> Iterator[list[Part]]:
-    """What several files hold, block by block, always of the one that is furthest behind."""
+    """The parts of several files block by block, always from the file with the earliest time."""
     reading = {export: export.parts(damage.setdefault(export, Damage()), start_ns, sizes[export]) for export in exports}
     upto = dict.fromkeys(exports, -(2**63))
     while reading:

@@ -1,1 +1,1 @@
-"""The subcommands of `biodyn`, a module each, and how they are parsed."""
+"""The subcommands of `biodyn`, one module each, and their parser."""

@@ -1,4 +1,4 @@
-"""What several subcommands of `biodyn` share: options, settings as their fields describe themselves, and results."""
+"""Shared by several subcommands of `biodyn`: options, options from settings dataclasses, and output of results."""
 
 from __future__ import annotations
 
@@ -18,41 +18,39 @@ T = TypeVar("T")
 
 
 def add_bag(command: CommandParser) -> None:
-    """The bag that is read."""
+    """Add the bag to read."""
     command.add_argument("bag", metavar="BAG", help="a .mcap or .db3 file, or the directory of a recording")
 
 
 def add_subject(command: CommandParser) -> None:
-    """Whose model it is."""
+    """Add the option for the subject."""
     command.add_argument("--subject", required=True, metavar="S", help="subject file, or the name of a bundled one")
 
 
 def add_map(command: CommandParser) -> None:
-    """Which topic is which sensor."""
-    command.add_argument(
-        "--map", action="append", default=[], metavar="SENSOR=TOPIC", help="which topic is which sensor"
-    )
+    """Add the option that maps topics to sensors."""
+    command.add_argument("--map", action="append", default=[], metavar="SENSOR=TOPIC", help="the topic of a sensor")
 
 
 def add_time(command: CommandParser) -> None:
-    """Whose stamps count."""
-    text = "whose stamps count; log also where the header's are zero (default header)"
+    """Add the option for the time of samples."""
+    text = "header stamps or log times; log also if header stamps are zero (default header)"
     command.add_argument("--time", choices=("header", "log"), default="header", help=text)
 
 
 def add_seed(command: CommandParser, text: str) -> None:
-    """What random numbers come from."""
+    """Add the option for the seed of random numbers."""
     command.add_argument("--seed", type=_seed, default=0, metavar="N", help=f"{text} (default 0)")
 
 
 def _seed(text: str) -> int:
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 on")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number >= 0")
     return int(text)
 
 
 def add_held_out(command: CommandParser, text: str) -> None:
-    """Bags that are only predicted, and the loading conditions of bags."""
+    """Add the options for held-out bags and for loading conditions."""
     command.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="BAG", help=text)
     command.add_argument(
         "--case", action="append", default=[], metavar="BAG=CASE", help="a bag's loading condition (default: its name)"
@@ -60,7 +58,7 @@ def add_held_out(command: CommandParser, text: str) -> None:
 
 
 def add_reading(command: CommandParser) -> None:
-    """How recordings are read: what `reading_of` reads back."""
+    """Add the options for reading recordings; `reading_of` evaluates them."""
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
     from biodyn_core.recording.recording_settings import RecordingSettings
 
@@ -70,18 +68,18 @@ def add_reading(command: CommandParser) -> None:
         "--vertical",
         default="",
         metavar="TEXT",
-        help="which way is up along sensors' axes, where gravity shall not tell, such as 'seat=0,0,1'",
+        help="vertical in sensors' axes, such as 'seat=0,0,1' (default: from gravity)",
     )
     add_settings(command, "conditioning", ConditioningSettings)
     add_settings(command, "recording", RecordingSettings)
 
 
 def add_settings(command: CommandParser, title: str, kind: type[Any], everyday: Iterable[str] = ()) -> None:
-    """One option per field of a settings dataclass, described as the field describes itself; absent unless given.
+    """Add an option for each field of a settings dataclass, with the field's description; absent unless given.
 
-    everyday: the fields whose options stand among those that -h shows.
+    everyday: the fields whose options -h shows.
     """
-    often, group = set(everyday), None
+    everyday, group = set(everyday), None
     for item in described(kind):
         allowed: Range = item.metadata["range"]
         default = "none" if item.default is None else f"{item.default:g}" if _is_number(item.default) else item.default
@@ -97,9 +95,9 @@ def add_settings(command: CommandParser, title: str, kind: type[Any], everyday: 
                 "%", "%%"
             )
             how = {"type": float if item.default is None else type(item.default), "metavar": "N", "help": text}
-        if item.name not in often and group is None:
+        if item.name not in everyday and group is None:
             group = command.tuning(title)
-        place = command if item.name in often else group
+        place = command if item.name in everyday else group
         place.add_argument("--" + item.name.replace("_", "-"), default=argparse.SUPPRESS, **how)
 
 
@@ -108,13 +106,13 @@ def _is_number(value: object) -> bool:
 
 
 def settings_of(options: argparse.Namespace, kind: type[T], base: T | None = None) -> T:
-    """The settings that were given, over the base's or the defaults."""
+    """The given settings, over the base's or the defaults."""
     given = {item.name: getattr(options, item.name) for item in described(kind) if hasattr(options, item.name)}
     return kind(**given) if base is None else dataclasses.replace(base, **given)  # type: ignore[type-var]
 
 
 def add_all_settings(command: CommandParser, kinds: Mapping[str, type[Any]]) -> None:
-    """The options of several settings dataclasses, each under its title."""
+    """Add the options of several settings dataclasses, each under its title."""
     for title, kind in kinds.items():
         add_settings(command, title, kind)
 
@@ -122,12 +120,12 @@ def add_all_settings(command: CommandParser, kinds: Mapping[str, type[Any]]) -> 
 def all_settings(
     options: argparse.Namespace, kinds: Mapping[str, type[Any]], bases: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """The settings that were given, by the title of their kind, over that title's base or the defaults."""
+    """The given settings by title, over that title's base or the defaults."""
     return {title: settings_of(options, kind, (bases or {}).get(title)) for title, kind in kinds.items()}
 
 
 def reading_of(options: argparse.Namespace) -> RecordingOptions:
-    """How recordings are read, of what `add_reading` added."""
+    """The options of `add_reading`."""
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
     from biodyn_core.recording.recording_settings import RecordingSettings
     from biodyn_ros.reading.mapping import parse_map
@@ -143,13 +141,13 @@ def reading_of(options: argparse.Namespace) -> RecordingOptions:
 
 
 def check_reports(options: argparse.Namespace) -> None:
-    """Say what a page would lack before the long work."""
+    """Raise InputError for a missing package of the report before the work starts."""
     if not options.no_report:
-        from biodyn_ros.reports.pages import check_reports  # an extra of its own
+        from biodyn_ros.reports.pages import check_reports  # needs the extra `reports`
 
         check_reports()
 
 
 def show(options: argparse.Namespace, document: dict[str, Any], text: str) -> None:
-    """Print the result: as JSON where it was asked for, else as text."""
+    """Print the result, as JSON with --json, else as text."""
     print(json.dumps(document, indent=2, allow_nan=False) if options.json else text)

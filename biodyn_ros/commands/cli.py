@@ -1,4 +1,4 @@
-"""The `biodyn` command: a shell over functions. A known error is one line and exit code 2; results can be JSON."""
+"""The `biodyn` command: runs a subcommand. A known error is one line and exit code 2; results can be JSON."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     name = given[0] if given else ""
     try:
         if given[:2] == ["live", "--ros-args"]:
-            return run_node(given[1:])  # what stands behind its name belongs to ROS
-        options = _parsed(given)  # imports too, for some seconds in which one may change one's mind
+            return run_node(given[1:])  # ROS parses the arguments
+        options = _parsed(given)  # imports for some seconds, during which Ctrl-C must work
         return command_of(options.command).run(options) or 0
     except InputError as error:
         print(f"biodyn {name}: {error}", file=sys.stderr)
@@ -38,42 +38,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"biodyn {name}: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
-    except OSError as error:  # a name that no file can have, a disk that is full: what the machine refuses is told too
+    except OSError as error:  # an impossible file name, a full disk
         if isinstance(error, BrokenPipeError) and not _is_read():
             return 0
-        told = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
-        print(f"biodyn {name}: {InputError(told)}", file=sys.stderr)
+        reason = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
+        print(f"biodyn {name}: {InputError(reason)}", file=sys.stderr)
         return EXIT_INPUT
     finally:
         _flush()
 
 
 def _is_read() -> bool:
-    """Whether anybody still reads what is printed, or it goes to no pipe."""
+    """Whether standard output is no pipe, or its reader is still connected."""
     pipes = select.poll()
     pipes.register(sys.stdout.fileno(), 0)
     return not pipes.poll(0)
 
 
 def _flush() -> None:
-    """Flush what was printed; where nobody reads it any more the rest goes nowhere, and fails nobody at exit."""
+    """Flush standard output; if its reader has closed the pipe, discard the rest without an error at exit."""
     try:
-        if sys.stdout is not None:  # as it is where it was closed from the start
+        if sys.stdout is not None:  # None if it was closed before the start
             sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parsed(given: list[str]) -> argparse.Namespace:
-    """What was asked for; only the subcommand that was named is built, because its settings cost imports."""
+    """Parse the arguments; only the given subcommand is built, because its settings cost imports."""
     name = given[0] if given else ""
-    asked = parser([name] if name in NAMES else [])
+    command_line = parser([name] if name in NAMES else [])
     if not name:
-        asked.error("what to do is missing")
+        command_line.error("no command is given")
     if name not in NAMES and name not in TOP_LEVEL:
         kind = "option" if name.startswith("-") else "command"
-        asked.error(f"there is no {kind} {name}{did_you_mean(name, NAMES)}")
-    return asked.parse_args(given)
+        command_line.error(f"there is no {kind} {name}{did_you_mean(name, NAMES)}")
+    return command_line.parse_args(given)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What a subcommand of `biodyn` is."""
+"""The definition of a subcommand of `biodyn`."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from biodyn_ros.commands.parsing import CommandParser
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand: one file of this room ends in COMMAND = Command(...), and `GROUPS` of table.py has its name.
+    """A subcommand: a module of this package ends in COMMAND = Command(...), and `GROUPS` of table.py lists its name.
 
-    line: its line in the list of commands, 48 characters at most; examples: each as it is typed, which tests run or
-    parse. add: adds its options, with the imports that its settings cost; run: does it; raises InputError where it
-    cannot, and returns an exit code where that is not 0. json: whether it has a result that --json prints.
+    line: its line in the list of commands, 48 characters at most; examples: command lines, which tests run or parse.
+    add: adds its options, importing its settings; run: runs it, raises InputError, and returns an exit code other than
+    0 if needed. json: whether it has a result for --json.
     """
 
     line: str

@@ -12,7 +12,7 @@ from biodyn_ros.commands.parsing import CommandParser
 def _add(command: CommandParser) -> None:
     from biodyn_core.identification.settings import THRESHOLD_PERCENT
 
-    command.add_argument("first", metavar="A", help="subject file or bundled name; deviations are from it")
+    command.add_argument("first", metavar="A", help="reference: a subject file or bundled name")
     command.add_argument("second", metavar="B", help="the other subject")
     command.add_argument(
         "--threshold", type=float, default=THRESHOLD_PERCENT, metavar="PERCENT",

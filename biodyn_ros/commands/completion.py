@@ -1,6 +1,6 @@
 """`biodyn completion SHELL`: a script that completes commands, options, choices, bundled subjects and files.
 
-The script is static: what it completes was known when it was printed, and no Python starts at a Tab.
+The script is static: it contains the names known when it was printed, and starts no Python at a Tab.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from biodyn_ros.commands.parsing import CommandParser
 
 SHELLS: Final = ("bash", "zsh", "fish")
 SUBJECT: Final = ("S", "A", "B")
-"""What stands in the help for a subject: a bundled name or a file."""
+"""Metavars of a subject: a bundled name or a file."""
 
 
 def _add(command: CommandParser) -> None:
-    command.add_argument("shell", choices=SHELLS, help="the shell that is to run the script")
+    command.add_argument("shell", choices=SHELLS, help="the shell that runs the script")
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -29,7 +29,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def script(shell: str) -> str:
-    """The script for a shell; raises InputError where shtab, which makes it, is missing."""
+    """The script for a shell; raises InputError if shtab is missing."""
     if importlib.util.find_spec("shtab") is None:
         raise InputError("completion needs shtab: pip install 'biodyn_ros[completion]'")
     import shtab
@@ -44,7 +44,7 @@ def script(shell: str) -> str:
 
 
 def _complete(metavar: str) -> Any:
-    """How the word that stands for a value in the help is completed; None: not at all, or by its choices."""
+    """The completion for a metavar; None: none, or by the choices of the option."""
     import shtab
 
     from biodyn_core.body.synthesis_settings import CASES
@@ -61,7 +61,7 @@ def _complete(metavar: str) -> Any:
 
 
 def _words_or_files(what: str, words: Sequence[str], suffix: str = "") -> dict[str, Any]:
-    """Completion by words, and by files of a suffix and the directories that may hold them."""
+    """Completion by words, and by files of a suffix and directories."""
     listed, name = " ".join(words), f"_biodyn_{what}_files" if suffix else f"_biodyn_{what}"
     bash = [f"compgen -W '{listed}' -- \"$1\""]
     fish = [f"printf '%s\\n' {listed}"]
@@ -90,5 +90,5 @@ COMMAND = Command(
     ),
     add=_add,
     run=_run,
-    json=False,  # a script for a shell is text by its nature
+    json=False,  # the result is a shell script
 )

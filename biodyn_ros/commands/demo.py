@@ -1,4 +1,4 @@
-"""`biodyn demo`: the main job on the bundled bag."""
+"""`biodyn demo`: live prediction and replay of the bundled bag."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from biodyn_ros.commands.parsing import CommandParser
 
 
 def _add(command: CommandParser) -> None:
-    command.add_argument("--out", default="out", metavar="DIR", help="directory of report and bag (default out)")
+    command.add_argument("--out", default="out", metavar="DIR", help="directory for report and bag (default out)")
     command.add_argument("--subject", default="subject_1", metavar="S", help="subject file or bundled name")
 
 
@@ -25,5 +25,5 @@ COMMAND = Command(
     examples=("biodyn demo --out demo_results",),
     add=_add,
     run=_run,
-    json=False,  # it is for looking at while it runs; `biodyn replay --json` has its figures
+    json=False,  # its output is a live display; `biodyn replay --json` gives the values
 )

@@ -1,4 +1,4 @@
-"""`biodyn fit`: recorded events to a subject, one or a campaign of many."""
+"""`biodyn fit`: fits a subject, or a campaign of many, to recorded events."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _kinds() -> dict[str, type[Any]]:
 def _add(command: CommandParser) -> None:
     command.add_argument("bag", nargs="*", metavar="BAG", help="one or more of each loading condition")
     command.add_argument(
-        "--subject", metavar="S", help="who it is: a subject file, whose parameters may be missing, or a bundled name"
+        "--subject", metavar="S", help="subject file, with or without parameters, or the name of a bundled one"
     )
     command.add_argument("--campaign", metavar="FILE", help="many subjects, from a file; -o is then a directory")
     add_held_out(command, "bags that are only predicted")
@@ -58,12 +58,10 @@ def _add(command: CommandParser) -> None:
         "--profile", action="append", default=[], metavar="NAME",
         help="profile the likelihood of a parameter, such as natural_frequency_hz[head], or of all",
     )  # fmt: skip
-    command.add_argument("--paper", action="store_true", help="the paper's way; single options still change it")
-    command.add_argument(
-        "--no-report", action="store_true", help="leave out OUT.fit.html and, of a campaign, campaign.html"
-    )
-    add_seed(command, "of the swarms")
-    command.add_argument("--resume", action="store_true", help="take up what an interrupted fit left")
+    command.add_argument("--paper", action="store_true", help="settings of the paper; other options override them")
+    command.add_argument("--no-report", action="store_true", help="do not write OUT.fit.html or campaign.html")
+    add_seed(command, "seed of random numbers")
+    command.add_argument("--resume", action="store_true", help="continue an interrupted fit")
     command.add_argument(
         "--executor", default="processes", metavar="WHERE",
         help="none, processes[:N], threads[:N] or a Dask scheduler's tcp://HOST:PORT, on trusted networks only"
@@ -107,13 +105,13 @@ def _subject(options: argparse.Namespace) -> None:
             fitted = fit_bags(options.bag, subject, how, work)
     except KeyboardInterrupt:
         if checkpoint.exists():
-            print(f"biodyn fit: {checkpoint} keeps what is done; --resume takes it up", file=sys.stderr)
+            print(f"biodyn fit: {checkpoint} stores the finished part; --resume continues from it", file=sys.stderr)
         raise
     write_fitted(fitted, output)
     work.finish()
     show(options, fitted.document, text_of(fitted.document))
     if not options.no_report:
-        from biodyn_ros.fit.page import write_fit_page  # an extra of its own
+        from biodyn_ros.fit.page import write_fit_page  # needs the extra `reports`
 
         write_fit_page(fitted, output)
     else:
@@ -129,7 +127,7 @@ def _campaign(options: argparse.Namespace) -> None:
     from biodyn_ros.work.executors import executor_of
 
     if options.bag or options.subject or options.hold_out or options.case:
-        raise InputError("BAG, --subject, --hold-out and --case are each subject's own: give them in the campaign file")
+        raise InputError("BAG, --subject, --hold-out and --case belong to each subject: give them in the campaign file")
     campaign, directory = load_campaign(options.campaign), Path(options.output)
     check_reports(options)
     with executor_of(options.executor) as executor, Progress("fitting") as progress:
@@ -138,7 +136,7 @@ def _campaign(options: argparse.Namespace) -> None:
         )
     show(options, document, text_of(document))
     if not options.no_report:
-        from biodyn_ros.fit.campaign_page import write_campaign_page  # an extra of its own
+        from biodyn_ros.fit.campaign_page import write_campaign_page  # needs the extra `reports`
 
         write_campaign_page(document, directory)
     else:
@@ -147,7 +145,7 @@ def _campaign(options: argparse.Namespace) -> None:
 
 
 def how_of(options: argparse.Namespace) -> FitOptions:
-    """How bags are read, prepared and fitted, as it was given."""
+    """The options for reading, preparing and fitting bags."""
     from biodyn_core.identification.settings import PAPER, FitSettings
     from biodyn_ros.fit.fitting import FitOptions, parse_cases
 
@@ -167,7 +165,7 @@ def how_of(options: argparse.Namespace) -> FitOptions:
 
 
 COMMAND = Command(
-    line="recorded events to a subject, and how surely",
+    line="fits a subject to recorded events",
     examples=(
         "biodyn fit road.mcap pothole.mcap rail.mcap --subject anna.yaml -o fitted.yaml --hold-out road_2.mcap",
         "biodyn fit road.mcap --subject anna.yaml -o fitted.yaml --case road.mcap=road --resume",

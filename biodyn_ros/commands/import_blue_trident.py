@@ -1,4 +1,4 @@
-"""`biodyn import-blue-trident`: CSV exports of Blue Trident sensors to one bag."""
+"""`biodyn import-blue-trident`: converts CSV exports of Blue Trident sensors to one bag."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ def _add(command: CommandParser) -> None:
         action="append",
         default=[],
         metavar="SENSOR=SERIAL",
-        help="which sensor it is: seat=TS-02374, or the serial's end where one alone ends so: seat=2374",
+        help="serial of a sensor: seat=TS-02374, or its last characters if unique: seat=2374",
     )
     command.add_argument(
-        "--map-file", metavar="FILE.yaml", help="the same from a file of lines such as 'seat: TS-02374'"
+        "--map-file", metavar="FILE.yaml", help="the same from a file with lines such as 'seat: TS-02374'"
     )
-    command.add_argument("--take", metavar="TAKE", help="which one of several: date (Capture.U) or file name (Nexus)")
+    command.add_argument("--take", metavar="TAKE", help="one of several takes: date (Capture.U) or file name (Nexus)")
     command.add_argument(
         "--start",
         metavar="TIME",
-        help="of the first row of Nexus: ISO 8601 with its zone, or Unix seconds (default: none)",
+        help="time of the first row of Nexus: ISO 8601 with zone, or Unix seconds (default: none)",
     )
-    command.add_argument("--no-high-g", action="store_true", help="leave clipped samples clipped")
-    command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the bag's chunks")
+    command.add_argument("--no-high-g", action="store_true", help="do not replace clipped samples by high-g")
+    command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="compression of chunks")
     add_settings(command, "two ranges", DualRangeSettings)
     command.add_argument("-o", "--output", required=True, metavar="BAG", help="FILE.mcap, or a directory")
 
@@ -40,7 +40,7 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
     from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
-    from biodyn_ros.blue_trident.found import parse_serials
+    from biodyn_ros.blue_trident.exports import parse_serials
     from biodyn_ros.blue_trident.starting import parse_start
 
     how = ImportOptions(
@@ -57,7 +57,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="CSV of Blue Trident sensors to one bag",
+    line="converts CSV of Blue Trident sensors to a bag",
     examples=(
         "biodyn import-blue-trident exports -o imported.mcap --map seat=TS-02374 --map head=TS-02375",
         "biodyn import-blue-trident trial.csv -o trial.mcap --map-file sensors.yaml --start 2026-05-12T10:32:00Z",

@@ -1,4 +1,4 @@
-"""`biodyn info`: what a bag holds, sensor by sensor."""
+"""`biodyn info`: shows the content of a bag by sensor."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
 
 UNCOMPILED_UP_TO: Final = 125_000
-"""Samples in all, 18 s of six sensors at 1129 Hz.
+"""Total number of samples, 18 s of six sensors at 1129 Hz.
 
-So many take plain Python 0.7 s. numba takes 0.4 s to load, and 3 s to compile where nothing is cached.
+Plain Python needs 0.7 s for them. numba needs 0.4 s to load, and 3 s to compile without a cache.
 """
 
 _SWITCH: Final = "NUMBA_DISABLE_JIT"
@@ -47,7 +47,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _load_kernels(compiled: bool) -> None:
-    """Load the kernels, compiled or without numba; the first import decides it for the whole process."""
+    """Load the kernels with or without numba; the first import decides for the whole process."""
     before = os.environ.get(_SWITCH)
     if not compiled:
         os.environ[_SWITCH] = "1"
@@ -61,7 +61,7 @@ def _load_kernels(compiled: bool) -> None:
 
 
 COMMAND = Command(
-    line="what a bag holds: rates, clocks, gaps, gravity",
+    line="shows a bag: rates, clocks, gaps, gravity",
     examples=(
         "biodyn info drive.mcap",
         "biodyn info drive.mcap --map seat=/car/floor/imu",

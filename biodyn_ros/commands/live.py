@@ -1,4 +1,4 @@
-"""`biodyn live`: the live node, whose arguments ROS reads."""
+"""`biodyn live`: runs the live node; ROS parses its arguments."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ def _add(command: CommandParser) -> None:
     command.description += "\nParameters and ranges: python -m biodyn_ros.node.parameters_yaml > live.yaml"
 
 
-def _run(options: argparse.Namespace) -> int:  # noqa: ARG001  # it has none: ROS reads them
+def _run(options: argparse.Namespace) -> int:  # noqa: ARG001  # it has none: ROS parses them
     return run_node([])
 
 
 def run_node(arguments: list[str]) -> int:
-    """Run the live node, whose arguments ROS reads, until it ends; its exit code."""
+    """Run the live node with these ROS arguments and return its exit code."""
     from biodyn_ros.node.live import main
 
     return main(arguments)
 
 
 COMMAND = Command(
-    line="the live node; takes --ros-args",
+    line="runs the live node; takes --ros-args",
     examples=(
         "biodyn live --ros-args -p subject_file:=anna.yaml -p publish_measured:=true",
         "biodyn live --ros-args -r imu/seat/data:=/car/floor/imu",

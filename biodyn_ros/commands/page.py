@@ -1,4 +1,4 @@
-"""`biodyn page`: the page of a live node, in a browser."""
+"""`biodyn page`: serves the page of a live node for a browser."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def _add(command: CommandParser) -> None:
     from biodyn_ros.dashboard.settings import ServingSettings
 
     command.add_argument("--node", default="/biodyn", metavar="NAME", help="full name of the node (default /biodyn)")
-    command.add_argument("--until-input-ends", action="store_true", help="stop when standard input ends, too")
+    command.add_argument("--until-input-ends", action="store_true", help="also stop when standard input ends")
     add_settings(command, "serving", ServingSettings, ("page_host", "page_port"))
 
 
@@ -21,21 +21,21 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_ros.dashboard.settings import ServingSettings, check_page
 
     check_page()
-    from biodyn_ros.dashboard.site import serve  # an extra of its own
+    from biodyn_ros.dashboard.site import serve  # needs the extra `page`
 
-    def told(link: str) -> None:
+    def print_link(link: str) -> None:
         print(f"the page of {options.node}: {link}", flush=True)
 
-    serve(options.node, settings_of(options, ServingSettings), told, options.until_input_ends)
+    serve(options.node, settings_of(options, ServingSettings), print_link, options.until_input_ends)
 
 
 COMMAND = Command(
-    line="the page of a live node, in a browser",
+    line="serves the page of a live node for a browser",
     examples=(
         "biodyn page",
         "biodyn page --node /car/biodyn --page-port 8080",
     ),
     add=_add,
     run=_run,
-    json=False,  # it serves, and has no result
+    json=False,  # it has no result
 )

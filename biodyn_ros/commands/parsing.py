@@ -1,7 +1,6 @@
-"""The parsers behind `biodyn`: help that fits a screen, every setting on request, errors of one line with a hint.
+"""The parsers of `biodyn`: help that fits a screen, every setting on request, errors of one line with a hint.
 
-What `command.add_argument` adds is everyday, shown by -h; what `command.tuning(title).add_argument` adds is shown by
---help-all alone.
+-h shows the options of `command.add_argument`; only --help-all shows those of `command.tuning(title).add_argument`.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.base.wording import counted
 
 EXIT_INPUT: Final = 2
-_NARROWEST, _WIDEST = 40, 100
-"""Longer lines are hard to read, however wide the terminal is."""
+_MIN_WIDTH, _MAX_WIDTH = 40, 100
+"""Columns of help texts; longer lines are hard to read."""
 
 
 class Parser(argparse.ArgumentParser):
-    """What the command and its subcommands have in common: no abbreviations, and errors of one line.
+    """The common parser of the command and its subcommands: no abbreviations, and errors of one line.
 
-    An abbreviation in a script would break with the next setting that begins alike.
+    An abbreviation in a script would become ambiguous with a new setting.
     """
 
     def __init__(self, **words: Any) -> None:
@@ -33,14 +32,15 @@ class Parser(argparse.ArgumentParser):
         self.register("type", float, _number)
 
     def error(self, message: str) -> NoReturn:
-        """Print one line with what to do next, and exit with code 2."""
+        """Print one line with a hint, and exit with code 2."""
         end = "" if message.endswith("?") else ";"
         self.exit(EXIT_INPUT, f"{self.prog}: {message}{end} {self.prog} -h shows how\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             known = [str(choice) for choice in action.choices]
-            raise argparse.ArgumentError(action, f"{value!r} is none of {', '.join(known)}{did_you_mean(value, known)}")
+            near = did_you_mean(value, known)
+            raise argparse.ArgumentError(action, f"{value!r} is not one of {', '.join(known)}{near}")
 
 
 class CommandParser(Parser):
@@ -61,21 +61,21 @@ class CommandParser(Parser):
 
     @property
     def arguments(self) -> list[Any]:
-        """Everything that may be given, argparse's actions."""
+        """All actions of argparse."""
         return list(self._actions)
 
     @property
     def tuned(self) -> list[Any]:
-        """Of these what --help-all alone shows."""
+        """The actions that only --help-all shows."""
         return [action for group in self._tuning for action in group._group_actions]
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As of argparse; an option that does not exist is told by itself, before what is missing because of it."""
+        """As in argparse, but an unknown option is reported before missing arguments."""
         given = list(sys.argv[1:] if args is None else args)
         self._check_options(given[: given.index("--")] if "--" in given else given)
         parsed, more = super().parse_known_args(given, namespace)
         if more:
-            self.error(f"{' '.join(more)}: nothing of that kind is expected here")
+            self.error(f"unexpected: {' '.join(more)}")
         return parsed, more
 
     def _check_options(self, given: Sequence[str]) -> None:
@@ -88,7 +88,7 @@ class CommandParser(Parser):
         return self._helped([group for group in self._action_groups if group not in self._tuning], self._ends())
 
     def format_all(self) -> str:
-        """Every option there is."""
+        """All options and examples."""
         return self._helped(self._action_groups, self._examples())
 
     def _helped(self, groups: Sequence[Any], end: str) -> str:
@@ -100,7 +100,7 @@ class CommandParser(Parser):
         return f"{self._usage()}\n\n{self.description}\n\n{formatter.format_help()}\n{end}"
 
     def _usage(self) -> str:
-        """What must be given, in the order in which it is typed, unless usage says it in words of its own."""
+        """The required arguments in order, unless `usage` is given."""
         if self.usage:
             return f"usage: {self.usage}"
         return "\n".join(_folded(["usage:", *self.prog.split(), *self._needed(), "[option ...]"], " " * 9))
@@ -128,12 +128,12 @@ class CommandParser(Parser):
 
 
 class _HelpAll(argparse.Action):
-    """Prints every option, and ends."""
+    """Prints all options and exits."""
 
     def __init__(self, **words: Any) -> None:
         super().__init__(nargs=0, default=argparse.SUPPRESS, **{**words, "dest": argparse.SUPPRESS})
 
-    def __call__(self, parser: Any, *told: Any) -> None:
+    def __call__(self, parser: Any, *_: Any) -> None:
         sys.stdout.write(parser.format_all())
         parser.exit()
 
@@ -144,11 +144,11 @@ class _Formatter(argparse.RawDescriptionHelpFormatter):
 
 
 def _width() -> int:
-    return max(_NARROWEST, min(shutil.get_terminal_size().columns - 2, _WIDEST))
+    return max(_MIN_WIDTH, min(shutil.get_terminal_size().columns - 2, _MAX_WIDTH))
 
 
 def _rank(action: argparse.Action) -> int:
-    """What must be given first, help last; otherwise in the order in which options were added."""
+    """Sort key: required options first, help last, otherwise in the order of addition."""
     return 2 if isinstance(action, (argparse._HelpAction, _HelpAll)) else int(not action.required)
 
 
@@ -157,7 +157,7 @@ def _shown(action: argparse.Action) -> str:
 
 
 def _pairs(example: str) -> list[str]:
-    """The words of a line, an option with its value as one."""
+    """The words of a line; an option and its value are one word."""
     words: list[str] = []
     for word in example.split():
         if words and words[-1].startswith("-") and " " not in words[-1] and not word.startswith("-"):
@@ -168,7 +168,7 @@ def _pairs(example: str) -> list[str]:
 
 
 def _folded(words: Sequence[str], indent: str, width: int | None = None) -> list[str]:
-    """Lines of words, none of which is broken though it may hold spaces."""
+    """Wrap words to lines without breaking a word that contains spaces."""
     text = " ".join(word.replace(" ", "\0") for word in words)
     lines = textwrap.wrap(
         text, width or _width(), subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
@@ -180,11 +180,11 @@ def _whole_number(text: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
 
 
 def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None

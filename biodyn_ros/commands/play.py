@@ -39,7 +39,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="publishes a bag, stamps rebased to now",
+    line="publishes a bag with stamps shifted to now",
     examples=(
         "biodyn play drive.mcap",
         "biodyn play drive.mcap --rate 0.5 --loop",

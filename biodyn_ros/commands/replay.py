@@ -1,4 +1,4 @@
-"""`biodyn replay`: the live pipeline over a bag, as fast as it goes."""
+"""`biodyn replay`: runs the live pipeline over a bag at full speed."""
 
 from __future__ import annotations
 
@@ -21,14 +21,16 @@ def _add(command: CommandParser) -> None:
     add_time(command)
     command.add_argument("--limits", metavar="FILE", help="limits file (default: 2002/44/EC)")
     command.add_argument(
-        "--zero-phase", action="store_true", help="filter forward and backward, as identification does; labelled so"
+        "--zero-phase", action="store_true", help="filter forward and backward, as in identification; results state it"
     )
-    command.add_argument("--project", action="store_true", help="project exposure to 8 h from less than 20 minutes too")
-    command.add_argument("--no-predicted", action="store_true", help="leave out predicted.mcap")
-    command.add_argument("--no-report", action="store_true", help="leave out report.html")
+    command.add_argument(
+        "--project", action="store_true", help="project exposure to 8 h also from less than 20 minutes"
+    )
+    command.add_argument("--no-predicted", action="store_true", help="do not write predicted.mcap")
+    command.add_argument("--no-report", action="store_true", help="do not write report.html")
     add_settings(command, "conditioning", ConditioningSettings)
     add_settings(command, "pipeline", PipelineSettings, ("yaw_deg", "vertical", "also_weighted", "window_s"))
-    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
+    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory for the results")
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -61,7 +63,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="a bag offline: exposure, predictions, a report",
+    line="processes a bag: exposure, predictions, report",
     examples=(
         "biodyn replay drive.mcap --subject subject_1 -o results",
         "biodyn replay drive.mcap --subject anna.yaml -o results --yaw-deg 90 --limits limits.yaml",

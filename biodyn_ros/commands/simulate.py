@@ -1,4 +1,4 @@
-"""`biodyn simulate`: a six-IMU bag from a subject and a seat motion."""
+"""`biodyn simulate`: simulates a bag of six IMUs from a subject and a seat motion."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def _add(command: CommandParser) -> None:
     add_subject(command)
     source = command.add_mutually_exclusive_group(required=True)
     source.add_argument("--seat", metavar="FILE", help="measured seat motion: CSV, or a bag")
-    source.add_argument("--case", metavar="CASES", help=f"drawn load cases, in a row: {','.join(CASES)}")
+    source.add_argument("--case", metavar="CASES", help=f"random load cases in sequence: {','.join(CASES)}")
     command.add_argument("--seat-rate", type=float, metavar="HZ", help="rate of a CSV without a time column")
     command.add_argument(
-        "--seconds", type=float, metavar="N", help=f"length of each case (default {CASE_S:g}), or of the file used"
+        "--seconds", type=float, metavar="N", help=f"length of each case (default {CASE_S:g}), or limit for the file"
     )
-    add_seed(command, "of everything drawn")
-    command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the bag's chunks")
+    add_seed(command, "seed of random numbers")
+    command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="compression of chunks")
     add_map(command)
     add_time(command)
     add_settings(command, "sensors", SensorSettings)
@@ -43,7 +43,7 @@ def _run(options: argparse.Namespace) -> None:
 
     subject = load_subject(subject_file(options.subject))
     if options.seat_rate is not None and not is_table(options.seat or ""):
-        raise InputError("--seat-rate is for a CSV file given by --seat: leave it out")
+        raise InputError("--seat-rate needs a CSV file given by --seat: omit it")
     if options.seat:
         mapping = parse_map(options.map)
         motion = read_seat_motion(options.seat, options.seat_rate, mapping, options.time).first(options.seconds)
@@ -63,7 +63,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="a six-IMU bag from a subject and a seat motion",
+    line="simulates a bag from a subject and seat motion",
     examples=(
         "biodyn simulate --subject subject_2 --case rail --seconds 8 -o simulated.mcap",
         "biodyn simulate --subject anna.yaml --seat seat.csv --seat-rate 500 -o ride.mcap",

@@ -1,4 +1,4 @@
-"""The subcommands of `biodyn` in the order in which a person needs them, and the parser of them all."""
+"""The subcommands of `biodyn` in the order of use, and their common parser."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "effects": ("trace",),
     "shell": ("completion",),
 }
-"""Every command once; its file in this room has its name."""
+"""All commands; each has a module of its name in this package."""
 
 NAMES: Final = tuple(name for names in GROUPS.values() for name in names)
 
 
 def command_of(name: str) -> Command:
-    """The command of a name in NAMES."""
+    """The command with this name of NAMES."""
     found: Command = import_module(f"biodyn_ros.commands.{name.replace('-', '_')}").COMMAND
     return found
 
 
 class WholeParser(Parser):
-    """The command itself: its help lists all subcommands, whichever of them it can parse: `commands` by name."""
+    """The parser of `biodyn`: its help lists all subcommands; `commands` are the built ones by name."""
 
     def __init__(self) -> None:
         super().__init__(prog="biodyn")
@@ -41,7 +41,7 @@ class WholeParser(Parser):
         self.commands: dict[str, CommandParser] = {}
 
     def format_help(self) -> str:
-        """The commands by what a person does; fits a screen of 24 lines of 80 columns."""
+        """The commands by group; fits a screen of 24 lines and 80 columns."""
         rows = [(title if name == names[0] else "", name) for title, names in GROUPS.items() for name in names]
         wide = max(map(len, NAMES))
         lines = [f"  {title:<8}{name:<{wide}}  {command_of(name).line}" for title, name in rows]
@@ -50,9 +50,9 @@ class WholeParser(Parser):
 
 
 def parser(names: Iterable[str] = NAMES) -> WholeParser:
-    """These subcommands; which one was given is `command` of what it parses.
+    """The parser with these subcommands; `command` of the parsed options is the name of the given one.
 
-    Each costs what its settings import, so whoever knows which one is asked for names it.
+    Each subcommand costs the imports of its settings: name only the needed one.
     """
     whole = WholeParser()
     commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=CommandParser)

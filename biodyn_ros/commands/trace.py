@@ -1,4 +1,4 @@
-"""`biodyn trace`: the effect that a subject's model lacks."""
+"""`biodyn trace`: finds the effect that is missing in a subject's model."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ def _add(command: CommandParser) -> None:
         "--subject", required=True, metavar="S", help="subject file, fitted or not, or the name of a bundled one"
     )
     add_held_out(command, "bags that theta and sizes are not fitted to (default: every second one of each condition)")
-    add_seed(command, "of everything drawn")
+    add_seed(command, "seed of random numbers")
     command.add_argument(
-        "--fresh", action="store_true", help="compute anew what DIR.kept.json holds of an interrupted or earlier trace"
+        "--fresh", action="store_true", help="recompute the results that DIR.kept.json stores of an earlier trace"
     )
-    command.add_argument("--no-report", action="store_true", help="leave out trace.html")
+    command.add_argument("--no-report", action="store_true", help="do not write trace.html")
     add_reading(command)
     add_all_settings(command, _kinds())
-    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory of the results")
+    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory for the results")
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -83,7 +83,9 @@ def _run(options: argparse.Namespace) -> None:
         traced = trace_bags(options.bag, subject, how, kept, lambda line: print(line, file=sys.stderr))
     except KeyboardInterrupt:
         if kept:
-            print(f"biodyn trace: {kept.path} keeps what is done; the same command goes on from there", file=sys.stderr)
+            print(
+                f"biodyn trace: {kept.path} stores the finished part; repeat the command to continue", file=sys.stderr
+            )
         raise
     write_traced(traced, directory, not options.no_report, given_yaml)
     show(options, traced.document, text_of(traced.report))
@@ -93,12 +95,12 @@ def _kept_beside(directory: Path) -> Path:
     """DIR.kept.json beside DIR, also where DIR is `.` or `..`; raises InputError for the root, which has no name."""
     named = directory if directory.name not in ("", "..") else directory.resolve()
     if not named.name:
-        raise InputError(f"{directory}: DIR.kept.json is made of a directory's name, and this has none: name another")
+        raise InputError(f"{directory}: has no name, which DIR.kept.json needs: give another directory")
     return named.with_name(f"{named.name}.kept.json")
 
 
 def how_of(options: argparse.Namespace) -> TraceOptions:
-    """How bags are read, prepared and traced, as it was given."""
+    """The options for reading, preparing and tracing bags."""
     from biodyn_ros.fit.fitting import parse_cases
     from biodyn_ros.trace.tracing import TraceOptions
 
@@ -118,7 +120,7 @@ def how_of(options: argparse.Namespace) -> TraceOptions:
 
 
 COMMAND = Command(
-    line="the effect that a subject's model lacks",
+    line="finds the effect missing in a subject's model",
     examples=(
         "biodyn trace road.mcap road_2.mcap rail.mcap rail_2.mcap --subject anna_fitted.yaml -o traced",
         "biodyn trace road.mcap rail.mcap --subject anna_fitted.yaml -o traced --hold-out road_2.mcap rail_2.mcap",

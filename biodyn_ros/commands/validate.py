@@ -1,4 +1,4 @@
-"""`biodyn validate`: predicts an event that was not fitted to."""
+"""`biodyn validate`: compares the prediction of an event with its measurement."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def _add(command: CommandParser) -> None:
     command.add_argument(
         "--seat-force", choices=("inertia", "joint", "paper"), default="inertia", help="form of the force at the seat"
     )
-    command.add_argument("--as-printed", action="store_true", help="forces under cascade masses too, labelled")
+    command.add_argument("--as-printed", action="store_true", help="also forces under cascade masses, labelled")
     add_settings(command, "spectra", SpectrumSettings)
     add_settings(command, "judging", ValidationSettings)
-    command.add_argument("--no-report", action="store_true", help="leave out validate.html")
+    command.add_argument("--no-report", action="store_true", help="do not write validate.html")
     command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json and validate.html")
 
 
@@ -65,7 +65,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="predicts an event that was not fitted to",
+    line="compares a prediction with a measured event",
     examples=("biodyn validate rail.mcap --subject anna_fitted.yaml -o results",),
     add=_add,
     run=_run,

@@ -1,5 +1,5 @@
-"""The live page: another process than the node's, which hears what anybody may hear, so that no visitor slows a ride.
+"""The live page: a process of its own that subscribes to the node's topics, so that clients do not slow the node.
 
-settings: where it is served; child: started and ended with the node; feed: from ROS and back; hub: what newcomers and
-streams are sent; door: who may come in; site: what is served.
+settings: address and token; child: start and end with the node; feed: ROS subscription and services; hub: events for
+clients; connection_limiter: checks of connections; site: HTTP server.
 """

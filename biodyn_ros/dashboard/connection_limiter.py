@@ -1,4 +1,4 @@
-"""Who may come in: known hosts alone, few at once, none that dawdle; and writing is for whoever has the token."""
+"""Limits on connections: number, time to the first request, host names; changes need the token."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Any, Final
 
 from aiohttp import web
 
-MOST_CONNECTIONS: Final = 64
-GREETING_S: Final = 5.0
-"""A visitor that has not asked for anything by then is shown out."""
+MAX_CONNECTIONS: Final = 64
+REQUEST_TIMEOUT_S: Final = 5.0
+"""A connection without a request after this time is closed."""
 
-ANSWER_S: Final = 10.0
-"""A visitor that has not taken its answer by then is shown out."""
+RESPONSE_TIMEOUT_S: Final = 10.0
+"""A connection that does not receive its response within this time is closed."""
 
-MOST_HEADERS: Final = 8190
-TOKEN_HEADER: Final = "X-Biodyn-Token"  # noqa: S105 - where the token is, not what it is
+MAX_HEADER_BYTES: Final = 8190
+TOKEN_HEADER: Final = "X-Biodyn-Token"  # noqa: S105 - the name of a header, not a token
 
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -32,57 +32,58 @@ HEADERS: Final = {
 
 
 class ConnectionLimiter(web.Server):
-    """A server that lets in a bounded number of connections, each of which must soon ask for something."""
+    """A server with a bounded number of connections, which closes connections without a request."""
 
     def __init__(self, handler: Any, **kwargs: Any) -> None:
-        super().__init__(self._greeted(handler), max_line_size=MOST_HEADERS, max_field_size=MOST_HEADERS, **kwargs)
-        self._silent: set[Any] = set()
+        limits = {"max_line_size": MAX_HEADER_BYTES, "max_field_size": MAX_HEADER_BYTES}
+        super().__init__(self._noting_requests(handler), **limits, **kwargs)
+        self._idle: set[Any] = set()
 
     def __call__(self) -> Any:
-        """What answers the next connection."""
-        if len(self.connections) >= MOST_CONNECTIONS:
-            return _Full()
-        visitor = super().__call__()
-        self._silent.add(visitor)
-        asyncio.get_running_loop().call_later(GREETING_S, self._show_out, visitor)
-        return visitor
+        """The protocol of the next connection."""
+        if len(self.connections) >= MAX_CONNECTIONS:
+            return _Refused()
+        connection = super().__call__()
+        self._idle.add(connection)
+        asyncio.get_running_loop().call_later(REQUEST_TIMEOUT_S, self._disconnect_idle, connection)
+        return connection
 
-    def _greeted(self, handler: Any) -> Any:
-        async def greeted(request: web.BaseRequest) -> web.StreamResponse:
-            self._silent.discard(request.protocol)
+    def _noting_requests(self, handler: Any) -> Any:
+        async def noting(request: web.BaseRequest) -> web.StreamResponse:
+            self._idle.discard(request.protocol)
             response: web.StreamResponse = await handler(request)
             return response
 
-        return greeted
+        return noting
 
-    def _show_out(self, visitor: Any) -> None:
-        if visitor in self._silent:
-            self._silent.discard(visitor)
-            if visitor.transport is not None:
-                visitor.transport.abort()
+    def _disconnect_idle(self, connection: Any) -> None:
+        if connection in self._idle:
+            self._idle.discard(connection)
+            if connection.transport is not None:
+                connection.transport.abort()
 
 
-class _Full(asyncio.Protocol):
-    """Closes at once."""
+class _Refused(asyncio.Protocol):
+    """Closes its connection immediately."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Close it."""
+        """Close the connection."""
         transport.close()
 
 
 def check_host(request: web.BaseRequest, loopback: bool) -> None:
-    """Refuse a name that may be anybody's: a page elsewhere could have had its own name lead to this machine."""
+    """Refuse unknown host names, against DNS rebinding, and requests of other pages."""
     name = request.host
     bare = name.partition("]")[0][1:] if name.startswith("[") else name.partition(":")[0]
-    if not _ours(bare.lower(), loopback):
+    if not _is_own(bare.lower(), loopback):
         raise web.HTTPForbidden(text=f"this page is not served under the name {bare[:80]!r}\n")
     origin = request.headers.get("Origin")
     if origin is not None and origin != f"http://{name}":
-        raise web.HTTPForbidden(text="this page does not answer other pages\n")
+        raise web.HTTPForbidden(text="requests of other pages are refused\n")
 
 
-def _ours(name: str, loopback: bool) -> bool:
-    """An address, or a name that no stranger can give to this machine."""
+def _is_own(name: str, loopback: bool) -> bool:
+    """Whether the name is an address, or a name of this machine that foreign DNS cannot set."""
     if name == "localhost":
         return True
     try:
@@ -93,9 +94,9 @@ def _ours(name: str, loopback: bool) -> bool:
 
 
 def check_token(request: web.BaseRequest, token: str) -> None:
-    """Refuse whoever does not have the token."""
+    """Refuse a request without the token."""
     given = request.headers.get(TOKEN_HEADER, "")
     if not hmac.compare_digest(given.encode("utf-8", "surrogateescape"), token.encode()):
         raise web.HTTPForbidden(
-            text="reset and mark need the link with its token, as the node or biodyn page told it\n"
+            text="reset and mark need the link with the token, as printed by the node or by biodyn page\n"
         )

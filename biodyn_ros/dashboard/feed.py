@@ -1,4 +1,4 @@
-"""From ROS to the page and back: snapshots in, reset and mark out, on a thread of its own."""
+"""The connection to the node: subscribes to snapshots and calls reset and mark, in its own thread."""
 
 from __future__ import annotations
 
@@ -20,62 +20,61 @@ from biodyn_core.base.errors import InputError
 from biodyn_ros.base import topics
 from biodyn_ros.base.wording import typeset
 
-ANSWERS_WITHIN_S: Final = 3.0
+TIMEOUT_S: Final = 3.0
 
 SERVICES: Final = {"reset": topics.RESET, "mark": topics.MARK}
 
 
 class Feed:
-    """Hears the snapshots of a node by its full name; `take` is called in the loop's thread with each."""
+    """Subscribes to the snapshots of a node by its full name; `on_snapshot` gets each in the loop's thread."""
 
-    def __init__(self, node: str, take: Callable[[str], None], loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, node: str, on_snapshot: Callable[[str], None], loop: asyncio.AbstractEventLoop) -> None:
         self.node = node
         self._loop = loop
         self._context = Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
         try:
-            self._ours = Node(f"biodyn_page_{os.getpid()}", context=self._context, enable_rosout=False)
+            self._node = Node(f"biodyn_page_{os.getpid()}", context=self._context, enable_rosout=False)
             qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=4, reliability=ReliabilityPolicy.RELIABLE)
-            self._ours.create_subscription(
+            self._node.create_subscription(
                 String,
                 topics.absolute(topics.SNAPSHOT, node.lstrip("/")),
-                lambda message: loop.call_soon_threadsafe(take, typeset(message.data)),
+                lambda message: loop.call_soon_threadsafe(on_snapshot, typeset(message.data)),
                 qos,
             )
             self._clients = {
-                name: self._ours.create_client(Trigger, topics.absolute(service, node.lstrip("/")))
+                name: self._node.create_client(Trigger, topics.absolute(service, node.lstrip("/")))
                 for name, service in SERVICES.items()
             }
         except (rclpy.exceptions.InvalidTopicNameException, rclpy.exceptions.InvalidServiceNameException) as error:
             self._context.try_shutdown()
             why = str(error).splitlines()[0]
-            raise InputError(f"--node {node!r}: is no name of a node ({why})") from None
+            raise InputError(f"--node {node!r}: not a valid node name ({why})") from None
         self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._ours)
+        self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, name="biodyn page", daemon=True)
         self._thread.start()
 
-    async def ask(self, name: str) -> str:
-        """Have the node reset or mark, and return what it says; raises TimeoutError where it does not answer."""
+    async def call(self, name: str) -> str:
+        """Call reset or mark of the node and return its message; raises TimeoutError without a response."""
         client = self._clients[name]
         if not client.service_is_ready():
-            raise TimeoutError(f"no node {self.node} is there to {name}")
-        answer: asyncio.Future[Any] = self._loop.create_future()
+            raise TimeoutError(f"the node {self.node} is not available to {name}")
+        response: asyncio.Future[Any] = self._loop.create_future()
 
-        def answered(future: Any) -> None:
-            self._loop.call_soon_threadsafe(lambda: None if answer.done() else answer.set_result(future.result()))
+        def done(future: Any) -> None:
+            self._loop.call_soon_threadsafe(lambda: None if response.done() else response.set_result(future.result()))
 
-        client.call_async(Trigger.Request()).add_done_callback(answered)
+        client.call_async(Trigger.Request()).add_done_callback(done)
         try:
-            said = await asyncio.wait_for(answer, ANSWERS_WITHIN_S)
+            return str((await asyncio.wait_for(response, TIMEOUT_S)).message)
         except asyncio.TimeoutError:
-            raise TimeoutError(f"{self.node} did not answer within {ANSWERS_WITHIN_S:g} s") from None
-        return str(said.message)
+            raise TimeoutError(f"{self.node} did not respond within {TIMEOUT_S:g} s") from None
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Leave the ROS graph."""
         self._context.try_shutdown()
-        self._thread.join(ANSWERS_WITHIN_S)
+        self._thread.join(TIMEOUT_S)
 
     def _spin(self) -> None:
         try:
@@ -84,4 +83,4 @@ class Feed:
             pass
         finally:
             self._executor.shutdown()
-            self._ours.destroy_node()
+            self._node.destroy_node()

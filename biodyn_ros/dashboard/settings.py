@@ -1,4 +1,4 @@
-"""Where the page is served, and the token without which nobody may reset or mark."""
+"""Address of the page, and the token for reset and mark."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from typing import Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
-from biodyn_ros.base.files import OWNER_ALONE, is_there, make_directory, state_directory, write_text
+from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, state_directory, write_text
 
 TOKEN_BYTES: Final = 16
-TOKEN_VARIABLE: Final = "BIODYN_PAGE_TOKEN"  # noqa: S105 - where the token is, not what it is
+TOKEN_VARIABLE: Final = "BIODYN_PAGE_TOKEN"  # noqa: S105 - the name of a variable, not a token
 
 
 @dataclass(frozen=True)
 class ServingSettings:
-    """Where the page is served."""
+    """Address of the page."""
 
-    page_host: str = setting("127.0.0.1", "address at which the page is served; 0.0.0.0 lets other machines look on")
-    page_port: int = setting(8711, "port of the page; 0 takes any that is free", "", 0, 65535)
+    page_host: str = setting("127.0.0.1", "address of the page; 0.0.0.0 gives access to other machines")
+    page_port: int = setting(8711, "port of the page; 0 selects a free one", "", 0, 65535)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -37,48 +37,48 @@ class ServingSettings:
 
     @property
     def loopback(self) -> bool:
-        """Whether nobody but this machine reaches it."""
+        """Whether only this machine can access the page."""
         return ipaddress.ip_address(self.page_host).is_loopback
 
 
 def check_page() -> None:
-    """Raise InputError where the page cannot be served at all."""
+    """Raise InputError if the server package is not installed."""
     if importlib.util.find_spec("aiohttp") is None:
         raise InputError("the page needs aiohttp: pip install 'biodyn_ros[page]'")
 
 
 def address_of(host: str, port: int, token: str) -> str:
-    """What a person opens. The token stands behind the #, which browsers keep to themselves."""
+    """The link to the page. The token follows the #, because browsers do not send that part."""
     bare = ipaddress.ip_address(host)
-    name = "127.0.0.1" if host == "0.0.0.0" else "::1" if host == "::" else host  # noqa: S104 - it is read, not bound to
+    name = "127.0.0.1" if host == "0.0.0.0" else "::1" if host == "::" else host  # noqa: S104 - compared, not bound
     return f"http://{f'[{name}]' if bare.version == 6 else name}:{port}/#token={token}"
 
 
 def port_of(serving: ServingSettings) -> int:
-    """The port that is asked for, or one that is free now; raises InputError where the address is not here."""
+    """The given port, or a free one; raises InputError if the address is not available."""
     if serving.page_port:
         return serving.page_port
     family = socket.AF_INET6 if ipaddress.ip_address(serving.page_host).version == 6 else socket.AF_INET
     try:
-        with socket.socket(family) as found:
-            found.bind((serving.page_host, 0))
-            return int(found.getsockname()[1])
+        with socket.socket(family) as free:
+            free.bind((serving.page_host, 0))
+            return int(free.getsockname()[1])
     except OSError as error:
-        raise InputError(f"page_host {serving.page_host}: nothing can be served there ({error.strerror})") from None
+        raise InputError(f"page_host {serving.page_host}: the address cannot be used ({error.strerror})") from None
 
 
 def page_token() -> str:
-    """The token of this user's pages, made once and kept, readable by its owner alone; else one for this time.
+    """The token of this user's pages, stored readable by the user only; a temporary one if that is not possible.
 
-    A page that is a node's child has the node's, whatever is kept.
+    The child process of a node uses the node's token.
     """
     if given := os.environ.get(TOKEN_VARIABLE):
         return given
     try:
         path = state_directory() / "page.token"
-        if not is_there(path):
+        if not exists(path):
             make_directory(path.parent)
-            write_text(path, secrets.token_urlsafe(TOKEN_BYTES) + "\n", mode=OWNER_ALONE)
+            write_text(path, secrets.token_urlsafe(TOKEN_BYTES) + "\n", mode=OWNER_ONLY)
         return _read(path)
     except (InputError, RuntimeError):
         return secrets.token_urlsafe(TOKEN_BYTES)
@@ -90,5 +90,5 @@ def _read(path: Path) -> str:
     except (OSError, ValueError):
         token = ""
     if len(token) < TOKEN_BYTES or not all(c.isalnum() or c in "-_" for c in token):
-        raise InputError(f"{path}: holds no token")
+        raise InputError(f"{path}: contains no token")
     return token

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros.base.files import make_directory
-from biodyn_ros.base.progress import OnProgress, silent, unwatched
+from biodyn_ros.base.progress import OnProgress, ignore_progress, silent
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.campaign_results import Document, Fits, Results, fingerprint
 from biodyn_ros.fit.fitting import FitOptions, Fitted, check_profiles, fit_bags
@@ -25,7 +25,7 @@ def fit_campaign(
     options: FitOptions | None = None,
     executor: Executor | None = None,
     resume: bool = False,
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
     report: bool = False,
 ) -> Document:
     """Fit all subjects into a directory; the document of campaign.json, which is rewritten after each.

@@ -23,7 +23,7 @@ from biodyn_core.base.suggestions import did_you_mean_file
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_core.body.parameters import UNFITTED
 from biodyn_core.body.subject import Subject, load_subject
-from biodyn_ros.base.files import is_there
+from biodyn_ros.base.files import exists
 from biodyn_ros.base.resources import subject_file
 
 _NAME: Final = re.compile(r"[^\W_][\w .+-]{0,99}")
@@ -76,7 +76,7 @@ def _entry(row: object, where: str, base: Path) -> tuple[Path, Entry]:
     given = mapping_of(row, where, ("subject", "bags"), ("name", "hold_out", "cases"))
     text = text_of(given["subject"], f"{where}.subject")
     try:
-        file = path if is_there(path := base / text) and path.is_file() else subject_file(text)
+        file = path if exists(path := base / text) and path.is_file() else subject_file(text)
         subject = load_subject(file, UNFITTED)
     except InputError as error:
         raise InputError(f"{where}.subject: {error}") from error
@@ -104,7 +104,7 @@ def _bags(value: object, where: str, base: Path) -> dict[str, str]:
         if text in found:
             raise InputError(f"{where}[{index}]: {text} is given twice")
         path = _from(base, text, f"{where}[{index}]")
-        if not is_there(path):
+        if not exists(path):
             near = did_you_mean_file(path)
             raise InputError(f"{where}[{index}]: there is no {path}: paths are relative to the campaign file{near}")
         found[text] = str(path)

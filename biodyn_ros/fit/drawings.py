@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from biodyn_core.body.parameters import PARAMETERS
-from biodyn_ros.base.wording import number, parameter_name, told_apart
+from biodyn_ros.base.wording import number, parameter_name, with_interval
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, OTHER_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
 
 Document = dict[str, Any]
@@ -180,7 +180,7 @@ def _interval(axes: Any, name: str, estimate: Estimate, row: float, size: float 
 def _label(estimate: Estimate, unit: str) -> str:
     if estimate.call == "on its bound":
         return f"{number(estimate.value)}{unit}, on its bound"
-    value, lower, upper = told_apart(estimate.value, estimate.lower, estimate.upper)
+    value, lower, upper = with_interval(estimate.value, estimate.lower, estimate.upper)
     return f"{value} ({lower} to {upper}){unit}, {estimate.call}"
 
 

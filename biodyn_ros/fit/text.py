@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted
-from biodyn_ros.base.wording import number, parameter_name, told_apart, words
+from biodyn_ros.base.wording import number, parameter_name, with_interval, words
 
 Document = dict[str, Any]
 
@@ -59,7 +59,7 @@ def _parameter_rows(document: Document) -> Iterator[str]:
     for name, of in document["intervals"].items():
         cv = document["cv"][name]
         scatter = f"{cv:.1f} %{'!' if name in document['flagged'] else ' '}" if cv is not None else "–"
-        value, lower, upper = told_apart(of["value"], of["lower"], of["upper"])
+        value, lower, upper = with_interval(of["value"], of["lower"], of["upper"])
         unit = "" if of["unit"] == "-" else of["unit"]
         interval = f"{unit and f'{unit}, '}on its bound" if of["at_bound"] else f"{lower} to {upper} {unit}"
         call = document["identifiable"][name]
@@ -72,7 +72,7 @@ def _profile_rows(document: Document) -> Iterator[str]:
         lower, upper = profile["lower"], profile["upper"]
         ends = ["open" if end is None else number(end) for end in (lower, upper)]
         if lower is not None and upper is not None:
-            _, *ends = told_apart(lower, lower, upper)
+            _, *ends = with_interval(lower, lower, upper)
         yield f"{'profile: ' + parameter_name(name):<34}{'':>8}  {' to '.join(ends)}"
     for name in document["not_profiled"]:
         yield f"{'profile: ' + parameter_name(name):<34}{'':>8}  none, it lies on its bound"

@@ -1,1 +1,1 @@
-"""`biodyn info`: what a bag holds."""
+"""`biodyn info`: the content of a bag."""

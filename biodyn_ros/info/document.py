@@ -1,4 +1,4 @@
-"""Info: what a bag holds, Imu topic by Imu topic, and whether `biodyn replay` would take it. Flat memory."""
+"""The content of a bag by Imu topic, and whether `biodyn replay` would accept it. Constant memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.conditioning.conditioner import gravity_search
 from biodyn_ros.bag import BagReader, imu_blocks, open_bag
-from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.info.survey import Survey
 from biodyn_ros.reading.gravity import search_gravity
 from biodyn_ros.reading.mapping import SensorMap, imu_messages, imu_topics, map_sensors
@@ -21,23 +21,26 @@ from biodyn_ros.reading.stamps import choose_times, clock_warnings
 def info(
     bag: str | Path,
     options: ReadingOptions | None = None,
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
 ) -> dict[str, Any]:
-    """Look through a bag and return the mapping of `biodyn info --json`.
+    """Read a bag and return the mapping of `biodyn info --json`.
 
-    `progress` hears (samples done, samples in all). InputError for what is no bag and for a mapped topic not there.
+    `progress` is called with (samples done, all samples). InputError for a file that is no bag, and for a mapped topic
+    that is not in the bag.
     """
     with open_bag(bag) as reader:
         return info_of(reader, str(bag), options or ReadingOptions(), progress)
 
 
-def info_of(reader: BagReader, bag: str, options: ReadingOptions, progress: OnProgress = unwatched) -> dict[str, Any]:
-    """The same for a bag that is open, by the name that it is to be called."""
+def info_of(
+    reader: BagReader, bag: str, options: ReadingOptions, progress: OnProgress = ignore_progress
+) -> dict[str, Any]:
+    """The same for an open bag; bag: its name in the document."""
     sensors = map_sensors(reader, options.mapping)
     topics = imu_topics(reader)
     times = choose_times(reader, topics, options.time)
     names = {topic: sensors.sensors.get(topic) for topic in topics}
-    settings, told = limits_of(reader, {topic: name or topic for topic, name in names.items()}, options.conditioning)
+    settings, notes = limits_of(reader, {topic: name or topic for topic, name in names.items()}, options.conditioning)
     by_stamps = {name: choice.time for name, choice in times.items()}
     searches = {topic: gravity_search(settings[name or topic], None) for topic, name in names.items()}
     gravity = search_gravity(searches, imu_blocks(reader, topics, by_stamps))
@@ -52,20 +55,20 @@ def info_of(reader: BagReader, bag: str, options: ReadingOptions, progress: OnPr
         progress(done, total)
     for survey in surveys.values():
         survey.finish()
-    return _document(reader, bag, sensors, surveys, told)
+    return _document(reader, bag, sensors, surveys, notes)
 
 
 def _document(
-    reader: BagReader, bag: str, sensors: SensorMap, surveys: dict[str, Survey], told: list[str]
+    reader: BagReader, bag: str, sensors: SensorMap, surveys: dict[str, Survey], notes: list[str]
 ) -> dict[str, Any]:
     seconds = 1e-9 * (reader.end_ns - reader.start_ns) if reader.start_ns is not None and reader.end_ns else 0.0
     clocks = {survey.name: survey.clock() for survey in surveys.values()}
-    warnings = [*reader.warnings, *told]
+    warnings = [*reader.warnings, *notes]
     warnings += [line for survey in surveys.values() for line in survey.warnings()]
     warnings += clock_warnings(clocks, seconds)
     copied = [name for name, clock in clocks.items() if clock.drift is not None and clock.drift.copied]
     if copied:
-        warnings.append(f"{', '.join(copied)}: log times repeat the header stamps: nothing is known of the clocks")
+        warnings.append(f"{', '.join(copied)}: log times repeat the header stamps: the clocks cannot be compared")
     return {
         "bag": bag,
         "storage": reader.storage,
@@ -84,7 +87,7 @@ def _document(
 
 
 def _replay(bag: str, sensors: SensorMap, surveys: dict[str, Survey]) -> dict[str, Any]:
-    """What `biodyn replay` would do: the sensors it would use, those that are missing, or why it would refuse."""
+    """The sensors that `biodyn replay` would use, the missing ones, or the reason for a refusal."""
     seen = {survey.sensor: survey.replayed for survey in surveys.values() if survey.sensor}
     refusal = sensors.refusal
     if refusal is None:

@@ -1,4 +1,4 @@
-"""What is noted of one Imu topic of a bag: stamps, clock, gaps, gravity, in flat memory."""
+"""Survey of one Imu topic of a bag: stamps, clock, gaps, gravity, in constant memory."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from biodyn_ros.reading.stamps import SensorClock, TimeChoice
 
 CAUSES: Final = ("unset", "non_finite", "duplicate", "late", "stray")
 UNEVEN_S: Final = 0.005
-"""Stamps that are off an even clock by more than this and by more than half a period, on average, follow none."""
+"""Stamps whose mean deviation from an even clock exceeds this and half a period are uneven."""
 
-_MOST_STEPS: Final = 1 << 14
+_MAX_STEPS: Final = 1 << 14
 
 
 class Survey:
-    """What is noted of one Imu topic; of a mapped one also whether replay's conditioning would begin."""
+    """Survey of one Imu topic; for a mapped topic also whether replay's conditioning would start."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class Survey:
         self._messages = 0
 
     def push(self, block: LoggedImu) -> None:
-        """Take the topic's next messages."""
+        """Add the topic's next messages."""
         self._survey.push(block.stamps_ns, block.accel_mps2)
         if self._replayed:
             self._replayed.push(block.stamps_ns, block.accel_mps2)
@@ -50,18 +50,18 @@ class Survey:
         self._messages += len(block)
 
     def finish(self) -> None:
-        """The topic has no more messages."""
+        """End the survey after the last message."""
         self._survey.finish()
         if self._replayed:
             self._replayed.finish()
 
     @property
     def replayed(self) -> SensorStatus | None:
-        """What replay's conditioning begins with, or why it does not; None for a topic that it does not take."""
+        """The status of replay's conditioning; None for a topic that replay does not use."""
         return self._replayed.status() if self._replayed else None
 
     def clock(self) -> SensorClock:
-        """Whose time its samples have, and what the header's gains on the recorder's."""
+        """The time of its samples, and the drift of header stamps against log time."""
         return SensorClock(self.choice, self._clocks.result())
 
     def row(self, topic: str) -> dict[str, Any]:
@@ -92,24 +92,24 @@ class Survey:
         }
 
     def warnings(self) -> list[str]:
-        """What the survey has to say, a line each; a fault already begins with the name."""
+        """The warnings, a line each; a fault already starts with the name."""
         status = self._survey.status()
         lines = [status.fault] if status.fault else []
         if status.waiting and not status.fault:
             lines.append(f"{self.name}: {status.waiting}")
-        # The first seconds tell it about one line, later ones about a clock that follows such stamps.
+        # The first seconds are compared with a straight line, later ones with a clock that follows the stamps.
         off_s = max(status.jitter_s or 0.0, self._survey.rest.jitter_s if self._survey.rest else 0.0)
         if status.rate_hz and off_s > max(0.5 / status.rate_hz, UNEVEN_S):
             lines.append(
-                f"{self.name}: stamps are {1e3 * off_s:.0f} ms off an even clock on average: sampling is"
-                " uneven, or the driver stamps late"
+                f"{self.name}: stamps differ from an even clock by {1e3 * off_s:.0f} ms on average: sampling is"
+                " uneven, or the driver sets stamps late"
             )
-        told = [*status.warnings, *([stuck(status.flat)] if status.flat else [])]
-        return lines + [f"{self.name}: {text}" for text in told]
+        texts = [*status.warnings, *([stuck(status.flat)] if status.flat else [])]
+        return lines + [f"{self.name}: {text}" for text in texts]
 
 
 class _Steps:
-    """Steps from stamp to stamp: the longest of all, and the median of a sample that does not grow without end."""
+    """Steps between stamps: the longest, and the median of a sample of bounded size."""
 
     def __init__(self) -> None:
         self._last = np.empty(0, dtype=np.int64)
@@ -129,7 +129,7 @@ class _Steps:
         self._kept.append(kept)
         self._kept_count += kept.size
         self._seen += steps_ns.size
-        if self._kept_count > _MOST_STEPS:
+        if self._kept_count > _MAX_STEPS:
             self._kept = [np.concatenate(self._kept)[::2]]
             self._kept_count, self._every = self._kept[0].size, 2 * self._every
 
@@ -145,7 +145,7 @@ def _ms(seconds: float | None) -> float | None:
 
 
 def _clock_columns(drift: ClockDrift | None) -> dict[str, float | None]:
-    """The header's clock against the recorder's; all None where nothing is known of it."""
+    """The drift of header stamps against log time; all None if unknown."""
     return {
         "clock_ppm": drift.ppm if drift else None,
         "clock_ppm_error": drift.ppm_error if drift else None,

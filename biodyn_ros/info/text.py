@@ -1,4 +1,4 @@
-"""What `biodyn info` prints: its document as a page of text."""
+"""The text output of `biodyn info`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from biodyn_core.base.wording import counted
 from biodyn_ros.bag.cdr import IMU_TYPE
 from biodyn_ros.base.wording import number, table
 
-_MOST_KINDS: Final = 12
+_MAX_KINDS: Final = 12
 
 _COLUMNS: Final[tuple[tuple[str, str, Callable[[dict[str, Any]], str]], ...]] = (
     ("topic", "", lambda row: row["topic"]),
@@ -31,7 +31,7 @@ _COLUMNS: Final[tuple[tuple[str, str, Callable[[dict[str, Any]], str]], ...]] = 
 
 
 def text_of(document: dict[str, Any]) -> str:
-    """The document as a page of text."""
+    """The document as text."""
     state = ", recovered" if document["recovered"] else ""
     messages = counted(document["messages"], "message")
     lines = [f"{document['bag']}: {document['storage']}{state}, {messages}, {document['seconds']:.1f} s"]
@@ -60,7 +60,7 @@ def _with_error(value: float | None, error: float | None) -> str:
 def _legend(rows: list[dict[str, Any]]) -> list[str]:
     if all(row["clock_ppm"] is None for row in rows):
         return []
-    return ["clock: what header stamps gain on log time; offset: by how much log time is behind the header, at least"]
+    return ["clock: drift of header stamps against log time; offset: smallest delay of log time after the header"]
 
 
 def _rejected_lines(rows: list[dict[str, Any]]) -> list[str]:
@@ -73,26 +73,26 @@ def _rejected_lines(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def _other_lines(others: list[dict[str, Any]]) -> list[str]:
-    """How many topics of each type there are besides, with one by name."""
+    """The number of other topics by type, with one name each."""
     kinds: dict[str, list[dict[str, Any]]] = {}
     for other in others:
         kinds.setdefault(other["type"], []).append(other)
     width = max(len(kind) for kind in kinds)
     lines = [f"not {IMU_TYPE}: {counted(len(others), 'topic')}"]
-    for kind, topics in [*kinds.items()][:_MOST_KINDS]:
+    for kind, topics in [*kinds.items()][:_MAX_KINDS]:
         more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
         count = sum(topic["messages"] for topic in topics)
         messages = counted(count, "message ", "messages")
         lines.append(f"  {kind.ljust(width)}  {messages:>17}  {topics[0]['topic']}{more}")
-    if len(kinds) > _MOST_KINDS:
-        lines.append(f"  and {counted(len(kinds) - _MOST_KINDS, 'more type')}")
+    if len(kinds) > _MAX_KINDS:
+        lines.append(f"  and {counted(len(kinds) - _MAX_KINDS, 'more type')}")
     return lines
 
 
 def _replay_lines(replay: dict[str, Any], prefix: str) -> list[str]:
     if replay["refusal"]:
-        refusal, _, _ = replay["refusal"].removeprefix(prefix).partition("; there is ")  # that stands above
-        return [f"replay: refuses: {refusal}"]
+        refusal, _, _ = replay["refusal"].removeprefix(prefix).partition("; its topics: ")  # the table lists them
+        return [f"replay: refused: {refusal}"]
     missing = f"; not in the bag: {', '.join(replay['missing'])}" if replay["missing"] else ""
     faults = [f"replay: without {fault}" for fault in replay["faults"]]
-    return [f"replay: takes {', '.join(replay['sensors'])}{missing}", *faults]
+    return [f"replay: uses {', '.join(replay['sensors'])}{missing}", *faults]

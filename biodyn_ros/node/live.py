@@ -217,7 +217,7 @@ class BiodynNode(LifecycleNode):
 
     def _ask_page(self) -> None:
         if self._page is not None:
-            self._page.ask()
+            self._page.request_end()
 
     def _end_page(self) -> None:
         page, self._page = self._page, None
@@ -326,7 +326,7 @@ def main(args: list[str] | None = None) -> int:
         except KeyboardInterrupt:  # before the node was up
             return 0
         finally:
-            shutdown.through([("the ROS context", rclpy.try_shutdown)])
+            shutdown.run_stages([("the ROS context", rclpy.try_shutdown)])
 
 
 def _run(shutdown: Shutdown) -> int:
@@ -347,10 +347,10 @@ def _run(shutdown: Shutdown) -> int:
         gc.freeze()
         ended = Future()
         shutdown.interrupts, shutdown.stage = False, "a callback"
-        shutdown.on_asked(lambda: ended.set_result(None))
+        shutdown.on_request(lambda: ended.set_result(None))
         spin(executor, ended)
         return 0
     finally:
         shutdown.interrupts = False
         store, *others = node.shutdown_steps()
-        shutdown.through((store, ("the executor", executor.shutdown), *others))
+        shutdown.run_stages((store, ("the executor", executor.shutdown), *others))

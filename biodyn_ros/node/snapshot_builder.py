@@ -22,7 +22,7 @@ from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
 from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
 from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.meter import meter_readings
-from biodyn_ros.reports.verdict import judge
+from biodyn_ros.reports.verdict import seat_verdict
 
 LEAST_SEAT_MPS2: Final = 0.05
 """Below this weighted acceleration of the seat a transmissibility would be that of the sensors' noise."""
@@ -70,7 +70,7 @@ class SnapshotBuilder:
             "shock_mps2": self._shock_mps2,
             "limits": pipeline.limits.deciding.to_dict(),
             "seconds": run.seconds,
-            "verdict": vars(judge(document, fault)),
+            "verdict": vars(seat_verdict(document, fault)),
             "seat": _seat(seat, pipeline.limits.deciding, pipeline.losses(SEAT), fault) if seat else None,
             "meter": asdict(readings) if (readings := meter_readings(document)) else None,
             "rows": _rows(rolling, by_name, bounds),

@@ -1,4 +1,4 @@
-// The live page: places what snapshots say. Words come from the node; texts are set as text, never as markup.
+// The live page: shows the snapshots of the node. Texts are set as text, never as markup.
 "use strict";
 
 const STALE_MS = 1500; // six snapshots late
@@ -10,7 +10,7 @@ const DOT = [["●", "streaming"], ["▲", "warning"], ["✖", "error"]];
 const $ = (id) => document.getElementById(id);
 
 let snapshot = null;
-let cameAt = 0;
+let receivedAt = 0;
 let minute = {};
 
 // --- words -------------------------------------------------------------------------------------------------------
@@ -79,7 +79,7 @@ function gauge(of) {
 
 function meter(of) {
   const read = of.meter;
-  $("meter-note").textContent = read ? `The seat since reset, weighted (ISO 2631-1), without k. ${read.note}` : "The seat since reset: nothing is counted yet.";
+  $("meter-note").textContent = read ? `The seat since reset, weighted (ISO 2631-1), without k. ${read.note}` : "The seat since reset: nothing counted yet.";
   const axes = read ? read.axes : [];
   $("readings").replaceChildren(
     reading("counted", "s", read ? [["", number(read.counted_s)]] : []),
@@ -105,13 +105,13 @@ function reading(name, unit, values) {
   return made;
 }
 
-// Explains "≥" in every section where it stands.
+// Explains "≥" in every section that contains it.
 function bounds(of) {
   const why = of.meter && of.meter.bounds ? of.meter.bounds : "";
   explain($("band"), why || "≥ means at least.");
   explain($("meter"), why || "≥ means at least.");
-  explain($("body"), "≥ means at least: the sensor clipped or stood still since reset.");
-  explain($("ride"), "≥ means at least: samples are missing, clipped or stood still since reset.");
+  explain($("body"), "≥ means at least: samples clipped or stuck since reset.");
+  explain($("ride"), "≥ means at least: samples missing, clipped or stuck since reset.");
 }
 
 function explain(section, text) {
@@ -125,7 +125,7 @@ function explain(section, text) {
 function rows(of) {
   const most = Math.max(0.05, ...of.rows.flatMap((row) => [row.measured_mps2 ?? 0, row.predicted_mps2 ?? 0]));
   $("rows").replaceChildren(...of.rows.map((row) => segment(row, most)));
-  // Without the seat nothing moves on: what stands here is of its last window.
+  // Without the seat no value is updated: the rows show its last window.
   const seat = of.rows.find((row) => row.name === "seat");
   document.querySelector("main").classList.toggle("frozen", seat.sensor.level === 2);
   for (const part of document.querySelectorAll(".part")) {
@@ -142,7 +142,7 @@ function segment(of, most) {
   sign.dataset.level = of.sensor ? of.sensor.level : "none";
   sign.title = meaning;
   const name = element("span", "name", of.name);
-  name.append(element("small", "", of.sensor ? of.sensor.message : "predicted alone"));
+  name.append(element("small", "", of.sensor ? of.sensor.message : "predicted only"));
   name.title = of.sensor ? of.sensor.message : "";
   const bars = element("span", "bars");
   for (const [kind, value] of [["bar", of.measured_mps2], ["bar model", of.predicted_mps2]]) {
@@ -177,7 +177,7 @@ function facts(of) {
 
 function span(values, unit) {
   const known = values.filter((value) => value !== null);
-  if (!known.length) return "not known yet";
+  if (!known.length) return "unknown";
   const [least, most] = [Math.min(...known).toFixed(1), Math.max(...known).toFixed(1)];
   return `${least === most ? least : `${least} to ${most}`} ${unit}, ${known.length} of ${values.length} sensors`;
 }
@@ -221,7 +221,7 @@ function remember(strip) {
     const kept = minute[name] ?? (minute[name] = []);
     bins.begin_s.forEach((begin, at) => {
       const last = kept.length ? kept[kept.length - 1].begin : begin - BIN_S;
-      if (!(begin > last && begin - last <= MINUTE_S)) kept.length = 0; // another clock, or a bag that began anew
+      if (!(begin > last && begin - last <= MINUTE_S)) kept.length = 0; // another clock, or a restarted bag
       kept.push({ begin, low: bins.low[at], high: bins.high[at] });
     });
     const end = kept.length ? kept[kept.length - 1].begin : 0;
@@ -247,9 +247,9 @@ function draw() {
   const all = [...measured, ...predicted];
   if (!all.length) return;
   const end = Math.max(...all.map((bin) => bin.begin)) + BIN_S;
-  // The measurement decides the height: a model that runs away may leave the picture.
-  const felt = measured.length ? measured : predicted;
-  const most = 1.1 * Math.max(0.2, ...felt.flatMap((bin) => [Math.abs(bin.low), Math.abs(bin.high)]));
+  // The measurement sets the scale: a diverging prediction may exceed it.
+  const scaled = measured.length ? measured : predicted;
+  const most = 1.1 * Math.max(0.2, ...scaled.flatMap((bin) => [Math.abs(bin.low), Math.abs(bin.high)]));
   const plot = { left: MARGIN.left, top: MARGIN.top, width: width - MARGIN.left - MARGIN.right, height: height - MARGIN.top - MARGIN.bottom };
   const place = {
     ...plot,
@@ -268,7 +268,7 @@ function draw() {
   for (const { from, to } of lines) stroke(pen, ...from, ...to);
   pen.fillStyle = colour("--area");
   for (const bin of measured) bar(pen, place, bin);
-  // Dashes leave the measurement to be seen where both lie on each other.
+  // The gaps of the dashes show the measurement under an overlapping line.
   curves(pen, place, measured, { colour: colour("--measured"), width: 2.4, dashes: [] });
   curves(pen, place, predicted, { colour: colour("--predicted"), width: 1.8, dashes: [6, 6] });
   pen.restore();
@@ -287,7 +287,7 @@ function line(bins, column) {
   return bins.filter((bin) => bin.low[column] !== null).map((bin) => ({ begin: bin.begin, low: bin.low[column], high: bin.high[column] }));
 }
 
-// Lines of the grid, each with its words in the margin: levels on the left, times beneath.
+// Lines of the grid, each with its label in the margin: levels on the left, times below.
 function axes(place, most) {
   const step = 10 ** Math.floor(Math.log10(most));
   const level = most / step >= 5 ? 5 * step : most / step >= 2 ? 2 * step : step;
@@ -337,7 +337,7 @@ function trace(pen, place, bins, side) {
   pen.stroke();
 }
 
-// --- the whole ---------------------------------------------------------------------------------------------------
+// --- updates -----------------------------------------------------------------------------------------------------
 
 function show(of) {
   band(of);
@@ -353,20 +353,20 @@ function show(of) {
 
 function terms(of) {
   const limits = of.limits;
-  const pair = (measure, unit) => (limits[`action_${measure}`] === null ? "none stated"
+  const pair = (measure, unit) => (limits[`action_${measure}`] === null ? "none"
     : `${limits[`action_${measure}`]} / ${limits[`limit_${measure}`]} ${unit}`);
   const kept = of.exposure ? ` Exposure: ${of.exposure.message}.` : "";
-  const range = of.prediction.extrapolated ? ", and the seat has moved harder than where the subject was fitted" : "";
+  const range = of.prediction.extrapolated ? ", and the seat motion exceeds that of the recordings fitted" : "";
   const model = ` They are not validated for this vehicle and seat${range}.`;
   const why = of.verdict.reasons.slice(1).join(" ");
   return `${why} Subject ${of.subject} (${of.mass_matrix}). Rolling window ${of.window_s} s. Limits of ${limits.source}, action / limit: `
-    + `A(8) ${pair("a8_mps2", "m/s²")}, VDV ${pair("vdv_mps175", "m/s¹·⁷⁵")}; judged by the seat alone, since reset`
+    + `A(8) ${pair("a8_mps2", "m/s²")}, VDV ${pair("vdv_mps175", "m/s¹·⁷⁵")}; assessed from the seat only, since reset`
     + `${of.seat ? `, ${number(of.seat.counted_s)} s counted, ${number(of.seat.missing_s)} s missing` : ""}. `
-    + `Predictions are a model's, not measurements.${model} Model: ${of.prediction.message}.${kept} biodyn ${of.version}.`;
+    + `Predictions come from a model and are not measurements.${model} Model: ${of.prediction.message}.${kept} biodyn ${of.version}.`;
 }
 
-function watch() {
-  const silent = performance.now() - cameAt;
+function checkAge() {
+  const silent = performance.now() - receivedAt;
   const stale = !snapshot || silent > STALE_MS;
   document.body.classList.toggle("stale", stale);
   if (!stale) return;
@@ -374,7 +374,7 @@ function watch() {
   $("sign").textContent = SIGN.none;
   if (!snapshot) return;
   $("headline").textContent = `No data for ${Math.floor(silent / 1000)} s`;
-  $("reason").textContent = "The node, or the way to it, is silent. What stands below is what was known last.";
+  $("reason").textContent = "No data from the node. The page shows the last known values.";
 }
 
 function listen() {
@@ -386,12 +386,12 @@ function listen() {
   });
   events.addEventListener("snapshot", (event) => {
     snapshot = JSON.parse(event.data);
-    cameAt = performance.now();
+    receivedAt = performance.now();
     remember(snapshot.strip);
     show(snapshot);
   });
   events.onerror = () => {
-    if (events.readyState !== EventSource.CLOSED) return; // else the browser tries again by itself
+    if (events.readyState !== EventSource.CLOSED) return; // the browser reconnects by itself
     setTimeout(listen, 2000);
   };
 }
@@ -403,28 +403,28 @@ function token() {
   return given ?? "";
 }
 
-async function ask(what) {
-  $("said").textContent = "…";
+async function call(name) {
+  $("reply").textContent = "…";
   try {
-    const answer = await fetch(what, { method: "POST", headers: { "X-Biodyn-Token": token() } });
-    const said = await answer.text();
-    $("said").textContent = answer.ok ? JSON.parse(said).message : said.trim();
+    const response = await fetch(name, { method: "POST", headers: { "X-Biodyn-Token": token() } });
+    const text = await response.text();
+    $("reply").textContent = response.ok ? JSON.parse(text).message : text.trim();
   } catch {
-    $("said").textContent = `${what}: the page's server does not answer`;
+    $("reply").textContent = `${name}: the server of the page does not respond`;
   }
 }
 
 function buttons() {
   const allowed = token() !== "";
   for (const name of ["mark", "reset"]) $(name).disabled = !allowed;
-  if (!allowed) $("said").textContent = "To mark or reset, open the link that the node told, with its token.";
-  $("mark").addEventListener("click", () => ask("mark"));
+  if (!allowed) $("reply").textContent = "To mark or reset, open the link with the token that the node prints.";
+  $("mark").addEventListener("click", () => call("mark"));
   let armed = 0;
   $("reset").addEventListener("click", () => {
-    const button = $("reset"); // a lost exposure does not come back: ask twice
+    const button = $("reset"); // needs a second click, because a reset cannot be undone
     if (button.classList.contains("armed")) {
       disarm();
-      ask("reset");
+      call("reset");
       return;
     }
     button.classList.add("armed");
@@ -459,5 +459,5 @@ buttons();
 $("channel").addEventListener("change", () => { facts(snapshot); draw(); });
 addEventListener("resize", draw);
 addEventListener("hashchange", () => location.reload());
-setInterval(watch, 250);
+setInterval(checkAge, 250);
 listen();

@@ -1,4 +1,4 @@
-"""What playing a bag means, without ROS: what goes where, what was sent, and the order of messages."""
+"""Playing a bag, without ROS: topics, order of messages, and length of a lap."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from biodyn_ros.bag.cdr import NS_PER_S
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.reading.mapping import check_given
 
-MOST_APART_NS: Final = NS_PER_S
-"""Stamps that last longer or shorter than the recording by more are of a clock that was set: the recorder's count."""
+MAX_SPAN_DIFFERENCE_NS: Final = NS_PER_S
+"""If the spans of stamps and recording differ by more, a clock was set, and the recorder's times are used."""
 
 INTERVALS: Final = 1000
-"""The last so many intervals tell a topic's period."""
+"""Number of the last intervals from which a topic's period is computed."""
 
 
 @dataclass(frozen=True)
 class Played:
-    """What was sent: messages by topic, and how long it took."""
+    """Messages sent by topic, and the time taken."""
 
     messages: dict[str, int]
     seconds: float
 
 
 class Lap:
-    """The first lap of a bag that loops: `note` every message, then `length_ns` tells when the next lap begins.
+    """The first lap of a looped bag: `note` every message, then `length_ns` is the time to the next lap.
 
-    steady: the topics that shall go on with their period; all, where none is given.
+    steady: the topics whose period continues from lap to lap; all topics if empty.
     """
 
     def __init__(self, steady: frozenset[str]) -> None:
@@ -48,8 +48,8 @@ class Lap:
         self._tracks[topic].note(log_ns, stamp_ns)
 
     def length_ns(self) -> int:
-        """How long a lap lasts: the least with which laps do not overlap and every steady topic keeps its period."""
-        tracks = [track.believed() for track in self._tracks.values()]
+        """The length of a lap: the shortest without overlap of laps in which every steady topic keeps its period."""
+        tracks = [track.checked() for track in self._tracks.values()]
         together_ns = max(t.stamps_ns[-1] + t.delay_ns for t in tracks) - min(t.first_ns + t.delay_ns for t in tracks)
         steady = [track for name, track in zip(self._tracks, tracks, strict=True) if name in self._steady] or tracks
         return max(together_ns, *(track.span_ns + track.period_ns() for track in steady)) or NS_PER_S
@@ -57,7 +57,7 @@ class Lap:
 
 @dataclass
 class _Track:
-    """One topic of a lap: its first stamps by the recorder and its own, the last ones, and its least delay."""
+    """One topic of a lap: first and last log times and stamps, and the smallest delay."""
 
     first_log_ns: int
     first_ns: int
@@ -74,23 +74,23 @@ class _Track:
     def span_ns(self) -> int:
         return self.stamps_ns[-1] - self.first_ns
 
-    def believed(self) -> _Track:
-        """The same by the recorder's time where its own stamps stand still or were set."""
+    def checked(self) -> _Track:
+        """The same by log time if the stamps do not change or a clock was set."""
         recorded_ns = self.log_ns[-1] - self.first_log_ns
-        if abs(self.span_ns - recorded_ns) <= min(MOST_APART_NS, recorded_ns // 2):
+        if abs(self.span_ns - recorded_ns) <= min(MAX_SPAN_DIFFERENCE_NS, recorded_ns // 2):
             return self
         return _Track(self.first_log_ns, self.first_log_ns, self.log_ns, self.log_ns, 0)
 
     def period_ns(self) -> int:
-        """The median interval; 0 for one message alone."""
+        """The median interval; 0 for a single message."""
         return median_low([b - a for a, b in pairwise(self.stamps_ns)] or [0])
 
 
 def played_on(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
-    """Return {topic of the bag: topic that it is played on}: its own, or the input of the sensor which it is given as.
+    """Return {topic of the bag: output topic}: the same topic, or the input of the sensor that it is given as.
 
-    What is given takes the place of a topic of that name, which is left out. Raises InputError for a given topic that
-    is not there.
+    A given topic replaces a topic of the same output name, which is not played. Raises InputError for a given topic
+    that is not in the bag.
     """
     check_given(reader, given)
     inputs = {topic: INPUT[sensor] for sensor, topic in given.items()}
@@ -100,7 +100,7 @@ def played_on(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
 
 
 def in_order(reader: BagReader, topics: list[str]) -> Iterator[tuple[int, str, bytes]]:
-    """All messages of the topics as (log time, topic, bytes), in order of log time, a chunk or two in memory."""
+    """All messages of the topics as (log time, topic, bytes), in order of log time, one or two chunks in memory."""
     waiting: list[tuple[int, int, str, bytes]] = []
     number = 0
     for chunk in reader.chunks(topics):

@@ -1,9 +1,9 @@
-"""Plays a bag onto its topics: paced by log time, stamps rebased to now unless kept, waiting for its subscribers.
+"""Plays a bag onto its topics: paced by log time, stamps shifted to the present unless kept.
 
-Serialized messages go out as they are; only the header stamp is patched: moved, or set by the recorder's clock. It
-publishes RELIABLE, which serves both kinds of subscriber, and waits until it is matched, because a publisher that does
-not wait loses its first messages. One that leaves at once loses its last: best-effort subscribers acknowledge none, and
-what they have not taken goes too.
+Serialized messages are published unchanged except for the header stamp, which is shifted or set to log time. The
+publishers are RELIABLE, which matches both kinds of subscriber. The player waits until they are matched, because
+earlier messages are lost. It also waits at the end: best-effort subscribers acknowledge no message, and messages not
+yet received are lost when the publisher is destroyed.
 """
 
 from __future__ import annotations
@@ -26,36 +26,36 @@ from rosgraph_msgs.msg import Clock
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagReader, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
-from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.base.shutdown import Shutdown
 from biodyn_ros.play.playback import Lap, Played, in_order, played_on
 from biodyn_ros.play.player_settings import PlayerSettings
 
 CLOCK_STEP_NS: Final = 10_000_000
-TOLD_STEP_NS: Final = 100_000_000
-PATIENCE_S: Final = 0.05
-ACKNOWLEDGED_WITHIN_S: Final = 20.0
-MOMENT_S: Final = 0.5
+PROGRESS_STEP_NS: Final = 100_000_000
+POLL_S: Final = 0.05
+ACKNOWLEDGE_TIMEOUT_S: Final = 20.0
+SETTLING_S: Final = 0.5
 
 
 class Player(Node):
     """A node that publishes a bag's topics: `wait_for_subscribers`, then `play`.
 
-    `progress` hears (milliseconds played, milliseconds in all) ten times a second of the bag, unless it loops. mapping:
-    the bag's topic by sensor where its name does not tell; time: whose stamps go out, the `header`'s or the `log`'s.
+    `progress` is called with (milliseconds played, total milliseconds) ten times per second of the bag, unless it
+    loops. mapping: the bag's topic by sensor, if not found by name; time: "header" or "log", the stamps to publish.
     """
 
     def __init__(
         self,
         bag: str | Path,
         settings: PlayerSettings | None = None,
-        progress: OnProgress = unwatched,
+        progress: OnProgress = ignore_progress,
         mapping: dict[str, str] | None = None,
         time: Literal["header", "log"] = "header",
         **kwargs: Any,
     ) -> None:
         super().__init__("biodyn_player", **kwargs)
-        self._progress = unwatched if settings and settings.loop else progress
+        self._progress = ignore_progress if settings and settings.loop else progress
         self.settings = settings or PlayerSettings()
         self.bag = Path(bag)
         self._by_log = time == "log"
@@ -66,9 +66,9 @@ class Player(Node):
             for warning in reader.warnings:
                 self.get_logger().warning(warning)
         if not types:
-            raise InputError(f"{bag}: the bag is empty, there is nothing to play")
+            raise InputError(f"{bag}: the bag is empty: nothing to play")
         for name in replaced:
-            self.get_logger().warning(f"{name}: not played: another topic is given as its sensor")
+            self.get_logger().warning(f"{name}: not played: another topic is mapped to its sensor")
         qos = QoSProfile(
             history=HistoryPolicy.KEEP_LAST, depth=self.settings.depth, reliability=ReliabilityPolicy.RELIABLE
         )
@@ -83,22 +83,22 @@ class Player(Node):
         self._lap = Lap(frozenset(name for name, kind in types.items() if kind == IMU_TYPE))
         self._stamped = {name for name, output in self._outputs.items() if _has_header(output.msg_type)}
         for name in types.keys() - self._outputs.keys():
-            self.get_logger().warning(f"{name}: no Python class for {types[name]} is installed: not played")
+            self.get_logger().warning(f"{name}: not played: no Python class for {types[name]} is installed")
         self._clock_output = self.create_publisher(Clock, "/clock", 10) if self.settings.clock else None
 
     def wait_for_subscribers(self, going: Callable[[], bool] = lambda: True) -> list[str]:
-        """Wait, `wait_s` at most, until every topic is subscribed to; return those that nobody listens to."""
+        """Wait, `wait_s` at most, until every topic has a subscriber; return the topics without one."""
         deadline = time.monotonic() + self.settings.wait_s
-        alone = list(self._outputs)
-        while alone and going() and time.monotonic() < deadline:
-            time.sleep(PATIENCE_S)
-            alone = [name for name in self._outputs if self._outputs[name].get_subscription_count() == 0]
-        if len(alone) < len(self._outputs):
-            time.sleep(MOMENT_S)  # a subscriber knows of its publisher a moment later than the publisher of it
-        return [self._names[name] for name in alone]
+        unmatched = list(self._outputs)
+        while unmatched and going() and time.monotonic() < deadline:
+            time.sleep(POLL_S)
+            unmatched = [name for name in self._outputs if self._outputs[name].get_subscription_count() == 0]
+        if len(unmatched) < len(self._outputs):
+            time.sleep(SETTLING_S)  # a subscriber discovers its publisher slightly later than the publisher it
+        return [self._names[name] for name in unmatched]
 
     def play(self, going: Callable[[], bool] = lambda: True) -> Played:
-        """Publish everything, in order of log time, as long as `going()`; laps follow each other without a gap."""
+        """Publish all messages in order of log time while `going()`; laps follow each other without a gap."""
         rebase_ns, past_ns = 0, 0
         while going():
             with open_bag(self.bag) as reader:
@@ -107,7 +107,7 @@ class Player(Node):
                     rebase_ns = 0 if self.settings.keep_stamps else now_ns - (reader.start_ns or 0)
                     self._began_s = time.monotonic()
                 if self.settings.keep_stamps:
-                    self._next_clock_ns = 0  # the clock goes back with the stamps
+                    self._next_clock_ns = 0  # the clock jumps back with the stamps
                 moved_ns = 0 if self.settings.keep_stamps else past_ns
                 self._play_once(reader, going, past_ns, rebase_ns + moved_ns)
             if not self.settings.loop or not going() or not any(self._sent.values()):
@@ -116,33 +116,35 @@ class Player(Node):
         return self.played()
 
     def played(self) -> Played:
-        """What has been published so far, also where playing was interrupted."""
+        """The messages published so far, also after an interruption."""
         seconds = 0.0 if self._began_s is None else time.monotonic() - self._began_s
         return Played({self._names[name]: count for name, count in self._sent.items()}, seconds)
 
     def flush(self) -> None:
-        """Wait until reliable subscribers have acknowledged all, and a moment for others; warn when time runs out."""
-        deadline = time.monotonic() + ACKNOWLEDGED_WITHIN_S
+        """Wait until reliable subscribers have acknowledged all messages, and briefly for others; warn on a timeout."""
+        deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT_S
         for name, output in self._outputs.items():
-            # A moment at a time: a signal interrupts between two of them alone.
-            while not (acknowledged := output.wait_for_all_acked(Duration(seconds=PATIENCE_S))):
+            # In short steps, because a signal is handled between two calls only.
+            while not (acknowledged := output.wait_for_all_acked(Duration(seconds=POLL_S))):
                 if time.monotonic() > deadline:
                     break
             if not acknowledged:
-                self.get_logger().warning(f"{self._names[name]}: a subscriber has not acknowledged all in time")
-        time.sleep(MOMENT_S)
+                self.get_logger().warning(
+                    f"{self._names[name]}: not all messages acknowledged within {ACKNOWLEDGE_TIMEOUT_S:g} s"
+                )
+        time.sleep(SETTLING_S)
 
     def _play_once(self, reader: BagReader, going: Callable[[], bool], past_ns: int, rebase_ns: int) -> None:
-        """Publish the bag once; past_ns: how long the laps before it lasted."""
+        """Publish the bag once; past_ns: the length of all earlier laps."""
         assert self._began_s is not None
         start_ns = reader.start_ns or 0
         total_ms = ((reader.end_ns or 0) - start_ns) // 10**6
-        next_told_ns = 0
+        next_progress_ns = 0
         for log_ns, name, message in in_order(reader, list(self._outputs)):
             elapsed_ns = log_ns - start_ns
-            if elapsed_ns >= next_told_ns:
+            if elapsed_ns >= next_progress_ns:
                 self._progress(elapsed_ns // 10**6, total_ms)
-                next_told_ns = elapsed_ns + TOLD_STEP_NS
+                next_progress_ns = elapsed_ns + PROGRESS_STEP_NS
             due_s = self._began_s + (past_ns + elapsed_ns) * 1e-9 / self.settings.rate
             if due_s > time.monotonic() + 0.0005:
                 time.sleep(max(0.0, due_s - time.monotonic()))
@@ -157,7 +159,7 @@ class Player(Node):
         self._progress(total_ms, total_ms)
 
     def _stamp_ns(self, name: str, message: bytes, log_ns: int) -> int:
-        """The stamp that goes out, before it is moved."""
+        """The stamp to publish, before it is shifted."""
         return log_ns if self._by_log or name not in self._stamped else stamp_of(message)
 
     def _stamp(self, name: str, message: bytes, log_ns: int, rebase_ns: int) -> bytes:
@@ -174,7 +176,7 @@ class Player(Node):
 
 
 def message_class(kind: str) -> Any:
-    """The Python class of a message type such as sensor_msgs/msg/Imu, None where its package is not installed."""
+    """The Python class of a message type such as sensor_msgs/msg/Imu, None if its package is not installed."""
     package, _, name = kind.replace("/msg/", "/").partition("/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
@@ -187,8 +189,8 @@ def _has_header(cls: Any) -> bool:
     return bool(fields) and fields[0] == "std_msgs/Header"
 
 
-def play(bag: Path, settings: PlayerSettings, progress: OnProgress = unwatched, **how: Any) -> Played:
-    """Play a bag as a process of its own until its end, SIGINT or SIGTERM; how: mapping and time of the `Player`."""
+def play(bag: Path, settings: PlayerSettings, progress: OnProgress = ignore_progress, **how: Any) -> Played:
+    """Play a bag in its own process until its end, SIGINT or SIGTERM; how: mapping and time of the `Player`."""
     with Shutdown("biodyn play", interrupts=True) as shutdown:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         player = None
@@ -196,7 +198,7 @@ def play(bag: Path, settings: PlayerSettings, progress: OnProgress = unwatched, 
             shutdown.stage = "playing"
             player = Player(bag, settings, progress, **how)
             for topic in player.wait_for_subscribers():
-                player.get_logger().warning(f"nobody listens to {topic}")
+                player.get_logger().warning(f"{topic} has no subscriber")
             played = player.play()
             player.flush()
         except KeyboardInterrupt:
@@ -206,5 +208,5 @@ def play(bag: Path, settings: PlayerSettings, progress: OnProgress = unwatched, 
         finally:
             shutdown.interrupts = False
             if player is not None:
-                shutdown.through([("the node", player.destroy_node)])
-            shutdown.through([("the ROS context", rclpy.try_shutdown)])
+                shutdown.run_stages([("the node", player.destroy_node)])
+            shutdown.run_stages([("the ROS context", rclpy.try_shutdown)])

@@ -1,1 +1,1 @@
-"""From a bag to what identification, tracing and replay read: sensors, stamps, recordings; no ROS."""
+"""Reads sensors, stamps and recordings from a bag, for identification, tracing and replay; no ROS."""

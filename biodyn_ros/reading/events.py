@@ -1,4 +1,4 @@
-"""Events: the recordings of bags with what each is for, as fitting and tracing read them; no bag counts twice."""
+"""Events for fitting and tracing: the recordings of bags, each fitted or held out; a bag may be given once only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_record
 
 @dataclass(frozen=True, eq=False)
 class BagEvent:
-    """One recording, the bag it is of, and whether it was held out by name."""
+    """One recording, its bag, and whether the bag is held out."""
 
     bag: str
     sha256: str
@@ -29,12 +29,12 @@ class BagEvent:
 
 
 Prepared = tuple[BagEvent, Case]
-"""An event, and its recording made ready to be fitted."""
+"""An event, and its recording prepared for fitting."""
 
 
 @dataclass(frozen=True)
 class EventOptions:
-    """How events are read and made ready; cases: the loading condition of a bag where its name does not tell it."""
+    """How events are read and prepared; cases: the loading condition of a bag, if not that of its name."""
 
     cases: Mapping[str, str]
     reading: RecordingOptions
@@ -44,20 +44,20 @@ class EventOptions:
 
 @dataclass(frozen=True, eq=False)
 class Events:
-    """The events that can be compared, those held out last, and why others are left out, one line each."""
+    """The events that can be compared, held-out ones last, and the reason why each other is excluded, a line each."""
 
     prepared: tuple[Prepared, ...]
     left_out: tuple[str, ...]
 
 
 def check_bags(bags: Sequence[str | Path], held_out: Sequence[str], cases: Iterable[str]) -> None:
-    """Raise InputError for no bag, one given twice, or a case (by bag) of none that is given."""
+    """Raise InputError for no bag, a bag given twice, or a case (by bag) of a bag that is not given."""
     if not bags:
         raise InputError("no bag is given: give at least one")
     paths = [Path(bag).resolve() for bag in (*bags, *held_out)]
     for path in paths:
         if paths.count(path) > 1:
-            raise InputError(f"{path}: given twice; what is fitted to cannot be held out, nor count double")
+            raise InputError(f"{path}: given twice: give each bag once, either to fit or to hold out")
     given = {str(bag) for bag in (*bags, *held_out)}
     for bag in cases:
         if bag not in given:
@@ -67,9 +67,9 @@ def check_bags(bags: Sequence[str | Path], held_out: Sequence[str], cases: Itera
 def read_events(
     bags: Sequence[str | Path], held_out: Sequence[str], options: EventOptions, progress: OnProgress
 ) -> Events:
-    """The recordings of all bags, made ready; one that cannot be compared with a model is left out.
+    """The prepared recordings of all bags; a recording that cannot be compared with a model is excluded.
 
-    Raises InputError for a bag that cannot be read, the same recording by two names, and if nothing to fit to remains.
+    Raises InputError for a bag that cannot be read, the same recording under two names, or if none to fit remains.
     """
     given = [(bag, False) for bag in bags] + [(bag, True) for bag in held_out]
     gravity = gravity_by_bag([bag for bag, _ in given], options.reading, options.reading.verticals())
@@ -102,5 +102,5 @@ def read_events(
 
 
 def _none_left(reasons: Sequence[str], bags: int) -> str:
-    """Why nothing to fit to remains: the first reason stands for all."""
-    return reasons[0] if bags == 1 else f"none of the {bags} bags can be fitted to; the first: {reasons[0]}"
+    """The reason why no bag to fit remains: that of the first bag."""
+    return reasons[0] if bags == 1 else f"none of the {bags} bags can be fitted; the first: {reasons[0]}"

@@ -1,4 +1,4 @@
-"""Gravity of the sensors of a bag: the whole record is searched for rest, and other records of the same call."""
+"""Gravity of the sensors of a bag: found at rest in the whole record, or in other records of the same call."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from biodyn_ros.bag import LoggedImu
 from biodyn_ros.reading.sensors import ReadingOptions, SensorReading, open_sensors
 
 Gravities = dict[str, Gravity]
-"""By sensor; one that shows no gravity, or whose record is too short, is not in it."""
+"""By sensor; without sensors that show no gravity or have a too short record."""
 
 
 def search_gravity(searches: Mapping[str, GravitySearch], samples: Iterable[tuple[str, LoggedImu]]) -> Gravities:
-    """Search samples by name, no further than until all are decided, usually after the first second."""
+    """Search samples by name until all searches are decided, usually after the first second."""
     for name, block in samples:
         searches[name].push(block.stamps_ns, block.accel_mps2)
         if all(search.decided for search in searches.values()):
@@ -26,7 +26,7 @@ def search_gravity(searches: Mapping[str, GravitySearch], samples: Iterable[tupl
 
 
 def gravity_of(sensors: SensorReading, verticals: Mapping[str, Vector]) -> Gravities:
-    """The gravity of every sensor of an open bag; verticals: those that are given."""
+    """The gravity of every sensor of an open bag; verticals: the given ones."""
     searches = {
         sensor: gravity_search(settings_for(sensor, sensors.conditioning), verticals.get(sensor))
         for sensor in sensors.times
@@ -43,10 +43,10 @@ def gravity_by_bag(
         with open_sensors(bag, options) as sensors:
             own.append(gravity_of(sensors, verticals))
     return [
-        {sensor: from_other_record(gravity, _elsewhere(sensor, bags, own)) for sensor, gravity in of_bag.items()}
+        {sensor: from_other_record(gravity, _in_all_bags(sensor, bags, own)) for sensor, gravity in of_bag.items()}
         for of_bag in own
     ]
 
 
-def _elsewhere(sensor: str, bags: Sequence[str | Path], own: Sequence[Gravities]) -> list[tuple[str, Gravity]]:
+def _in_all_bags(sensor: str, bags: Sequence[str | Path], own: Sequence[Gravities]) -> list[tuple[str, Gravity]]:
     return [(Path(bag).name, of_bag[sensor]) for bag, of_bag in zip(bags, own, strict=True) if sensor in of_bag]

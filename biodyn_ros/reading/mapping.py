@@ -1,4 +1,4 @@
-"""Which topic of a bag carries which sensor: by its name, or as the user says with `--map sensor=topic`."""
+"""Maps the topics of a bag to sensors: by topic name, or as given by `--map sensor=topic`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from biodyn_ros.base.topics import INPUT
 
 @dataclass(frozen=True)
 class SensorMap:
-    """Which topic is which sensor, and in one line why these sensors cannot be replayed, None where they can."""
+    """The sensor of each topic, and the reason in one line why these sensors cannot be replayed, None if they can."""
 
     sensors: dict[str, str]
     refusal: str | None
@@ -41,12 +41,12 @@ def imu_topics(reader: BagReader) -> tuple[str, ...]:
 
 
 def imu_messages(reader: BagReader) -> int:
-    """How many messages these topics have in all."""
+    """The total number of messages of these topics."""
     return sum(topic.messages for topic in reader.topics if topic.type == IMU_TYPE)
 
 
 def sensors_of(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
-    """Return {topic: sensor} for a bag; raises InputError where there is no Imu, no seat, or a topic is unknown."""
+    """Return {topic: sensor} for a bag; raises InputError for no Imu, no seat, or an unknown topic."""
     found = map_sensors(reader, given)
     if found.refusal:
         raise InputError(found.refusal)
@@ -54,12 +54,12 @@ def sensors_of(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
 
 
 def map_sensors(reader: BagReader, given: dict[str, str]) -> SensorMap:
-    """Map what can be mapped and say why the rest cannot; raises InputError for a given topic that is not there."""
+    """Map topics to sensors, with the reason if that is not possible; raises InputError for an unknown given topic."""
     check_given(reader, given)
     imus = imu_topics(reader)
     if not imus:
         there = _listed([f"{topic.name} ({topic.type})" for topic in reader.topics])
-        return SensorMap({}, f"{reader.path}: no {IMU_TYPE} in the bag; there is {there}")
+        return SensorMap({}, f"{reader.path}: no {IMU_TYPE} in the bag; its topics: {there}")
     found = {topic: sensor for sensor, topic in given.items()}
     refusal = None
     for sensor in SENSORS:
@@ -68,26 +68,26 @@ def map_sensors(reader: BagReader, given: dict[str, str]) -> SensorMap:
         matches = [name for name in imus if f"/{name.lstrip('/')}".endswith(f"/{INPUT[sensor]}") and name not in found]
         if len(matches) > 1:
             refusal = refusal or (
-                f"{reader.path}: {', '.join(matches)} may all be the {sensor}: say which with --map {sensor}=TOPIC"
+                f"{reader.path}: {', '.join(matches)} match the {sensor}: choose one with --map {sensor}=TOPIC"
             )
         elif matches:
             found[matches[0]] = sensor
     if refusal is None and SEAT not in found.values():
-        refusal = f"{reader.path}: no seat sensor among {_listed(imus)}: name it with --map seat=TOPIC"
+        refusal = f"{reader.path}: no seat sensor among {_listed(imus)}: give it with --map seat=TOPIC"
     return SensorMap(dict(sorted(found.items(), key=lambda item: SENSORS.index(item[1]))), refusal)
 
 
 def check_given(reader: BagReader, given: dict[str, str]) -> None:
-    """Raise InputError for a topic that is given as a sensor's and is no Imu of the bag."""
+    """Raise InputError for a given topic that is no Imu of the bag."""
     imus = imu_topics(reader)
     for sensor, topic in given.items():
         if topic not in imus:
             there = f"{_listed(imus)}{did_you_mean(topic, imus)}"
-            raise InputError(f"{reader.path}: --map {sensor}={topic}: no such Imu topic; there is {there}")
+            raise InputError(f"{reader.path}: --map {sensor}={topic}: no such Imu topic; Imu topics: {there}")
 
 
 def _listed(names: Iterable[str]) -> str:
-    """The first dozen of some names, and how many more there are."""
+    """The first twelve names, and the number of further ones."""
     names = list(names)
     more = [f"{len(names) - 12} more"] if len(names) > 12 else []
     return ", ".join([*names[:12], *more]) or "none"

@@ -1,4 +1,4 @@
-"""The marks that were set during a recording, where the live node's topic of them was recorded too."""
+"""The marks set during a recording, if the live node's topic of marks was recorded."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from biodyn_ros.base import topics
 
 
 def marks_of(reader: BagReader, begin_ns: int) -> list[dict[str, Any]]:
-    """What was marked, in order, as `name` and `time_s`: seconds after `begin_ns`, both by the recorder's clock.
+    """The marks in order, as `name` and `time_s`: seconds after `begin_ns`, both by the recorder's clock.
 
-    The node may have another name or a namespace: its topic is known by its last part and its type.
+    The node may have another name or a namespace: the last part and the type of a topic identify it.
     """
     last = topics.MARKS.removeprefix("~")
     named = [t.name for t in reader.topics if t.type == STRING_TYPE and t.name.endswith(last)]

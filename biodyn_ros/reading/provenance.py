@@ -1,4 +1,4 @@
-"""Where things come from: how a bag was made, and which bags, by content, a subject was fitted to or tried on."""
+"""Provenance: how a bag was made, and to which bags, by content, a subject was fitted or compared."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ Role = Literal["fitted", "held_out"]
 ROLES: Final[tuple[Role, Role]] = ("fitted", "held_out")
 
 RECORD: Final = "biodyn"
-"""The metadata record of a bag in which we say how it was made."""
+"""The metadata record of a bag that states how biodyn made it."""
 
 MADE_BY: Final = "biodyn simulate"
 MADE_BY_MODEL: Final = (
-    "This recording was made by the model itself, so its small residual proves nothing about how well the model "
+    "This recording was made by the model itself, so its small residual does not show how well the model "
     "describes a person."
 )
 
 
 def is_made_by_model(reader: BagReader) -> bool:
-    """Whether a bag says that `biodyn simulate` made it."""
+    """Whether a bag states that `biodyn simulate` made it."""
     return reader.metadata(RECORD).get("made_by") == MADE_BY
 
 
 def without_note(warnings: Iterable[str]) -> tuple[list[str], list[str]]:
-    """The warnings that say that a recording was made by the model, and all others."""
+    """The warnings about a recording made by the model, and all others."""
     notes, rest = [], []
     for line in warnings:
         (notes if line.endswith(MADE_BY_MODEL) else rest).append(line)
@@ -39,18 +39,18 @@ def without_note(warnings: Iterable[str]) -> tuple[list[str], list[str]]:
 
 
 def bag_sha256(path: str | Path) -> str:
-    """SHA-256 of a bag's storage files, one after the other; the same bag by another name has the same."""
+    """SHA-256 of a bag's storage files, one after the other; independent of the name of the bag."""
     with open_bag(path) as reader:
         files = reader.files
     return sha256_of(files)
 
 
-def sha256_of(files: Iterable[Path], most_bytes: int | None = None) -> str:
-    """SHA-256 of some files, one after the other, or of so many bytes of each."""
+def sha256_of(files: Iterable[Path], max_bytes: int | None = None) -> str:
+    """SHA-256 of some files, one after the other, or of the first bytes of each."""
     digest = hashlib.sha256()
     for file in files:
         with file.open("rb") as stream:
-            left = 2**62 if most_bytes is None else most_bytes
+            left = 2**62 if max_bytes is None else max_bytes
             while block := stream.read(min(1 << 20, left)):
                 digest.update(block)
                 left -= len(block)
@@ -58,14 +58,14 @@ def sha256_of(files: Iterable[Path], most_bytes: int | None = None) -> str:
 
 
 def rests_on(subject: Subject, besides: Container[str]) -> list[Any]:
-    """The recordings, as its file names them, that a subject's effects were fitted to, but for these hashes."""
+    """The recordings, as in its file, to which a subject's effects were fitted, without those with these hashes."""
     known = subject.provenance.get("fitted") if subject.effects else None
     earlier = known if isinstance(known, list) else []
     return [each for each in earlier if isinstance(each, Mapping) and each.get("sha256") not in besides]
 
 
 def role_of(subject: Subject, sha256: str) -> Role | None:
-    """What a bag was to this subject: `fitted`, `held_out`, or None for a bag that its file does not name."""
+    """The role of a bag for this subject: `fitted`, `held_out`, or None for a bag that its file does not list."""
     for role in ROLES:
         events = subject.provenance.get(role)
         for event in events if isinstance(events, list) else []:

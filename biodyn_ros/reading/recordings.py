@@ -1,4 +1,4 @@
-"""Recordings from a bag: what identification and validation fit to, read as replay reads it, without ROS."""
+"""Reads recordings from a bag for identification and validation, by the same path as replay, without ROS."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from biodyn_core.conditioning.tilt import Vector
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.recording.recording import Recorder, Recording
 from biodyn_core.recording.recording_settings import RecordingSettings
-from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.reading.gravity import gravity_of
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
@@ -24,8 +24,8 @@ from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 class RecordingOptions(ReadingOptions):
     """How a bag is read, and how its recordings are masked.
 
-    vertical: where sensors' axes see up if not by gravity, as `PipelineSettings.vertical`. channels: whether what they
-    measure beside their vertical is read too, `Recording.channels`.
+    vertical: the vertical in the axes of sensors, if not found from gravity, as `PipelineSettings.vertical`. channels:
+    whether the non-vertical channels are read too, `Recording.channels`.
     """
 
     vertical: str = ""
@@ -33,7 +33,7 @@ class RecordingOptions(ReadingOptions):
     channels: bool = False
 
     def verticals(self) -> dict[str, Vector]:
-        """The given verticals by sensor; raises InputError for what is none."""
+        """The given verticals by sensor; raises InputError for an invalid one."""
         return PipelineSettings(vertical=self.vertical).verticals()
 
 
@@ -41,13 +41,13 @@ def read_recordings(
     bag: str | Path,
     case: str | None = None,
     options: RecordingOptions | None = None,
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
     gravity: Mapping[str, Gravity] | None = None,
 ) -> list[Recording]:
-    """Read a bag's recordings, one for each run of its seat; the case by the file's name where it is not given.
+    """Read a bag's recordings, one for each run of its seat; case None: by the name of the file.
 
-    `progress` hears (samples done, samples in all). gravity: of its sensors, as `gravity_by_bag` finds it; None to
-    search this bag alone. Raises InputError for a bag without Imu or seat, and as `Recorder.finish`.
+    `progress` is called with (samples done, all samples). gravity: of its sensors, as from `gravity_by_bag`; None to
+    search this bag only. Raises InputError for a bag without Imu or seat, and as `Recorder.finish`.
     """
     options = options or RecordingOptions()
     verticals = options.verticals()
@@ -66,9 +66,9 @@ def read_recordings(
 
 
 def case_of(bag: str | Path) -> str:
-    """The loading condition by a bag's name: the one case it names, or its name without a trailing number.
+    """The loading condition by a bag's name: the only case in it, or the name without a trailing number.
 
-    `rail_crossing_2.mcap` is a rail, `gravel_03` is gravel; a name with two cases is a case of its own.
+    `rail_crossing_2.mcap` is rail, `gravel_03` is gravel; a name with two cases is a case of its own.
     """
     path = Path(bag)
     stem = path.stem if path.suffix in (".mcap", ".db3") else path.name

@@ -1,4 +1,4 @@
-"""Which readings of a bag count as clipped: a bag whose sensors have another range, or a second one, says so itself."""
+"""The limits from which samples of a bag count as clipped: a bag states them if its sensors have another range."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_ros.bag import BagReader
 
 KEY: Final = "saturation_mps2"
-"""In the metadata record `biodyn`: {topic: m/s^2} of the topics whose limit is not the usual one."""
+"""In the metadata record `biodyn`: {topic: m/s^2} of the topics whose limit is not the default."""
 
 
 def stated(limits: Mapping[str, float]) -> dict[str, str]:
-    """What a bag's metadata says of its limits; nothing where all are the usual one."""
+    """The metadata of a bag about its limits; empty if all have the default."""
     return {KEY: json.dumps(dict(limits))} if limits else {}
 
 
 def limits_of(
     reader: BagReader, topics: Mapping[str, str], given: ConditioningSettings | None
 ) -> tuple[dict[str, ConditioningSettings], list[str]]:
-    """Settings by sensor, for {topic: sensor} of a bag and all others, and a line on every limit that is the bag's own.
+    """Settings by sensor, for {topic: sensor} of a bag and all others, and a line for every limit from the bag.
 
-    A limit that was given, so that it is not the default, goes before the bag's. What is no limit is as good as none.
+    A given limit other than the default overrides the bag's. An invalid limit is ignored.
     """
     settings = given or ConditioningSettings()
     own = _stated(reader) if settings.saturation_mps2 == ConditioningSettings.saturation_mps2 else {}
@@ -38,7 +38,7 @@ def limits_of(
                 found[sensor] = dataclasses.replace(settings, saturation_mps2=own[topic])
             except InputError:
                 continue
-            lines.append(f"{sensor}: counts as clipped from {own[topic]:.0f} m/s^2 on, as the bag says")
+            lines.append(f"{sensor}: counts as clipped from {own[topic]:.0f} m/s^2 on, as the bag states")
     return found, lines
 
 

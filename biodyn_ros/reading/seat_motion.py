@@ -1,6 +1,6 @@
 """A measured seat motion from a CSV file or a bag, for `biodyn simulate`: any rate, any mounting.
 
-Gravity in the record tells the vertical and is removed; a record without it must have its third axis up.
+The vertical is found from gravity in the record, and gravity is removed; without gravity the third axis must point up.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
+from biodyn_core.base.wording import counted
 from biodyn_core.body.synthesis import MOTION_S, SeatMotion
 from biodyn_core.conditioning.tilt import rotation_to_vertical
 from biodyn_ros.bag import imu_blocks, open_bag
@@ -29,20 +30,20 @@ ACCEL_NAMES: Final = tuple(
     for of in ("a_", "acc_", "accel_", "acceleration_", "linear_acceleration_")
     for axis in ("x", "y", "z", "forward", "left", "up")
 )
-"""Some of the names that `_COLUMN` takes, for suggestions."""
+"""Some of the names that `_COLUMN` matches, for suggestions."""
 
 _COLUMN: Final = re.compile(
     r"(?:(?P<of>(?:linear_)?acceleration|linear_accel|accel|acc|a)[_. ]?)?(?P<axis>x|y|z|forward|left|right|up|down)?"
     r"(?:[_ ]?[\[(](?P<unit>[^\])]*)[\])]|_(?P<suffix>m?g|mps2|ms2|m/s\^?2))?"
 )
-"""How a column of acceleration is named, in lower case: of what, along which axis, in which unit."""
+"""Name of an acceleration column, in lower case: quantity, axis, unit."""
 
 _UNITS: Final = (None, "m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "ms2", "ms-2", "m s-2")
 _AXES: Final = (("x", "forward"), ("y", "left", "right"), ("z", "up", "down"))
-_TURNED: Final = ("right", "down")
+_NEGATIVE: Final = ("right", "down")
 
 IN_G: Final = (0.9, 1.1)
-"""What is felt on the mean, m/s^2, between these is gravity in another unit: nothing moves so evenly."""
+"""A mean acceleration between these, as a number, is gravity in units of g: no motion has such a mean."""
 
 MIN_RATE_HZ: Final = 20.0
 
@@ -50,7 +51,7 @@ MIN_RATE_HZ: Final = 20.0
 def read_seat_motion(
     path: str | Path, rate_hz: float | None, mapping: dict[str, str], time: str = "header"
 ) -> SeatMotion:
-    """Read a seat motion; a CSV without a time column needs `rate_hz`. Raises InputError naming file and place.
+    """Read a seat motion; a CSV without a time column needs `rate_hz`. Raises InputError with file and position.
 
     mapping and time ("header" or "log") are for bags.
     """
@@ -63,7 +64,7 @@ def read_seat_motion(
 
 
 def is_table(path: str | Path) -> bool:
-    """Whether a file is one of rows of numbers, by its name; all others are bags."""
+    """Whether a file is a table, by its name; all others are bags."""
     return Path(path).suffix.lower() in (".csv", ".txt")
 
 
@@ -71,15 +72,15 @@ def _from_bag(path: Path, mapping: dict[str, str], time: str) -> tuple[Floats, F
     with open_bag(path) as reader:
         sensors = sensors_of(reader, mapping)
         topic = next(name for name, sensor in sensors.items() if sensor == SEAT)
-        # A driver may leave its stamps zero: then the recorder's times serve.
+        # If a driver leaves its stamps zero, the recorder's times are used.
         choice = choose_times(reader, [topic], time)[topic]
         blocks = [block for _, block in imu_blocks(reader, [topic], choice.time, gyro=True)]
     stamps_ns = np.concatenate([block.stamps_ns for block in blocks])
     accel = np.concatenate([block.accel_mps2 for block in blocks])
     bad = int((~np.isfinite(accel).all(axis=1)).sum())
     if bad:
-        raise InputError(f"{path}: {topic}: readings that are not finite: {bad}")
-    # Without a gyro the seat does not pitch, as in a CSV file.
+        raise InputError(f"{path}: {topic}: {counted(bad, 'sample is', 'samples are')} not finite")
+    # Without a gyro the pitch rate is zero, as for a CSV file.
     gyro = np.concatenate([block.gyro_radps for block in blocks])
     gyro[~np.isfinite(gyro)] = 0.0
     rotation, levelled = _level(accel)
@@ -95,7 +96,7 @@ def _from_csv(path: Path, rate_hz: float | None) -> tuple[Floats, Floats, Floats
         near = _near(names, TIME_NAMES)
         raise InputError(f"{path}: no time column among {', '.join(names)}: give --seat-rate{near}")
     if time_column is not None and rate_hz is not None:
-        raise InputError(f"{path}: has a time column, {names[time_column]}: leave out --seat-rate")
+        raise InputError(f"{path}: has the time column {names[time_column]}: omit --seat-rate")
     time_s = np.arange(len(table)) / (rate_hz or 1.0)
     if time_column is not None:
         time_s = table[:, time_column] - table[0, time_column]
@@ -104,9 +105,9 @@ def _from_csv(path: Path, rate_hz: float | None) -> tuple[Floats, Floats, Floats
     if accel.shape[1] == 1:
         up = accel[:, 0] - accel[:, 0].mean()
         return time_s, np.column_stack([np.zeros_like(up), np.zeros_like(up), up]), np.zeros_like(up)
-    felt = float(np.linalg.norm(accel.mean(axis=0)))
-    if IN_G[0] < felt < IN_G[1]:
-        raise InputError(f"{path}: {felt:.2f} is felt on the mean, as of readings in g: m/s^2 are needed")
+    mean = float(np.linalg.norm(accel.mean(axis=0)))
+    if IN_G[0] < mean < IN_G[1]:
+        raise InputError(f"{path}: the mean acceleration is {mean:.2f}, so the values are in g: m/s^2 are needed")
     return time_s, _level(accel)[1], np.zeros(len(table))
 
 
@@ -138,9 +139,9 @@ def _read_table(path: Path) -> tuple[list[str], Floats]:
 
 
 def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
-    """Where three acceleration columns, or one, stand: forward, left and up with their signs.
+    """Indices and signs of three acceleration columns, forward, left and up, or of one.
 
-    By names such as x y z, ax ay az, a_forward, acc_z or linear_acceleration_x, in any order. Raises InputError where
+    By names such as x y z, ax ay az, a_forward, acc_z or linear_acceleration_x, in any order. Raises InputError if
     there are none, and for another unit.
     """
     found: dict[str, int] = {}
@@ -149,7 +150,7 @@ def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
         if column is None or not (column["of"] or column["axis"]):
             continue
         if (unit := column["unit"] or column["suffix"]) not in _UNITS:
-            raise InputError(f"{path}: {name} is in {unit}, m/s^2 are needed")
+            raise InputError(f"{path}: {name} is in {unit}, m/s^2 is needed")
         found[column["axis"] or ""] = place
     chosen = [axis for axes in _AXES for axis in axes if axis in found]
     if len(found) == 1:
@@ -157,11 +158,11 @@ def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
     elif len(found) != 3 or len(chosen) != 3 or any(not set(axes) & set(chosen) for axes in _AXES):
         listed, near = ", ".join(names), _near([name for name in names if not _COLUMN.fullmatch(name)], ACCEL_NAMES)
         raise InputError(f"{path}: no acceleration columns among {listed}: name them ax, ay, az or x, y, z{near}")
-    return [found[axis] for axis in chosen], np.array([-1.0 if axis in _TURNED else 1.0 for axis in chosen])
+    return [found[axis] for axis in chosen], np.array([-1.0 if axis in _NEGATIVE else 1.0 for axis in chosen])
 
 
 def _near(names: list[str], known: Sequence[str]) -> str:
-    """The known name that one of a table's is nearest to, as a question."""
+    """A suggestion of the known name that is closest to one of a table's names."""
     return next((near for name in names if (near := did_you_mean(name, known))), "")
 
 
@@ -175,15 +176,15 @@ def _level(accel: Floats) -> tuple[Floats, Floats]:
 
 
 def _even(path: Path, time_s: Floats, accel: Floats, pitch: Floats) -> SeatMotion:
-    """Lay the motion on an even grid at its own mean rate."""
+    """Interpolate the motion to an even grid at its mean rate."""
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time_s)) > 0.0])
     time_s, accel, pitch = time_s[rising], accel[rising], pitch[rising]
     if time_s.size < 3 or time_s[-1] < MOTION_S[0]:
-        raise InputError(f"{path}: at least {MOTION_S[0]:g} s of motion are needed, with a time that moves on")
+        raise InputError(f"{path}: at least {MOTION_S[0]:g} s of motion with increasing time are needed")
     rate = (time_s.size - 1) / float(time_s[-1])
     if rate < MIN_RATE_HZ:
         raise InputError(
-            f"{path}: a rate of {rate:.3g} Hz does not carry a seat motion, at least {MIN_RATE_HZ:g} Hz is needed"
+            f"{path}: a rate of {rate:.3g} Hz is too low for a seat motion, at least {MIN_RATE_HZ:g} Hz is needed"
         )
     grid = np.arange(int(time_s[-1] * rate)) / rate
     even = np.column_stack([np.interp(grid, time_s, column) for column in (*accel.T, pitch)])

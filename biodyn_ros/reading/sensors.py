@@ -1,4 +1,4 @@
-"""A bag's sensors, block by block: which topic is which, whose stamps count, and what is to be said of both."""
+"""Reads a bag's sensors block by block: topics, choice of stamps, conditioning settings, and warnings about them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """How a bag's sensors are read: which topic is which, whose clock, and how they are conditioned."""
+    """How a bag's sensors are read: topic by sensor, clock ("header" or "log"), and conditioning."""
 
     mapping: dict[str, str] = field(default_factory=dict)
     time: str = "header"
@@ -31,15 +31,15 @@ class ReadingOptions:
 
 
 class SensorReading:
-    """The sensors of a bag that is open: `blocks` once, and what is known then.
+    """The sensors of an open bag: iterate over `blocks` once; the warnings are complete afterwards.
 
-    conditioning: settings by sensor, with the bag's own limits; times: whose stamps count, by sensor.
+    conditioning: settings by sensor, with the bag's own limits; times: "header" or "log", by sensor.
     """
 
     def __init__(self, reader: BagReader, options: ReadingOptions) -> None:
         self._reader = reader
         self._sensors = sensors_of(reader, options.mapping)
-        self.conditioning, self._told = limits_of(reader, self._sensors, options.conditioning)
+        self.conditioning, self._limit_notes = limits_of(reader, self._sensors, options.conditioning)
         self._choices = choose_times(reader, self._sensors, options.time)
         self._clocks = {topic: ClockComparison() for topic in self._sensors}
         self.times = {sensor: self._choices[topic].time for topic, sensor in self._sensors.items()}
@@ -47,7 +47,7 @@ class SensorReading:
         self._begin_ns: int | None = None
 
     def blocks(self, progress: OnProgress, gyro: bool = False) -> Iterator[tuple[str, LoggedImu]]:
-        """Each sensor's next samples, in order of log time; `progress` hears (samples done, samples in all)."""
+        """Each sensor's next samples, in order of log time; `progress` is called with (samples done, all samples)."""
         total = sum(topic.messages for topic in self._reader.topics if topic.name in self._sensors)
         done = 0
         for topic, block in self._imu_blocks(gyro):
@@ -59,7 +59,7 @@ class SensorReading:
             progress(done, total)
 
     def samples(self) -> Iterator[tuple[str, LoggedImu]]:
-        """The samples that `blocks` gives, as often as they are asked for; nothing is noted of them."""
+        """The samples of `blocks`, any number of times; without effect on the warnings."""
         return ((self._sensors[topic], block) for topic, block in self._imu_blocks(gyro=False))
 
     def _imu_blocks(self, gyro: bool) -> Iterator[tuple[str, LoggedImu]]:
@@ -67,15 +67,15 @@ class SensorReading:
         return imu_blocks(self._reader, self._sensors, times, gyro)
 
     def bag_warnings(self) -> list[str]:
-        """What is to be said of the bag itself."""
-        return [*map(str, self._reader.warnings), *self._told]
+        """Warnings about the bag itself."""
+        return [*map(str, self._reader.warnings), *self._limit_notes]
 
     def marks(self) -> list[dict[str, Any]]:
-        """What was marked during the recording, once `blocks` has told when that began."""
+        """The marks of the recording; empty before `blocks` has found its start."""
         return [] if self._begin_ns is None else marks_of(self._reader, self._begin_ns)
 
     def clock_warnings(self, seconds: float) -> list[str]:
-        """What is to be said of stamps and clocks over so many seconds."""
+        """Warnings about stamps and clocks of a record of this length."""
         clocks = {
             sensor: SensorClock(self._choices[topic], self._clocks[topic].result())
             for topic, sensor in self._sensors.items()
@@ -84,7 +84,7 @@ class SensorReading:
 
 
 def check_seat(status: SensorStatus, bag: str) -> None:
-    """Raise InputError, saying why, where a bag's seat gives no prediction."""
+    """Raise InputError with the reason if a bag's seat gives no prediction."""
     if status.fault:
         raise InputError(f"{bag}: {status.fault}")
     if status.rate_hz is None:

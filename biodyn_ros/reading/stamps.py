@@ -1,6 +1,6 @@
-"""Whose time counts: header stamps, or the recorder's log times where a driver sets none; and where both disagree.
+"""Chooses the time of samples: header stamps, or the recorder's log times if a driver sets none; compares both.
 
-Header stamps are the sensor's own and come first. Log times are late by the transport, and in bursts.
+Header stamps are the sensor's own and preferred. Log times are delayed by the transport, and in bursts.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from biodyn_ros.bag import BagReader, imu_blocks
 from biodyn_ros.bag.cdr import decode_imu_in
 
 FIRST_MESSAGES: Final = 20
-"""So many messages show whether a driver sets stamps at all."""
+"""Number of messages that show whether a driver sets stamps."""
 
 DRIFT_TOLERATED_S: Final = 1e-3
-"""Two clocks that drift apart further over a record spoil the residual: 1 ms is 11 degrees at 30 Hz."""
+"""A larger drift between two clocks over a record distorts the residual: 1 ms is 11 degrees at 30 Hz."""
 
 OFFSET_TOLERATED_S: Final = 5e-3
-"""Offsets against the log times that differ further are said: whether clocks or transport differ no stamp can tell."""
+"""A larger difference of offsets against log time gives a warning; clock and transport cannot be distinguished."""
 
 RATE_TOLERATED_PPM: Final = 500.0
-"""No quartz is off by more: such stamps are counted, not taken from a clock."""
+"""No quartz has a larger error: such stamps are counted, not read from a clock."""
 
 
 @dataclass(frozen=True)
 class TimeChoice:
-    """Whose stamps count for a topic, "header" or "log", and why: asked for, default, or what is wrong with these."""
+    """The time of a topic, "header" or "log", and why: asked for, default, or the defect of the header stamps."""
 
     time: str
     why: str
 
     @property
     def fell_back(self) -> bool:
-        """Whether log time was taken because the header stamps are of no use."""
+        """Whether log time is used because the header stamps are not usable."""
         return self.time == "log" and self.why not in ("default", "asked for")
 
 
 def choose_times(reader: BagReader, topics: Iterable[str], wish: str) -> dict[str, TimeChoice]:
-    """Choose header or log time for each Imu topic; `wish` is "header" (used where it can be) or "log".
+    """Choose header or log time for each Imu topic; `wish` is "header" (if usable) or "log".
 
-    Looks at a topic's first messages. InputError as `imu_blocks`.
+    Reads a topic's first messages. InputError as `imu_blocks`.
     """
     topics = tuple(topics)
     if wish != "header":
@@ -63,12 +63,12 @@ def _choice(stamps_ns: Integers) -> TimeChoice:
     if stamps_ns.size and not stamps_ns.any():
         return TimeChoice("log", "header stamps are zero")
     if stamps_ns.size > 1 and (stamps_ns == stamps_ns[0]).all():
-        return TimeChoice("log", "header stamps stand still")
+        return TimeChoice("log", "header stamps do not change")
     return TimeChoice("header", "default")
 
 
 def _first_of_all(reader: BagReader, topics: tuple[str, ...]) -> dict[str, Integers]:
-    """Header stamps of the first chunk, which holds the beginning of all topics in most bags."""
+    """Header stamps of the first chunk, which contains the first messages of all topics in most bags."""
     blocks = next((list(chunk.blocks()) for chunk in reader.chunks(topics)), [])
     first = slice(FIRST_MESSAGES)
     return {b.topic: decode_imu_in(b.buffer, b.offsets[first], b.lengths[first]).stamps_ns for b in blocks}
@@ -85,14 +85,14 @@ def _first_of(reader: BagReader, topic: str) -> Integers:
 
 @dataclass(frozen=True)
 class SensorClock:
-    """A sensor's stamps: whose count, and how the header's run against the log times; None where none is set."""
+    """A sensor's choice of time, and the drift of its header stamps against log time; None if no stamp is set."""
 
     choice: TimeChoice
     drift: ClockDrift | None
 
 
 def clock_warnings(clocks: Mapping[str, SensorClock], seconds: float) -> list[str]:
-    """What is to be said of stamps and clocks in a record of so many seconds, a line each; `clocks` by name."""
+    """Warnings about stamps and clocks in a record of this length, a line each; `clocks` by name."""
     lines = [line for name, clock in clocks.items() for line in _own_warnings(name, clock)]
     by_header = {
         name: clock.drift
@@ -105,22 +105,22 @@ def clock_warnings(clocks: Mapping[str, SensorClock], seconds: float) -> list[st
 def _own_warnings(name: str, clock: SensorClock) -> list[str]:
     lines, drift = [], clock.drift
     if clock.choice.fell_back:
-        lines.append(f"{name}: {clock.choice.why}: the recorder's log time is used instead")
+        lines.append(f"{name}: {clock.choice.why}: log time is used instead")
     if drift is None or clock.choice.time == "log":
         return lines
     if drift.quantum_s:
         quantum_ms = 1e3 * drift.quantum_s
         lines.append(
-            f"{name}: header stamps are quantised to {quantum_ms:g} ms: an even clock is fitted through them,"
-            f" which may be off by up to {quantum_ms:g} ms"
+            f"{name}: header stamps are quantised to {quantum_ms:g} ms: an even clock is fitted to them,"
+            f" with an error of up to {quantum_ms:g} ms"
         )
     if drift.leaps:
         times = "once" if drift.leaps == 1 else f"{drift.leaps} times"
-        lines.append(f"{name}: header and log time leapt against each other {times}: a clock was set")
+        lines.append(f"{name}: header time jumped against log time {times}: a clock was set")
     if drift.ppm is not None and drift.ppm_error is not None and abs(drift.ppm) - drift.ppm_error > RATE_TOLERATED_PPM:
         lines.append(
-            f"{name}: its header stamps gain {drift.ppm:+.0f} ppm on log time, more than a clock does: the driver may"
-            " count samples; compare with --time log"
+            f"{name}: its header stamps drift by {drift.ppm:+.0f} ppm against log time, more than a clock: the driver"
+            " may count samples; compare with --time log"
         )
     return lines
 
@@ -131,8 +131,8 @@ def _mixed(clocks: Mapping[str, SensorClock], by_header: Mapping[str, ClockDrift
         return []
     late_ms = 1e3 * statistics.median(drift.offset_s for drift in by_header.values())
     line = (
-        f"{', '.join(fell_back)} by log time beside others by header time, which log time follows by {late_ms:.1f} ms:"
-        " the residual between them is not to be trusted; use --time log for all"
+        f"{', '.join(fell_back)} by log time, others by header time, and log time is {late_ms:.1f} ms later:"
+        " the residual between them is not reliable; use --time log for all"
     )
     return [line]
 
@@ -152,7 +152,7 @@ def _apart_by_drift(by_header: Mapping[str, ClockDrift], seconds: float) -> list
     each = ", ".join(f"{name} {ppm:+.1f}" for name, (ppm, _) in rates.items())
     line = (
         f"header clocks drift apart by {1e3 * apart_s:.1f} ms over {seconds:.0f} s (ppm against log time: {each}):"
-        " the residual is not to be trusted; use --time log"
+        " the residual is not reliable; use --time log"
     )
     return [line]
 
@@ -164,7 +164,7 @@ def _apart_by_offset(by_header: Mapping[str, ClockDrift]) -> list[str]:
         return []
     each = ", ".join(f"{name} {1e3 * drift.offset_s:.1f}" for name, drift in by_header.items())
     line = (
-        f"header stamps lie behind log time by different amounts (ms: {each}): clocks or transport differ, and where"
-        " it is the clocks, the residual is not to be trusted; compare with --time log"
+        f"the offset of log time from header stamps differs between sensors (ms: {each}): clocks or transport differ;"
+        " if clocks differ, the residual is not reliable; compare with --time log"
     )
     return [line]

@@ -13,7 +13,7 @@ from biodyn_ros.reports.frequency import powers, residual_channels, transmissibi
 from biodyn_ros.reports.meter import meter_readings
 from biodyn_ros.reports.motion import envelopes, overlay
 from biodyn_ros.reports.pages import check_reports, render
-from biodyn_ros.reports.verdict import judge
+from biodyn_ros.reports.verdict import seat_verdict
 from biodyn_ros.validate.settings import LEAST_COHERENCE
 
 
@@ -27,7 +27,7 @@ def replay_page(document: dict[str, Any], traces: Traces) -> str:
     return render(
         "replay.html.j2",
         document=document,
-        verdict=judge(document),
+        verdict=seat_verdict(document),
         meter=meter_readings(document),
         zones=ZONE,
         flagged=_flagged(document["seat"]),

@@ -24,7 +24,7 @@ from biodyn_ros.bag.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
 from biodyn_ros.base import topics
 from biodyn_ros.base.files import check_directory, make_directory, remove
 from biodyn_ros.base.json_files import write_json
-from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.reading.gravity import gravity_of
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, check_seat, open_sensors
@@ -58,7 +58,7 @@ def replay(
     subject: Subject,
     options: ReplayOptions | None = None,
     each: Callable[[Frames], Any] = lambda frames: None,
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
 ) -> Replayed:
     """Drive the pipeline with a bag and pass every push's frames to `each`.
 
@@ -91,7 +91,7 @@ def replay_to_directory(
     subject: Subject,
     directory: Path,
     options: ReplayOptions | None = None,
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
     predicted: bool = True,
     report: bool = True,
 ) -> Replayed:

@@ -1,1 +1,1 @@
-"""What the pages share: drawings, the template engine, the verdict on a seat."""
+"""Shared by the reports: drawings, templates, the verdict on the seat, JSON mappings."""

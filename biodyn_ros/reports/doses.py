@@ -19,7 +19,7 @@ _STYLES: Final[dict[str, Any]] = {
 
 
 class Pair(NamedTuple):
-    """A row of bars: its label, what was measured and predicted (None: not known), and which are lower bounds."""
+    """A row of bars: label, measured and predicted value (None: not known), and whether they are lower bounds."""
 
     label: str
     measured: float | None
@@ -30,7 +30,7 @@ class Pair(NamedTuple):
 
 
 def doses(rows: Sequence[Pair], label: str) -> Any:
-    """Doses by sensor or segment, from the head down as given; label says what and in which unit."""
+    """Doses by sensor or segment in the given order; label: quantity and unit."""
 
     def fill(figure: Any) -> None:
         _pairs(figure.add_subplot(), rows, label)
@@ -39,7 +39,7 @@ def doses(rows: Sequence[Pair], label: str) -> Any:
 
 
 def injury(dri: Sequence[Pair], hic: Sequence[Pair]) -> Any:
-    """The Dynamic Response Index between the edges of its bands, and the Head Injury Criterion beside."""
+    """The Dynamic Response Index with the edges of its bands, and the Head Injury Criterion."""
 
     def fill(figure: Any) -> None:
         left, right = figure.subplots(1, 2)

@@ -1,4 +1,4 @@
-"""The strip: smallest and largest of every channel in bins of a tenth of a second, handed out as they are complete."""
+"""Minimum and maximum of every channel in bins of 0.1 s, returned when they are complete."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BIN_NS: Final = 100_000_000
 
 
 class Bins(NamedTuple):
-    """begins_ns (m,), low_mps2 and high_mps2 (m, channels), NaN where a channel gave nothing."""
+    """begins_ns (m,), low_mps2 and high_mps2 (m, channels), NaN without a sample."""
 
     begins_ns: Integers
     low_mps2: Floats
@@ -20,10 +20,10 @@ class Bins(NamedTuple):
 
 
 class MinMaxDownsampler:
-    """One stream: `add` blocks as they come, `take` the bins that no later sample can change.
+    """One stream: `add` blocks, then `take` the bins that no later sample can change.
 
-    Bins are whole tenths of a second of stamp time. The newest bin is held back until a sample lies outside it. Where
-    stamps leap, the bins of a block come in the order of their stamps. Block cuts change nothing otherwise.
+    Bins are aligned to 0.1 s of stamp time. The newest bin is kept until a sample lies outside it. Where stamps jump,
+    the bins of a block are in order of their stamps. Otherwise the result does not depend on the blocks.
     """
 
     def __init__(self, channels: int) -> None:
@@ -36,7 +36,7 @@ class MinMaxDownsampler:
             self._held.append((stamps_ns, accel_mps2))
 
     def take(self) -> Bins:
-        """The bins that are complete, and that were not taken before."""
+        """The complete bins since the last call."""
         if not self._held:
             return self._none
         stamps_ns, accel = (np.concatenate(part) for part in zip(*self._held, strict=True))
@@ -49,9 +49,9 @@ class MinMaxDownsampler:
 
 
 def binned(stamps_ns: Integers, low: Floats, high: Floats, width_ns: int) -> tuple[Integers, Floats, Floats]:
-    """Join the rows of each bin: begins_ns (m,) ascending, smallest of `low` and largest of `high`, each (m, 6)."""
+    """Reduce the rows of each bin: begins_ns (m,) ascending, minimum of `low` and maximum of `high`, each (m, 6)."""
     bins = stamps_ns // width_ns
-    if np.any(bins[1:] < bins[:-1]):  # stamps may jump back, as those of a looped bag do
+    if np.any(bins[1:] < bins[:-1]):  # stamps may jump back, as in a looped bag
         order = np.argsort(bins, kind="stable")
         bins, low, high = bins[order], low[order], high[order]
     first = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))

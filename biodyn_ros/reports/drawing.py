@@ -1,4 +1,4 @@
-"""How the reports draw: matplotlib figures as inline SVG, measured in grey and predicted in orange."""
+"""Figures of the reports: matplotlib as inline SVG, measured in grey and predicted in orange."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ MEASURED_COLOUR: Final = "#1f2933"
 PREDICTED_COLOUR: Final = "#d9480f"
 BAND_COLOUR: Final = "#a9b5c0"
 OTHER_COLOUR: Final = "#1971c2"
-"""A second model beside the prediction: the linear one, or the one that came out."""
+"""A second model beside the prediction: the linear or the fitted one."""
 
 PALETTE: Final = {
     "measured": MEASURED_COLOUR, "predicted": PREDICTED_COLOUR, "band": BAND_COLOUR, "other": OTHER_COLOUR,
 }  # fmt: skip
-"""The colours of drawings as the legends beside them name them."""
+"""The colours of the drawings, by the names in the legends."""
 SOFT_COLOUR: Final = "#52606d"
 
 DASHED: Final = (0, (4.0, 3.0))
-"""Of predictions: gaps as wide as this leave the measurement to be seen where both lie on each other."""
+"""For predictions: the gaps show the measurement under an overlapping line."""
 
 DOTTED: Final = (0, (1.0, 1.6))
 
@@ -47,28 +47,28 @@ _STYLE: Final[Any] = {
 
 
 def drawn(width_in: float, height_in: float, fill: Callable[[Any], None]) -> Any:
-    """A figure in the style of the reports, which `fill(figure)` fills, as markup."""
+    """A figure in the style of the reports, drawn by `fill(figure)`, as markup."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     with mpl.rc_context():
-        mpl.rcdefaults()  # the user's own style is for the user's own figures
+        mpl.rcdefaults()  # independent of the user's style
         mpl.rcParams.update(_STYLE)
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         fill(figure)
-        _settle(figure)
+        _fix_layout(figure)
         return _markup(figure)
 
 
 def say(axes: Any, text: str) -> None:
-    """Say why an axes is empty."""
+    """Write the reason into empty axes."""
     axes.set_yticks([])
     axes.minorticks_off()
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=SOFT_COLOUR)
 
 
-def _settle(figure: Any) -> None:
-    """Lay out for good, to a millionth: the solver's last digits differ between runs, and clips are named by them."""
+def _fix_layout(figure: Any) -> None:
+    """Round the layout to 1e-6: the solver's last digits differ between runs and enter the names of clip paths."""
     figure.get_layout_engine().execute(figure)
     figure.set_layout_engine("none")
     for axes in figure.axes:
@@ -76,7 +76,7 @@ def _settle(figure: Any) -> None:
 
 
 def _markup(figure: Any) -> Any:
-    """A figure as SVG inside HTML: without prolog, metadata and names that a second drawing repeats, numbers short."""
+    """A figure as SVG for HTML: without prolog, metadata and repeated ids, with short numbers."""
     from markupsafe import Markup
 
     file = io.StringIO()
@@ -85,6 +85,6 @@ def _markup(figure: Any) -> Any:
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r' id="[A-Za-z]+\w*_\d+"', "", text)
-    # Hundredths of a point are finer than any screen or printer, and half of the file.
+    # Further digits are below the resolution of screens and printers, and half of the file.
     text = re.sub(r' d="[^"]+"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), text)
-    return Markup(text)  # noqa: S704  # drawn from numbers and our own names only
+    return Markup(text)  # noqa: S704  # contains numbers and names of this package only

@@ -1,4 +1,4 @@
-"""`exposure.json`: every figure of one recording as the mapping people and scripts read."""
+"""`exposure.json`: all results of one recording as a mapping."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from biodyn_ros import __version__
 from biodyn_ros.base.wording import MODEL, left_range, stuck
 
 EDGE_S: Final = 0.1
-"""So much of a comparison may want its sensor where records begin and end, which is at rest."""
+"""Part of a comparison that may lack its sensor at the start and end of a record, at rest."""
 
 
 def exposure_document(
@@ -43,8 +43,8 @@ def exposure_document(
         "limits": pipeline.limits.deciding.to_dict(),
         "limits_beside": _limits_beside(pipeline.limits, seat),
         "sensors": {name: _figures(dose, lost[name]) for name, dose in since.sensors.items()},
-        # Predicted from the seat alone, whose losses are theirs. Held-out errors come with the fit of a subject, but
-        # nothing ties them to this vehicle and seat, so no prediction is validated.
+        # Predictions use the seat alone and have its losses. Held-out errors of a fit are of another vehicle and
+        # seat, so no prediction is validated.
         "predicted": {
             name: _figures(dose, _and_absent(lost[SEAT], run.unpredicted_s)) | {"status": status}
             for name, dose in since.predicted.items()
@@ -72,17 +72,17 @@ def exposure_document(
 
 
 def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
-    """What these sensors' conditioning, and the model, have to say, one line each."""
+    """Warnings about the conditioning of these sensors and about the model, one line each."""
     lines = []
     for name in sensors:
         status = pipeline.status(name)
         if status.fault:
             lines.append(status.fault)
         elif status.rate_hz is None:
-            lines.append(f"{name}: nothing counted, gravity never became known")
+            lines.append(f"{name}: nothing counted, gravity was not found")
         lines += [f"{name}: {text}" for text in status.warnings]
         if status.set_back_s > 0.0:
-            lines.append(f"{name}: its stamps went back by {status.set_back_s:.3f} s in all: was its clock set?")
+            lines.append(f"{name}: its stamps jumped back by {status.set_back_s:.3f} s in total: was its clock set?")
         if status.flat:
             lines.append(f"{name}: {stuck(status.flat)}")
         lost = pipeline.losses(name)
@@ -96,7 +96,7 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
 
 
 def dose_figures(dose: Dose) -> dict[str, float | None]:
-    """The figures of one channel by the names that every document has for them."""
+    """The values of one channel by their names in all documents."""
     return {
         "aw_mps2": dose.aw_mps2,
         "mtvv_mps2": dose.mtvv_mps2,
@@ -121,7 +121,7 @@ def _and_absent(lost: Losses, seconds: float) -> Losses:
 
 
 def _lost_beside(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> Losses:
-    """What a low-passed sensor's figures lack: also what the seat lost, and instants that found no sample."""
+    """Losses of a low-passed sensor: with those of the seat, and instants without a sample."""
     if name == SEAT:
         return lost[SEAT]
     alone_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
@@ -142,11 +142,9 @@ def _seat(seat: SeatExposure, since: Exposure) -> dict[str, Any]:
 
 
 def _limits_beside(limits: Limits, seat: SeatExposure | None) -> list[dict[str, Any]]:
-    """The sets of limits that do not decide, each with the judgement by it once there is one."""
-    judged = (
-        [dataclasses.asdict(judgement) for judgement in seat.additional] if seat else [{} for _ in limits.additional]
-    )
-    return [each.to_dict() | judgement for each, judgement in zip(limits.additional, judged, strict=True)]
+    """The additional sets of limits, each with its assessment if available."""
+    assessed = [dataclasses.asdict(each) for each in seat.additional] if seat else [{} for _ in limits.additional]
+    return [each.to_dict() | assessment for each, assessment in zip(limits.additional, assessed, strict=True)]
 
 
 def _dri(since: Exposure, lower_bound: bool) -> dict[str, Any] | None:
@@ -164,6 +162,6 @@ def _hic(hic: Hic | None, lower_bound: bool) -> dict[str, Any] | None:
 
 
 def hic_windows(hic: Hic, definitions: Iterable[str]) -> dict[str, list[float] | None]:
-    """Begin and end of the window with the largest HIC, by definition; None where HIC is zero."""
+    """Start and end of the window with the largest HIC, by definition; None if HIC is zero."""
     windows = {name: hic.windows_s[name] for name in definitions}
     return {name: None if window is None else list(window) for name, window in windows.items()}

@@ -1,7 +1,6 @@
 """Drawings over frequency: transmissibility with its coherence, spectra, apparent mass and impedance, the waterfall.
 
-Measured is drawn solid, predicted dashed, and the linear model's own dotted and dashed; where the coherence is too low
-to tell anything, a line is thin.
+Measured is drawn solid, predicted dashed, the linear model dash-dotted; a line is thin where the coherence is too low.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ _LEVELS: Final = 8
 
 
 def transmissibility(document: Document, least_coherence: float) -> Any:
-    """Seat to every segment, a pair of panels each: magnitude above, coherence beneath."""
+    """Seat to every segment, two panels each: magnitude above, coherence below."""
     frequency_hz = _values(document["spectra"]["frequency_hz"])
     found = document["transmissibility"]
     names = [name for name in reversed(SEGMENTS) if name in found]
@@ -72,7 +71,7 @@ def transmissibility(document: Document, least_coherence: float) -> Any:
 
 
 def powers(document: Document) -> Any:
-    """Amplitude spectrum and power spectral density of the seat and every segment, a column each."""
+    """Amplitude spectrum and power spectral density of the seat and every segment, one column each."""
     frequency_hz = _values(document["spectra"]["frequency_hz"])
     power = document["power_spectral_density"]
     names = [SEAT, *(name for name in SEGMENTS if name in power)]
@@ -105,13 +104,13 @@ def powers(document: Document) -> Any:
 
 
 def driving_point(document: Document) -> Any:
-    """Seat to head, apparent mass and impedance beneath each other, magnitudes on the left and phases on the right."""
+    """Seat to head, apparent mass and impedance, one row each: magnitudes on the left, phases on the right."""
 
     def fill(figure: Any) -> None:
         grid = figure.add_gridspec(3, 2)
         head, *point = [[figure.add_subplot(grid[row, column]) for column in range(2)] for row in range(3)]
         _seat_to_head(head, document)
-        _felt_by_the_seat(point, document)
+        _driving_point(point, document)
         titles = ("seat to head", "apparent mass of the body", "impedance of the body")
         labels = ("|head / seat|, no unit", "|force / acceleration|, kg", "|force / velocity|, N s/m")
         for pair, title, label in zip((head, *point), titles, labels, strict=True):
@@ -121,7 +120,7 @@ def driving_point(document: Document) -> Any:
 
 
 def waterfall(found: Waterfall, channels: Sequence[tuple[str, int]], origin_ns: int) -> Any:
-    """Power over time and frequency of some channels (title, column), a panel each, on one scale of levels."""
+    """Power over time and frequency of channels (title, column), one panel each, with a common scale."""
     width_s = 1e-9 * found.width_ns
     numbers = (found.begins_ns - found.begins_ns[0]) // found.width_ns
     begin_s = 1e-9 * float(found.begins_ns[0] - origin_ns)
@@ -150,7 +149,7 @@ def waterfall(found: Waterfall, channels: Sequence[tuple[str, int]], origin_ns: 
             )  # fmt: skip
             axes.set_title(title, loc="left", fontweight="bold")
             axes.set_ylabel(_FREQUENCY, color=SOFT_COLOUR)
-            axes.patch.set(hatch="////", edgecolor=BAND_COLOUR)  # shows where nothing is drawn over it
+            axes.patch.set(hatch="////", edgecolor=BAND_COLOUR)  # visible where nothing is drawn
             axes.grid(visible=False)
             every.append(axes)
         every[-1].set_xlabel("seconds since the first predicted instant", color=SOFT_COLOUR)
@@ -161,7 +160,7 @@ def waterfall(found: Waterfall, channels: Sequence[tuple[str, int]], origin_ns: 
 
 
 def residual_channels(name: str) -> list[tuple[str, int]]:
-    """A measured segment and its residual, in a waterfall of all measured segments and then all residuals."""
+    """A measured segment and its residual, as channels of a waterfall of all measured segments and all residuals."""
     column = MEASURED_SEGMENTS.index(name)
     return [
         (f"{words(name)}, measured", column),
@@ -173,12 +172,12 @@ def residual_channels(name: str) -> list[tuple[str, int]]:
 
 
 def _transmitted(upper: Any, lower: Any, frequency_hz: Floats, found: Document, least: float) -> None:
-    """One segment's magnitude and coherence; what cannot tell is thin."""
+    """One segment's magnitude and coherence; thin below the least coherence."""
     measured = found["measured"]
-    tells = None if measured is None else _values(measured["coherence"]) > least
+    reliable = None if measured is None else _values(measured["coherence"]) > least
     for side in ("measured", "predicted", "linear"):
         if found[side] is not None:
-            _line(upper, frequency_hz, found[side]["magnitude"], tells, side)
+            _line(upper, frequency_hz, found[side]["magnitude"], reliable, side)
     for side in ("measured", "predicted"):
         if found[side] is not None:
             lower.plot(frequency_hz, _values(found[side]["coherence"]), **_STYLES[side])
@@ -198,33 +197,33 @@ def _transmitted(upper: Any, lower: Any, frequency_hz: Floats, found: Document, 
 def _seat_to_head(pair: Sequence[Any], document: Document) -> None:
     """Magnitude and phase of the head over the seat, measured, predicted and of the linear model."""
     frequency_hz, found = _values(document["spectra"]["frequency_hz"]), document["transmissibility"][HEAD]
-    tells = _told(found, "measured", document)
+    reliable = _reliable(found, "measured", document)
     for axes, key in zip(pair, ("magnitude", "phase_deg"), strict=True):
         for side in ("measured", "predicted", "linear"):
             if found[side] is not None:
-                _line(axes, frequency_hz, found[side][key], tells, side, phase=key == "phase_deg")
+                _line(axes, frequency_hz, found[side][key], reliable, side, phase=key == "phase_deg")
     if found["measured"] is None:
         _beside(pair[0], "head not measured")
 
 
-def _felt_by_the_seat(pairs: Sequence[Sequence[Any]], document: Document) -> None:
-    """Magnitude and phase of apparent mass and of impedance, unless forces are refused."""
+def _driving_point(pairs: Sequence[Sequence[Any]], document: Document) -> None:
+    """Magnitude and phase of apparent mass and impedance, unless forces are refused."""
     frequency_hz, point = _values(document["spectra"]["frequency_hz"]), document["driving_point"]
     if "refused" in point:
         for axes in (axes for pair in pairs for axes in pair):
             say(axes, "refused, see below")
         return
-    tells = _told(point, "predicted", document)
+    reliable = _reliable(point, "predicted", document)
     rows = (("apparent_mass_kg", "phase_deg"), ("impedance_n_s_per_m", "impedance_phase_deg"))
     for pair, keys in zip(pairs, rows, strict=True):
         for axes, key in zip(pair, keys, strict=True):
             for side in ("predicted", "linear"):
-                _line(axes, frequency_hz, point[side][key], tells, side, phase=key.endswith("phase_deg"))
+                _line(axes, frequency_hz, point[side][key], reliable, side, phase=key.endswith("phase_deg"))
     _masses(pairs[0][0], point)
 
 
 def _frame(pair: Sequence[Any], title: str, label: str, frequency_hz: Floats) -> None:
-    """Title, labels and axes of a magnitude and the phase beside it."""
+    """Title, labels and axes of a magnitude and its phase."""
     magnitude, phase = pair
     magnitude.set_title(title, loc="left", fontweight="bold")
     magnitude.set_ylabel(label, color=SOFT_COLOUR)
@@ -238,25 +237,30 @@ def _frame(pair: Sequence[Any], title: str, label: str, frequency_hz: Floats) ->
 
 
 def _line(
-    axes: Any, frequency_hz: Floats, values: Sequence[float | None], tells: Flags | None, side: str, phase: bool = False
+    axes: Any,
+    frequency_hz: Floats,
+    values: Sequence[float | None],
+    reliable: Flags | None,
+    side: str,
+    phase: bool = False,
 ) -> None:
-    """A line, thin where it cannot tell anything; all of it where nothing says so, and that of the linear model."""
+    """A line, thin where it is not reliable; full for `reliable` None and for the linear model."""
     whole, style = _values(values), _STYLES[side]
     if phase:
         whole = _unwound(whole)
-    if tells is None or side == "linear":
+    if reliable is None or side == "linear":
         axes.plot(frequency_hz, whole, **style)
         return
     axes.plot(frequency_hz, whole, **style | {"lw": 0.6})
-    if tells.any():
-        axes.plot(frequency_hz, np.where(tells, whole, np.nan), **style)
-    alone = tells & ~np.append(tells[1:], False) & ~np.append(False, tells[:-1])  # no line goes through one point
+    if reliable.any():
+        axes.plot(frequency_hz, np.where(reliable, whole, np.nan), **style)
+    alone = reliable & ~np.append(reliable[1:], False) & ~np.append(False, reliable[:-1])  # a point is no line
     if alone.any():
         axes.plot(frequency_hz[alone], whole[alone], ls="none", marker=".", ms=4.0, color=style["color"])
 
 
-def _told(of: Document, side: str, document: Document) -> Flags | None:
-    """Where the coherence of the measured head, or of the predicted force, can tell."""
+def _reliable(of: Document, side: str, document: Document) -> Flags | None:
+    """Where the coherence of the measured head, or of the predicted force, is high enough."""
     if of[side] is None:
         return None
     chance = of[side].get("chance_coherence", document["spectra"]["chance_coherence"][HEAD])
@@ -264,7 +268,7 @@ def _told(of: Document, side: str, document: Document) -> Flags | None:
 
 
 def _masses(axes: Any, point: Document) -> None:
-    """What the apparent mass is at rest, and the band that the paper prints for its peak."""
+    """The apparent mass at rest, and the paper's printed band of its peak."""
     body, upper = point["body_mass_kg"], point["upper_body_mass_kg"]
     axes.axhspan(*(share * body for share in point["printed_band"]), color="#eef1f4", zorder=0)
     axes.axhline(upper, color=SOFT_COLOUR, lw=0.8, ls=DOTTED)
@@ -273,7 +277,7 @@ def _masses(axes: Any, point: Document) -> None:
 
 
 def _frequency_axis(axes: Any, frequency_hz: Floats, ticks_hz: Sequence[float] = _TICKS_HZ) -> None:
-    """A logarithmic axis with few ticks: every one of them costs time."""
+    """A logarithmic axis with few ticks, because each takes time to draw."""
     from matplotlib.ticker import NullLocator
 
     axes.set_xscale("log")
@@ -287,12 +291,12 @@ def _frequency_axis(axes: Any, frequency_hz: Floats, ticks_hz: Sequence[float] =
 
 
 def _beside(axes: Any, text: str) -> None:
-    """Say what is missing in a panel that has another line."""
+    """Note a missing line in a panel."""
     axes.set_title(text, loc="right", color=SOFT_COLOUR, fontsize=7.5)
 
 
 def _decades(of: Sequence[Sequence[float | None]]) -> tuple[float, float]:
-    """Whole decades around all values, three at most, so that every panel has one scale."""
+    """Whole decades around all values, three at most, as a common scale of all panels."""
     known = np.array([value for values in of for value in values if value])
     if not known.size:
         return 0.1, 10.0
@@ -302,7 +306,7 @@ def _decades(of: Sequence[Sequence[float | None]]) -> tuple[float, float]:
 
 
 def _unwound(phase_deg: Floats) -> Floats:
-    """NaN where a phase goes on at the other end, so that no line crosses the panel."""
+    """NaN where a phase wraps, so that no line crosses the panel."""
     apart = np.append(False, np.abs(np.diff(phase_deg)) > 180.0)
     return np.where(apart, np.nan, phase_deg)
 
@@ -312,7 +316,7 @@ def _decibels(density: Floats) -> Floats:
 
 
 def _levels(density: Floats) -> Floats:
-    """Edges of the levels of colour: the loudest and seven steps below it; what is quieter has the palest."""
+    """Edges of the colour levels: the largest and seven steps below; lower values have the lightest colour."""
     known = density[np.isfinite(density)]
     most = float(known.max()) if known.size else 1.0
     top = _STEP_DB * np.ceil(10.0 * np.log10(max(most, 1e-12)) / _STEP_DB)

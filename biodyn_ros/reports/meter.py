@@ -1,4 +1,4 @@
-"""The seat as a vibration meter shows it: counted time, aw and VDV by axis, MTVV and peak, on every page alike."""
+"""Readings of the seat as on a vibration meter: counted time, aw and VDV by axis, MTVV and peak; for all pages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ AXES: Final = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class AxisReading:
-    """One axis, weighted, without the factor k; None where the sensor gives nothing."""
+    """One axis, weighted, without the factor k; None without data."""
 
     axis: str
     aw_mps2: float | None
@@ -27,8 +27,8 @@ class AxisReading:
 class MeterReadings:
     """Since reset: seconds counted, three axes, MTVV and peak of the vertical.
 
-    lower_bound: of MTVV and peak. note: how the horizontal axes are known, or why not. bounds: why figures are lower
-    bounds, empty where none is.
+    lower_bound: of MTVV and peak. note: source of the horizontal axes. bounds: reason for lower bounds, empty if there
+    is none.
     """
 
     counted_s: float
@@ -41,7 +41,7 @@ class MeterReadings:
 
 
 def meter_readings(document: dict[str, Any]) -> MeterReadings | None:
-    """The readings from the mapping of `exposure.json`; None while the seat counts nothing."""
+    """The readings from the mapping of `exposure.json`; None before the seat has counted anything."""
     seat, dose = document["seat"], document["sensors"].get(SEAT)
     if seat is None or dose is None:
         return None
@@ -68,4 +68,4 @@ def _bounds(seat: dict[str, Any], dose: dict[str, Any]) -> str:
         clipped = dose["clipped_samples"]
         and_clipped = f", {counted(clipped, 'sample')} clipped" if clipped else ""
         return f"≥ means at least: {dose['missing_s']:.3f} s are missing{and_clipped}."
-    return "≥ means at least: a horizontal axis gives nothing." if seat["lower_bound"] else ""
+    return "≥ means at least: a horizontal axis has no data." if seat["lower_bound"] else ""

@@ -22,17 +22,17 @@ from biodyn_ros.reports.drawing import (
 )
 
 EVENT_HALF_NS: Final = 1_000_000_000
-"""An event is drawn so far on either side of its strongest instant."""
+"""Time drawn on either side of the strongest instant of an event."""
 
 _PANELS: Final = (*reversed(SEGMENTS), SEAT)
-"""Two columns from the head down, the seat below everything, over the whole width."""
+"""Two columns from the head down, the seat at the bottom over the full width."""
 
 
 @dataclass(frozen=True)
 class Envelope:
     """Smallest and largest value per bin.
 
-    begins_ns (m,) ascending, low_mps2 and high_mps2 (m, 6), NaN where a channel gave nothing.
+    begins_ns (m,) ascending, low_mps2 and high_mps2 (m, 6), NaN without a sample.
     """
 
     width_ns: int
@@ -58,7 +58,7 @@ class StrongestEvent:
 
 
 def overlay(event: StrongestEvent, origin_ns: int, document: dict[str, Any]) -> Any:
-    """Measured and predicted at full rate around the strongest event, a panel per segment and one for the seat."""
+    """Measured and predicted at full rate around the strongest event, one panel per segment and one for the seat."""
 
     def draw(axes: Any, name: str) -> None:
         measured = event.measured_mps2[:, SENSORS.index(name)] if name in SENSORS else None
@@ -99,7 +99,7 @@ def envelopes(predicted: Envelope, measured: Envelope, event: StrongestEvent | N
 
 
 def _draw(draw: Callable[[Any, str], None], height_in: float, times_s: Floats) -> Any:
-    """Lay out the panels over the span of times_s, let `draw(axes, name)` fill each, and return the markup."""
+    """Draw the panels over the span of times_s by `draw(axes, name)`, as markup."""
 
     def fill(figure: Any) -> None:
         grid = figure.add_gridspec(4, 2)
@@ -107,7 +107,7 @@ def _draw(draw: Callable[[Any, str], None], height_in: float, times_s: Floats) -
             axes = figure.add_subplot(grid[3, :] if name == SEAT else grid[place // 2, place % 2])
             draw(axes, name)
             axes.set_title(words(name), loc="left", fontweight="bold")
-            axes.set_xlim(times_s.min(), times_s.max() + 1e-3)  # one instant alone has no span
+            axes.set_xlim(times_s.min(), times_s.max() + 1e-3)  # a single instant has no span
             axes.tick_params(length=2.5, width=0.6)
         figure.supylabel("vertical acceleration, m/s²", fontsize=8.0, color=SOFT_COLOUR)
         axes.set_xlabel("seconds since the first predicted instant", color=SOFT_COLOUR)
@@ -116,7 +116,7 @@ def _draw(draw: Callable[[Any, str], None], height_in: float, times_s: Floats) -
 
 
 def _steps(envelope: Envelope, column: int, origin_ns: int) -> tuple[Floats, Floats, Floats]:
-    """Seconds, smallest and largest of one channel, each bin over its whole width, NaN where bins are missing."""
+    """Seconds, minimum and maximum of one channel, each bin over its full width, NaN for missing bins."""
     edges_ns = np.column_stack([envelope.begins_ns, envelope.begins_ns + envelope.width_ns]).ravel()
     apart = 2 * np.flatnonzero(np.diff(envelope.begins_ns) > envelope.width_ns) + 2
     low, high = np.repeat(envelope.low_mps2[:, column], 2), np.repeat(envelope.high_mps2[:, column], 2)
@@ -125,15 +125,15 @@ def _steps(envelope: Envelope, column: int, origin_ns: int) -> tuple[Floats, Flo
 
 
 def _line(stamps_ns: Integers, values: Floats, origin_ns: int) -> tuple[Floats, Floats]:
-    """Seconds and values, with a NaN wherever stamps jump, so that no line crosses a gap."""
+    """Seconds and values, with a NaN at each jump of stamps, so that no line crosses a gap."""
     steps = np.diff(stamps_ns)
-    usual = np.median(steps) if steps.size else 0.0
-    apart = np.flatnonzero((steps > 5.0 * usual) | (steps < 0)) + 1
+    period = np.median(steps) if steps.size else 0.0
+    apart = np.flatnonzero((steps > 5.0 * period) | (steps < 0)) + 1
     return np.insert(_seconds(stamps_ns, origin_ns), apart, np.nan), np.insert(values, apart, np.nan)
 
 
 def _extent(measured: Floats | None, predicted: Floats | None) -> float:
-    """Half the height of a panel: the measurement fills it, and a prediction beyond three times that is cut off."""
+    """Half the height of a panel: fits the measurement, and a prediction up to three times as large."""
     largest = [
         float(np.nanmax(np.abs(v))) if v is not None and np.isfinite(v).any() else 0.0 for v in (measured, predicted)
     ]
@@ -143,7 +143,7 @@ def _extent(measured: Floats | None, predicted: Floats | None) -> float:
 
 def _note(name: str, measured: Floats | None, document: dict[str, Any]) -> str:
     if name == SEAT:
-        return "measured: what drives the model"
+        return "measured: input of the model"
     if measured is None or not np.isfinite(measured).any():
         return "not measured"
     residual = document["residual"].get(name)

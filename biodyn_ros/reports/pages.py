@@ -1,6 +1,6 @@
-"""Pages: templates to HTML files that hold their drawings; whatever is written beside them stays if they cannot be.
+"""Pages: HTML files from templates, with embedded drawings; a failure does not affect other results.
 
-jinja2 and matplotlib come late: whoever wants no report needs neither.
+jinja2 and matplotlib are imported on use, because other functions do not need them.
 """
 
 from __future__ import annotations
@@ -18,19 +18,17 @@ from biodyn_ros.reports.drawing import PALETTE
 
 
 def check_reports() -> None:
-    """Raise InputError where a report could not be drawn, so that a long replay can say so before it begins."""
+    """Raise InputError if a package for reports is missing, before a long computation."""
     for name in ("jinja2", "matplotlib"):
         if importlib.util.find_spec(name) is None:
-            raise InputError(
-                f"reports need {name}: pip install 'biodyn_ros[reports]', or leave them out with --no-report"
-            )
+            raise InputError(f"reports need {name}: pip install 'biodyn_ros[reports]', or use --no-report")
 
 
 def render(template: str, **values: Any) -> str:
-    """The page that a template makes of values; what comes from outside is text and nothing else."""
+    """Render a template; values are escaped."""
     import jinja2
 
-    # Autoescape by name would miss templates that end in .j2.
+    # Selection by file name would not escape templates that end in .j2.
     page = jinja2.Environment(
         loader=jinja2.FileSystemLoader(package_directory("templates")),
         autoescape=True,
@@ -45,15 +43,15 @@ def render(template: str, **values: Any) -> str:
 
 
 def write_drawn(path: Path, draw: Callable[[], str]) -> None:
-    """Write a page whose results are written already; where it cannot be, no older one is left beside them."""
+    """Write a page after its results; if that fails, remove an older page."""
     try:
-        # A file name that is not UTF-8 comes as lone surrogates, which the page shows as escapes.
+        # A file name that is not UTF-8 contains lone surrogates, which the page shows as escapes.
         write_text(path, draw(), errors="backslashreplace")
     except InputError:
         remove(path)
         raise
-    except Exception as error:  # a fault of ours in a drawing must not cost the results of hours
+    except Exception as error:  # a defect in a drawing must not lose the results
         remove(path)
         raise InputError(
-            f"{path}: cannot be drawn ({one_line(error)}); all other results are there, --no-report leaves it out"
+            f"{path}: cannot be drawn ({one_line(error)}); all other results are written; --no-report omits the page"
         ) from error

@@ -1,4 +1,4 @@
-"""Drawings of a residual before and after, over time and over frequency: of a fit's page and of a trace's."""
+"""Drawings of the residual before and after, over time and frequency, for the pages of fit and trace."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from biodyn_ros.reports.drawing import MEASURED_COLOUR, OTHER_COLOUR, PREDICTED_
 BEFORE_COLOUR: Final = PREDICTED_COLOUR
 AFTER_COLOUR: Final = OTHER_COLOUR
 BEFORE_DASHES: Final = (0, (3.0, 1.2))
-"""Before and after differ in more than colour."""
+"""Dashes, because colours alone are not sufficient."""
 
 SHOWN_S: Final = 1.2
-"""So much of an event is drawn over time, around its strongest instant."""
+"""Time drawn around the strongest instant of an event."""
 
 _WINDOW_S: Final = 0.25
-_MOST_HZ: Final = 50.0
+_MAX_HZ: Final = 50.0
 _WIDTH_IN: Final = 10.4
 
 
 def over_time(event: ComparedEvent) -> Any:
-    """One event around its strongest instant: a pair of panels per segment, signals above and residuals beneath."""
+    """One event around its strongest instant: two panels per segment, signals above and residuals below."""
     begin, end = _shown(event)
     seconds = np.arange(begin, end) / event.rate_hz
 
@@ -43,9 +43,9 @@ def over_time(event: ComparedEvent) -> Any:
             upper, lower = figure.add_subplot(inner[0]), figure.add_subplot(inner[1])
             _signals(upper, lower, seconds, *(values[begin:end, column] for values in _of(event)))
             upper.set_title(words(name), loc="left", fontweight="bold")
-            lower.set_xlabel("s since the event began", color=SOFT_COLOUR)
+            lower.set_xlabel("s since the start of the event", color=SOFT_COLOUR)
         _whole(figure.add_subplot(outer[2, 1]), event, begin, end)
-        figure.supylabel("vertical acceleration; beneath, model minus measured; m/s²", fontsize=8.0, color=SOFT_COLOUR)
+        figure.supylabel("vertical acceleration; below, model minus measured; m/s²", fontsize=8.0, color=SOFT_COLOUR)
 
     return drawn(_WIDTH_IN, 9.2, fill)
 
@@ -79,7 +79,7 @@ def over_frequency(events: Sequence[ComparedEvent]) -> Any | None:
 
 
 def of_one_rate(events: Sequence[ComparedEvent]) -> list[ComparedEvent]:
-    """The events of the first one's rate: one spectrum needs one rate."""
+    """The events with the rate of the first one, because a spectrum needs a common rate."""
     return [event for event in events if abs(event.rate_hz / events[0].rate_hz - 1.0) < SAME_RATE]
 
 
@@ -88,11 +88,11 @@ def residual_spectra(events: Sequence[ComparedEvent]) -> tuple[Floats, Floats] |
     if not events:
         return None
     rate_hz = events[0].rate_hz
-    settings = SpectrumSettings(segment_s=1.0, lowest_hz=2.0, highest_hz=min(_MOST_HZ, 0.45 * rate_hz))
+    settings = SpectrumSettings(segment_s=1.0, lowest_hz=2.0, highest_hz=min(_MAX_HZ, 0.45 * rate_hz))
     parts = []
     for event in of_one_rate(events):
         measured, before, after = _of(event)
-        # What goes in is of no matter: only the spectra of what comes out are asked for.
+        # The input is not used: only the output spectra are needed.
         parts.append((np.zeros(len(measured)), np.hstack([measured, before - measured, after - measured])))
     try:
         spectra = cross_spectra(parts, rate_hz, settings)
@@ -107,7 +107,7 @@ def _of(event: ComparedEvent) -> tuple[Floats, Floats, Floats]:
 
 
 def _shown(event: ComparedEvent) -> tuple[int, int]:
-    """First and last sample around the largest reading, or all of a shorter event."""
+    """First and last sample around the largest value, or all of a shorter event."""
     size = np.nan_to_num(np.abs(event.measured_mps2)).max(axis=1)
     length = min(round(SHOWN_S * event.rate_hz), size.size)
     begin = min(max(int(size.argmax()) - length // 2, 0), size.size - length)
@@ -130,20 +130,20 @@ def _signals(upper: Any, lower: Any, seconds: Floats, measured: Floats, before: 
 
 
 def _whole(axes: Any, event: ComparedEvent, begin: int, end: int) -> None:
-    """Residual over the whole event, rms in short windows over segments, in percent of each segment's own rms."""
+    """Residual over the whole event: rms in short windows over segments, percent of each segment's rms."""
     seconds, before, after = windowed(event)
     axes.plot(seconds, before, color=BEFORE_COLOUR, lw=1.1, ls=BEFORE_DASHES)
     axes.plot(seconds, after, color=AFTER_COLOUR, lw=1.1)
     axes.axvspan(begin / event.rate_hz, end / event.rate_hz, color="#eef1f4", zorder=0)
     axes.set_title("whole event, all segments", loc="left", fontweight="bold")
     axes.set_ylabel("residual, % of rms", color=SOFT_COLOUR)
-    axes.set_xlabel("s since the event began", color=SOFT_COLOUR)
+    axes.set_xlabel("s since the start of the event", color=SOFT_COLOUR)
     axes.set_xlim(0.0, len(event.measured_mps2) / event.rate_hz)
     axes.set_ylim(bottom=0.0)
 
 
 def windowed(event: ComparedEvent) -> tuple[Floats, Floats, Floats]:
-    """Middles of windows (w,) in s, and rms of the residual before and after in each, percent of measured rms, (w,)."""
+    """Centres of windows (w,) in s, and rms of the residual before and after in each, percent of measured rms, (w,)."""
     measured, before, after = _of(event)
     length = max(1, min(round(_WINDOW_S * event.rate_hz), len(measured)))
     count = len(measured) // length

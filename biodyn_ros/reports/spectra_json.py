@@ -1,4 +1,4 @@
-"""The mappings of spectra: what `validate.json` holds of them, and what the page of a replay draws."""
+"""Mappings of spectra, for `validate.json` and the page of a replay."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CENTRAL: Final = SEGMENTS.index("central_torso")
 
 
 def spectra_document(measured: CrossSpectra, predicted: CrossSpectra, settings: SpectrumSettings) -> Document:
-    """The grid that every array of the document stands on, and how good the estimates can be at all."""
+    """The frequency grid of all arrays of the document, and the quality of the estimates."""
     by = dict.fromkeys(MEASURED_SEGMENTS, measured)
     return {
         "estimator": "H1, Welch",
@@ -39,7 +39,7 @@ def spectra_document(measured: CrossSpectra, predicted: CrossSpectra, settings: 
 
 
 def transmissibility_document(measured: CrossSpectra, predicted: CrossSpectra, subject: Subject | None) -> Document:
-    """Seat to segment, measured and predicted, and the linear model's own where a subject is given."""
+    """Seat to segment, measured and predicted, and of the linear model if a subject is given."""
     exact = None if subject is None else Chain.of(subject).transmissibility(measured.frequency_hz)
     return {
         name: {
@@ -65,8 +65,8 @@ def _estimate(spectra: CrossSpectra, column: int) -> Document | None:
 
 
 def power_document(measured: CrossSpectra, predicted: CrossSpectra) -> Document:
-    """Power spectral densities, (m/s^2)^2/Hz, and the amplitudes, m/s^2, that sines would need to show as much."""
-    seat = _CENTRAL if predicted.segments[_CENTRAL] else int(np.argmax(predicted.segments))  # nothing masks it there
+    """Power spectral densities, (m/s^2)^2/Hz, and amplitudes, m/s^2, of sines of the same power."""
+    seat = _CENTRAL if predicted.segments[_CENTRAL] else int(np.argmax(predicted.segments))  # has no mask
     channels = {SEAT: {"measured": predicted.input_psd[:, seat]}}
     for i, name in enumerate(SEGMENTS):
         both = {"measured": measured, "predicted": predicted}
@@ -84,5 +84,5 @@ def power_document(measured: CrossSpectra, predicted: CrossSpectra) -> Document:
 
 
 def array(values: Floats) -> list[float | None]:
-    """Six digits are enough to draw; JSON knows no NaN."""
+    """The values with six digits, None for NaN."""
     return [float(f"{value:.6g}") if math.isfinite(value) else None for value in values.tolist()]

@@ -1,4 +1,4 @@
-"""The verdict on the seat as a reader sees it, on the page of a replay and on the live one: tone, headline, reasons."""
+"""The verdict on the seat for the replay page and the live page: tone, headline, reasons."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from biodyn_ros.base.wording import HORIZONTAL, ZONE, sentence, time_left
 
 @dataclass(frozen=True)
 class Verdict:
-    """The seat against its limits: tone (good, warn, bad or none), headline, and the reasons, a sentence each."""
+    """The assessment of the seat: tone (good, warn, bad or none), headline, and the reasons, a sentence each."""
 
     tone: str
     headline: str
@@ -20,14 +20,14 @@ class Verdict:
 
 
 _TONE: Final = {"below_action_value": "good", "above_action_value": "warn", "above_limit_value": "bad"}
-"""No colour of judgement for anything else, and green for nothing but the first."""
+"""All other zones have no colour."""
 
 
-def judge(document: dict[str, Any], doubt: str = "") -> Verdict:
-    """Say how the seat stands against action and limit values, as the pipeline has judged it.
+def seat_verdict(document: dict[str, Any], doubt: str = "") -> Verdict:
+    """The pipeline's assessment of the seat against action and limit values.
 
-    document: of `exposure.json`. doubt: what else is wrong with the seat now; with it nothing is called good, while a
-    value that is reached remains so.
+    document: of `exposure.json`. doubt: a current fault of the seat; with it the verdict is never good, but a reached
+    value remains reached.
     """
     seat, doubts = document["seat"], (sentence(doubt),) if doubt else ()
     if seat is None:
@@ -35,7 +35,7 @@ def judge(document: dict[str, Any], doubt: str = "") -> Verdict:
     tone, zone = _TONE.get(seat["zone"], "none"), seat["zone"]
     reasons = [sentence(seat["zone_reason"]), HORIZONTAL[seat["horizontal"]], *_bound_reasons(document)]
     if doubt:
-        seat = seat | {"withheld": doubt}  # nobody is promised time
+        seat = seat | {"withheld": doubt}  # no time left is given
         if tone == "good":
             tone, zone, reasons = "none", "undecided", reasons[1:]
     times = [time_left(kind, seat) for kind in ("action", "limit")]
@@ -47,4 +47,4 @@ def _bound_reasons(document: dict[str, Any]) -> list[str]:
     if not seat["lower_bound"]:
         return []
     missing, clipped = seat["missing_s"], seat["clipped_samples"]
-    return [f"At least so much: {missing:.3f} s missing and {counted(clipped, 'sample')} clipped at the seat."]
+    return [f"Values are lower bounds: {missing:.3f} s missing and {counted(clipped, 'sample')} clipped at the seat."]

@@ -24,7 +24,7 @@ from biodyn_core.tracing.gate import dealt, usable
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.base.files import make_directory, remove, write_text
 from biodyn_ros.base.json_files import write_json
-from biodyn_ros.base.progress import OnProgress, Progress, unwatched
+from biodyn_ros.base.progress import OnProgress, Progress, ignore_progress
 from biodyn_ros.fit.document import warnings_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.provenance import role_of
@@ -146,7 +146,7 @@ class Stages:
 
     def __init__(self, watch: Monitor) -> None:
         self._watch, self._open, self._stage = watch, ExitStack(), ""
-        self._progress: OnProgress = unwatched
+        self._progress: OnProgress = ignore_progress
 
     def __enter__(self) -> Stages:
         return self

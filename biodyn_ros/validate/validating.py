@@ -16,7 +16,7 @@ from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation import validation
 from biodyn_ros.base.files import check_directory, make_directory, remove
 from biodyn_ros.base.json_files import write_json
-from biodyn_ros.base.progress import OnProgress, unwatched
+from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.reading.provenance import Role, bag_sha256, role_of
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
 from biodyn_ros.validate.document import Validated, validation_document
@@ -43,7 +43,7 @@ def validate(
     bag: str | Path,
     subject: Subject,
     options: ValidateOptions | None = None,
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
 ) -> Validated:
     """Predict a bag's event from its seat alone and compare; raises InputError as `read_recordings`."""
     options = options or ValidateOptions()
@@ -57,7 +57,7 @@ def validate_to_directory(
     subject: Subject,
     directory: Path,
     options: ValidateOptions | None = None,
-    progress: OnProgress = unwatched,
+    progress: OnProgress = ignore_progress,
     report: bool = True,
 ) -> Validated:
     """Validate and write `validate.json` and `validate.html`; a bag that is refused leaves no directory.

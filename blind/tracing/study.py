@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import lzma
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,9 @@ Execute = Callable[[Sequence[Call]], Iterator[Any]]
 """Executes calls in any order and yields results when they are ready."""
 
 ANSWERS: Final = "answers.jsonl"
+ARCHIVE: Final = "answers.jsonl.xz"
+"""The answers of a run as the repository keeps them."""
+
 SEAL: Final = "answers.sha256"
 SCORES: Final = "scores.jsonl"
 PLAN: Final = "plan.json"
@@ -124,10 +128,18 @@ def begin(spec: Run) -> None:
     """Make the folder, or check that it belongs to the same run."""
     path = spec.folder / PLAN
     spec.folder.mkdir(parents=True, exist_ok=True)
+    unpack(spec.folder)
     if not path.exists():
         path.write_text(spec.plan, encoding="utf-8")
     if path.read_text(encoding="utf-8") != spec.plan:
         raise BrokenSeal(f"{path} is of another run, with other rows, counts or commit; take another seed")
+
+
+def unpack(folder: Path) -> None:
+    """Restore the answers from the archive of the folder, if it has one and they are not there."""
+    path, archive = folder / ANSWERS, folder / ARCHIVE
+    if archive.exists() and not path.exists():
+        path.write_bytes(lzma.decompress(archive.read_bytes()))
 
 
 def all_answers(
@@ -150,7 +162,7 @@ def seal(spec: Run, tasks: Sequence[Task], batch: int) -> str:
     """The hash of all answers up to this batch, sorted; it is written once and must not change."""
     wanted: set[Key] = {(drawing.name, number) for drawing, number in tasks}
     lines = sorted(line for line in _whole_lines(spec.folder / ANSWERS) if _key(Answer.of(line)) in wanted)
-    found = hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    found = hash_of(lines)
     path, known = spec.folder / SEAL, seals(spec)
     if len(known) < batch:
         known = [*known, found]
@@ -158,6 +170,11 @@ def seal(spec: Run, tasks: Sequence[Task], batch: int) -> str:
     if known[batch - 1] != found:
         raise BrokenSeal(f"{path} does not match {ANSWERS}: answers have been changed")
     return found
+
+
+def hash_of(lines: Sequence[str]) -> str:
+    """The SHA-256 of sorted lines."""
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def seals(spec: Run) -> list[str]:

@@ -7,12 +7,12 @@ from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-# Parameters of the node that are files or names: never read as YAML, so that a subject may be called 1.
+# Parameters of the node that are files or names: not parsed as YAML, so that a subject may have the name 1.
 TEXTS = {
     "subject_file": "path of a subject file, or the name of a bundled subject",
     "limits_file": "path of a file with action and limit values; empty: those of 2002/44/EC",
 }
-# Parameters of the node that are numbers or truth values.
+# Parameters of the node that are numbers or booleans.
 VALUES = {
     "autostart": "configure and activate at start",
     "publish_measured": "publish the conditioned measurements too",
@@ -22,7 +22,7 @@ VALUES = {
 
 
 def live_node(context: LaunchContext) -> list[LifecycleNode]:
-    """The node, with the parameter file and, over it, those arguments that were given."""
+    """The node, with the parameter file, overridden by the given arguments."""
     given = {name: LaunchConfiguration(name).perform(context) for name in (*TEXTS, *VALUES)}
     texts = {name: ParameterValue(given[name], value_type=str) for name in TEXTS if given[name]}
     values = {name: given[name] for name in VALUES if given[name]}
@@ -39,7 +39,7 @@ def live_node(context: LaunchContext) -> list[LifecycleNode]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The arguments, and the node once they are known; an argument left empty keeps the parameter file's value."""
+    """The arguments and the node; an empty argument keeps the value of the parameter file."""
     params_file = PathJoinSubstitution([FindPackageShare("biodyn_ros"), "config", "live.yaml"])
     arguments = [
         DeclareLaunchArgument(name, default_value="", description=text) for name, text in {**TEXTS, **VALUES}.items()

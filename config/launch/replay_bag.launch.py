@@ -1,4 +1,4 @@
-"""Plays a bag to the live node and shows its page: `ros2 launch biodyn_ros replay_bag.launch.py bag:=drive.mcap`."""
+"""Plays a bag to the live node and serves its page: `ros2 launch biodyn_ros replay_bag.launch.py bag:=drive.mcap`."""
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
@@ -7,7 +7,7 @@ from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
-# Arguments with what they are when nobody gives them; the bag has to be given.
+# Arguments with their defaults; the bag is required.
 ARGUMENTS = {
     "bag": (None, "The recording: a .mcap or .db3 file, or the directory of a bag"),
     "subject_file": ("subject_1", "path of a subject file, or the name of a bundled subject"),
@@ -17,9 +17,9 @@ ARGUMENTS = {
 
 
 def player_and_node(context: LaunchContext) -> list[ExecuteProcess | LifecycleNode]:
-    """The player, which waits for its subscribers, and the node; the node stays when the bag has ended."""
+    """The player, which waits for its subscribers, and the node, which continues after the end of the bag."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    # No Node action: that would add --ros-args, which `biodyn play` does not take.
+    # No Node action, because it adds --ros-args, which `biodyn play` does not accept.
     biodyn = ExecutableInPackage(package="biodyn_ros", executable="biodyn")
     options = ["--rate", given["rate"], *(["--loop"] if given["loop"].lower() == "true" else [])]
     parameters = {
@@ -27,7 +27,7 @@ def player_and_node(context: LaunchContext) -> list[ExecuteProcess | LifecycleNo
         "subject_file": ParameterValue(given["subject_file"], value_type=str),
         "dashboard": True,
         "publish_measured": True,
-        # What is played again is no exposure of anybody's day.
+        # The exposure of a replayed recording is not stored.
         "state_file": "none",
     }
     return [
@@ -44,7 +44,7 @@ def player_and_node(context: LaunchContext) -> list[ExecuteProcess | LifecycleNo
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The arguments, and both processes once they are known."""
+    """The arguments and both processes."""
     return LaunchDescription(
         [
             *(

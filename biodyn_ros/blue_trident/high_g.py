@@ -1,4 +1,4 @@
-"""The high-g channel of one sensor beside its low-g one: read around each saturation, compared, and what it gives."""
+"""Compares the high-g and low-g channels of one sensor around saturations, and replaces saturated low-g values."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.conditioning.dual_range import Span, Stretch, covered, shares, take_over
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_core.conditioning.range_alignment import Alignment, align, bias, levels, plausible, set_right
-from biodyn_ros.blue_trident.cleaning import LARGEST_MPS2, Cleaner
+from biodyn_ros.blue_trident.cleaning import MAX_PLAUSIBLE_MPS2, Cleaner
 from biodyn_ros.blue_trident.samples import Channel, Samples
-from biodyn_ros.blue_trident.survey import Surveyed
+from biodyn_ros.blue_trident.survey import SensorSurvey
 
 LONGEST_SPAN_S: Final = 1.0
-"""No person is thrown for longer: a reading that stays at its rail is a fault, of which high-g is no witness."""
+"""Real saturations are shorter; a value that stays at the limit for longer is a fault and is not replaced."""
 
 GROUP_S: Final = 60.0
 COMPARED_S: Final = 60.0
-"""Gain and delay are measured on so many seconds of the first stretches, for bounded memory; bias is always local."""
+"""Gain and delay are estimated from the first stretches up to this length, to bound memory; bias is always local."""
 
 BESIDE_S: Final = 0.1
-"""Of both channels around a saturation that is kept: more than delay, margins and the reader's width together."""
+"""Time around a saturation for which both channels are kept: more than the sum of delay, margins and sample period."""
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
-    """What high-g gives: at stamps_ns (k,), share (k, 3) of readings right_mps2 (k, 3); the spans taken over and left.
+class Replacement:
+    """High-g values that replace low-g: weights share (k, 3) of values right_mps2 (k, 3) at stamps_ns (k,).
 
-    bias_mps2 (3,): the mean of those of all stretches.
+    taken and left: the replaced and the remaining spans; bias_mps2 (3,): the mean of all stretches.
     """
 
     stamps_ns: Integers
@@ -44,7 +44,7 @@ class Taken:
     left: tuple[Span, ...]
 
     def applied(self, samples: Samples) -> tuple[Samples, Floats]:
-        """Samples with high-g in the place of the rail, and how much of each reading is high-g's, (n, 3)."""
+        """Samples with high-g instead of saturated values, and the weight of high-g, (n, 3)."""
         share = np.zeros(samples.accel_mps2.shape)
         if not self.stamps_ns.size:
             return samples, share
@@ -56,7 +56,7 @@ class Taken:
 
 @dataclass(frozen=True, eq=False)
 class _Near:
-    """What is kept of a stretch: both channels close to its saturations, and `levels` of all of it."""
+    """A reduced stretch: both channels close to its saturations, and `levels` of the whole stretch."""
 
     spans: tuple[Span, ...]
     part: Stretch
@@ -65,9 +65,9 @@ class _Near:
 
 
 class Comparison:
-    """`push` both channels of one sensor in turns, whole files; `finish` gives what is taken over."""
+    """`push` the blocks of both channels of one sensor in order of time; `finish` returns the replacement."""
 
-    def __init__(self, seen: Surveyed, settings: DualRangeSettings, shared: bool) -> None:
+    def __init__(self, seen: SensorSurvey, settings: DualRangeSettings, shared: bool) -> None:
         self._settings, self._shared = settings, shared
         self._epoch_ns, self._rate_hz = seen.first_ns, seen.rate_hz() or 1.0
         found = seen.spans()
@@ -86,14 +86,14 @@ class Comparison:
         self._whole_s = 0.0
 
     def push(self, channel: Channel, samples: Samples) -> None:
-        """Take a block of either channel as it was written."""
+        """Add a block of either channel."""
         if channel == "low":
             samples = self._cleaner.push(samples)
         self._keep(channel, samples)
         self._digest(final=False)
 
-    def finish(self) -> Taken:
-        """Compare what was gathered, and take over what can be."""
+    def finish(self) -> Replacement:
+        """Compare the channels, and replace saturated values where possible."""
         if (last := self._cleaner.finish()) is not None:
             self._keep("low", last)
         self._digest(final=True)
@@ -115,10 +115,10 @@ class Comparison:
                 right.append(values[used])
         done = set(taken)
         left = [*self._stuck, *(span for near in self._near for span in near.spans if span not in done)]
-        return Taken(*_in_order(stamps, share, right), alignment, mean, tuple(taken), tuple(left))
+        return Replacement(*_in_order(stamps, share, right), alignment, mean, tuple(taken), tuple(left))
 
     def _keep(self, channel: Channel, samples: Samples) -> None:
-        """Add what lies around a saturation, in ascending order of time."""
+        """Add the samples around saturations, in ascending order of time."""
         if not len(samples.stamps_ns) or not len(self._groups):
             return
         time_s = 1e-9 * (samples.stamps_ns - self._epoch_ns)
@@ -128,7 +128,7 @@ class Comparison:
         wanted = ascending & (group >= 0) & (time_s <= self._ends[np.maximum(group, 0)])
         accel = samples.accel_mps2
         if channel == "high":
-            real = (accel != 0.0).any(axis=1) & (np.abs(accel) < LARGEST_MPS2).all(axis=1)
+            real = (accel != 0.0).any(axis=1) & (np.abs(accel) < MAX_PLAUSIBLE_MPS2).all(axis=1)
             wanted &= real
         if wanted.any():
             old_s, old = self._rows[channel]
@@ -137,7 +137,7 @@ class Comparison:
             )  # fmt: skip
 
     def _digest(self, final: bool) -> None:
-        """Reduce every stretch that both channels have come past."""
+        """Reduce every stretch that both channels have passed."""
         while self._done < len(self._groups) and (final or min(self._upto.values()) > self._ends[self._done]):
             begin_s, end_s = float(self._begins[self._done]), float(self._ends[self._done])
             whole = self._stretch(begin_s, end_s)
@@ -170,7 +170,7 @@ class Comparison:
 
 
 def _in_order(stamps: list[Integers], share: list[Floats], right: list[Floats]) -> tuple[Integers, Floats, Floats]:
-    """All of it in the order of time, what two stretches share once."""
+    """All values in order of time, without duplicates of overlapping stretches."""
     if not stamps:
         return np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 3))
     _, first = np.unique(np.concatenate(stamps), return_index=True)
@@ -178,7 +178,7 @@ def _in_order(stamps: list[Integers], share: list[Floats], right: list[Floats]) 
 
 
 def _grouped(found: Sequence[Span], settings: DualRangeSettings) -> list[list[Span]]:
-    """Spans whose surroundings overlap, a minute of them at most."""
+    """Groups of spans whose surroundings overlap, of a minute at most."""
     groups: list[list[Span]] = []
     for span in found:
         if groups and span.begin_s < min(
@@ -191,7 +191,7 @@ def _grouped(found: Sequence[Span], settings: DualRangeSettings) -> list[list[Sp
 
 
 def _close(times_s: Floats, group: Sequence[Span]) -> Integers:
-    """Which instants are within `BESIDE_S` of a span."""
+    """Indices of the times within `BESIDE_S` of a span."""
     edges = np.zeros(times_s.size + 1, dtype=np.int64)
     begins = np.searchsorted(times_s, [span.begin_s - BESIDE_S for span in group])
     ends = np.searchsorted(times_s, [span.end_s + BESIDE_S for span in group])

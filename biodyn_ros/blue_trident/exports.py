@@ -1,4 +1,4 @@
-"""What a directory or a file holds of exports, and which of them are meant: by serial number and by take."""
+"""Finds exports in a directory or file, and selects them by serial number and take."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from biodyn_ros.blue_trident.rows import head_of, lines_of
 from biodyn_ros.blue_trident.samples import Channel, Export
 from biodyn_ros.reading.mapping import parse_map
 
-MOST_FILES: Final = 10_000
+MAX_FILES: Final = 10_000
 
 
 @dataclass(frozen=True)
-class Found:
-    """Exports of a place; what was left aside, a line each; and what looks like an export and cannot be read."""
+class FoundExports:
+    """Exports of a directory; ignored files, a line each; and exports that cannot be read."""
 
     place: Path
     exports: tuple[Export, ...]
@@ -31,28 +31,28 @@ class Found:
     refused: tuple[str, ...]
 
     def serials(self) -> list[str]:
-        """All sensors there are."""
-        return sorted({held.serial for export in self.exports for held in export.held})
+        """The serial numbers of all sensors."""
+        return sorted({info.serial for export in self.exports for info in export.channels})
 
 
 @dataclass(frozen=True)
-class Chosen:
-    """The exports of one take that are imported, and {serial: sensor}."""
+class ChosenExports:
+    """The selected exports of one take, and {serial: sensor}."""
 
     exports: tuple[Export, ...]
     sensors: dict[str, str]
 
     def file_of(self, serial: str, channel: Channel) -> Export | None:
-        """The export with this channel of a sensor."""
-        return next((export for export in self.exports if (serial, channel) in _held(export)), None)
+        """The export that contains this channel of a sensor."""
+        return next((export for export in self.exports if (serial, channel) in _channels_of(export)), None)
 
 
-def _held(export: Export) -> list[tuple[str, Channel]]:
-    return [(held.serial, held.channel) for held in export.held]
+def _channels_of(export: Export) -> list[tuple[str, Channel]]:
+    return [(info.serial, info.channel) for info in export.channels]
 
 
 def parse_serials(pairs: Iterable[str], file: str | Path | None = None) -> dict[str, str]:
-    """{sensor: serial} of `sensor=serial` pairs and of a YAML file of such pairs; raises InputError naming the pair."""
+    """{sensor: serial} from `sensor=serial` pairs and a YAML file of pairs; raises InputError with the pair."""
     given = [*pairs]
     if file is not None:
         document = read_yaml(file)
@@ -60,29 +60,29 @@ def parse_serials(pairs: Iterable[str], file: str | Path | None = None) -> dict[
             raise InputError(f"{file}: expected lines such as 'seat: TS-02374'")
         for sensor, serial in document.items():
             if not isinstance(serial, str):
-                raise InputError(f"{file}: {sensor}: {serial!r} is no serial number: a text such as TS-02374 is")
+                raise InputError(f"{file}: {sensor}: {serial!r} is no serial number such as TS-02374")
             given.append(f"{sensor}={serial}")
     return parse_map(given, "serial")
 
 
-def find_exports(place: Path) -> Found:
-    """Look through a directory, its own files only, or at one file; raises InputError where nothing is an export."""
+def find_exports(place: Path) -> FoundExports:
+    """Search the files of a directory, or one file; raises InputError if there is no export."""
     if not place.exists():
         raise InputError(f"{place}: no such file or directory{did_you_mean_file(place)}")
     if not place.is_dir():
-        return Found(place, (_export_of(place),), (), ())
+        return FoundExports(place, (_export_of(place),), (), ())
     try:
         paths = sorted(path for path in place.iterdir() if path.is_file())
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from None
-    if len(paths) > MOST_FILES:
+    if len(paths) > MAX_FILES:
         count = counted(len(paths), "file")
-        raise InputError(f"{place}: {count}, so this is no directory of one recording: give another")
+        raise InputError(f"{place}: {count} are too many for one recording: give another directory")
     exports: list[Export] = []
     aside, refused = [], []
     for path in paths:
         if is_magnetometer(path):
-            aside.append(f"{path.name}: magnetometer, for which an Imu message has no room")
+            aside.append(f"{path.name}: magnetometer, not part of an Imu message")
             continue
         if path.suffix.lower() != ".csv":
             aside.append(f"{path.name}: no CSV file")
@@ -92,28 +92,28 @@ def find_exports(place: Path) -> Found:
         except InputError as error:
             refused.append(str(error))
     if not exports:
-        why = f"; {refused[0]}" if refused else f"; there is {_listed([path.name for path in paths])}"
+        why = f"; {refused[0]}" if refused else f"; its files: {_listed([path.name for path in paths])}"
         raise InputError(f"{place}: no export of Capture.U or Nexus{why}")
-    return Found(place, tuple(exports), tuple(aside), tuple(refused))
+    return FoundExports(place, tuple(exports), tuple(aside), tuple(refused))
 
 
-def choose(found: Found, mapping: Mapping[str, str], take: str | None) -> Chosen:
-    """The exports that the mapping {sensor: serial} and the take ask for; raises InputError where they are not one.
+def choose(found: FoundExports, mapping: Mapping[str, str], take: str | None) -> ChosenExports:
+    """Select the exports of the mapping {sensor: serial} and the take; raises InputError if they are not unique.
 
-    A take is the date in names of Capture.U and the file's name of Nexus; its beginning is enough. Of a serial its end
-    is, where one alone ends so.
+    A take is the date in a name of Capture.U or the name of a file of Nexus; its first characters suffice. The last
+    characters of a serial suffice if they are unique.
     """
     there = found.serials()
     if not mapping:
         raise InputError(
-            f"{found.place}: which sensor is which? there are {_listed(there)}: --map {SENSORS[0]}={there[0]}"
+            f"{found.place}: no sensor is mapped; serials: {_listed(there)}: use --map {SENSORS[0]}={there[0]}"
         )
     mapping = {sensor: _serial(found, sensor, given) for sensor, given in mapping.items()}
     for sensor, serial in mapping.items():
         first = next(name for name, other in mapping.items() if other == serial)
         if first != sensor:
-            raise InputError(f"{found.place}: --map {sensor}={serial}: the serial is given as {first} too")
-    exports = [export for export in found.exports if any(held.serial in mapping.values() for held in export.held)]
+            raise InputError(f"{found.place}: --map {sensor}={serial}: the serial is also mapped to {first}")
+    exports = [export for export in found.exports if any(info.serial in mapping.values() for info in export.channels)]
     if take is not None:
         takes = sorted({export.take for export in exports})
         exports = [export for export in exports if export.take == take] or [
@@ -121,44 +121,44 @@ def choose(found: Found, mapping: Mapping[str, str], take: str | None) -> Chosen
         ]
         if not exports:
             near = did_you_mean(take, takes)
-            raise InputError(f"{found.place}: --take {take}: no such take; there are {_listed(takes)}{near}")
+            raise InputError(f"{found.place}: --take {take}: no such take; takes: {_listed(takes)}{near}")
     for sensor, serial in mapping.items():
         _check_one(found.place, sensor, serial, exports)
     kinds = {export.kind for export in exports}
     if len(kinds) > 1:
         raise InputError(
-            f"{found.place}: exports of {' and '.join(sorted(kinds))} do not share a clock: give one of them"
+            f"{found.place}: exports of {' and '.join(sorted(kinds))} have different clocks: give one of them"
         )
-    return Chosen(tuple(exports), {serial: sensor for sensor, serial in mapping.items()})
+    return ChosenExports(tuple(exports), {serial: sensor for sensor, serial in mapping.items()})
 
 
-def _serial(found: Found, sensor: str, given: str) -> str:
-    """The serial that is given, whole or by its end; raises InputError where none, or more than one, ends so."""
+def _serial(found: FoundExports, sensor: str, given: str) -> str:
+    """The serial that is given completely or by its end; raises InputError if none or several match."""
     there, where = found.serials(), f"{found.place}: --map {sensor}={given}"
     if given in there:
         return given
     ending = [serial for serial in there if serial.casefold().endswith(given.casefold())]
     if len(ending) > 1:
-        raise InputError(f"{where}: {_listed(ending)} end so: give one of them whole")
+        raise InputError(f"{where}: {_listed(ending)} end with it: give a complete serial")
     if not ending:
         ends = [serial[-len(given) :] for serial in there]
         hint = did_you_mean(given, [*there, *ends]) or (f"; {found.refused[0]}" if found.refused else "")
-        raise InputError(f"{where}: no such serial; there are {_listed(there)}{hint}")
+        raise InputError(f"{where}: no such serial; serials: {_listed(there)}{hint}")
     return ending[0]
 
 
 def _check_one(place: Path, sensor: str, serial: str, exports: list[Export]) -> None:
     """Raise InputError unless a sensor has exactly one low-g channel and at most one high-g among the exports."""
     for channel in ("low", "high"):
-        with_it = [export for export in exports if (serial, channel) in _held(export)]
-        takes = sorted({export.take for export in exports if (serial, channel) in _held(export)})
+        with_it = [export for export in exports if (serial, channel) in _channels_of(export)]
+        takes = sorted({export.take for export in exports if (serial, channel) in _channels_of(export)})
         if len(takes) > 1:
             raise InputError(
                 f"{place}: {serial} ({sensor}) has several takes: {_listed(takes)}: choose with --take TAKE"
             )
         if len(with_it) > 1:
             names = _listed([export.path.name for export in with_it])
-            raise InputError(f"{place}: {serial} ({sensor}) has one channel twice: {names}: remove one")
+            raise InputError(f"{place}: {serial} ({sensor}) has a channel twice: {names}: remove one")
         if channel == "low" and not with_it:
             raise InputError(f"{place}: {serial} ({sensor}) has no low-g file in this take: export it")
 
@@ -170,9 +170,9 @@ def _export_of(path: Path) -> Export:
     if lines and is_nexus(lines):
         return nexus(path, lines)
     if any(";" in line and line.count(";") > line.count(",") for line in lines[:10]):
-        raise InputError(f"{path}: semicolons part its cells: export it with commas, and points in numbers")
+        raise InputError(f"{path}: cells are separated by semicolons: export with commas, and decimal points")
     raise InputError(
-        f"{path}: no export of Capture.U or Nexus: neither unix_timestamp_microsec nor Devices in its head"
+        f"{path}: no export of Capture.U or Nexus: neither unix_timestamp_microsec nor Devices in its first lines"
     )
 
 
