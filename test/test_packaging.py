@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # Prints every file that resources finds; run where neither the source tree nor its tests can be seen by accident.
 FIND_ALL = """
 import biodyn_ros, biodyn_core
-from biodyn_ros import resources
+from biodyn_ros.base import resources
 from biodyn_ros.commands.table import parser
 print(biodyn_ros.__file__)
 print(biodyn_core.__file__)

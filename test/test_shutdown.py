@@ -21,7 +21,7 @@ from biodyn_ros.node.callbacks import spin
 
 _ASKED = """
 import atexit, ctypes, os, signal, threading, time
-from biodyn_ros import shutdown as bounds
+from biodyn_ros.base import shutdown as bounds
 bounds.ENDS_WITHIN_S, bounds.ALARM_S = 0.3, 1.5
 with bounds.Shutdown("biodyn test") as shutdown:
     os.kill(os.getpid(), signal.SIGTERM)
@@ -88,7 +88,7 @@ def test_spinning_ends_though_messages_never_stop_waiting(graph: Graph) -> None:
 
 _HANGING_PAGE = """
 import sys, time
-from biodyn_ros import live
+from biodyn_ros.node import live
 live.BiodynNode._end_page = lambda self: time.sleep(600)
 sys.exit(live.main(sys.argv[1:]))
 """
