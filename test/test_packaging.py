@@ -90,7 +90,7 @@ def pip(tmp_path: Path, option: str) -> Installed:
     options = ["--quiet", "--no-deps", "--no-build-isolation", "--ignore-installed", option, str(prefix)]
     run([sys.executable, "-m", "pip", "install", *options, str(tree)], tmp_path)
     (package,) = prefix.rglob("biodyn_ros/base/resources.py")
-    setup = f"export PYTHONPATH={shlex.quote(str(package.parents[1]))}"
+    setup = f"export PYTHONPATH={shlex.quote(str(package.parents[2]))}"
     shutil.rmtree(tree)
     return Installed(prefix, prefix / "bin", setup)
 
