@@ -7,11 +7,11 @@ from typing import Any, Final
 import pytest
 
 SLOW: Final = (
-    "test_channels", "test_player", "test_work", "test_conditioning_time", "test_clocks", "test_pipeline",
-    "test_identify", "test_live", "test_faults", "test_campaign", "test_effects", "test_world_effects", "test_trace",
-    "test_cli", "test_page_live", "test_state", "test_demo", "test_two_processes", "test_docs",
+    "test_world_effects", "test_work", "test_trace_outputs", "test_faults", "test_trace", "test_campaign", "test_cli",
+    "test_report", "test_effects", "test_identify", "test_pipeline", "test_clocks", "test_live", "test_channels",
+    "test_player", "test_page_live", "test_state", "test_demo", "test_two_processes", "test_docs",
 )  # fmt: skip
-"""Files of more than ten seconds, the slowest last."""
+"""Slow files in their order: long computations first, short ones where the workers meet, long processes last."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
