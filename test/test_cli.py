@@ -34,7 +34,7 @@ BAG = str(bag_file("subject_1.mcap"))
 
 @pytest.fixture(autouse=True)
 def _empty_drawings() -> Iterator[None]:
-    """What pages say counts here; what they draw is tested with the pages."""
+    """These tests read the words of pages; the tests of the pages check the drawings."""
     with empty_drawings():
         yield
 
