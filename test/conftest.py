@@ -12,6 +12,8 @@ from hypothesis import settings
 
 from biodyn_ros.base import environment
 
+pytest_plugins = ["ordering"]
+
 ROOT = Path(__file__).resolve().parents[1]
 
 # `make test` has done this already; here it is done for a bare `pytest`. rclpy reads these variables on import.

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import html
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 NASTY = "/data/<script>alert('x')</script> & \"rail\" $x$.mcap"
@@ -96,3 +99,15 @@ def assert_self_contained(source: str) -> None:
 def told(svg: str) -> str:
     """The texts of a drawing."""
     return " | ".join(html.unescape(text) for text in re.findall(r"<text[^>]*>([^<]*)</text>", svg))
+
+
+@contextmanager
+def empty_drawings() -> Iterator[None]:
+    """Figures are filled, but an empty drawing stands for each: layout and SVG are nearly all the time of a page."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda engine, figure: None)
+        patch.setattr(Figure, "savefig", lambda figure, file, **options: file.write("<svg></svg>"))
+        yield

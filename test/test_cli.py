@@ -6,6 +6,7 @@ import json
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from listed import assert_listed
+from pages import empty_drawings
 from streams import noisy_streams, subject
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
@@ -28,6 +30,13 @@ from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.simulate import START_NS, motion_of_cases
 
 BAG = str(bag_file("subject_1.mcap"))
+
+
+@pytest.fixture(autouse=True)
+def _empty_drawings() -> Iterator[None]:
+    """These tests read the words of pages; the tests of the pages check the drawings."""
+    with empty_drawings():
+        yield
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:

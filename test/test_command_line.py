@@ -10,12 +10,13 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from pages import empty_drawings
 from streams import noisy_streams
 from trident import capture_u_files, nexus_text, shock, still
 
@@ -40,8 +41,10 @@ WITHOUT_JSON = {"demo", "live", "page", "completion"}
 
 
 @pytest.fixture(autouse=True)
-def _terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+def _terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("COLUMNS", "80")
+    with empty_drawings():
+        yield
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

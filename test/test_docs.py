@@ -29,6 +29,10 @@ ROOT = Path(__file__).resolve().parents[1]
 GUIDE = ROOT / "docs" / "guide.md"
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 LONGEST_S = 280.0
+SMALL = {
+    "fit": ["--particles", "12", "--iterations", "15", "--starts", "1", "--refined-starts", "1", "--evaluations", "60"]
+}
+"""Options that make a command's search small; everything else is as the page has it."""
 
 
 def test_every_block_is_run_or_needs_other_machines() -> None:
@@ -68,7 +72,7 @@ def run(text: str, desk: Path, environment: dict[str, str]) -> None:
             command, _, target = line.removesuffix("&").partition(">")
             program, *arguments = (word for part in shlex.split(command) for word in expanded(part, desk))
             assert program == "biodyn"
-            call = [sys.executable, "-m", "biodyn_ros.commands.cli", *arguments]
+            call = [sys.executable, "-m", "biodyn_ros.commands.cli", *arguments, *SMALL.get(arguments[0], [])]
             if line.endswith("&"):
                 behind.append(subprocess.Popen(call, cwd=desk, env=environment))
                 continue

@@ -40,6 +40,13 @@ def test_peaks_of_shocks_are_settings() -> None:
     assert found.road_s == pytest.approx(18.0 - 2.0, abs=0.1)
 
 
+def test_a_peak_at_the_limit_is_a_hard_shock() -> None:
+    one = case([2.5])
+    peak_g = float(np.abs(one.seat_mps2).max() / 9.80665)
+    for limit_g, hard in ((peak_g, 1), (np.nextafter(peak_g, np.inf), 0)):
+        assert contents([one], FloorSettings(hard_shock_g=limit_g)).hard_shocks == hard
+
+
 def test_a_shock_in_the_warm_up_does_not_count() -> None:
     early = case([3.0])
     shifted = dataclasses.replace(early, seat_mps2=np.roll(early.seat_mps2, -round(3.0 * RATE_HZ)))

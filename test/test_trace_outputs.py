@@ -17,7 +17,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from listed import assert_listed
-from pages import NASTY, Page, assert_self_contained
+from pages import NASTY, Page, assert_self_contained, empty_drawings
 from streams import simulated, subject
 
 from biodyn_core.base.errors import InputError
@@ -197,14 +197,18 @@ def nothing() -> Trace:
 
 
 def page_of(trace: Trace, **more: Any) -> tuple[str, Page]:
-    source = trace_page(Report(trace, **more))
+    """The page of a trace, with empty drawings."""
+    with empty_drawings():
+        source = trace_page(Report(trace, **more))
     return source, Page(source)
 
 
 @cache
 def drawn(verdict: Verdict) -> tuple[str, Page]:
-    """The page of a verdict."""
-    return page_of(found(verdict), dealt="dealt by turns")
+    """The page of a verdict, with its drawings."""
+    trace = found(verdict)
+    source = trace_page(trace_document(trace) | {"dealt": "dealt by turns"}, trace)
+    return source, Page(source)
 
 
 # --- document --------------------------------------------------------------------------------------------------------
@@ -543,7 +547,7 @@ def test_missing_facts_of_the_given_fit_are_named() -> None:
 def test_the_page_is_self_contained_and_repeats() -> None:
     source, _ = drawn("unexplained")
     assert_self_contained(source)
-    assert page_of(found("unexplained"), dealt="dealt by turns")[0] == source
+    assert drawn.__wrapped__("unexplained")[0] == source
 
 
 def test_names_from_outside_are_escaped() -> None:

@@ -23,7 +23,9 @@ from world.effects.event import HELD_HZ, Event
 from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.problem import Case
+from biodyn_core.identification.settings import FitSettings
 from biodyn_ros.reading.recordings import read_recordings
 
 WORLD = Path(__file__).parent / "world"
@@ -36,6 +38,7 @@ PERSON = dataclasses.replace(
     rate_mps=np.array([0.1, 0.08, 0.06, 0.05, 0.04, 0.03]),
 )
 SHORT_S = 0.25
+QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), evaluations=600)
 
 
 def of_kind(*kinds: str, among: tuple[type[Effect], ...] = ALL) -> list[type[Effect]]:
@@ -786,6 +789,6 @@ def test_the_background_leaves_what_the_paper_leaves(tmp_path: Path) -> None:
     cases = [Case.of(recording) for path in one.write(tmp_path) for recording in read_recordings(path)]
     assert [case.case for case in cases] == ["pothole", "rail"]
     middle = Parameters.from_vector(0.5 * (LOWER + UPPER))
-    fit = fit_joint(cases, Subject("drawn", one.body_mass_kg, 1.75, one.mass_matrix, middle), 0)
+    fit = fit_joint(cases, Subject("drawn", one.body_mass_kg, 1.75, one.mass_matrix, middle), 0, QUICK)
     percent = np.array([errors.nrmse_rms_percent for errors in fit.errors])
     assert 4.0 < np.median(percent) < 11.0 and percent.min() > 2.0 and percent.max() < 20.0
