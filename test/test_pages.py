@@ -451,7 +451,7 @@ def test_a_campaign_is_no_greener_than_its_subjects(tones: tuple[str, str], tone
     of = dict(zip(names, tones, strict=True))
     found = judge_campaign(document, dict.fromkeys(names, 3.0), of)
     assert found.tone == tone
-    assert any("badly: anna" in line for line in found.reasons) == ("bad" in tones)
+    assert any("not fitted to: anna" in line for line in found.reasons) == ("bad" in tones)
     document["subjects"].append(row("carl", state="failed"))
     assert judge_campaign(document, dict.fromkeys(names, 3.0), of).tone == "bad"
 
