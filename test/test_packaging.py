@@ -20,6 +20,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 import yaml
+from ordering import SLOW
 
 import biodyn_ros
 from biodyn_core.base.errors import InputError
@@ -34,6 +35,7 @@ FIND_ALL = """
 import biodyn_ros, biodyn_core
 from biodyn_ros.base import resources
 from biodyn_ros.commands.table import parser
+from ordering import SLOW
 print(biodyn_ros.__file__)
 print(biodyn_core.__file__)
 for path in sorted(resources.config_file("subjects").parent.glob("*.yaml")):
@@ -367,3 +369,7 @@ def test_no_files_anywhere_is_told(elsewhere: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.delenv("AMENT_PREFIX_PATH")
     with pytest.raises(InputError, match=r"\Anone of .* holds the files of biodyn; install it again\Z"):
         resources.subject_names()
+
+
+def test_every_file_in_the_order_of_tests_exists() -> None:
+    assert [name for name in SLOW if not (ROOT / "test" / f"{name}.py").is_file()] == []
