@@ -19,7 +19,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.exposure.checkpoint import ExposureCheckpoint, digest
 from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_ros import __version__
-from biodyn_ros.base.files import OWNER_ALONE, is_there, make_directory, remove, state_directory, write_text
+from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, remove, state_directory, write_text
 from biodyn_ros.base.json_files import keys_of, read_json
 
 SCHEMA: Final = 4
@@ -53,7 +53,7 @@ class StateFile:
         self.path = path
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="biodyn state")
         self._writing: Future[None] | None = None
-        if is_there(path) and path.is_dir():  # else it would be renamed like a damaged file, with all its content
+        if exists(path) and path.is_dir():  # else it would be renamed like a damaged file, with all its content
             raise InputError(f"{path}: is a directory, state_file names a file")
         make_directory(path.parent)
         if not os.access(path.parent, os.W_OK):
@@ -61,7 +61,7 @@ class StateFile:
 
     def read(self) -> ExposureCheckpoint | None:
         """The stored checkpoint; None without a file. Raises InputError, naming the file, where it is damaged."""
-        if not is_there(self.path):
+        if not exists(self.path):
             return None
         try:
             document = keys_of(read_json(self.path), "the file", ("schema", "version", "digest", "kept"))
@@ -76,7 +76,7 @@ class StateFile:
     def set_aside(self) -> Path:
         """Rename the file to a free name, so that the next `save` does not overwrite it; return that path."""
         names = (f"{self.path.name}{ASIDE}{number or ''}" for number in itertools.count())
-        aside = next(path for name in names if not is_there(path := self.path.with_name(name)))
+        aside = next(path for name in names if not exists(path := self.path.with_name(name)))
         self.path.replace(aside)
         return aside
 
@@ -106,7 +106,7 @@ class StateFile:
 
     def _write(self, checkpoint: Mapping[str, Any]) -> None:
         document = {"schema": SCHEMA, "version": __version__, "digest": digest(checkpoint), "kept": checkpoint}
-        write_text(self.path, json.dumps(document, allow_nan=False) + "\n", mode=OWNER_ALONE)
+        write_text(self.path, json.dumps(document, allow_nan=False) + "\n", mode=OWNER_ONLY)
 
 
 class ExposureStore:
@@ -120,7 +120,7 @@ class ExposureStore:
     def __init__(self, file: StateFile, identity: Mapping[str, str], max_age_h: float, policy: Policy) -> None:
         self._file, self._identity, self._max_age_h, self._policy = file, identity, max_age_h, policy
         self.resumed, self.failure = False, ""
-        self.pending = is_there(file.path)
+        self.pending = exists(file.path)
 
     def begin(self, exposure: ContinuedExposure, sensor: str, stamp_ns: int) -> str:
         """At the first sample: continue the stored exposure, or rename its file; return a message that says which."""

@@ -11,7 +11,7 @@ from biodyn_core.body.parameters import PARAMETERS, is_fitted
 from biodyn_core.body.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import counted, number, parameter_name, told_apart
+from biodyn_ros.base.wording import counted, number, parameter_name, with_interval
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Move:
         """The given value as text, with its interval if there is one."""
         if self.given is None or self.interval is None:
             return number(self.given)
-        value, lower, upper = told_apart(self.given, *self.interval)
+        value, lower, upper = with_interval(self.given, *self.interval)
         return f"{value} ({lower} to {upper})"
 
     @property
@@ -55,7 +55,7 @@ class Move:
             return number(self.refitted)
         near = min(self.interval, key=lambda end: abs(self.refitted - end))
         ends = sorted((self.refitted, near)) if self.is_outside else self.interval
-        return told_apart(self.refitted, *ends)[0]
+        return with_interval(self.refitted, *ends)[0]
 
 
 @dataclass(frozen=True)

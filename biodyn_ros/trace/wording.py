@@ -12,7 +12,7 @@ from biodyn_core.effects import CATALOGUE, AppliedEffect, EffectParameter
 from biodyn_core.tracing.findings import Diagnostics, Interval, RankedCandidate, SensorFinding, Trace
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import number, parameter_name, sentence, told_apart, words
+from biodyn_ros.base.wording import number, parameter_name, sentence, with_interval, words
 from biodyn_ros.reading.provenance import without_note
 from biodyn_ros.trace.errors import WHEN, When, errors_by_use
 from biodyn_ros.trace.report import Report
@@ -124,7 +124,7 @@ def parameters_of(applied: AppliedEffect, intervals: Sequence[Interval] = ()) ->
     for parameter in applied.effect.parameters:
         interval, value = by_name.get(parameter.name), number(applied.values[parameter.name])
         if interval is not None:
-            value, lower, upper = told_apart(*map(finite, (interval.value, interval.lower, interval.upper)))
+            value, lower, upper = with_interval(*map(finite, (interval.value, interval.lower, interval.upper)))
             value = f"{value} ({lower} to {upper})"
         unit = "" if parameter.unit in ("", "-") else f" {parameter.unit}"
         shown.append((_without_unit(parameter), value + unit))
