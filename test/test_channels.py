@@ -476,7 +476,7 @@ def test_a_seat_motion_of_readings_that_are_none_is_refused(tmp_path: Path) -> N
         return stamps, samples, rates
 
     streams = changed(of_model(noisy_streams(4.0)), "seat", spoil)
-    with pytest.raises(InputError, match=r"imu/seat/data: readings that are not finite: 2"):
+    with pytest.raises(InputError, match=r"imu/seat/data: 2 samples are not finite"):
         read_seat_motion(bag_of(tmp_path / "a.mcap", streams), None, {})
 
 

@@ -149,7 +149,7 @@ def earlier(text: str) -> str:
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
-        (lambda text: text[:100], "is damaged, it is no JSON"),
+        (lambda text: text[:100], "is damaged: not valid JSON"),
         (lambda text: text.replace('"schema": 4', '"schema": 7'), "schema is 7, this version reads 4"),
         (lambda text: signed(earlier(text)), "schema is 3, this version reads 4"),
         (lambda text: "{}", "has the keys "),
@@ -198,7 +198,7 @@ def test_provenance_is_no_part_of_the_identity() -> None:
 
 def test_a_path_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be made a directory"):
+    with pytest.raises(InputError, match="the directory cannot be created"):
         StateFile(tmp_path / "file" / "state.json")
     file = StateFile(tmp_path / "state.json")
     (tmp_path / ".state.json.part").mkdir()  # in the way of what is written

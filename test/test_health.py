@@ -218,12 +218,12 @@ def test_missing_sequence_numbers_are_losses_and_each_publisher_has_its_own() ->
 
 def test_a_count_that_grew_is_reported_for_two_updates() -> None:
     node = Node(noisy_streams(6.0))
-    node.look(6)
+    node.advance(6)
     node.health["head"].lost += 3
     levels = []
     for _ in range(3):
-        node.look()
-        levels.append(node.says("head")[0])
+        node.check()
+        levels.append(node.status("head")[0])
     assert levels == [WARN, WARN, OK]
 
 
@@ -231,10 +231,10 @@ def test_a_count_that_grew_is_reported_for_two_updates() -> None:
 def test_a_sensor_is_silent_after_half_a_second(name: str, level: int) -> None:
     node, clock = Node(noisy_streams(6.0)), [0.0]
     node.health[name].now = lambda: clock[0]
-    node.look(6)
+    node.advance(6)
     clock[0] = 0.5
-    node.judge()
-    assert node.says(name)[0] == OK
+    node.check()
+    assert node.status(name)[0] == OK
     clock[0] = 0.6
-    node.judge()
-    assert node.says(name) == (level, "silent for 0.6 s")
+    node.check()
+    assert node.status(name) == (level, "silent for 0.6 s")

@@ -401,7 +401,7 @@ def test_parameters_can_be_corrected_after_a_failed_configure(graph: Graph, tmp_
     (tmp_path / "file").write_text("")
     node = graph.live(state_file=str(tmp_path / "file" / "state.json"))
     node.trigger_configure()
-    assert "cannot be made a directory" in (node.failure or "")
+    assert "the directory cannot be created" in (node.failure or "")
     (result,) = node.set_parameters([Parameter("state_file", value=str(tmp_path / "state.json"))])
     assert result.successful, result.reason
     assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS

@@ -35,7 +35,6 @@ FIND_ALL = """
 import biodyn_ros, biodyn_core
 from biodyn_ros.base import resources
 from biodyn_ros.commands.table import parser
-from ordering import SLOW
 print(biodyn_ros.__file__)
 print(biodyn_core.__file__)
 for path in sorted(resources.config_file("subjects").parent.glob("*.yaml")):

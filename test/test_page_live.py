@@ -208,7 +208,7 @@ def it_is_green_and_says_whose_it_is(browser: Browser) -> None:
     terms = browser.text("#terms")
     for said in (
         f"Subject {EVIL}", "Rolling window 10 s", "2002/44/EC", "A(8) 0.5 / 1.15 m/s²", "VDV 9.1 / 21 m/s¹·⁷⁵",
-        "Predictions are a model's, not measurements", "not validated",
+        "Predictions come from a model and are not measurements", "not validated",
     ):  # fmt: skip
         assert said in terms
     assert "governs" in browser.text("#figures")

@@ -240,7 +240,7 @@ def test_a_fit_says_the_numbers_of_its_document(fitted: Fitted, page: str) -> No
             assert lower != upper, name
             said = f"{value} ({lower} to {upper}){unit}, "
             assert said + document["identifiable"][name] in told(page), name
-    assert "None requested: use --profile NAME" in text and "The mass scale was held" in text
+    assert "None requested: use --profile NAME" in text and "The mass scale was fixed" in text
     assert text.count(MADE_BY_MODEL) == 1 and "3 of 3 recordings: " in text
 
 

@@ -279,13 +279,13 @@ def test_the_page_says_every_figure_with_its_unit(tmp_path):
         "no additional evaluation required (ISO 2631-1:1997, axis z): crest factor 7.25, MTVV/aw 1.31",
         "Governed by VDV, axis z (2002/44/EC)", "4 h 0 min left", "more than 24 h left", "use the seat only",
         "No yaw given", "worst direction 0.0313 0.213 1.4 0.0438 0.298",
-        "Residual at worst 15.0 % of the measured rms (head)", "neck 0.123 14.0",
+        "Largest residual 15.0 % of the measured rms (head)", "neck 0.123 14.0",
         "seat 0.100 0.500 0.200 7.25 0.900 0.000 0", "pelvis 0.200 0.317 1.00 1.58 0.400 7.25 1.80 not validated",
-        "central torso 0.226 – 1.13 –", "DRI 6.78", "band 5.2-13.0", "7.89 as the paper prints it",
-        "23.456 s after counting began",
+        "central torso 0.226 – 1.13 –", "DRI 6.78", "band 5.2-13.0", "7.89 as printed in the paper, with |z|",
+        "23.456 s after the start of counting",
         "a single upward pulse", "not a dose of repeated shocks", "HIC15 1.23 0.456 0.567 1.200 to 1.213 565",
         "HIC36 2.35 0.678 0.789 1.200 to 1.213 565",
-        "before the 80.0 Hz low-pass", "Predictions are a model's",
+        "before the 80.0 Hz low-pass", "Predictions come from a model",
         "aw, m/s² VDV, m/s¹·⁷⁵ MTVV, m/s² crest factor peak, m/s²", "whole record: residual 0.123 m/s² rms, 15.0 %",
     ):  # fmt: skip
         assert expected in text, expected

@@ -180,7 +180,7 @@ def test_a_clock_set_back_by_less_than_a_second_costs_what_it_treads_again(back_
     lost, status = pipeline.losses(SEAT), pipeline.status(SEAT)
     assert lost.missing_s == pytest.approx(back_s, abs=0.01) and lost.lower_bound
     assert status.runs == 2 and not status.warnings
-    assert any("seat: its stamps went back by" in line for line in sensor_warnings(pipeline, SENSORS))
+    assert any("seat: its stamps jumped back by" in line for line in sensor_warnings(pipeline, SENSORS))
     for name in SENSORS:
         if name != SEAT:
             assert pipeline.losses(name).missing_s == 0.0, name

@@ -207,7 +207,7 @@ def page_of(trace: Trace, **more: Any) -> tuple[str, Page]:
 def drawn(verdict: Verdict) -> tuple[str, Page]:
     """The page of a verdict, with its drawings."""
     trace = found(verdict)
-    source = trace_page(trace_document(trace) | {"dealt": "dealt by turns"}, trace)
+    source = trace_page(Report(trace, dealt="dealt by turns"))
     return source, Page(source)
 
 
@@ -290,7 +290,7 @@ def test_every_effect_has_a_name_at_each_of_its_sites() -> None:
     assert effect_name("stop", "pelvis") == "stop in the joint between seat and pelvis"
     assert effect_name("clock", "head") == "clock of the sensor on the head"
     assert effect_name("viscera", "lower_torso") == "viscera on the lower torso"
-    shown = {name for effect in CATALOGUE.values() for name, _ in parameters_of(applied(effect.name, effect.where[0]))}
+    shown = {name for effect in CATALOGUE.values() for name, _ in parameters_of(applied(effect.name, effect.sites[0]))}
     assert {"gap", "yield", "mass", "delay", "cubic", "natural frequency", "stiffness"} <= shown
     assert effect_name("pitch", "seat") == "pitch of the seat"
 

@@ -341,7 +341,7 @@ def test_a_damaged_or_foreign_checkpoint_is_one_line_and_stays(tmp_path: Path, w
 def test_what_is_no_checkpoint_at_all_is_one_line_and_stays(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "kept.json"
     path.write_bytes(content)
-    refused(path, "is damaged, it is no JSON; remove it to start anew|the file: expected keys and values, got list")
+    refused(path, "is damaged: not valid JSON; remove it to start anew|the file: expected keys and values, got list")
 
 
 def test_a_truncated_or_endless_checkpoint_is_one_line_and_stays(tmp_path: Path) -> None:
@@ -353,7 +353,7 @@ def test_a_truncated_or_endless_checkpoint_is_one_line_and_stays(tmp_path: Path)
         refused(path, "is damaged")
     with path.open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    with pytest.raises(InputError, match="is larger than 64 MiB, so it is none of ours"):
+    with pytest.raises(InputError, match="is larger than 64 MiB, so biodyn did not write it"):
         Checkpoint(path, "p", resume=True)
 
 
@@ -366,7 +366,7 @@ def refused(path: Path, fault: str) -> None:
 
 def test_a_checkpoint_that_cannot_be_written_is_said_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match=r"file: cannot be made a directory"):
+    with pytest.raises(InputError, match=r"file: the directory cannot be created"):
         Work(None, tmp_path / "file" / "kept.json").run("p")
     (tmp_path / "kept.json").mkdir()
     with pytest.raises(InputError, match=r"kept\.json: cannot be read"):
