@@ -1,1 +1,1 @@
-"""The parts of the live node: its ears, its voice, its health, and what it keeps."""
+"""The parts of the live node: subscriptions, publications, health, stored exposure, snapshots."""
