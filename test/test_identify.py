@@ -11,11 +11,16 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.identification.fit import fit_cases, fit_joint, prediction_errors
 from biodyn_core.identification.identify import Identification, Task, fingerprint, identify, run_locally
 from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import PAPER, FitSettings
 
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), evaluations=600)
 SUBJECT = fitting.true_subjects()["segment"]
-CASES = fitting.true_cases("segment")[1:]
+
+
+def fitted_cases() -> tuple[Case, ...]:
+    """The cases for fitting, of the segment matrix; computed when a test needs them, once."""
+    return fitting.true_cases("segment")[1:]
 
 
 def shuffled(tasks: list[Task]) -> list:
@@ -29,11 +34,11 @@ def shuffled(tasks: list[Task]) -> list:
 
 @pytest.fixture(scope="module")
 def found() -> Identification:
-    return identify(CASES, SUBJECT, 1, QUICK)
+    return identify(fitted_cases(), SUBJECT, 1, QUICK)
 
 
 def test_the_order_of_the_tasks_does_not_matter(found: Identification) -> None:
-    again = identify(CASES, SUBJECT, 1, QUICK, shuffled)
+    again = identify(fitted_cases(), SUBJECT, 1, QUICK, shuffled)
     assert again.subject == found.subject and again.idealized.subject == found.idealized.subject
     for one, other in zip(found.fits, again.fits, strict=True):
         assert one.refined.costs.tolist() == other.refined.costs.tolist()
@@ -41,12 +46,12 @@ def test_the_order_of_the_tasks_does_not_matter(found: Identification) -> None:
 
 
 def test_its_parts_are_the_fits_by_themselves(found: Identification) -> None:
-    for fit, alone in zip(found.fits, fit_cases(CASES, SUBJECT, 1, QUICK), strict=True):
+    for fit, alone in zip(found.fits, fit_cases(fitted_cases(), SUBJECT, 1, QUICK), strict=True):
         assert fit.subject == alone.subject and fit.errors[0].mean_percent == alone.errors[0].mean_percent
-    assert found.joint.subject == fit_joint(CASES, SUBJECT, 1, QUICK).subject
+    assert found.joint.subject == fit_joint(fitted_cases(), SUBJECT, 1, QUICK).subject
     assert found.subject == found.joint.subject
     fused = dataclasses.replace(QUICK, result="idealized")
-    assert identify(CASES, SUBJECT, 1, fused).subject == found.idealized.subject
+    assert identify(fitted_cases(), SUBJECT, 1, fused).subject == found.idealized.subject
 
 
 @pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
@@ -83,7 +88,7 @@ def test_both_refiners_are_compared_on_one_problem(found: Identification) -> Non
 
 
 def test_of_one_case_the_joint_fit_is_its_own() -> None:
-    found = identify(CASES[:1], SUBJECT, 1, QUICK)
+    found = identify(fitted_cases()[:1], SUBJECT, 1, QUICK)
     assert found.joint.subject == found.fits[0].subject
     assert found.idealized.subject.parameters == found.joint.subject.parameters
     assert dict(found.idealized.weights) == {"pothole": 1.0}
@@ -91,38 +96,39 @@ def test_of_one_case_the_joint_fit_is_its_own() -> None:
 
 def test_the_papers_way_comes_out_fused() -> None:
     small = dataclasses.replace(PAPER, swarm=dataclasses.replace(QUICK.swarm, polish=False, starts=1), evaluations=200)
-    found = identify(CASES, SUBJECT, 1, small)
+    found = identify(fitted_cases(), SUBJECT, 1, small)
     assert found.subject == found.idealized.subject
     expected = np.exp(
         sum(
             found.idealized.weights[case.case] * np.log(fitting.theta_of(fit.subject))
-            for case, fit in zip(CASES, found.fits, strict=True)
+            for case, fit in zip(fitted_cases(), found.fits, strict=True)
         )
     )
     np.testing.assert_allclose(fitting.theta_of(found.subject), expected, rtol=1e-12)
 
 
 def test_errors_of_a_prediction_are_rms_over_rms() -> None:
-    (error,) = prediction_errors(SUBJECT, CASES[:1])
+    (error,) = prediction_errors(SUBJECT, fitted_cases()[:1])
     assert error.mean_percent < 1e-3  # the truth, by another integrator
-    quiet = dataclasses.replace(CASES[0], measured_mps2=0.5 * CASES[0].measured_mps2, energy=0.25 * CASES[0].energy)
+    first = fitted_cases()[0]
+    quiet = dataclasses.replace(first, measured_mps2=0.5 * first.measured_mps2, energy=0.25 * first.energy)
     np.testing.assert_allclose(prediction_errors(SUBJECT, [quiet])[0].nrmse_rms_percent, 100.0, rtol=1e-4)
 
 
 def test_a_fingerprint_tells_problems_apart() -> None:
-    same = fingerprint(CASES, SUBJECT, 1, QUICK)
-    assert same == fingerprint(CASES, SUBJECT, 1, QUICK)
-    measured = CASES[0].measured_mps2.copy()
+    same = fingerprint(fitted_cases(), SUBJECT, 1, QUICK)
+    assert same == fingerprint(fitted_cases(), SUBJECT, 1, QUICK)
+    measured = fitted_cases()[0].measured_mps2.copy()
     measured[-1, -1] = np.nextafter(measured[-1, -1], np.inf)
-    other_case = dataclasses.replace(CASES[0], measured_mps2=measured)
+    other_case = dataclasses.replace(fitted_cases()[0], measured_mps2=measured)
     others = [
-        fingerprint(CASES[::-1], SUBJECT, 1, QUICK),
-        fingerprint(CASES[:1], SUBJECT, 1, QUICK),
-        fingerprint([other_case, *CASES[1:]], SUBJECT, 1, QUICK),
-        fingerprint(CASES, dataclasses.replace(SUBJECT, body_mass_kg=71.0), 1, QUICK),
-        fingerprint(CASES, SUBJECT, 2, QUICK),
-        fingerprint(CASES, SUBJECT, 1, dataclasses.replace(QUICK, lambda_2=2e-6)),
-        fingerprint(CASES, SUBJECT, 1, PAPER),
+        fingerprint(fitted_cases()[::-1], SUBJECT, 1, QUICK),
+        fingerprint(fitted_cases()[:1], SUBJECT, 1, QUICK),
+        fingerprint([other_case, *fitted_cases()[1:]], SUBJECT, 1, QUICK),
+        fingerprint(fitted_cases(), dataclasses.replace(SUBJECT, body_mass_kg=71.0), 1, QUICK),
+        fingerprint(fitted_cases(), SUBJECT, 2, QUICK),
+        fingerprint(fitted_cases(), SUBJECT, 1, dataclasses.replace(QUICK, lambda_2=2e-6)),
+        fingerprint(fitted_cases(), SUBJECT, 1, PAPER),
     ]
     assert len({same, *others}) == len(others) + 1
 
@@ -137,4 +143,4 @@ def test_no_case_and_a_case_twice_are_refused() -> None:
     with pytest.raises(InputError, match="there is no case"):
         identify([], SUBJECT, 1, QUICK)
     with pytest.raises(InputError, match="pothole: the case is given twice"):
-        identify([CASES[0], CASES[0]], SUBJECT, 1, QUICK)
+        identify([fitted_cases()[0], fitted_cases()[0]], SUBJECT, 1, QUICK)
