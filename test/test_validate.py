@@ -18,10 +18,14 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import SensorSettings, load_case
 from biodyn_core.recording.recording import WARM_UP_S, Recorder, Recording
-from biodyn_core.signals.response import SpectrumSettings, cross_spectra
+from biodyn_core.signals.response import Peak, SpectrumSettings, cross_spectra
+from biodyn_core.validation.validation import HeadPeaks, PeakRatio
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.simulate import simulate_bag
-from biodyn_ros.validate.findings import ValidationSettings, findings, verdict
+from biodyn_ros.validate.document import validation_document
+from biodyn_ros.validate.findings import head_findings, verdict
+from biodyn_ros.validate.report import Report
+from biodyn_ros.validate.settings import ValidationSettings
 from biodyn_ros.validate.text import text_of
 from biodyn_ros.validate.validating import ValidateOptions, validate_recordings, validate_to_directory
 
@@ -52,8 +56,12 @@ def with_measured(recording: Recording, change) -> Recording:
     return dataclasses.replace(recording, measured_mps2=measured)
 
 
+def report_of(*recordings: Recording, who: str = "subject_1", **options) -> Report:
+    return validate_recordings(recordings, load_subject(subject_file(who)), ValidateOptions(**options))
+
+
 def document_of(*recordings: Recording, who: str = "subject_1", **options) -> dict:
-    return validate_recordings(recordings, load_subject(subject_file(who)), ValidateOptions(**options)).document
+    return validation_document(report_of(*recordings, who=who, **options))
 
 
 def kinds(document: dict) -> set[tuple[str, str, str]]:
@@ -96,13 +104,14 @@ def test_a_small_error_over_time_passes_no_wrong_transmissibility():
         spectrum[frequency < 12.0] /= 2.6
         measured[:, HEAD] = np.fft.irfft(spectrum, len(measured))
 
-    document = document_of(with_measured(good, damp))
+    report = report_of(with_measured(good, damp))
+    document = validation_document(report)
     assert document["error"]["segments"]["head"]["nrmse_rms_percent"] < 20.0
     assert document["stht"]["peak_ratio"] == pytest.approx(2.6, rel=0.02)
     assert document["stht"]["measured"]["frequency_hz"] == pytest.approx(4.0, abs=0.5)
     assert ("disagrees", "stht", "head") in kinds(document)
     assert document["verdict"] == "disagrees"
-    assert "ratio 2.6" in text_of(document)
+    assert "ratio 2.6" in text_of(report)
 
 
 def test_without_coherence_nothing_is_passed():
@@ -117,11 +126,12 @@ def test_without_coherence_nothing_is_passed():
 
 
 def test_a_short_event_is_undecided_however_well_it_fits():
-    document = document_of(event(seconds=4.5))
+    report = report_of(event(seconds=4.5))
+    document = validation_document(report)
     assert document["spectra"]["averages"]["head"] == pytest.approx(1.0)
     assert document["error"]["mean_nrmse_rms_percent"] < 1e-6
     assert document["verdict"] == "undecided"
-    assert "apparent mass, predicted: the coherence is too low to tell" in text_of(document)
+    assert "apparent mass, predicted: the coherence is too low to tell" in text_of(report)
 
 
 def test_a_hidden_peak_of_the_prediction_is_undecided():
@@ -142,9 +152,6 @@ def test_another_person_disagrees():
     assert {("disagrees", "nrmse", name) for name in MEASURED_SEGMENTS} <= kinds(document)
 
 
-SPECTRA = {"averages": {"head": 20.0}}
-
-
 @pytest.mark.parametrize(
     ("ratio", "error", "statuses"),
     [
@@ -159,18 +166,10 @@ SPECTRA = {"averages": {"head": 20.0}}
     ],
 )
 def test_a_peak_disagrees_only_where_its_error_allows_to_say_so(ratio, error, statuses):
-    peak = {"frequency_hz": 4.0, "magnitude": 1.0}
-    stht = {
-        "peak_ratio": ratio,
-        "peak_ratio_relative_error": error,
-        "frequency_ratio": 1.0,
-        "measured": peak,
-        "predicted": peak,
-        "predicted_anywhere": peak,
-    }
-    document = {"role": None, "stht": stht, "spectra": SPECTRA, "error": {"segments": {}}, "exposure": {"segments": {}}}
-    found = list(findings(document, ValidationSettings()))
-    assert {finding["status"] for finding in found} == statuses
+    peak = Peak(frequency_hz=4.0, magnitude=1.0)
+    head = HeadPeaks(0.5, 1.0, peak, peak, peak, peak, PeakRatio(ratio, error, frequency=1.0, coherence=0.9))
+    found = list(head_findings(head, 20.0, ValidationSettings()))
+    assert {finding.status for finding in found} == statuses
     assert verdict(found) == next(iter(statuses), "agrees")
 
 
@@ -204,13 +203,14 @@ def test_the_worst_segment_is_named_beside_the_mean():
     def halve(measured: np.ndarray) -> None:
         measured[:, NECK] *= 0.5
 
-    document = document_of(with_measured(event(), halve))
+    report = report_of(with_measured(event(), halve))
+    document = validation_document(report)
     error = document["error"]
     assert error["worst_segment"] == "neck"
     assert error["worst_nrmse_rms_percent"] == error["segments"]["neck"]["nrmse_rms_percent"]
     assert error["worst_nrmse_rms_percent"] == pytest.approx(100.0, rel=1e-6)
     assert error["mean_nrmse_rms_percent"] == pytest.approx(20.0, rel=1e-6)
-    assert "error/rms: mean 20.0 %, worst neck 100 %" in text_of(document).splitlines()[:4]
+    assert "error/rms: mean 20.0 %, worst neck 100 %" in text_of(report).splitlines()[:4]
 
 
 def test_doses_and_injury_criteria_follow_their_powers():
@@ -306,13 +306,14 @@ def test_the_driving_point_carries_both_normalisations():
 
 
 def test_forces_of_three_bodies_are_refused_unless_asked_for():
-    refused = document_of(event(), who="subject_1_as_printed")
-    assert "as_printed" in refused["driving_point"]["refused"]
+    refused = report_of(event(), who="subject_1_as_printed")
+    assert "as_printed" in validation_document(refused)["driving_point"]["refused"]
     assert "as_printed" in text_of(refused)
-    printed = document_of(event(), who="subject_1_as_printed", as_printed=True)
+    report = report_of(event(), who="subject_1_as_printed", as_printed=True)
+    printed = validation_document(report)
     assert printed["driving_point"]["as_printed"] is True
     assert printed["driving_point"]["linear"]["peak"]["magnitude"] > 150.0
-    assert "as printed" in text_of(printed)
+    assert "as printed" in text_of(report)
 
 
 # --- masks, warm-up, runs --------------------------------------------------------------------------------------------
@@ -379,13 +380,14 @@ def test_a_segment_without_sensor_is_undecided():
     def lose(measured: np.ndarray) -> None:
         measured[:, HEAD] = np.nan
 
-    document = document_of(with_measured(event(), lose))
+    report = report_of(with_measured(event(), lose))
+    document = validation_document(report)
     assert document["error"]["segments"]["head"] is None
     assert document["transmissibility"]["head"]["measured"] is None
     assert document["exposure"]["hic15"]["measured"] is None
     assert ("undecided", "not_measured", "head") in kinds(document)
     assert document["verdict"] == "undecided"
-    assert "not measured" in text_of(document)
+    assert "not measured" in text_of(report)
 
 
 def test_runs_of_one_event_are_pooled():
@@ -421,15 +423,15 @@ def test_a_bag_becomes_a_document(tmp_path):
     simulate_bag(bag, subject(), load_case("rail", 8.0, np.random.default_rng(3)), 3, SensorSettings())
     validated = validate_to_directory(bag, subject(), tmp_path / "out" / "deep")
     written = json.loads((tmp_path / "out" / "deep" / "validate.json").read_text(encoding="utf-8"))
-    assert written == json.loads(json.dumps(validated.document, allow_nan=False))
+    assert written == json.loads(json.dumps(validation_document(validated), allow_nan=False))
     assert_listed("validate.json", written)
     assert written["case"] == "rail"
     assert written["path"] == "zero_phase"
     assert "made by the model itself" in written["bag_made_by_model"]
-    assert "made by the model itself" in text_of(written)
+    assert "made by the model itself" in text_of(validated)
     assert written["error"]["mean_nrmse_rms_percent"] < 15.0  # offsets of the clocks, 0.2 ms
     assert set(written["transmissibility"]) == set(SEGMENTS)
-    assert len(validated.runs) == 1
+    assert len(validated.validation.runs) == 1
     for name in MEASURED_SEGMENTS:
         doses = written["exposure"]["segments"][name]
         assert doses["predicted"]["vdv_mps175"] == pytest.approx(doses["measured"]["vdv_mps175"], rel=0.02)

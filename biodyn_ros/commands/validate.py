@@ -41,6 +41,7 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.signals.spectrum_settings import SpectrumSettings
     from biodyn_ros.base.resources import subject_file
+    from biodyn_ros.validate.document import validation_document
     from biodyn_ros.validate.settings import ValidationSettings
     from biodyn_ros.validate.text import text_of
     from biodyn_ros.validate.validating import ValidateOptions, validate, validate_to_directory
@@ -61,7 +62,7 @@ def _run(options: argparse.Namespace) -> None:
             )
         else:
             validated = validate(options.bag, subject, how, progress)
-    show(options, validated.document, text_of(validated.document))
+    show(options, validation_document(validated), text_of(validated))
 
 
 COMMAND = Command(
