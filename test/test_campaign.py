@@ -213,7 +213,7 @@ def test_a_subject_that_fails_does_not_stop_the_others(field: Path, tmp_path: Pa
     assert cli.main(command) == 2
     said = capsys.readouterr()
     assert said.err == (
-        f"biodyn fit: 1 of 2 subjects failed: ben; why is in {out / 'campaign.json'}, --resume tries them again\n"
+        f"biodyn fit: 1 of 2 subjects failed: ben; see {out / 'campaign.json'}, --resume tries them again\n"
     )
     assert f"\n  {tmp_path / 'bad.mcap'}: " in said.out
     assert written(out) == {"anna": alone["anna"]}
@@ -256,7 +256,7 @@ def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path,
     monkeypatch.setattr(results, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
     campaign = load_campaign(field / "campaign.yaml")
     fit_campaign(campaign, tmp_path, QUICK)
-    with pytest.raises(InputError, match=r"anna.yaml: is of another fit: .*; remove it to fit anew, or give another"):
+    with pytest.raises(InputError, match=r"anna.yaml: is of another fit: .*; remove it to fit again, or give another"):
         fit_campaign(campaign, tmp_path, FitOptions(seed=1), resume=True)
     fit_campaign(campaign, tmp_path, QUICK, resume=True)
     assert fitted == list(PEOPLE)

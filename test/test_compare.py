@@ -178,7 +178,7 @@ def test_the_document_holds_every_row_and_is_json():
 
 
 def test_the_text_names_both_people_the_threshold_and_every_row():
-    lines = text_of(comparison_document(compare(shipped("subject_1"), shipped("subject_2")))).splitlines()
+    lines = text_of(compare(shipped("subject_1"), shipped("subject_2"))).splitlines()
     assert lines[:3] == ["A: subject_1, 58.6 kg", "B: subject_2, 74 kg", "deviation: |B - A| / A"]
     convergent, divergent = lines.index("convergent, below 30 %: 11"), lines.index("divergent, 30 % and more: 16")
     plain = [" ".join(line.split()) for line in lines]
@@ -190,7 +190,7 @@ def test_the_text_names_both_people_the_threshold_and_every_row():
 
 
 def test_columns_are_aligned():
-    lines = text_of(comparison_document(compare(shipped("subject_1"), shipped("subject_2")))).splitlines()
+    lines = text_of(compare(shipped("subject_1"), shipped("subject_2"))).splitlines()
     table = [line for line in lines if line.endswith(" %") and line.startswith("  ")]
     assert len(table) == 27
     divergent = table[11:]
@@ -198,12 +198,13 @@ def test_columns_are_aligned():
 
 
 def test_a_deviation_from_zero_is_told_in_words_and_no_number_in_json():
-    document = comparison_document(compare(shipped("subject_1", stiffening_scale=0.0), shipped("subject_1")))
+    comparison = compare(shipped("subject_1", stiffening_scale=0.0), shipped("subject_1"))
+    document = comparison_document(comparison)
     assert [row["percent"] for row in document["divergent"]] == [None] * 7
     json.dumps(document, allow_nan=False)
-    assert text_of(document).count("from zero") == 7
+    assert text_of(comparison).count("from zero") == 7
 
 
 def test_nothing_divergent_leaves_no_empty_table():
-    lines = text_of(comparison_document(compare(shipped("subject_1"), shipped("subject_1")))).splitlines()
+    lines = text_of(compare(shipped("subject_1"), shipped("subject_1"))).splitlines()
     assert lines[lines.index("divergent, 30 % and more: 0") + 1] == ""

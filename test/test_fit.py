@@ -131,7 +131,7 @@ def test_what_a_given_effect_rests_on_stays_fitted_to(fitted: Fitted, bags: dict
     assert len(provenance(fitted.document, dataclasses.replace(given, effects=()))["fitted"]) == 2
     spare = BagEvent("spare.mcap", of_old["sha256"], fitted.held_out[0], True)
     (said,) = not_new(given, [(spare, fitted.held_out[0])])
-    assert said == "spare.mcap: held out, but an effect of the subject that was given was fitted to it"
+    assert said == "spare.mcap: held out, but an effect of the given subject was fitted to it"
 
 
 def test_a_bag_that_was_fitted_to_validates_nothing(

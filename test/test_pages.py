@@ -326,7 +326,7 @@ def test_profiles_show_the_mark_and_open_sides(fitted: Fitted) -> None:
     assert profiles(fitted.document) is None
     svg = profiles(fitted.document | {"profiles": {name: profile}})
     assert svg is not None
-    for text in ("natural frequency, head", "value, Hz", "over the 95 % mark, no unit", "open"):
+    for text in ("natural frequency, head", "value, Hz", "over the 95 % limit, no unit", "open"):
         assert text in told(svg)
     (curve,) = lines(svg, ESTIMATE_COLOUR, 1.3)
     x, y = curve.points.T
@@ -435,7 +435,7 @@ def test_the_page_of_a_campaign_has_every_subject(fitted: Fitted, tmp_path: Path
     assert "place between the bounds of Table 1, logarithmic, no unit" in told(source)
     assert campaign_page(document, tmp_path).encode("utf-8", "backslashreplace") == source.encode()
     (tmp_path / "ben.fit.json").write_text("{}")
-    with pytest.raises(InputError, match=r"ben\.fit\.json: is no fit\.json of ours"):
+    with pytest.raises(InputError, match=r"ben\.fit\.json: is not a fit\.json of biodyn"):
         campaign_page(document, tmp_path)
     assert subjects([]) is not None
 

@@ -29,14 +29,14 @@ class Finding(NamedTuple):
 def findings(found: Validation, role: Role | None, limits: ValidationSettings) -> Iterator[Finding]:
     """All disagreements and undecided criteria."""
     if role == "fitted":
-        text = "the subject was fitted to this recording, so it validates nothing: take one that was not"
+        text = "the subject was fitted to this recording, so this is no validation: use another recording"
         yield Finding("undecided", "fitted_to", None, text)
     yield from head_findings(found.head, float(found.measured.averages[SEGMENTS.index(HEAD)]), limits)
     for name, error in found.errors.items():
         if error is None or error.nrmse_rms_percent is None:
             yield Finding("undecided", "not_measured", name, f"{words(name)}: not measured in this event")
         elif error.compared_s < LEAST_COMPARED_S:
-            text = f"{words(name)}: compared for {number(error.compared_s)} s only, {LEAST_COMPARED_S:g} s can tell"
+            text = f"{words(name)}: compared for {number(error.compared_s)} s, less than {LEAST_COMPARED_S:g} s"
             yield Finding("undecided", "too_short", name, text)
         elif error.nrmse_rms_percent > limits.nrmse_percent:
             percent = number(error.nrmse_rms_percent)
@@ -56,7 +56,7 @@ def head_findings(head: HeadPeaks, averages: float, limits: ValidationSettings) 
     what = "seat-to-head transmissibility"
     ratio, predicted, measured = head.ratio, head.predicted, head.measured
     if ratio is None or ratio.magnitude is None or predicted is None or measured is None:
-        text = f"{what}: the measured coherence ({averages:.1f} independent averages) is nowhere high enough to tell"
+        text = f"{what}: the measured coherence ({averages:.1f} independent averages) is too low at all frequencies"
         yield Finding("undecided", "stht", HEAD, text)
         return
     # Two standard errors, as a factor; the prediction has none.
@@ -68,16 +68,16 @@ def head_findings(head: HeadPeaks, averages: float, limits: ValidationSettings) 
     if off - margin > allowed or (off > allowed and margin <= allowed):
         yield Finding("disagrees", "stht", HEAD, f"{what}: {heights}{_allowed(limits.stht_ratio)}")
     elif margin > allowed:
-        yield Finding("undecided", "stht", HEAD, f"{what}: too uncertain to tell: {heights}")
+        yield Finding("undecided", "stht", HEAD, f"{what}: too uncertain: {heights}")
     if not 1.0 / limits.frequency_ratio <= ratio.frequency <= limits.frequency_ratio:
         at_hz, measured_hz = number(predicted.frequency_hz), number(measured.frequency_hz)
-        text = f"{what}: its peaks lie apart, predicted at {at_hz} Hz, measured at {measured_hz} Hz"
+        text = f"{what}: its peaks differ in frequency, predicted at {at_hz} Hz, measured at {measured_hz} Hz"
         yield Finding("disagrees", "stht_frequency", HEAD, text + _allowed(limits.frequency_ratio))
     hidden = head.predicted_anywhere
     if hidden and hidden.magnitude > limits.stht_ratio * predicted.magnitude:
         text = (
             f"{what}: the predicted peak, {number(hidden.magnitude)} at {number(hidden.frequency_hz)} Hz,"
-            " lies where the measured coherence is too low to tell"
+            " lies at a frequency of low measured coherence"
         )
         yield Finding("undecided", "stht_peak_hidden", HEAD, text)
 

@@ -26,9 +26,9 @@ from biodyn_ros.validate.report import Report, driving_peaks, is_lower_bound
 
 _TONE: Final = {"agrees": "good", "disagrees": "bad", "undecided": "warn"}
 _HEADLINE: Final = {
-    "agrees": "Agrees: nothing that was looked at lies outside its limits",
+    "agrees": "Agrees: all criteria are within their limits",
     "disagrees": "Disagrees with the measurement",
-    "undecided": "Undecided: the recording cannot tell everything",
+    "undecided": "Undecided: the recording is not sufficient for all criteria",
 }
 _PEAKS: Final = (
     "apparent mass, kg", "apparent mass over body mass", "apparent mass over upper-body mass", "impedance, N s/m"

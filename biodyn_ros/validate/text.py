@@ -57,7 +57,7 @@ def _row(name: str, found: Validation) -> str:
 
 def _head_line(head: HeadPeaks) -> str:
     if head.ratio is None or head.ratio.magnitude is None or head.measured is None or head.predicted is None:
-        return "seat-to-head transmissibility: the measured coherence is too low to tell"
+        return "seat-to-head transmissibility: the measured coherence is too low"
     return (
         f"seat-to-head transmissibility: measured {_at(head.measured)} (coherence {head.ratio.coherence:.2f}),"
         f" predicted {_at(head.predicted)}, ratio {number(head.ratio.magnitude)}"
@@ -69,7 +69,7 @@ def _driving_line(point: DrivingPoint | None, least_coherence: float) -> str:
         return f"apparent mass: {CASCADE_FORCES}"
     peaks, how = driving_peaks(point, least_coherence), " as printed" if point.as_printed else ""
     if peaks.apparent_mass is None or peaks.by_body_mass is None or peaks.by_upper_body_mass is None:
-        return f"apparent mass, predicted{how}: the coherence is too low to tell"
+        return f"apparent mass, predicted{how}: the coherence is too low"
     return (
         f"apparent mass, predicted{how}: {_at(peaks.apparent_mass, ' kg')},"
         f" {number(peaks.by_body_mass.magnitude)} by body mass,"
