@@ -1,4 +1,4 @@
-"""Validation: recordings whose disagreement with the model is known beforehand, and what the document says of them."""
+"""Validation: recordings with known deviations from the model, and the resulting documents and texts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NECK = MEASURED_SEGMENTS.index("neck")
 
 
 def event(seconds: float = 20.0, seed: int = 1, slow: float = 1.0, fast: float = 1.0) -> Recording:
-    """What perfect sensors would see of a seat with so much (m/s^2 rms) at 1 to 10 Hz and at 15 to 45 Hz."""
+    """Recording of ideal sensors; slow and fast: rms of the seat, m/s^2, at 1 to 10 Hz and at 15 to 45 Hz."""
     frequency = np.fft.rfftfreq(round(seconds * RATE_HZ), 1.0 / RATE_HZ)
     rng = np.random.default_rng(seed)
     seat = np.zeros(round(seconds * RATE_HZ))
@@ -68,7 +68,7 @@ def kinds(document: dict) -> set[tuple[str, str, str]]:
     return {(finding["status"], finding["what"], finding["segment"]) for finding in document["findings"]}
 
 
-# --- what agrees, and what does not -----------------------------------------------------------------------------------
+# --- agreement and disagreement -----------------------------------------------------------------------------------
 
 
 def test_the_model_agrees_with_itself():
@@ -94,8 +94,8 @@ def test_another_integrator_agrees_too():
         assert doses["predicted"]["vdv_mps175"] == pytest.approx(doses["measured"]["vdv_mps175"], rel=2e-4)
 
 
-def test_a_small_error_over_time_passes_no_wrong_transmissibility():
-    """The paper's own case: 2.6 times too much at the head around its resonance, and an error that looks fine."""
+def test_a_wrong_transmissibility_disagrees_despite_a_small_error_over_time():
+    """As in the paper: 2.6 times too much at the head around its resonance, and a small error."""
     good = event(slow=0.03, fast=3.0)
 
     def damp(measured: np.ndarray) -> None:
@@ -114,7 +114,7 @@ def test_a_small_error_over_time_passes_no_wrong_transmissibility():
     assert "ratio 2.6" in text_of(report)
 
 
-def test_without_coherence_nothing_is_passed():
+def test_low_coherence_is_undecided():
     rng = np.random.default_rng(2)
 
     def drown(measured: np.ndarray) -> None:
@@ -125,7 +125,7 @@ def test_without_coherence_nothing_is_passed():
     assert ("undecided", "stht", "head") in kinds(document)
 
 
-def test_a_short_event_is_undecided_however_well_it_fits():
+def test_a_short_event_is_undecided():
     report = report_of(event(seconds=4.5))
     document = validation_document(report)
     assert document["spectra"]["averages"]["head"] == pytest.approx(1.0)
@@ -165,7 +165,7 @@ def test_another_person_disagrees():
         (0.5, 0.2, {"disagrees"}),
     ],
 )
-def test_a_peak_disagrees_only_where_its_error_allows_to_say_so(ratio, error, statuses):
+def test_a_peak_disagrees_only_beyond_its_standard_error(ratio, error, statuses):
     peak = Peak(frequency_hz=4.0, magnitude=1.0)
     head = HeadPeaks(0.5, 1.0, peak, peak, peak, peak, PeakRatio(ratio, error, frequency=1.0, coherence=0.9))
     found = list(head_findings(head, 20.0, ValidationSettings()))
@@ -198,7 +198,7 @@ def test_errors_in_both_normalisations():
 
 
 def test_the_worst_segment_is_named_beside_the_mean():
-    """The neck measured half as large: all of the measured rms is missed there, and nothing elsewhere."""
+    """The measured neck is halved: its error is 100 % of its rms, that of the others zero."""
 
     def halve(measured: np.ndarray) -> None:
         measured[:, NECK] *= 0.5
@@ -213,7 +213,7 @@ def test_the_worst_segment_is_named_beside_the_mean():
     assert "error/rms: mean 20.0 %, worst neck 100 %" in text_of(report).splitlines()[:4]
 
 
-def test_doses_and_injury_criteria_follow_their_powers():
+def test_doses_and_injury_criteria_scale_by_their_exponents():
     def double(measured: np.ndarray) -> None:
         measured[:, HEAD] *= 2.0
 
@@ -248,7 +248,7 @@ def test_figures_are_those_of_slow_twins():
     assert hic == pytest.approx(naive.head_injury(head_g, RATE_HZ, 0.015), rel=0.02)
 
 
-def test_the_dynamic_response_of_a_drop_is_the_notes():
+def test_the_dynamic_response_of_a_drop_matches_the_reference():
     time = np.arange(8000) / RATE_HZ
     pulse = np.where((time > 3.0) & (time < 3.08), -5.0 * naive.GRAVITY * np.sin(np.pi * (time - 3.0) / 0.08), 0.0)
     measured = Chain.of(subject()).simulate(pulse, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
@@ -258,7 +258,7 @@ def test_the_dynamic_response_of_a_drop_is_the_notes():
     assert dri["compression"] == pytest.approx(3.08, abs=0.01)
 
 
-def test_arrays_stand_on_the_stated_grid():
+def test_arrays_follow_the_stated_frequency_grid():
     recording = event()
     settings = SpectrumSettings(segment_s=4.0, lowest_hz=0.5, highest_hz=30.0)
     document = document_of(recording, spectra=settings)
@@ -279,7 +279,7 @@ def test_arrays_stand_on_the_stated_grid():
     assert all(len(each["linear"]["magnitude"]) == len(grid) for each in document["transmissibility"].values())
 
 
-def test_the_driving_point_carries_both_normalisations():
+def test_the_driving_point_has_both_normalisations():
     subject_1 = subject()
     fine = SpectrumSettings(segment_s=8.0)
     document = document_of(event(seconds=100.0), seat_force="joint", spectra=fine)
@@ -305,7 +305,7 @@ def test_the_driving_point_carries_both_normalisations():
     assert point["printed_band"] == [0.80, 0.95]
 
 
-def test_forces_of_three_bodies_are_refused_unless_asked_for():
+def test_forces_of_cascade_masses_need_an_option():
     refused = report_of(event(), who="subject_1_as_printed")
     assert "as_printed" in validation_document(refused)["driving_point"]["refused"]
     assert "as_printed" in text_of(refused)
@@ -319,7 +319,7 @@ def test_forces_of_three_bodies_are_refused_unless_asked_for():
 # --- masks, warm-up, runs --------------------------------------------------------------------------------------------
 
 
-def test_the_warm_up_counts_nowhere_but_in_the_filters():
+def test_the_warm_up_only_settles_the_filters():
     def spoil(measured: np.ndarray) -> None:
         measured[: BEHIND - 1000] = 1e3
 
@@ -328,7 +328,7 @@ def test_the_warm_up_counts_nowhere_but_in_the_filters():
         assert spoilt[part] == good[part]
 
 
-def test_what_is_masked_is_left_out_on_both_sides():
+def test_masked_samples_are_excluded_on_both_sides():
     def mask(measured: np.ndarray) -> None:
         measured[8000:9000, HEAD] = np.nan
 
@@ -347,7 +347,7 @@ def test_what_is_masked_is_left_out_on_both_sides():
     assert document["verdict"] == "agrees"
 
 
-def test_one_short_mask_makes_a_lower_bound_and_the_end_of_a_run_none():
+def test_a_short_mask_makes_a_lower_bound_but_the_end_of_a_run_does_not():
     def mask(measured: np.ndarray) -> None:
         measured[8000:8031, HEAD] = np.nan  # one clipped sample, as far as a low-pass of 200 Hz reaches
         measured[-40:, NECK] = np.nan
@@ -356,7 +356,7 @@ def test_one_short_mask_makes_a_lower_bound_and_the_end_of_a_run_none():
     assert segments["head"]["lower_bound"] is True and segments["neck"]["lower_bound"] is False
 
 
-def test_a_seat_that_was_misread_makes_all_that_it_drives_a_lower_bound():
+def test_missing_seat_samples_make_all_doses_lower_bounds():
     exposure = document_of(dataclasses.replace(event(), seat_misread_s=0.04))["exposure"]
     marked = [exposure["seat"], exposure["dri"], exposure["hic15"], *exposure["segments"].values()]
     assert all(each["lower_bound"] is True for each in marked)
@@ -364,7 +364,7 @@ def test_a_seat_that_was_misread_makes_all_that_it_drives_a_lower_bound():
     assert exposure["seat"]["lower_bound"] is False and exposure["dri"]["lower_bound"] is False
 
 
-def test_a_segment_that_was_hardly_compared_is_undecided():
+def test_a_segment_with_few_compared_samples_is_undecided():
     def lose(measured: np.ndarray) -> None:
         measured[BEHIND + 400 :, NECK] = np.nan
 
@@ -437,7 +437,7 @@ def test_a_bag_becomes_a_document(tmp_path):
         assert doses["predicted"]["vdv_mps175"] == pytest.approx(doses["measured"]["vdv_mps175"], rel=0.02)
 
 
-def test_a_directory_that_cannot_be_is_one_line(tmp_path):
+def test_an_invalid_directory_is_refused_in_one_line(tmp_path):
     (tmp_path / "file").touch()
     bag = tmp_path / "road.mcap"
     simulate_bag(bag, subject(), load_case("road", 6.0, np.random.default_rng(3)), 3, SensorSettings())
@@ -445,7 +445,7 @@ def test_a_directory_that_cannot_be_is_one_line(tmp_path):
         validate_to_directory(bag, subject(), tmp_path / "file")
 
 
-def test_a_bag_that_is_refused_leaves_no_directory(tmp_path):
+def test_a_refused_bag_leaves_no_directory(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         validate_to_directory(tmp_path / "none.mcap", subject(), tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -32,7 +32,7 @@ def _add(command: CommandParser) -> None:
     )
     command.add_argument("--as-printed", action="store_true", help="also forces under cascade masses, labelled")
     add_settings(command, "spectra", SpectrumSettings)
-    add_settings(command, "judging", ValidationSettings)
+    add_settings(command, "limits of agreement", ValidationSettings)
     command.add_argument("--no-report", action="store_true", help="do not write validate.html")
     command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json and validate.html")
 
