@@ -465,7 +465,8 @@ def test_a_page_that_cannot_be_drawn_costs_no_subject(
     )
     pages = {"subject_1": f"page of {ODD}"}
     names = iter(["subject_1", "nothing"])
-    monkeypatch.setattr(campaigns, "_fitted", lambda entry, options: (entry.name, fitted))
+    monkeypatch.setattr(campaigns, "fingerprint", lambda entry, options: entry.name)
+    monkeypatch.setattr(campaigns, "fit_bags", lambda *given: fitted)
     monkeypatch.setattr(fit_report, "fit_page", lambda found: pages[next(names)])
     document = fit_campaign(load_campaign(tmp_path / "campaign.yaml"), tmp_path / "out", report=True)
     first, second = document["subjects"]
