@@ -1,4 +1,4 @@
-"""Campaigns: what a file may say, results as they come, and what one subject's trouble does to the others."""
+"""Campaigns: the file, results in order of completion, and failures of single subjects."""
 
 import json
 import os
@@ -157,7 +157,7 @@ def test_a_campaign_file_with_a_fault_is_one_line(field: Path, tmp_path: Path, s
         ("", "the file: expected keys and values, got NoneType"),
     ],
 )
-def test_what_is_no_campaign_file_is_one_line(tmp_path: Path, text: str, fault: str) -> None:
+def test_another_file_is_refused_in_one_line(tmp_path: Path, text: str, fault: str) -> None:
     (tmp_path / "campaign.yaml").write_text(text)
     refused(tmp_path / "campaign.yaml", fault)
 
@@ -213,7 +213,7 @@ def test_a_subject_that_fails_does_not_stop_the_others(field: Path, tmp_path: Pa
     assert cli.main(command) == 2
     said = capsys.readouterr()
     assert said.err == (
-        f"biodyn fit: 1 of 2 subjects failed: ben; why is in {out / 'campaign.json'}, --resume tries them again\n"
+        f"biodyn fit: 1 of 2 subjects failed: ben; see {out / 'campaign.json'}, --resume tries them again\n"
     )
     assert f"\n  {tmp_path / 'bad.mcap'}: " in said.out
     assert written(out) == {"anna": alone["anna"]}
@@ -229,14 +229,14 @@ def test_a_subject_that_fails_does_not_stop_the_others(field: Path, tmp_path: Pa
     assert set(written(out)) == {"anna", "ben"} and (out / "anna.yaml").stat().st_mtime_ns == before
 
 
-def test_a_profile_that_nobody_can_make_is_told_before_a_campaign_begins(field: Path, tmp_path: Path, capsys) -> None:
+def test_an_impossible_profile_is_refused_before_a_campaign_begins(field: Path, tmp_path: Path, capsys) -> None:
     command = ["fit", "--campaign", str(field / "campaign.yaml"), "-o", str(tmp_path / "out"), "--executor", "none"]
     assert cli.main([*command, "--profile", "nonsense"]) == 2
     assert "profile: 'nonsense' is not a fitted parameter" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_a_worker_that_dies_is_one_subject_lost(field: Path, tmp_path: Path, monkeypatch) -> None:
+def test_a_terminated_worker_fails_one_subject_only(field: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(campaigns, "fit_one", chores.fit_or_die)
     with executor_of("processes:1") as executor:
         document = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)
@@ -244,7 +244,7 @@ def test_a_worker_that_dies_is_one_subject_lost(field: Path, tmp_path: Path, mon
     assert document["subjects"][1]["error"].startswith("ben: its worker process died, killed or out of memory")
 
 
-def test_an_error_of_ours_is_told_and_does_not_stop_the_others(field: Path, tmp_path: Path, monkeypatch) -> None:
+def test_an_internal_error_does_not_stop_the_others(field: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(campaigns, "fit_one", lambda entry, options: {}[entry.name])
     document = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK)
     assert [row["error"] for row in document["subjects"]] == [f"KeyError: '{name}'" for name in PEOPLE]
@@ -256,7 +256,7 @@ def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path,
     monkeypatch.setattr(results, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
     campaign = load_campaign(field / "campaign.yaml")
     fit_campaign(campaign, tmp_path, QUICK)
-    with pytest.raises(InputError, match=r"anna.yaml: is of another fit: .*; remove it to fit anew, or give another"):
+    with pytest.raises(InputError, match=r"anna.yaml: is of another fit: .*; remove it to fit again, or give another"):
         fit_campaign(campaign, tmp_path, FitOptions(seed=1), resume=True)
     fit_campaign(campaign, tmp_path, QUICK, resume=True)
     assert fitted == list(PEOPLE)
@@ -265,7 +265,7 @@ def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path,
     assert fitted == [*PEOPLE, "ben"]
 
 
-def test_results_do_not_overwrite_what_is_read(field: Path) -> None:
+def test_results_do_not_overwrite_inputs(field: Path) -> None:
     with pytest.raises(InputError, match=r"anna.yaml: the campaign reads this file; name another directory"):
         fit_campaign(load_campaign(field / "campaign.yaml"), field, QUICK)
 
@@ -295,7 +295,7 @@ def test_a_damaged_campaign_json_is_one_line_and_stays(field: Path, tmp_path: Pa
     assert path.read_bytes() == before
 
 
-def test_an_interrupted_campaign_keeps_what_is_finished(field: Path, tmp_path: Path, alone) -> None:
+def test_an_interrupted_campaign_stores_finished_subjects(field: Path, tmp_path: Path, alone) -> None:
     """A real Ctrl-C: to every process of the terminal."""
     out = tmp_path / "out"
     arguments = ["fit", "--campaign", str(field / "campaign.yaml"), "-o", str(out), *QUICKLY]

@@ -1,4 +1,4 @@
-"""Two subjects compared: Tables 6 and 7, laws of the deviation, refusals, and what is printed."""
+"""Comparison of two subjects: Tables 6 and 7, properties of the deviation, refusals and text."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_the_printed_pelvis_stiffness_gives_the_printed_deviation():
     assert Deviation("stiffness_n_per_m", "pelvis", "N/m", *k).percent == pytest.approx(8.89, abs=0.005)
 
 
-def test_what_tables_6_and_7_do_not_print_is_there_too():
+def test_quantities_missing_from_tables_6_and_7_are_present():
     left = rows(compare(shipped("subject_1"), shipped("subject_2")))
     for row in printed("tables_6_7.csv"):
         del left[row["quantity"], row["segment"] or None]
@@ -106,7 +106,7 @@ def test_every_row_is_on_one_side_of_the_threshold(a, b, threshold):
 
 
 @given(SUBJECTS, SUBJECTS)
-def test_the_other_way_round_the_deviation_is_over_the_other_value(a, b):
+def test_swapped_subjects_divide_by_the_other_value(a, b):
     there, back = rows(compare(a, b)), rows(compare(b, a))
     for key, row in there.items():
         assert (row.a, row.b) == (back[key].b, back[key].a)
@@ -122,7 +122,7 @@ def test_a_heavier_twin_differs_in_stiffness_alone():
     assert [row.percent for row in comparison.divergent] == pytest.approx([100.0] * 6)
 
 
-def test_the_mass_scale_stands_in_its_own_row_alone():
+def test_the_mass_scale_has_one_row():
     found = rows(compare(shipped("subject_1", mass_scale=1.0), shipped("subject_1", mass_scale=1.1)))
     assert found.pop(("mass_scale", None)).percent == pytest.approx(10.0)
     assert max(row.percent for row in found.values()) == pytest.approx(0.0, abs=1e-12)
@@ -133,7 +133,7 @@ def test_exactly_the_threshold_diverges():
     assert [row.quantity for row in comparison.divergent] == ["mass_scale"]
 
 
-def test_a_linear_subject_is_infinitely_far_from_a_nonlinear_one_and_not_from_a_linear_one():
+def test_stiffening_deviates_infinitely_from_a_linear_subject_only():
     linear, nonlinear = shipped("subject_1", stiffening_scale=0.0), shipped("subject_1")
     assert rows(compare(linear, nonlinear))["stiffening_scale", None].percent == math.inf
     assert rows(compare(nonlinear, linear))["stiffening_scale", None].percent == 100.0
@@ -177,8 +177,8 @@ def test_the_document_holds_every_row_and_is_json():
     }
 
 
-def test_the_text_names_both_people_the_threshold_and_every_row():
-    lines = text_of(comparison_document(compare(shipped("subject_1"), shipped("subject_2")))).splitlines()
+def test_the_text_has_both_subjects_the_threshold_and_every_row():
+    lines = text_of(compare(shipped("subject_1"), shipped("subject_2"))).splitlines()
     assert lines[:3] == ["A: subject_1, 58.6 kg", "B: subject_2, 74 kg", "deviation: |B - A| / A"]
     convergent, divergent = lines.index("convergent, below 30 %: 11"), lines.index("divergent, 30 % and more: 16")
     plain = [" ".join(line.split()) for line in lines]
@@ -190,20 +190,21 @@ def test_the_text_names_both_people_the_threshold_and_every_row():
 
 
 def test_columns_are_aligned():
-    lines = text_of(comparison_document(compare(shipped("subject_1"), shipped("subject_2")))).splitlines()
+    lines = text_of(compare(shipped("subject_1"), shipped("subject_2"))).splitlines()
     table = [line for line in lines if line.endswith(" %") and line.startswith("  ")]
     assert len(table) == 27
     divergent = table[11:]
     assert len({len(line) for line in table[:11]}) == len({len(line) for line in divergent}) == 1
 
 
-def test_a_deviation_from_zero_is_told_in_words_and_no_number_in_json():
-    document = comparison_document(compare(shipped("subject_1", stiffening_scale=0.0), shipped("subject_1")))
+def test_a_deviation_from_zero_is_a_text_and_null_in_json():
+    comparison = compare(shipped("subject_1", stiffening_scale=0.0), shipped("subject_1"))
+    document = comparison_document(comparison)
     assert [row["percent"] for row in document["divergent"]] == [None] * 7
     json.dumps(document, allow_nan=False)
-    assert text_of(document).count("from zero") == 7
+    assert text_of(comparison).count("from zero") == 7
 
 
 def test_nothing_divergent_leaves_no_empty_table():
-    lines = text_of(comparison_document(compare(shipped("subject_1"), shipped("subject_1")))).splitlines()
+    lines = text_of(compare(shipped("subject_1"), shipped("subject_1"))).splitlines()
     assert lines[lines.index("divergent, 30 % and more: 0") + 1] == ""

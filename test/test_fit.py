@@ -1,4 +1,4 @@
-"""From bags to a subject file: what is written, what is held out, what is refused."""
+"""Fit of a subject to bags: results, held-out bags and refusals."""
 
 import dataclasses
 import json
@@ -59,7 +59,7 @@ def fitted(bags: dict[str, Path]) -> Fitted:
     return fit_bags([bags["rail_1"], bags["rail_2"], bags["road"]], SUBJECT, options)
 
 
-def test_the_document_has_what_scripts_read(fitted: Fitted) -> None:
+def test_the_document_has_its_keys(fitted: Fitted) -> None:
     document = json.loads(json.dumps(fitted.document, allow_nan=False))
     assert_listed("fit.json", document)
     least = {
@@ -79,7 +79,7 @@ def test_the_document_has_what_scripts_read(fitted: Fitted) -> None:
     assert {interval["unit"] for interval in document["intervals"].values()} == {"Hz", "-", "rad/s"}
 
 
-def test_the_truth_is_inside_what_is_said(fitted: Fitted) -> None:
+def test_intervals_contain_the_estimates_and_frequencies_the_truth(fitted: Fitted) -> None:
     truth = SUBJECT.parameters.vector()
     for (name, interval), true in zip(fitted.document["intervals"].items(), truth[:14], strict=True):
         assert interval["lower"] <= interval["value"] <= interval["upper"], name
@@ -104,7 +104,7 @@ def test_one_repetition_is_fitted_and_the_other_predicted(fitted: Fitted, bags: 
     assert fitted.document["mass_matrix"]["judged_by"] == "held_out"
 
 
-def test_the_subject_file_remembers_its_bags(fitted: Fitted, bags: dict[str, Path], tmp_path: Path) -> None:
+def test_the_subject_file_has_the_provenance_of_its_bags(fitted: Fitted, bags: dict[str, Path], tmp_path: Path) -> None:
     write_fitted(fitted, tmp_path / "anna.yaml")
     written = load_subject(tmp_path / "anna.yaml")
     assert written.parameters == fitted.subject.parameters
@@ -119,8 +119,8 @@ def test_the_subject_file_remembers_its_bags(fitted: Fitted, bags: dict[str, Pat
     assert kept["seed"] == 0 and kept["result"] == "joint" and len(kept["held_out"]) == 2
 
 
-def test_what_a_given_effect_rests_on_stays_fitted_to(fitted: Fitted, bags: dict[str, Path]) -> None:
-    """An effect that was traced in one recording is no news there, though theta is fitted to others."""
+def test_recordings_of_a_given_effect_count_as_fitted(fitted: Fitted, bags: dict[str, Path]) -> None:
+    """The recordings to which a given effect was fitted are not held out, though theta is fitted to others."""
     of_old = {"bag": "old.mcap", "sha256": bag_sha256(bags["spare"])}
     known = {"fitted": [of_old, {"bag": "road.mcap", "sha256": bag_sha256(bags["road"])}]}
     given = Subject.from_dict(
@@ -131,10 +131,10 @@ def test_what_a_given_effect_rests_on_stays_fitted_to(fitted: Fitted, bags: dict
     assert len(provenance(fitted.document, dataclasses.replace(given, effects=()))["fitted"]) == 2
     spare = BagEvent("spare.mcap", of_old["sha256"], fitted.held_out[0], True)
     (said,) = not_new(given, [(spare, fitted.held_out[0])])
-    assert said == "spare.mcap: held out, but an effect of the subject that was given was fitted to it"
+    assert said == "spare.mcap: held out, but an effect of the given subject was fitted to it"
 
 
-def test_a_bag_that_was_fitted_to_validates_nothing(
+def test_validation_on_a_fitted_bag_is_undecided(
     fitted: Fitted, bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_fitted(fitted, tmp_path / "anna.yaml")
@@ -146,7 +146,7 @@ def test_a_bag_that_was_fitted_to_validates_nothing(
             assert document["verdict"] != "agrees"
 
 
-def test_the_terminal_shows_errors_intervals_and_what_is_not_known(fitted: Fitted) -> None:
+def test_the_text_has_errors_intervals_and_unknowns(fitted: Fitted) -> None:
     text = text_of(fitted.document)
     assert "rail (another repetition)" in text and "rail (held out)" in text
     assert "mass scale: fixed; accelerations do not determine it" in text
@@ -160,7 +160,7 @@ def test_the_terminal_shows_errors_intervals_and_what_is_not_known(fitted: Fitte
     assert "nothing was held out" in text_of(alone)
 
 
-def test_a_missing_segment_is_left_out_and_said(bags: dict[str, Path], tmp_path: Path) -> None:
+def test_a_missing_segment_is_excluded_with_a_warning(bags: dict[str, Path], tmp_path: Path) -> None:
     bag = only(bags["spare"], tmp_path / "rail.mcap", ("seat", "neck", "head"))
     found = fit_bags([bag], SUBJECT, FitOptions(settings=QUICK))
     (case,) = found.document["cases"]
@@ -188,7 +188,7 @@ def only(bag: Path, copy: Path, sensors: tuple[str, ...]) -> Path:
     return copy
 
 
-def test_the_command_fits_and_an_unfitted_person_will_do(
+def test_the_command_fits_a_subject_without_parameters(
     bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     person = tmp_path / "new.yaml"
@@ -203,7 +203,7 @@ def test_the_command_fits_and_an_unfitted_person_will_do(
         load_subject(person)
 
 
-def test_the_papers_way_is_an_option_of_its_own(bags: dict[str, Path], tmp_path: Path) -> None:
+def test_settings_of_the_paper_are_an_option(bags: dict[str, Path], tmp_path: Path) -> None:
     small = ["--particles", "30", "--iterations", "60", "--evaluations", "200", "--executor", "none", "--no-report"]
     command = ["fit", str(bags["rail_1"]), "--subject", "subject_1", "--paper", "-o", str(tmp_path / "p.yaml"), *small]
     assert main(command) == 0
@@ -239,7 +239,7 @@ def test_bad_input_is_one_line(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_place_that_cannot_be_written_to_is_said_before_the_work(tmp_path: Path) -> None:
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for output, said in (
         (tmp_path / "out.txt", "ends in .yaml"),

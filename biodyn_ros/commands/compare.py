@@ -27,8 +27,8 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_ros.fit.comparison import comparison_document, text_of
 
     a, b = (load_subject(subject_file(name)) for name in (options.first, options.second))
-    document = comparison_document(compare(a, b, options.threshold))
-    show(options, document, text_of(document))
+    comparison = compare(a, b, options.threshold)
+    show(options, comparison_document(comparison), text_of(comparison))
 
 
 COMMAND = Command(

@@ -32,7 +32,7 @@ def _add(command: CommandParser) -> None:
     )
     command.add_argument("--as-printed", action="store_true", help="also forces under cascade masses, labelled")
     add_settings(command, "spectra", SpectrumSettings)
-    add_settings(command, "judging", ValidationSettings)
+    add_settings(command, "limits of agreement", ValidationSettings)
     command.add_argument("--no-report", action="store_true", help="do not write validate.html")
     command.add_argument("-o", "--output", metavar="DIR", help="directory for validate.json and validate.html")
 
@@ -41,6 +41,7 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.signals.spectrum_settings import SpectrumSettings
     from biodyn_ros.base.resources import subject_file
+    from biodyn_ros.validate.document import validation_document
     from biodyn_ros.validate.settings import ValidationSettings
     from biodyn_ros.validate.text import text_of
     from biodyn_ros.validate.validating import ValidateOptions, validate, validate_to_directory
@@ -61,7 +62,7 @@ def _run(options: argparse.Namespace) -> None:
             )
         else:
             validated = validate(options.bag, subject, how, progress)
-    show(options, validated.document, text_of(validated.document))
+    show(options, validation_document(validated), text_of(validated))
 
 
 COMMAND = Command(

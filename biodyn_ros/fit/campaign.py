@@ -56,14 +56,12 @@ def fit_campaign(
 
 def fit_one(entry: Entry, options: FitOptions) -> Fits:
     """Fit one subject, reading its bags; raises InputError as `fit_bags`."""
-    same, fitted = _fitted(entry, options)
-    return Fits(same, fitted.document, fitted.subject.to_yaml())
+    return _fit(entry, options)[0]
 
 
 def fit_and_draw(entry: Entry, options: FitOptions) -> Fits:
     """Fit one subject and draw its page on the worker."""
-    same, fitted = _fitted(entry, options)
-    fits = Fits(same, fitted.document, fitted.subject.to_yaml())
+    fits, fitted = _fit(entry, options)
     try:
         from biodyn_ros.fit.page import fit_page  # an extra of its own
 
@@ -72,7 +70,8 @@ def fit_and_draw(entry: Entry, options: FitOptions) -> Fits:
         return dataclasses.replace(fits, page_fault=f"the page cannot be drawn ({one_line(error)})")
 
 
-def _fitted(entry: Entry, options: FitOptions) -> tuple[str, Fitted]:
+def _fit(entry: Entry, options: FitOptions) -> tuple[Fits, Fitted]:
     own = dataclasses.replace(options, held_out=entry.held_out, cases=entry.cases)
-    same = fingerprint(entry, options)
-    return same, fit_bags(entry.bags, entry.subject, own, Work(monitor=silent))
+    key = fingerprint(entry, options)  # of the bags as they are before the fit
+    fitted = fit_bags(entry.bags, entry.subject, own, Work(monitor=silent))
+    return Fits(key, fitted.document, fitted.subject.to_yaml()), fitted

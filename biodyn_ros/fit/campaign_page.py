@@ -13,7 +13,7 @@ from biodyn_ros.base.wording import number
 from biodyn_ros.fit.campaign_results import page_of
 from biodyn_ros.fit.drawings import MARKERS, estimates_of, subjects
 from biodyn_ros.fit.fitting import json_beside
-from biodyn_ros.fit.page import judge_fit
+from biodyn_ros.fit.page import judge_fit, mean_error
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.verdict import Verdict
 
@@ -26,35 +26,35 @@ WORST_FIRST: Final = ("bad", "warn", "none", "good")
 
 
 def write_campaign_page(document: Document, directory: Path) -> None:
-    """Write the page over all subjects from campaign.json and what lies beside; raises InputError as `write_drawn`."""
+    """Write the page of campaign.json and the files beside it; raises InputError as `write_drawn`."""
     write_drawn(page_of(directory), lambda: campaign_page(document, directory))
 
 
 def campaign_page(document: Document, directory: Path) -> str:
-    """The page; raises InputError where jinja2 or matplotlib is missing, or a subject's fit.json is not ours."""
+    """The page; raises InputError where jinja2 or matplotlib is missing, or a fit.json is malformed."""
     check_reports()
     rows = document["subjects"]
     fits = {row["name"]: _fit(directory, row) for row in rows if row["state"] == "done"}
     done = [row["name"] for row in rows if row["state"] == "done"]
     drawn = done[:MOST_DRAWN]
-    unseen = {name: _unseen(fit) for name, fit in fits.items()}
-    known = [row["mean_error_percent"] for row in rows] + list(unseen.values())
+    held_out_percent = {name: mean_error(fit, "held_out") for name, fit in fits.items()}
+    known = [row["mean_error_percent"] for row in rows] + list(held_out_percent.values())
     return render(
         "campaign.html.j2",
         document=document,
-        verdict=judge_campaign(document, unseen, {name: judge_fit(fit).tone for name, fit in fits.items()}),
+        verdict=judge_campaign(document, held_out_percent, {name: judge_fit(fit).tone for name, fit in fits.items()}),
         numbers={name: place + 1 for place, name in enumerate(done)},
-        unseen=unseen,
+        held_out_percent=held_out_percent,
         links={row["name"]: quote(row["page"], errors="surrogateescape") for row in rows if row["page"]},
         scale=max((value for value in known if value is not None), default=1.0) or 1.0,
-        calls=tuple(MARKERS),
+        classes=tuple(MARKERS),
         drawn=len(drawn),
         done=len(done),
         subjects_svg=subjects([estimates_of(fits[name]) for name in drawn]) if drawn else None,
     )
 
 
-def judge_campaign(document: Document, unseen: dict[str, float | None], tones: dict[str, str]) -> Verdict:
+def judge_campaign(document: Document, held_out_percent: dict[str, float | None], tones: dict[str, str]) -> Verdict:
     """How many subjects are done, and how well they predict; the tone is that of the worst page."""
     rows = document["subjects"]
     of = {state: [row["name"] for row in rows if row["state"] == state] for state in ("done", "failed", "waiting")}
@@ -66,10 +66,10 @@ def judge_campaign(document: Document, unseen: dict[str, float | None], tones: d
     means = [row["mean_error_percent"] for row in rows if row["mean_error_percent"] is not None]
     if means:
         reasons.append(f"Error on the events fitted to: {_span(means)} % of the rms.")
-    known = [value for value in unseen.values() if value is not None]
+    known = [value for value in held_out_percent.values() if value is not None]
     if known:
         reasons.append(f"On events not fitted to: {_span(known)} %.")
-    unknown = [name for name, value in unseen.items() if value is None]
+    unknown = [name for name, value in held_out_percent.items() if value is None]
     if unknown:
         reasons.append(f"Prediction error unknown, since nothing was held out: {', '.join(unknown)}.")
     poor = [name for name, tone in tones.items() if tone == "bad"]
@@ -90,12 +90,5 @@ def _fit(directory: Path, row: Document) -> Document:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     if not (isinstance(found, dict) and {"intervals", "identifiable", "held_out", "result"} <= found.keys()):
-        raise InputError(f"{path}: is no fit.json of ours; fit the subject anew")
+        raise InputError(f"{path}: is not a fit.json of biodyn; fit the subject again")
     return found
-
-
-def _unseen(fit: Document) -> float | None:
-    """Mean error on the events that were only predicted, percent."""
-    means = [event[fit["result"]]["mean"] for event in fit["held_out"]]
-    known = [mean for mean in means if mean is not None]
-    return sum(known) / len(known) if known else None

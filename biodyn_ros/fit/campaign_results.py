@@ -105,12 +105,12 @@ class Results:
                 if row.fingerprint != fingerprint(entry, options):
                     raise InputError(
                         f"{output}: is of another fit: other subject, bags, cases, options or version; remove it to "
-                        "fit anew, or give another directory"
+                        "fit again, or give another directory"
                     )
                 self._rows[entry.name] = row
 
     def add(self, entry: Entry, future: Future[Fits]) -> None:
-        """Write a subject's results, or the reason why there are none."""
+        """Write a subject's results, or the reason for their absence."""
         row = self._rows[entry.name]
         try:
             fits = result_of(future, entry.name)
@@ -173,5 +173,5 @@ def _row(value: object) -> Row:
         and all(isinstance(value, (int, float, type(None))) for value in numbers)
         and all(isinstance(bags, list) and all(isinstance(bag, str) for bag in bags) for bags in lists)
     ):
-        raise InputError(f"subjects: {str(row.name)[:40]!r} is none of ours")
+        raise InputError(f"subjects: {str(row.name)[:40]!r} is not a row of campaign.json")
     return row

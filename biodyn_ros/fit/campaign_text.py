@@ -1,4 +1,4 @@
-"""A campaign for the terminal, from the mapping of campaign.json."""
+"""A campaign as text for the terminal, from the mapping of campaign.json."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def text_of(document: Document) -> str:
 
 
 def check_failed(document: Document, directory: Path) -> None:
-    """Raise InputError naming the subjects that failed, for exit code 2; the results of the others are there."""
+    """Raise InputError naming the subjects that failed, for exit code 2; all other results are written."""
     rows = document["subjects"]
     failed = [row["name"] for row in rows if row["state"] == "failed"]
     if failed:
         raise InputError(
             f"{len(failed)} of {counted(len(rows), 'subject')} failed: {', '.join(failed)}; "
-            f"why is in {directory / 'campaign.json'}, --resume tries them again"
+            f"see {directory / 'campaign.json'}, --resume tries them again"
         )

@@ -1,13 +1,16 @@
-"""`biodyn compare`: the deviations of two subjects as the mapping scripts read and the table people read."""
+"""The deviations of two subjects, as the mapping of `biodyn compare --json` and as text."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 from biodyn_core.body.subject import Subject
 from biodyn_core.identification.compare import Deviation, SubjectComparison
 from biodyn_ros import __version__
+from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import table, words
 
 _SHOWN: Final = {
@@ -19,17 +22,17 @@ _SHOWN: Final = {
     "stiffening_scale": ("stiffening scale", "", 1.0),
     "mass_scale": ("mass scale", "", 1.0),
 }
-"""How a quantity is called, its unit in print, and that unit's size."""
+"""Title of a quantity, its printed unit, and the factor from SI to that unit."""
 
 _NOTES: Final = (
-    "note: stiffness carries the body mass, without mass scale",
-    "note: strain stiffening is the stiffening scale times a shape that all subjects share: its rows are one finding",
-    "note: a deviation says nothing of how surely either value is known",
+    "note: stiffness is proportional to the body mass, without mass scale",
+    "note: strain stiffening is the stiffening scale times a shape of all subjects: its rows are not independent",
+    "note: a deviation does not include the uncertainty of either value",
 )
 
 
 def comparison_document(comparison: SubjectComparison) -> dict[str, Any]:
-    """Return the mapping of `biodyn compare --json`; a deviation from zero, which is infinite, is None."""
+    """The mapping of `biodyn compare --json`; a deviation from zero, which is infinite, is None."""
     return {
         "a": _person(comparison.a),
         "b": _person(comparison.b),
@@ -40,17 +43,19 @@ def comparison_document(comparison: SubjectComparison) -> dict[str, Any]:
     }
 
 
-def text_of(document: dict[str, Any]) -> str:
-    """The document as a page of text."""
-    a, b, threshold = document["a"], document["b"], document["threshold_percent"]
+def text_of(comparison: SubjectComparison) -> str:
+    """The comparison as text for the terminal."""
+    a, b, threshold = comparison.a, comparison.b, comparison.threshold_percent
     lines = [
-        f"A: {a['name']}, {a['body_mass_kg']:g} kg",
-        f"B: {b['name']}, {b['body_mass_kg']:g} kg",
+        f"A: {a.name}, {a.body_mass_kg:g} kg",
+        f"B: {b.name}, {b.body_mass_kg:g} kg",
         "deviation: |B - A| / A",
+        *_section(f"convergent, below {threshold:g} %", comparison.convergent),
+        *_section(f"divergent, {threshold:g} % and more", comparison.divergent),
+        "",
+        *_NOTES,
     ]
-    for kind, limit in (("convergent", f"below {threshold:g} %"), ("divergent", f"{threshold:g} % and more")):
-        lines += ["", f"{kind}, {limit}: {len(document[kind])}", *_table(document[kind])]
-    return "\n".join([*lines, "", *_NOTES])
+    return "\n".join(lines)
 
 
 def _person(subject: Subject) -> dict[str, Any]:
@@ -58,29 +63,23 @@ def _person(subject: Subject) -> dict[str, Any]:
 
 
 def _row(deviation: Deviation) -> dict[str, Any]:
-    return {
-        "quantity": deviation.quantity,
-        "segment": deviation.segment,
-        "unit": deviation.unit,
-        "a": deviation.a,
-        "b": deviation.b,
-        "percent": deviation.percent if math.isfinite(deviation.percent) else None,
-    }
+    return dataclasses.asdict(deviation) | {"percent": finite(deviation.percent)}
 
 
-def _table(rows: list[dict[str, Any]]) -> list[str]:
-    if not rows:
-        return []
-    cells = [("", "", "A", "B", "", "deviation"), *(_cells(row) for row in rows)]
-    return [f"  {line}" for line in table(cells, left=(0, 1, 4))]
+def _section(title: str, rows: Sequence[Deviation]) -> list[str]:
+    lines = ["", f"{title}: {len(rows)}"]
+    if rows:
+        cells = [("", "", "A", "B", "", "deviation"), *(_cells(row) for row in rows)]
+        lines += [f"  {line}" for line in table(cells, left=(0, 1, 4))]
+    return lines
 
 
-def _cells(row: dict[str, Any]) -> tuple[str, ...]:
-    name, unit, size = _SHOWN[row["quantity"]]
-    percent = "from zero" if row["percent"] is None else f"{row['percent']:.2f} %"
-    return name, words(row["segment"] or ""), _digits(size * row["a"]), _digits(size * row["b"]), unit, percent
+def _cells(row: Deviation) -> tuple[str, ...]:
+    name, unit, size = _SHOWN[row.quantity]
+    percent = f"{row.percent:.2f} %" if math.isfinite(row.percent) else "from zero"
+    return name, words(row.segment or ""), _digits(size * row.a), _digits(size * row.b), unit, percent
 
 
 def _digits(value: float) -> str:
-    """Four significant digits, as the paper's tables have."""
+    """Four significant digits, as in the paper's tables."""
     return f"{value:#.4g}".rstrip(".")

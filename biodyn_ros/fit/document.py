@@ -1,4 +1,4 @@
-"""The mapping of fit.json, and the provenance that a fitted subject's file carries."""
+"""The mapping of fit.json, and the provenance in a fitted subject's file."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def fit_document(
 
 
 def provenance(document: Document, given: Subject) -> Document:
-    """The provenance in the subject's file; the recordings behind given effects count as fitted to."""
+    """The provenance in the subject's file; recordings of given effects count as fitted."""
     result = document["result"]
     fitted = [_origin(event) | {"nrmse_rms_percent": event[result]["mean"]} for event in document["cases"]]
     intervals = {name: [of["lower"], of["upper"]] for name, of in document["intervals"].items()}
@@ -201,7 +201,7 @@ def _starts(fit: Fit) -> Document:
 
 
 def _swarms(found: Identification) -> list[Document]:
-    """The same of phase 1, with the subject's own mass matrix: one search per case, or one for all."""
+    """Starts of phase 1 with the subject's own mass matrix: one search per case, or one for all."""
     searches = found.searches[: len(found.searches) // 2]
     names = [case.case for case in found.cases] if len(searches) == len(found.cases) else ["all"]
     return [
@@ -250,7 +250,7 @@ def _residual(check: ResidualCheck) -> Document:
 
 
 def _delays(fit: Fit, number: int) -> Document:
-    """Delay of each sensor behind the seat's at the middle of a case; None where clocks are trusted."""
+    """Delay of each sensor relative to the seat, ms, at the middle of a case; None if delays are not fitted."""
     if not fit.clock_delays_s.size:
         return dict.fromkeys(MEASURED_SEGMENTS)
     return by_segment(1e3 * fit.clock_delays_s[number, :, 0])
@@ -266,7 +266,7 @@ def not_new(given: Subject, held_out: Sequence[Prepared]) -> list[str]:
     """Warnings on held-out bags to which an effect of the given subject was fitted."""
     known = {each.get("sha256") for each in rests_on(given, besides=())}
     bags = dict.fromkeys(event.bag for event, _ in held_out if event.sha256 in known)
-    return [f"{bag}: held out, but an effect of the subject that was given was fitted to it" for bag in bags]
+    return [f"{bag}: held out, but an effect of the given subject was fitted to it" for bag in bags]
 
 
 def _origin(event: Document) -> Document:

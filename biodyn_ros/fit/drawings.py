@@ -22,7 +22,7 @@ MARKERS: Final[dict[str, Any]] = {
     "not identifiable": {"marker": "o", "markerfacecolor": "white"},
     "on its bound": {"marker": "s", "markerfacecolor": PREDICTED_COLOUR, "markeredgecolor": PREDICTED_COLOUR},
 }
-"""The marker of each class; shape and filling differ as well as colour."""
+"""The marker of each degree; shape and filling differ as well as colour."""
 
 LABELLED_CORRELATION: Final = 0.5
 """Cells with at least this correlation show their number."""
@@ -33,19 +33,19 @@ _BOUNDS: Final = {parameter.name: (parameter.lower, parameter.upper) for paramet
 
 
 class Estimate(NamedTuple):
-    """One parameter of one subject, as its interval is drawn; call is a key of `MARKERS`."""
+    """One parameter of one subject, as drawn; identifiability is a key of `MARKERS`."""
 
     value: float
     lower: float
     upper: float
-    call: str
+    identifiability: str
 
 
 def estimates_of(document: Document) -> dict[str, Estimate]:
-    """Every fitted parameter of a fit.json."""
-    calls = document["identifiable"]
+    """All fitted parameters of a fit.json."""
+    degrees = document["identifiable"]
     return {
-        name: Estimate(of["value"], of["lower"], of["upper"], "on its bound" if of["at_bound"] else calls[name])
+        name: Estimate(of["value"], of["lower"], of["upper"], "on its bound" if of["at_bound"] else degrees[name])
         for name, of in document["intervals"].items()
     }
 
@@ -129,7 +129,7 @@ def profiles(document: Document) -> Any | None:
             axes.set_title(parameter_name(name), loc="left", fontweight="bold")
             axes.set_xlabel("value, no unit" if unit == "-" else f"value, {unit}", color=SOFT_COLOUR)
             if number_of % 3 == 0:
-                axes.set_ylabel("rise of the objective\nover the 95 % mark, no unit", color=SOFT_COLOUR)
+                axes.set_ylabel("rise of the objective\nover the 95 % limit, no unit", color=SOFT_COLOUR)
 
     return drawn(_WIDTH_IN if len(found) > 1 else 5.2, 2.5 * rows, fill)
 
@@ -171,21 +171,21 @@ def values_of(parameters: Document) -> dict[str, float]:
 def _interval(axes: Any, name: str, estimate: Estimate, row: float, size: float = 5.5) -> None:
     """One estimate; a parameter on its bound has no interval of its own."""
     ends = [place(name, value) for value in (estimate.lower, estimate.upper)]
-    if estimate.call != "on its bound":
+    if estimate.identifiability != "on its bound":
         axes.plot(ends, [row, row], color=ESTIMATE_COLOUR, lw=0.4 * size, solid_capstyle="butt", zorder=2)
     axes.plot(place(name, estimate.value), row, color=ESTIMATE_COLOUR, ms=size, ls="none", zorder=3,
-              markeredgewidth=0.9, **MARKERS[estimate.call])  # fmt: skip
+              markeredgewidth=0.9, **MARKERS[estimate.identifiability])  # fmt: skip
 
 
 def _label(estimate: Estimate, unit: str) -> str:
-    if estimate.call == "on its bound":
+    if estimate.identifiability == "on its bound":
         return f"{number(estimate.value)}{unit}, on its bound"
     value, lower, upper = with_interval(estimate.value, estimate.lower, estimate.upper)
-    return f"{value} ({lower} to {upper}){unit}, {estimate.call}"
+    return f"{value} ({lower} to {upper}){unit}, {estimate.identifiability}"
 
 
 def _profile(axes: Any, profile: Document) -> None:
-    """Rises in multiples of the mark, the mark at 1, and the interval between where it is passed."""
+    """Rises in multiples of the 95 % limit, and the interval where they are below it."""
     values, rise = np.array(profile["values"]), np.array(profile["rise"]) / profile["threshold"]
     axes.plot(values, np.minimum(rise, 4.0), color=ESTIMATE_COLOUR, lw=1.3, marker="o", ms=3.0)
     axes.axhline(1.0, color=SOFT_COLOUR, lw=0.9, ls=(0, (3, 2)))

@@ -59,9 +59,9 @@ class FitOptions:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The document of fit.json, the subject with its provenance, and the identification behind both.
+    """The document of fit.json, the subject with its provenance, and the identification.
 
-    given: the subject before the fit; held_out: the events that were only predicted, prepared like the cases.
+    given: the subject before the fit; held_out: events that are only predicted, prepared like the cases.
     """
 
     document: Document
@@ -138,7 +138,7 @@ def page_beside(output: Path) -> Path:
 
 
 def choose(events: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
-    """The events to fit to, the representative one of each case, and those that are only predicted."""
+    """The events to fit to, the representative one of each case, and those only to predict."""
     by_case: dict[str, list[Prepared]] = {}
     for each in events:
         event, _ = each

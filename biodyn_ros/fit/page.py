@@ -43,15 +43,15 @@ def fit_page(fitted: Fitted) -> str:
         "fit.html.j2",
         document=document,
         verdict=judge_fit(document),
-        known=list(remarks(document)),
-        doubts=limitations(document),
+        remarks=list(remarks(document)),
+        limitations=limitations(document),
         note=note,
         warnings=warnings,
         segments=MEASURED_SEGMENTS,
         by=BY,
         rows=_rows(document),
         scale=_largest(document),
-        calls=tuple(MARKERS),
+        classes=tuple(MARKERS),
         names={name: parameter_name(name) for name in (*document["cv"], *document["least_known"]["combination"])},
         intervals_svg=intervals(document),
         correlation_svg=correlation(document),
@@ -82,16 +82,15 @@ def _event(case: Case, use: Any, before: Any, after: Any) -> ComparedEvent:
 
 def judge_fit(document: Document) -> Verdict:
     """The prediction error on events not fitted to, and reasons against the fit."""
-    result, held_out = document["result"], document["held_out"]
-    fitted = _mean([case[result]["mean"] for case in document["cases"]])
-    unseen = _mean([event[result]["mean"] for event in held_out])
+    held_out = document["held_out"]
+    fitted, predicted = mean_error(document, "cases"), mean_error(document, "held_out")
     against = list(_reasons_against(document))
-    if unseen is None:
-        headline = f"Fitted to {number(fitted)} % of the rms; how it predicts an unused event is not known"
+    if predicted is None:
+        headline = f"Fitted to {number(fitted)} % of the rms; the error on an unused event is not known"
         return Verdict("none", headline, ("Nothing was held out: --hold-out, or validate on another event.", *against))
-    headline = f"Predicts events it was not fitted to with a mean error of {number(unseen)} % of their rms"
+    headline = f"Predicts events it was not fitted to with a mean error of {number(predicted)} % of their rms"
     first = f"Mean over {counted(len(held_out), 'such event')}; {number(fitted)} % on those fitted to."
-    if unseen > _MAX_PERCENT:
+    if predicted > _MAX_PERCENT:
         line = f"More than {_MAX_PERCENT:g} %, the limit of a validation."
         return Verdict("bad", headline, (first, line, *against))
     made, _ = made_by_model(document["warnings"])
@@ -102,10 +101,10 @@ def _reasons_against(document: Document) -> list[str]:
     """Reasons against the fit."""
     lines = []
     pinned = document["joint"]["at_bound"]
-    for call in ("not identifiable", "weakly identifiable"):
-        found = [name for name, of in document["identifiable"].items() if of == call and name not in pinned]
+    for degree in ("not identifiable", "weakly identifiable"):
+        found = [name for name, of in document["identifiable"].items() if of == degree and name not in pinned]
         if found:
-            lines.append(f"{call.capitalize()} from these recordings: {_listed(found, document)}.")
+            lines.append(f"{degree.capitalize()} from these recordings: {_listed(found, document)}.")
     if pinned:
         lines.append(f"On a bound of Table 1, so perhaps beyond it: {_listed(pinned, document)}.")
     matrix = document["mass_matrix"]
@@ -134,7 +133,7 @@ def limitations(document: Document) -> list[str]:
     if document["settings"]["mass_scale"] == "fixed":
         lines.append("The mass scale was fixed and is not a result of the fit.")
     if document["result"] == "idealized":
-        lines.append("The subject is the fusion of the cases; intervals and calls are those of the joint fit.")
+        lines.append("The subject is the fusion of the cases; intervals and identifiability are of the joint fit.")
     if len(document["cases"]) == 1:
         lines.append("One case alone: another road or speed may give other parameters.")
     missing = sorted({name for case in document["cases"] for name in case["not_fitted"]}, key=MEASURED_SEGMENTS.index)
@@ -161,6 +160,8 @@ def _largest(document: Document) -> float:
     return max((mean for mean in means if mean is not None), default=1.0) or 1.0
 
 
-def _mean(values: list[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
+def mean_error(document: Document, events: str) -> float | None:
+    """Mean error of the fitted subject over the `cases` or the `held_out` events of a fit.json, percent."""
+    means = [event[document["result"]]["mean"] for event in document[events]]
+    known = [mean for mean in means if mean is not None]
     return sum(known) / len(known) if known else None

@@ -62,8 +62,8 @@ def _parameter_rows(document: Document) -> Iterator[str]:
         value, lower, upper = with_interval(of["value"], of["lower"], of["upper"])
         unit = "" if of["unit"] == "-" else of["unit"]
         interval = f"{unit and f'{unit}, '}on its bound" if of["at_bound"] else f"{lower} to {upper} {unit}"
-        call = document["identifiable"][name]
-        yield f"{parameter_name(name):<34}{value:>8}  {interval:<24}{scatter:>12}  {call}".rstrip()
+        degree = document["identifiable"][name]
+        yield f"{parameter_name(name):<34}{value:>8}  {interval:<24}{scatter:>12}  {degree}".rstrip()
 
 
 def _profile_rows(document: Document) -> Iterator[str]:

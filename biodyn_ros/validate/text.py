@@ -1,78 +1,81 @@
-"""A validation for the terminal, from the mapping of `validate.json`."""
+"""A validation as text for the terminal."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from biodyn_core.base.segments import MEASURED_SEGMENTS
-from biodyn_ros.base.wording import number, words
+from biodyn_core.body.model import CASCADE_FORCES
+from biodyn_core.recording.recording import WARM_UP_S
+from biodyn_core.signals.response import Peak
+from biodyn_core.validation.driving_point import DrivingPoint
+from biodyn_core.validation.validation import HeadPeaks, Validation
+from biodyn_ros.base.wording import bound, number, words
+from biodyn_ros.reading.provenance import MADE_BY_MODEL
+from biodyn_ros.validate.report import Report, driving_peaks, is_lower_bound
 
-Document = dict[str, Any]
 
-
-def text_of(document: Document) -> str:
-    """The document for the terminal."""
+def text_of(report: Report) -> str:
+    """The report as text for the terminal."""
+    found = report.validation
+    subject = found.subject
     lines = [
-        f"{document['bag']}  case {document['case']}  subject {document['subject']} ({document['mass_matrix']})",
-        f"{document['seconds']:.1f} s, the first {document['warm_up_s']:g} s of each run are warm-up",
-        _error_line(document["error"]),
+        f"{report.bag}  case {found.runs[0].recording.case}  subject {subject.name} ({subject.mass_matrix})",
+        f"{found.seconds:.1f} s, the first {WARM_UP_S:g} s of each run are warm-up",
+        _error_line(found),
         "",
         "segment         error/rms  error/range   aw m/s^2 measured predicted   VDV m/s^1.75 measured predicted",
-        *(_row(name, document) for name in MEASURED_SEGMENTS),
+        *(_row(name, found) for name in MEASURED_SEGMENTS),
         "",
-        _stht_line(document["stht"]),
-        _driving_line(document["driving_point"]),
+        _head_line(found.head),
+        _driving_line(found.driving_point, report.limits.least_coherence),
         "",
-        f"verdict: {document['verdict']}",
-        *(f"  {finding['status']}: {finding['text']}" for finding in document["findings"]),
-        *(f"warning: {line}" for line in document["warnings"]),
-        *([document["bag_made_by_model"]] if "bag_made_by_model" in document else []),
+        f"verdict: {report.verdict}",
+        *(f"  {finding.status}: {finding.text}" for finding in report.findings),
+        *(f"warning: {line}" for line in report.warnings),
+        *([MADE_BY_MODEL] if report.is_made_by_model else []),
     ]
     return "\n".join(lines)
 
 
-def _error_line(error: Document) -> str:
+def _error_line(found: Validation) -> str:
     """The mean error beside that of the worst segment."""
-    if error["worst_segment"] is None:
+    segment, percent = found.worst
+    if segment is None:
         return "error/rms: no segment was measured"
-    mean, worst = number(error["mean_nrmse_rms_percent"]), number(error["worst_nrmse_rms_percent"])
-    return f"error/rms: mean {mean} %, worst {words(error['worst_segment'])} {worst} %"
+    return f"error/rms: mean {number(found.mean_nrmse_rms_percent)} %, worst {words(segment)} {number(percent)} %"
 
 
-def _row(name: str, document: Document) -> str:
-    error, doses = document["error"]["segments"][name], document["exposure"]["segments"][name]
-    if error is None or doses["measured"] is None:
+def _row(name: str, found: Validation) -> str:
+    error, measured, predicted = found.errors[name], found.exposures.measured[name], found.exposures.predicted[name]
+    if error is None or not measured.seconds:
         return f"{words(name):<15} not measured"
-    pairs = [(doses["measured"][key], doses["predicted"][key]) for key in ("aw_mps2", "vdv_mps175")]
-    bound = ">= " if doses["lower_bound"] else ""
-    (aw, aw_model), (vdv, vdv_model) = ((number(a), number(b)) for a, b in pairs)
-    vdv, vdv_model = bound + vdv, bound + vdv_model  # a mean is no bound for want of samples
-    by_rms, by_range = (number(error[f"nrmse_{kind}_percent"]) + " %" for kind in ("rms", "range"))
+    by_rms, by_range = (f"{number(each)} %" for each in (error.nrmse_rms_percent, error.nrmse_range_percent))
+    aw, aw_model = number(measured.aw_mps2), number(predicted.aw_mps2)  # missing samples make no mean a lower bound
+    lower = is_lower_bound(found.exposures, name)
+    vdv, vdv_model = bound(measured.vdv_mps175, lower), bound(predicted.vdv_mps175, lower)
     return f"{words(name):<15} {by_rms:>9}  {by_range:>11}  {aw:>18} {aw_model:>9}  {vdv:>22} {vdv_model:>9}"
 
 
-def _stht_line(stht: Document) -> str:
-    if stht["peak_ratio"] is None:
-        return "seat-to-head transmissibility: the measured coherence is too low to tell"
-    measured, predicted = stht["measured"], stht["predicted"]
+def _head_line(head: HeadPeaks) -> str:
+    if head.ratio is None or head.ratio.magnitude is None or head.measured is None or head.predicted is None:
+        return "seat-to-head transmissibility: the measured coherence is too low"
     return (
-        f"seat-to-head transmissibility: measured {_at(measured)} (coherence {measured['coherence']:.2f}),"
-        f" predicted {_at(predicted)}, ratio {number(stht['peak_ratio'])}"
+        f"seat-to-head transmissibility: measured {_at(head.measured)} (coherence {head.ratio.coherence:.2f}),"
+        f" predicted {_at(head.predicted)}, ratio {number(head.ratio.magnitude)}"
     )
 
 
-def _driving_line(point: Document) -> str:
-    if "refused" in point:
-        return f"apparent mass: {point['refused']}"
-    found, how = point["predicted"], " as printed" if point["as_printed"] else ""
-    if found["peak"] is None:
-        return f"apparent mass, predicted{how}: the coherence is too low to tell"
-    shares = (
-        f"{number(found[key]['magnitude'])} by {by}"
-        for key, by in (("peak_by_body_mass", "body mass"), ("peak_by_upper_body_mass", "upper-body mass"))
+def _driving_line(point: DrivingPoint | None, least_coherence: float) -> str:
+    if point is None:
+        return f"apparent mass: {CASCADE_FORCES}"
+    peaks, how = driving_peaks(point, least_coherence), " as printed" if point.as_printed else ""
+    if peaks.apparent_mass is None or peaks.by_body_mass is None or peaks.by_upper_body_mass is None:
+        return f"apparent mass, predicted{how}: the coherence is too low"
+    return (
+        f"apparent mass, predicted{how}: {_at(peaks.apparent_mass, ' kg')},"
+        f" {number(peaks.by_body_mass.magnitude)} by body mass,"
+        f" {number(peaks.by_upper_body_mass.magnitude)} by upper-body mass"
     )
-    return f"apparent mass, predicted{how}: {_at(found['peak'], ' kg')}, {', '.join(shares)}"
 
 
-def _at(peak: Document, unit: str = "") -> str:
-    return f"{number(peak['magnitude'])}{unit} at {number(peak['frequency_hz'])} Hz"
+def _at(peak: Peak, unit: str = "") -> str:
+    return f"{number(peak.magnitude)}{unit} at {number(peak.frequency_hz)} Hz"

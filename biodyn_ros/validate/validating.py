@@ -1,11 +1,11 @@
-"""Validate: a bag beside the model's forward prediction of it, as validate.json and a page."""
+"""Validate: compare a bag with the model's forward prediction, as validate.json and a page."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from biodyn_core.body.model import SeatForce
 from biodyn_core.body.subject import Subject
@@ -19,17 +19,16 @@ from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.reading.provenance import Role, bag_sha256, role_of
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
-from biodyn_ros.validate.document import Validated, validation_document
+from biodyn_ros.validate.document import validation_document
+from biodyn_ros.validate.report import Report
 from biodyn_ros.validate.settings import ValidationSettings
-
-Document = dict[str, Any]
 
 PAGE: Final = "validate.html"
 
 
 @dataclass(frozen=True)
 class ValidateOptions:
-    """How the event is read, which case it is, how spectra are estimated, and what counts as disagreement."""
+    """Options for reading an event, its case, and settings of spectra, limits and force."""
 
     case: str | None = None
     reading: RecordingOptions = field(default_factory=RecordingOptions)
@@ -44,7 +43,7 @@ def validate(
     subject: Subject,
     options: ValidateOptions | None = None,
     progress: OnProgress = ignore_progress,
-) -> Validated:
+) -> Report:
     """Predict a bag's event from its seat alone and compare; raises InputError as `read_recordings`."""
     options = options or ValidateOptions()
     reading = replace(options.reading, channels=needs_channels(subject.effects))
@@ -59,10 +58,10 @@ def validate_to_directory(
     options: ValidateOptions | None = None,
     progress: OnProgress = ignore_progress,
     report: bool = True,
-) -> Validated:
-    """Validate and write `validate.json` and `validate.html`; a bag that is refused leaves no directory.
+) -> Report:
+    """Validate and write `validate.json` and `validate.html`; a refused bag leaves no directory.
 
-    Without a report that of an earlier run is removed.
+    Without report, the page of an earlier run is removed.
     """
     check_directory(directory)
     if report:
@@ -72,7 +71,7 @@ def validate_to_directory(
         check_reports()
     validated = validate(bag, subject, options, progress)
     make_directory(directory)
-    write_json(directory / "validate.json", validated.document)
+    write_json(directory / "validate.json", validation_document(validated))
     if report:
         write_drawn(directory / PAGE, lambda: validation_page(validated))
     else:
@@ -86,9 +85,9 @@ def validate_recordings(
     options: ValidateOptions | None = None,
     bag: str = "",
     role: Role | None = None,
-) -> Validated:
-    """The same for recordings at hand, the runs of one event; role is what the bag was to the subject's fit."""
+) -> Report:
+    """Validate on recordings, the runs of one event; role is of the bag in the subject's fit."""
     o = options or ValidateOptions()
     found = validation.validate(recordings, subject, o.limits.least_coherence, o.spectra, o.seat_force, o.as_printed)
     cutoff_hz = (o.reading.conditioning or ConditioningSettings()).cutoff_hz
-    return Validated(validation_document(found, bag, role, o.spectra, o.limits, cutoff_hz), found.runs)
+    return Report(found, bag or recordings[0].name, role, o.spectra, o.limits, cutoff_hz)
