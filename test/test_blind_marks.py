@@ -82,7 +82,7 @@ def test_a_class_is_right_if_it_is_named_first_and_alone() -> None:
         ("unexplained", None, SKIN, 1.0, (), "... as it removed too little"),
     ],
 )
-def test_fates_of_a_true_class(
+def test_outcomes_of_a_true_class(
     verdict: str, said: Cause | None, best: Cause | None, gain: float | None, against: tuple[str, ...], fate: str
 ) -> None:
     plain = outcome("strong", verdict, [said] if said else [], [SKIN], before_percent=4.0, floor_percent=2.0)

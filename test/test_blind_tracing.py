@@ -81,7 +81,7 @@ def backrest() -> tuple[Record, Record]:
     return found[0], found[1]
 
 
-def test_refits_tell_ratio_oracle_placebo_and_generic(
+def test_refits_give_ratio_oracle_placebo_and_generic(
     backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain, hidden = backrest

@@ -53,7 +53,9 @@ def place_of(directory: Path) -> Path:
         ({"seat": "TS-00001", "head": "TS-01874"}, None, "Capture.U and Nexus have different clocks"),
     ],
 )
-def test_what_does_not_fit_is_one_line(mapping: dict[str, str], take: str | None, said: str, tmp_path: Path) -> None:
+def test_invalid_input_is_refused_in_one_line(
+    mapping: dict[str, str], take: str | None, said: str, tmp_path: Path
+) -> None:
     place = place_of(tmp_path / "csv")
     with pytest.raises(InputError) as told:
         imported(place, tmp_path / "b.mcap", mapping, take=take)
@@ -61,7 +63,7 @@ def test_what_does_not_fit_is_one_line(mapping: dict[str, str], take: str | None
     assert [path.name for path in tmp_path.iterdir()] == ["csv"]
 
 
-def test_the_end_of_a_serial_is_enough_where_one_alone_ends_so(tmp_path: Path) -> None:
+def test_a_unique_end_of_a_serial_is_sufficient(tmp_path: Path) -> None:
     for serial in ("TS-01874", "TS-11875", "TS-21875"):
         capture_u_files(tmp_path / "csv", serial, shock((9.0,)), 0.5, None)
     document = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "1874", "head": "11875"})
@@ -80,12 +82,12 @@ def test_a_take_is_chosen_by_its_beginning(tmp_path: Path) -> None:
     assert "not mapped: pelvis, lower_torso, upper_torso, neck, head" in document["warnings"]
 
 
-def test_a_bag_without_a_seat_is_written_and_said_to_be_of_little_use(tmp_path: Path) -> None:
+def test_a_bag_without_a_seat_is_written_with_a_warning(tmp_path: Path) -> None:
     document = imported(place_of(tmp_path / "csv"), tmp_path / "b.mcap", {"head": "TS-00001"})
     assert any(line.startswith("seat: not mapped, needed for every prediction") for line in document["warnings"])
 
 
-def test_recordings_of_two_times_are_not_put_into_one_bag(tmp_path: Path) -> None:
+def test_recordings_of_different_times_are_refused_for_one_bag(tmp_path: Path) -> None:
     capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 1.0, None)
     capture_u_files(tmp_path / "csv", "TS-2", shock((9.0,)), 1.0, None, starts_s=60.0)
     with pytest.raises(InputError, match=r"seat \(TS-1\) ends 59.0 s before head \(TS-2\) starts"):
@@ -158,7 +160,7 @@ def test_a_broken_file_is_one_line_and_leaves_no_bag(name: str, tmp_path: Path) 
         ("deg/s", "rpm", "unit 'rpm' is unknown; known units: deg/s"),
     ],
 )
-def test_a_header_of_capture_u_that_is_not_understood(old: str, new: str, said: str, tmp_path: Path) -> None:
+def test_an_unknown_header_of_capture_u_is_refused(old: str, new: str, said: str, tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock(), 0.5, None)
     low.write_text(low.read_text().replace(old, new))
     with pytest.raises(InputError) as told:
@@ -177,7 +179,7 @@ def test_other_columns_and_units_of_capture_u_are_understood(tmp_path: Path) -> 
     assert samples(tmp_path / "b.mcap", "seat")[1][:, 2] == pytest.approx(up * G, abs=1e-5)
 
 
-def test_stamps_that_cannot_be_are_left_out(tmp_path: Path) -> None:
+def test_impossible_stamps_are_left_out(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5, None)
     lines = low.read_text().splitlines()
     for at, stamp in ((5, "nan"), (6, "-5"), (7, "1e300"), (8, ""), (9, "99999999999999999999")):
@@ -187,7 +189,7 @@ def test_stamps_that_cannot_be_are_left_out(tmp_path: Path) -> None:
     assert row["samples"] == 562 - 5 and row["gaps"] == 1
 
 
-def test_stamps_that_excel_shortened_are_refused(tmp_path: Path) -> None:
+def test_stamps_truncated_by_excel_are_refused(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5, None)
     lines = low.read_text().splitlines()
     short = [f"{float(line.partition(',')[0]):.5E},{line.partition(',')[2]}" for line in lines[1:]]
@@ -196,7 +198,7 @@ def test_stamps_that_excel_shortened_are_refused(tmp_path: Path) -> None:
         imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
 
 
-def test_a_spoilt_byte_in_a_row_does_not_spoil_the_units(tmp_path: Path) -> None:
+def test_a_damaged_byte_in_a_row_does_not_change_the_units(tmp_path: Path) -> None:
     data = nexus_text({"TS-1": still(60)}).encode().replace(b"\r\n3,1,", b"\r\n3,\xff\0,")
     (tmp_path / "t.csv").write_bytes(data)
     document = imported(tmp_path / "t.csv", tmp_path / "b.mcap", {"seat": "TS-1"})
@@ -214,7 +216,7 @@ def test_sensors_that_start_far_apart_keep_their_order_in_the_bag(tmp_path: Path
     assert (np.diff(begins) > -1_000_000_000).all()
 
 
-def test_damaged_rows_cost_only_themselves(tmp_path: Path) -> None:
+def test_only_damaged_rows_are_dropped(tmp_path: Path) -> None:
     lines = nexus_text({"TS-01874": still(200), "TS-01902": still(200, seed=2)}).split("\r\n")
     at = next(number for number, line in enumerate(lines) if line.startswith("Frame,")) + 2
     cells = lines[at + 20].split(",")
@@ -269,7 +271,7 @@ def test_the_command_prints_json_and_writes_the_bag(tmp_path: Path, capsys: pyte
         (["--map", "seat=TS-00001", "--saturation-mps2", "1"], "saturation_mps2 is 1, allowed are 10 to 5000 m/s^2"),
     ],
 )
-def test_what_the_command_does_not_take(
+def test_invalid_options_of_the_command_are_refused(
     extra: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     place = place_of(tmp_path / "csv")

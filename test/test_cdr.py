@@ -83,7 +83,7 @@ def test_no_messages_are_an_empty_block():
     assert cdr.decode_accel_stamped([])[1].shape == (0, 3)
 
 
-def test_no_angular_velocity_is_decoded_unasked():
+def test_angular_velocity_is_decoded_on_request_alone():
     assert cdr.decode_imu([imu_bytes(1, (1, 2, 3, 4, 5, 6), "imu")]).gyro_radps is None
     assert cdr.decode_imu([]).gyro_radps is None
 
@@ -110,7 +110,7 @@ def test_a_cut_message_is_refused(cut):
 
 @pytest.mark.parametrize("length", [0xFFFFFFFF, 0x7FFFFFFF, 0x80000000, 1000, 13])
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_a_hostile_frame_length_is_refused_never_followed(length, order):
+def test_an_invalid_frame_length_is_refused(length, order):
     message = bytearray(imu_bytes(5, (1, 2, 3, 4, 5, 6), "imu", order))
     message[12:16] = struct.pack(f"{order}I", length)
     # 13 bytes are there, only no Imu has its numbers behind them: who asks for the frame_id alone need not know.
@@ -168,7 +168,7 @@ def test_restamp_changes_the_stamp_alone(sample, stamp_ns, order):
     assert shifted == (moved if sample[0] != 0 else imu_bytes(*sample, order))
 
 
-def test_a_stamp_that_was_never_set_is_not_set_by_shifting():
+def test_an_unset_stamp_stays_unset_when_shifted():
     message = imu_bytes(0, (0.0,) * 6, "imu", "<")
     assert cdr.shift_stamp(message, 1_767_225_600 * 10**9) == message
 

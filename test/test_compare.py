@@ -63,7 +63,7 @@ def test_the_printed_pelvis_stiffness_gives_the_printed_deviation():
     assert Deviation("stiffness_n_per_m", "pelvis", "N/m", *k).percent == pytest.approx(8.89, abs=0.005)
 
 
-def test_what_tables_6_and_7_do_not_print_is_there_too():
+def test_rows_missing_from_tables_6_and_7_are_included():
     left = rows(compare(shipped("subject_1"), shipped("subject_2")))
     for row in printed("tables_6_7.csv"):
         del left[row["quantity"], row["segment"] or None]
@@ -122,7 +122,7 @@ def test_a_heavier_twin_differs_in_stiffness_alone():
     assert [row.percent for row in comparison.divergent] == pytest.approx([100.0] * 6)
 
 
-def test_the_mass_scale_stands_in_its_own_row_alone():
+def test_the_mass_scale_is_in_its_own_row_alone():
     found = rows(compare(shipped("subject_1", mass_scale=1.0), shipped("subject_1", mass_scale=1.1)))
     assert found.pop(("mass_scale", None)).percent == pytest.approx(10.0)
     assert max(row.percent for row in found.values()) == pytest.approx(0.0, abs=1e-12)
@@ -197,7 +197,7 @@ def test_columns_are_aligned():
     assert len({len(line) for line in table[:11]}) == len({len(line) for line in divergent}) == 1
 
 
-def test_a_deviation_from_zero_is_told_in_words_and_no_number_in_json():
+def test_a_deviation_from_zero_is_text_and_null_in_json():
     document = comparison_document(compare(shipped("subject_1", stiffening_scale=0.0), shipped("subject_1")))
     assert [row["percent"] for row in document["divergent"]] == [None] * 7
     json.dumps(document, allow_nan=False)

@@ -496,7 +496,7 @@ def test_sample_by_sample_gives_the_same_bits():
     assert_same(Conditioned(*record, cuts=range(1, len(record[0]))), Conditioned(*record))
 
 
-def test_nothing_in_nothing_out():
+def test_an_empty_input_gives_an_empty_output():
     conditioner = Conditioner("seat")
     assert conditioner.push(np.empty(0, dtype=np.int64), np.empty((0, 3))) == []
     status = conditioner.status()

@@ -19,7 +19,7 @@ def test_a_sensor_of_the_lowest_rate_is_accepted_though_its_clock_drifts(ppm):
     assert found.status.fault is None
 
 
-def test_a_fifth_of_a_millisecond_of_jitter_invents_no_samples():
+def test_a_fifth_of_a_millisecond_of_jitter_adds_no_samples():
     count = round(20.0 * RATE_HZ)
     jitter_ns = np.random.default_rng(3).normal(0.0, 0.2e6, count)
     jittered = np.maximum.accumulate(stamps(count) + np.rint(jitter_ns).astype(np.int64))
@@ -118,7 +118,7 @@ def test_time_is_recovered_from_any_clock(clock):
 @pytest.mark.parametrize("rate_hz", [250.0, 400.0, 600.0, 800.0, 833.0, 952.0, 1000.0, 1100.0, 1600.0, 3200.0])
 @pytest.mark.parametrize("quantum_ms", [1, 4, 10])
 @pytest.mark.parametrize("step_mps2", [0.0, 0.0766])
-def test_coarse_stamps_of_any_rate_lose_and_invent_nothing(rate_hz, quantum_ms, step_mps2):
+def test_coarse_stamps_of_any_rate_lose_and_add_no_samples(rate_hz, quantum_ms, step_mps2):
     # Coarse readings, of 12 bits, repeat as well: with their stamp they look like messages sent twice.
     count, quantum_ns = round(4.0 * rate_hz), quantum_ms * 10**6
     samples = STILL[:1] + 0.02 * np.random.default_rng(2).standard_normal((count, 3))
@@ -140,7 +140,7 @@ def test_a_drifting_clock_is_tracked_and_reported_in_ppm(ppm, jitter_ms):
 
 
 @pytest.mark.parametrize("delay_ms", [0.1, 1.0])
-def test_callbacks_that_are_sent_late_lose_and_invent_nothing(delay_ms):
+def test_late_callbacks_lose_and_add_no_samples(delay_ms):
     # No stamp is earlier than the one before: a queue that stalls, and then empties in no time.
     delay_ns = np.random.default_rng(1).exponential(delay_ms * 1e6, COUNT)
     stamps_ns = np.maximum.accumulate(stamps(COUNT) + np.rint(delay_ns).astype(np.int64))
@@ -304,7 +304,7 @@ def test_thirty_stamps_in_a_row_confirm_a_leap_and_its_return(clock, sign, leap_
     assert unreturned.gap_s == pytest.approx(leap_ns * 1e-9 if sign > 0 else 0.0, abs=0.02)
 
 
-def test_what_is_lost_while_stamps_leap_stays_missing():
+def test_samples_lost_while_stamps_leap_stay_missing():
     kept = np.delete(INDEX, np.concatenate([np.arange(9000, 9200), np.arange(9300, 9400)]))
     for sign in (1, -1):
         stamps_ns = stamps(COUNT)
@@ -333,7 +333,7 @@ def test_thirty_stamps_from_the_start_of_a_looping_bag_are_no_second_lap_of_miss
 
 
 @pytest.mark.parametrize("restart_ns", [10**9, 10**12, START_NS + 10**18])
-def test_a_sensor_that_restarts_with_another_epoch_goes_on(restart_ns):
+def test_a_sensor_that_restarts_with_another_epoch_is_counted_further(restart_ns):
     """Such as seconds since boot: 1.7e9 s back are more than seconds in a double resolve to a clock's ppm."""
     stamps_ns = stamps(COUNT)
     stamps_ns[9000:] += restart_ns - stamps_ns[9000]
@@ -459,7 +459,7 @@ def test_readings_that_repeat_now_and_then_are_no_flat_line():
 
 
 @pytest.mark.parametrize("gap_s", [0.03, 1.5, 3600.0, -5.0, -3600.0])
-def test_what_passes_between_runs_is_no_part_of_a_flat_line(gap_s):
+def test_time_between_runs_is_no_part_of_a_flat_line(gap_s):
     # Equal for 1.2 s before the break and for 0.6 s behind it, then for 1.2 s.
     stamps_ns = stamps(COUNT)
     stamps_ns[9000:] += round(gap_s * 1e9)

@@ -115,7 +115,7 @@ def said_by(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return errors.strip()
 
 
-def test_the_shared_recordings_are_there(shared_data: Path) -> None:
+def test_the_shared_recordings_exist(shared_data: Path) -> None:
     """Skipped, and said so, where they are not: then the tests below have nothing to walk."""
     assert set(BAGS) | set(REFUSED) | set(OF_ITS_OWN) <= set(paths())
 
@@ -163,7 +163,7 @@ def only_row(document: dict[str, Any]) -> dict[str, Any]:
     return row
 
 
-def test_what_is_known_of_the_real_imus(shared_data: Path) -> None:
+def test_real_imus_have_their_known_properties(shared_data: Path) -> None:
     document = info(shared_data / "rosbag2_real_imu/av_start_position_A")
     row = only_row(document)
     # SOURCE.txt: 32 Hz, gravity on -x, quantised to 10 ms (steps of 30 and 40), logged about 98 ms later.

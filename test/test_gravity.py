@@ -238,7 +238,7 @@ def test_a_shock_before_any_rest_is_counted(idle_bag: Path, vertical: str) -> No
     assert ("the parameter vertical gives the direction" in told) is not bool(vertical)
 
 
-def test_info_says_what_replay_does(idle_bag: Path) -> None:
+def test_info_reports_the_gravity_that_replay_uses(idle_bag: Path) -> None:
     document = info(idle_bag)
     assert document["topics"][0]["gravity_mps2"] == pytest.approx(G + idling().mean(), abs=1e-3)
     assert document["replay"]["refusal"] is None and document["replay"]["sensors"] == list(SENSORS)
@@ -269,7 +269,7 @@ def short_bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: write_bag(folder / f"{name}.mcap", streams) for name, streams in written.items()}
 
 
-def test_a_recording_without_rest_is_a_recording(short_bags: dict[str, Path]) -> None:
+def test_a_recording_without_rest_is_read(short_bags: dict[str, Path]) -> None:
     (found,) = read_recordings(short_bags["road_moving"])
     (whole,) = read_recordings(short_bags["road_whole"])
     assert found.stamps_ns.size / found.rate_hz == pytest.approx(6.0, abs=0.1)
@@ -293,7 +293,7 @@ def test_events_that_cannot_be_used_are_left_out_by_name(short_bags: dict[str, P
     assert any("seat: no rest in the record: gravity is from the rest in road_whole.mcap" in line for line in lent)
 
 
-def test_a_fit_goes_on_and_stops_only_where_nothing_is_left(
+def test_a_fit_leaves_out_recordings_and_stops_only_without_any(
     short_bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = [short_bags["road_second"], short_bags["road_still"]]
@@ -312,7 +312,7 @@ def test_a_fit_goes_on_and_stops_only_where_nothing_is_left(
     assert "nowhere.mcap" in capsys.readouterr().err
 
 
-def test_a_trace_says_what_it_leaves_out(short_bags: dict[str, Path], tmp_path: Path) -> None:
+def test_a_trace_reports_the_recordings_it_leaves_out(short_bags: dict[str, Path], tmp_path: Path) -> None:
     bags = [str(short_bags[name]) for name in ("road_whole", "road_second")]
     assert main(["trace", *bags, "--subject", "subject_1", "-o", str(tmp_path / "out"), "--no-report"]) == 0
     document = json.loads((tmp_path / "out" / "trace.json").read_text())

@@ -119,7 +119,7 @@ def test_masked_samples_do_not_change_headings() -> None:
 # --- how joints bend -------------------------------------------------------------------------------------------------
 
 
-def test_a_joint_bends_as_its_segments_lean_apart_about_the_axes_of_the_seat() -> None:
+def test_the_bending_of_a_joint_is_the_difference_of_tilts_about_the_axes_of_the_seat() -> None:
     channels, lean = sitting_there(), leans(0.01)
     true = {name: TURNED[name] - TURNED["seat"] for name in MEASURED_SEGMENTS}
     found = bend_rates_radps(channels, true)
@@ -161,7 +161,7 @@ def recorded(sideways: float = 1.0, channels: bool = True, **settings) -> Record
     return recording
 
 
-def test_a_record_says_how_its_sensors_are_turned_and_leaves_their_axes() -> None:
+def test_a_record_reports_headings_and_does_not_turn_axes() -> None:
     recording = recorded()
     assert max(away_rad(angle, name) for name, angle in recording.headings.items()) < 0.02
     assert tuple(recording.headings) == MEASURED_SEGMENTS
@@ -188,7 +188,7 @@ def test_the_vertical_is_the_same_bit_for_bit_and_a_still_record_turns_nothing()
 
 
 @pytest.mark.parametrize(("number", "site", "rel", "left"), [(0, "neck", 0.2, 0.95), (1, "head", 0.1, 0.2)])
-def test_a_joint_that_nods_in_a_foreign_world_comes_back_by_its_length_and_axis(
+def test_bending_of_the_independent_simulation_is_recovered_with_length_and_axis(
     number: int, site: str, rel: float, left: float
 ) -> None:
     """Its own law, integrator, people and mountings: a height L cos phi of the pitch, sensors turned by chance.

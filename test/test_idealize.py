@@ -100,7 +100,7 @@ def test_the_coefficients_of_variation_of_table_8(number):
 
 
 @pytest.mark.parametrize("number", ["1", "2"])
-def test_what_scatters_by_more_than_30_percent_is_flagged(number):
+def test_a_variation_above_30_percent_is_flagged(number):
     table = by_parameter("table_8.csv", number)
     assert table_idealized(number).flagged == tuple(name for name in NAMES if float(table[name]["cv_percent"]) > 30.0)
 

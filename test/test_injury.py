@@ -175,7 +175,7 @@ def test_hic_of_a_short_square_pulse_takes_the_pulse_alone():
 
 
 @pytest.mark.parametrize(("half_width_s", "whole"), [(0.1, False), (0.02, True)])
-def test_hic_of_a_triangle_is_the_calculus_of_it(half_width_s, whole):
+def test_hic_of_a_triangle_is_the_closed_form(half_width_s, whole):
     peak, rate_hz = 60.0, RATE_HZ
     time = np.arange(round(0.3 * rate_hz)) / rate_hz - 0.15
     pulse = peak * np.maximum(0.0, 1.0 - np.abs(time) / half_width_s)

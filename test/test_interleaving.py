@@ -59,5 +59,5 @@ def test_a_common_leap_keeps_sensors_together() -> None:
     assert furthest_ahead_s(given_ns, usual) <= SLICE_S + 2e-3
 
 
-def test_nothing_gives_nothing() -> None:
+def test_an_empty_input_gives_an_empty_output() -> None:
     assert in_stamp_order({}) == in_stamp_order({"seat": np.empty(0, dtype=np.int64)}) == []

@@ -109,7 +109,7 @@ def installed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return colcon(tmp_path) if request.param == "colcon" else pip(tmp_path, f"--{request.param.removeprefix('pip-')}")
 
 
-def test_everything_beside_the_code_is_installed(installed: Installed) -> None:
+def test_all_data_files_are_installed(installed: Installed) -> None:
     share = installed.prefix / "share"
     assert (share / "ament_index/resource_index/packages/biodyn_ros").is_file()
     assert (share / "biodyn_ros/package.xml").read_bytes() == (ROOT / "package.xml").read_bytes()
@@ -123,7 +123,7 @@ def test_everything_beside_the_code_is_installed(installed: Installed) -> None:
         assert configured
 
 
-def test_what_is_installed_finds_its_files_from_anywhere(installed: Installed, tmp_path: Path) -> None:
+def test_an_installation_finds_its_files_from_any_directory(installed: Installed, tmp_path: Path) -> None:
     found = installed.run(f"{shlex.quote(sys.executable)} -c {shlex.quote(FIND_ALL)}", tmp_path).splitlines()
     workspace = installed.prefix.parents[1] if installed.setup.startswith(".") else installed.prefix
     assert all(Path(line).is_relative_to(workspace) for line in found), found
@@ -132,7 +132,7 @@ def test_what_is_installed_finds_its_files_from_anywhere(installed: Installed, t
 
 
 @pytest.mark.parametrize("script", ["biodyn", "biodyn_live"])
-def test_the_executables_are_where_they_are_looked_for(installed: Installed, script: str, tmp_path: Path) -> None:
+def test_executables_are_in_the_directory_of_ros2_run(installed: Installed, script: str, tmp_path: Path) -> None:
     executable = installed.scripts / script
     assert os.access(executable, os.X_OK)
     first = executable.read_text(encoding="utf-8").splitlines()[0]
@@ -143,7 +143,7 @@ def test_the_command_starts_where_it_is_installed(installed: Installed, tmp_path
     assert "usage" in installed.run(f"{shlex.quote(str(installed.scripts / 'biodyn'))} --help", tmp_path).lower()
 
 
-def test_a_symlinked_build_leads_back_to_the_source(symlinked: Installed, tmp_path: Path) -> None:
+def test_a_symlinked_build_links_to_the_source(symlinked: Installed, tmp_path: Path) -> None:
     tree = symlinked.prefix.parents[1] / "src" / "biodyn"
     launch = symlinked.prefix / "share/biodyn_ros/launch/biodyn.launch.py"
     assert launch.resolve() == tree / "config/launch/biodyn.launch.py"
@@ -357,14 +357,14 @@ def test_a_subject_by_path_goes_before_a_bundled_one(elsewhere: Path) -> None:
         (resources.package_directory, "nowhere", "the installation is incomplete: .*nowhere is missing"),
     ],
 )
-def test_what_is_not_there_is_told_with_what_is(
+def test_a_missing_file_is_reported_with_the_existing_ones(
     elsewhere: Path, find: Callable[[str], Path], name: str, message: str
 ) -> None:
     with pytest.raises(InputError, match=rf"\A{message}"):
         find(name)
 
 
-def test_no_files_anywhere_is_told(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_data_files_are_reported(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("AMENT_PREFIX_PATH")
     with pytest.raises(InputError, match=r"\Anone of .* holds the files of biodyn; install it again\Z"):
         resources.subject_names()

@@ -345,7 +345,7 @@ def test_measured_is_seen_under_a_prediction_that_equals_it_and_no_label_lies_on
                     assert beside, (text, width)
 
 
-def test_without_the_token_one_may_look_but_not_touch(graph, browser):
+def test_without_the_token_the_page_is_read_only(graph, browser):
     port = free_port()
     with child(graph, "page", "--node", "/nobody", "--page-port", str(port)):
         reached(browser, f"http://127.0.0.1:{port}/")

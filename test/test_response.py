@@ -134,7 +134,7 @@ def test_one_segment_has_no_significance():
     assert not (found.coherence > found.chance_coherence).any()
 
 
-def test_overlapping_segments_are_worth_less():
+def test_overlapping_segments_have_fewer_degrees_of_freedom():
     # Hann windows half a length apart have a sixth of their energy in common: n / (1 + 2 / 36) for many.
     many = cross_spectra([(noise(400.0, 1), noise(400.0, 2)[:, None])], RATE_HZ)
     assert many.segments[0] == 399
@@ -184,7 +184,7 @@ def test_a_mask_of_the_input_counts_too():
         (lambda: common_rate_hz([1129.3, 500.0]), "records of 1129.3, 500 Hz cannot share spectra"),
     ],
 )
-def test_what_cannot_be_estimated_is_refused_in_one_line(call, said):
+def test_invalid_spectra_are_refused_in_one_line(call, said):
     with pytest.raises(InputError, match=said):
         call()
 

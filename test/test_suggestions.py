@@ -117,7 +117,7 @@ def test_sensors_and_topics_of_map(tmp_path: Path) -> None:
         check_given(reader, {"seat": "imu/seat/dat"})
 
 
-def test_files_that_are_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_files_have_suggestions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("road_1.mcap", "anna.yaml", "limits.yaml", "seat.csv"):
         (tmp_path / name).touch()

@@ -49,7 +49,7 @@ def missed(recording: Recording) -> float:
     return float(np.nanstd(recording.measured_mps2[:, HEAD] - recording.seat_mps2))
 
 
-def test_a_leaning_sensor_reads_the_true_vertical() -> None:
+def test_a_tilted_sensor_gives_the_true_vertical() -> None:
     assert missed(recorded(keep_lean=True)) > 0.3
     assert missed(recorded()) < 0.003
     assert missed(recorded(lambda rates: rates + 0.02)) < 0.003  # a bias is told at rest
@@ -71,7 +71,7 @@ def test_a_small_gap_of_the_gyro_is_interpolated() -> None:
     assert any("head: its gyro has a gap of 0.3 s" in line for line in late.warnings)
 
 
-def test_behind_a_short_break_of_a_sensor_its_lean_goes_on_and_a_longer_one_is_named() -> None:
+def test_tilt_continues_across_a_short_break_and_a_longer_one_is_reported() -> None:
     time_s, true, force, rates = swaying(15.0)
     stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
     still = true * np.array([0.0, 0.0, 1.0]) + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2])
@@ -127,13 +127,13 @@ def test_one_gyro_in_another_unit_disables_all() -> None:
     np.testing.assert_allclose(found.measured_mps2, recorded(keep_lean=True).measured_mps2, atol=1e-9)
 
 
-def test_without_a_gyro_nothing_is_said() -> None:
+def test_without_a_gyro_no_tilt_is_reported() -> None:
     found = recorded(np.zeros_like)
     np.testing.assert_array_equal(found.measured_mps2, recorded(keep_lean=True).measured_mps2)
     assert not any("gyro" in line or "rates" in line for line in found.warnings)
 
 
-def test_how_far_it_leans_on_the_mean_is_said_in_the_axes_of_its_channels() -> None:
+def test_the_mean_tilt_is_given_in_the_axes_of_the_channels() -> None:
     """By definition: of a motion along x it would have read so much as vertical. To and fro is no lean."""
     time_s, true, *_ = swaying(0.0)
     turned = Rotation.from_euler("y", np.deg2rad(6.0) * np.clip(time_s - 1.5, 0.0, 0.5)[:, None] / 0.5) * MOUNTED
@@ -163,7 +163,7 @@ def test_a_steady_turn_is_followed_exactly() -> None:
     np.testing.assert_allclose(up, expected, atol=1e-12)
 
 
-def test_a_bias_does_not_add_up_for_ever() -> None:
+def test_a_bias_of_the_gyro_does_not_accumulate() -> None:
     """At rest for ten minutes with a wrong bias of 0.0003 rad/s: 10 deg without the pull, 60 s of it with."""
     rest, rates = np.zeros((60_000, 3)), np.tile([0.0003, 0.0, 0.0], (60_000, 1))
     up = estimated_attitude(rest, rates, 100.0, STANDARD_GRAVITY_MPS2)
@@ -172,7 +172,7 @@ def test_a_bias_does_not_add_up_for_ever() -> None:
     assert leaned_rad == pytest.approx(0.0003 * 60.0, rel=0.01)
 
 
-def test_a_lean_beyond_anybodys_is_refused() -> None:
+def test_an_implausible_tilt_is_refused() -> None:
     rates = np.tile([0.0, 0.5, 0.0], (500, 1))
     with pytest.raises(ValueError, match="impossible for a seated person"):
         estimated_attitude(np.zeros((500, 3)), rates, 100.0, STANDARD_GRAVITY_MPS2)
