@@ -1,4 +1,4 @@
-"""What tests expect of others in words: a refusal in one line, and something that happens before long."""
+"""Expectations of tests: a refusal in one line, and a condition that becomes true within a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bags that are cut, damaged, hostile, in parts, or none: what is whole is read, and the rest is told."""
+"""Bags that are cut, damaged, hostile, split or invalid: intact parts are read, and the rest is reported."""
 
 from __future__ import annotations
 

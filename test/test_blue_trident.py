@@ -194,7 +194,7 @@ def test_a_valid_limit_of_a_bag_is_applied(said: str, clipped: int, tmp_path: Pa
         writer.write(INPUT["seat"], stamps, encode_imu(stamps, accel, None, "seat"))
         writer.add_metadata("biodyn", {"saturation_mps2": said})
     assert info(tmp_path / "b.mcap")["topics"][0]["clipped"] == clipped
-    # A bag whose topic is another sensor here keeps its own limit.
+    # With the topic mapped to another sensor, the limit of the bag applies to that sensor.
     renamed = ReadingOptions({"head": INPUT["seat"]})
     assert info(tmp_path / "b.mcap", renamed)["topics"][0]["clipped"] == clipped
 
@@ -224,7 +224,7 @@ def test_only_the_sensor_without_high_g_is_flagged(tmp_path: Path) -> None:
 
 
 def test_a_shock_missing_from_high_g_leaves_its_sensor_clipped(tmp_path: Path) -> None:
-    """Of two shocks one lies in a loss of high-g: the sensor keeps the usual limit, so that none is overlooked."""
+    """One of two shocks lies in a loss of high-g: the sensor has the default limit, so that both shocks count."""
     low = capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((3.0, 4.5)), seed=4)
     high = low.with_name(low.name.replace("lowg", "highg"))
     lines = high.read_text().splitlines()
@@ -342,7 +342,7 @@ def test_a_start_sets_the_first_row_s_time(tmp_path: Path) -> None:
 def test_zeros_are_dropped_or_left_as_gaps_and_counted(tmp_path: Path) -> None:
     values = still(500)
     values[:40] = values[200:230] = values[460:] = 0.0
-    # What the resampler makes of the rows beside them.
+    # The resampler changes the adjacent rows.
     values[40], values[199], values[459] = 0.4 * values[40], 0.9 * values[199], 0.5 * values[459]
     file = tmp_path / "t.csv"
     file.write_text(nexus_text({"TS-01902": values, "TS-01874": still(500, seed=2)}))

@@ -1,4 +1,4 @@
-"""Which files are imported and which are not: refusals in one line, damage, the command, and real exports of Nexus."""
+"""Import of files: refusals in one line, damage, the command, and real exports of Nexus."""
 
 from __future__ import annotations
 
@@ -321,7 +321,7 @@ def test_a_real_export_of_nexus(name: str, shared_data: Path, tmp_path: Path) ->
         size = np.linalg.norm(gyro, axis=1)
         assert 9.6 < np.median(np.linalg.norm(accel[size < np.quantile(size, 0.1)], axis=1)) < 9.95
         check_gyro(stamps, gyro, np.deg2rad(raw[:, 9:12]))
-    # An arm that moves from the first second on, for eight seconds, is not at rest within the usual patience.
+    # An arm that moves from the first second on, for eight seconds, is not at rest within the default patience.
     soon = ConditioningSettings(rest_patience_s=3.0)
     seen = info(bag, ReadingOptions(conditioning=soon))
     assert [row["sensor"] for row in seen["topics"]] == list(expected) and seen["replay"]["refusal"] is None

@@ -1,4 +1,4 @@
-"""Channels beside the vertical: known motions of any mounting, masks, gyros with gaps or none, and a foreign world."""
+"""Further channels: known motions of any mounting, masks, gyros with gaps or none, and an independent simulation."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from biodyn_ros.reading.seat_motion import read_seat_motion
 
 Floats = NDArray[np.float64]
 REACH = round(0.0288 * RATE_HZ)
-"""What the low-pass reaches to either side."""
+"""Reach of the low-pass to either side."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """What one sensor sends: stamps (n,) ns, specific force (n, 3) m/s^2, angular rates (n, 3) rad/s or none."""
+    """The data of one sensor: stamps (n,) ns, specific force (n, 3) m/s^2, angular rates (n, 3) rad/s or none."""
 
     stamps_ns: NDArray[np.int64]
     accel_mps2: Floats
@@ -179,7 +179,7 @@ def test_an_upside_down_sensor_keeps_its_axes_where_the_smallest_rotation_does_n
 
 
 def test_a_lasting_turn_is_not_removed_as_bias() -> None:
-    """What is taken off is the reading at rest, so a bend stays a bend."""
+    """The reading at rest is subtracted, so a lasting turn remains."""
     bend = angle(0.0, 1.0)(TIME_S) + 0.2 * np.clip((TIME_S - 1.5) / 0.5, 0.0, 1.0)
     stream = mounted(turned("ZX", 20.0, 5.0), bias_radps=0.03)
     rates = stream.rates_radps + (turned("ZX", 20.0, 5.0) @ [0.0, 0.0, 1.0]) * bend[:, None]
@@ -431,7 +431,7 @@ def test_rates_that_do_not_fit_their_samples_are_refused() -> None:
 
 
 def bag_of(path: Path, streams: Streams, without_gyro: str = "") -> Path:
-    """Streams as a bag; one sensor's covariance says that it has no gyro, whatever its numbers are."""
+    """Streams as a bag; the covariance of one sensor marks a missing gyro, for any values."""
     with BagWriter(path) as writer:
         for name, stream in streams.items():
             payload = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.rates_radps, "imu")

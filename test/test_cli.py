@@ -297,7 +297,7 @@ def gathered(path: Path) -> dict[str, np.ndarray]:
 
 @cache
 def replayed_road() -> dict[str, Any]:
-    """What two seconds of road give without a bag in between."""
+    """The figures of two seconds of road without a bag in between."""
     streams = imu_streams(
         subject(), motion_of_cases(["road"], 2.0, 0), np.random.default_rng([0, 1]), start_ns=START_NS
     )

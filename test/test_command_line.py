@@ -1,4 +1,4 @@
-"""What a person meets at the prompt: help that fits, examples that run, errors that say what next, completion."""
+"""The command line: help that fits, examples that run, errors with a remedy, completion."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    """What a command ends with, prints and complains of."""
+    """Exit code, output and errors of a command."""
     code = 0
     try:
         code = main(list(arguments))
@@ -293,7 +293,7 @@ for arguments in json.loads(sys.argv[1]):
 
 
 def loaded_by(*commands: list[str]) -> dict[str, set[str]]:
-    """What each of several commands loads, one after the other in one process; errors of one line are left out."""
+    """The modules that each command loads, in turn in one process; errors of one line are left out."""
     words = [sys.executable, "-c", LOADED_BY, json.dumps(commands)]
     ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
     lines = [json.loads(line) for line in ended.stderr.splitlines() if line.startswith("[[")]

@@ -54,7 +54,7 @@ MARKED_FROM = 1200
 
 
 def marked(count: int = COUNT) -> np.ndarray:
-    """Readings (n, 3) at rest whose first axis counts samples once rest is over, so that each tells which it is."""
+    """Readings (n, 3) at rest whose first axis counts samples once rest is over, so that each identifies itself."""
     samples = np.tile(STILL[0], (count, 1))
     samples[:, 0] = 1e-3 * np.maximum(np.arange(count) - MARKED_FROM, 0)
     return samples
@@ -67,11 +67,11 @@ INDEX = np.arange(COUNT)
 def off_s(found: Conditioned, stamps_ns: np.ndarray, rate_hz: float = RATE_HZ) -> np.ndarray:
     """Smoothed time less the time at which each sample, interpolated ones too, was really taken."""
     marks = found.levelled[:, 0] / 1e-3
-    told = marks > 100.0  # what lies between a sample that is marked and one that is not tells nothing
-    assert (np.diff(marks[told]) > 0.0).all()  # in the true order
+    marked = marks > 100.0  # samples interpolated between marked and unmarked ones carry no number
+    assert (np.diff(marks[marked]) > 0.0).all()  # in the true order
     begins_s = (stamps_ns[0] - START_NS) * 1e-9  # inside, time counts from the first stamp
-    taken_s = (marks[told] + MARKED_FROM) / rate_hz
-    return found.time_s[told] + found.status.filter_delay_s + begins_s - taken_s
+    taken_s = (marks[marked] + MARKED_FROM) / rate_hz
+    return found.time_s[marked] + found.status.filter_delay_s + begins_s - taken_s
 
 
 def in_bursts(count: int = COUNT, many: int = 20) -> np.ndarray:
@@ -106,7 +106,7 @@ def test_time_is_recovered_from_any_clock(clock):
     found = Conditioned(stamps_ns, MARKED)
     status = found.status
     assert status.rejected == status.filled == 0 and status.runs == 1
-    # Where single stamps tell nothing of a lost sample it is said; coarse ones tell by how many share one.
+    # Lost samples that single stamps cannot show are reported; coarse stamps show them by the number that share one.
     assert bool(status.warnings) is (clock in ("bursts", "jitter 0.5 ms", "jitter 5 ms"))
     assert all("jitter" in warning for warning in status.warnings)
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=20e-6)
@@ -148,7 +148,7 @@ def test_late_callbacks_lose_and_add_no_samples(delay_ms):
     assert found.status.rejected == found.status.filled < 1e-4 * COUNT and found.status.runs == 1
     mean_s = float((stamps_ns - stamps(COUNT)).mean()) * 1e-9
     far_s = np.abs(off_s(found, stamps_ns) - mean_s)
-    # Of two with one stamp the second is late where the clock is that good: the first stands in its place.
+    # Of two samples with one stamp the second is late if the clock is accurate: the first has its place.
     assert (far_s > 0.27e-3 * delay_ms).sum() <= 2 * found.status.late and far_s.max() < 1.05 / RATE_HZ
 
 
@@ -241,7 +241,7 @@ def test_a_stream_all_out_of_order_is_never_taken_for_one_that_jitters(within_s)
     order = np.argsort(INDEX / RATE_HZ + np.random.default_rng(7).uniform(0.0, within_s, COUNT), kind="stable")
     found = Conditioned(stamps(COUNT)[order], MARKED[order])
     status = found.status
-    # What is used is used in the true order (which `off_s` asserts) and at the true time; the rest is told.
+    # Used samples have the true order (`off_s` asserts it) and the true time; the others are reported.
     assert np.abs(off_s(found, stamps(COUNT)[order])).max() < 1e-4
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
     assert status.rejected > 0.1 * COUNT and status.filled == pytest.approx(status.rejected, rel=0.05)
@@ -299,7 +299,7 @@ def test_thirty_stamps_in_a_row_confirm_a_leap_and_its_return(clock, sign, leap_
     # Nothing was missing, but that each run begins with a stamp that jitters as they do.
     assert status.gap_s == pytest.approx(0.0, abs=0.03) and status.recorded_s == pytest.approx(30.1, abs=0.05)
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=50e-6)
-    # Before it returned, nobody could know.
+    # Before its return the leap is not known.
     unreturned = Conditioned(stamps_ns[:9030], MARKED[:9030]).status
     assert unreturned.gap_s == pytest.approx(leap_ns * 1e-9 if sign > 0 else 0.0, abs=0.02)
 

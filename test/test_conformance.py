@@ -1,4 +1,4 @@
-"""The conformance page: it is whole, nothing in it fails, and a part of it, measured anew, still says the same."""
+"""The conformance page: it is complete, nothing in it fails, and a part measured again gives the same figures."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def test_hic_of_a_half_sine_is_that_of_brute_force() -> None:
         assert injury.hic_of_half_sine(40.0, 0.02, window_s) == pytest.approx(wanted, rel=1e-4)
 
 
-# --- measured anew ---------------------------------------------------------------------------------------------------
+# --- measured again --------------------------------------------------------------------------------------------------
 
 
 def test_weightings_are_as_printed() -> None:

@@ -1,4 +1,4 @@
-"""The demo as somebody runs it: what the live node says is what the replay says, though the machine holds it up."""
+"""The demo as a user runs it: the live node and the replay give the same figures, also on a busy machine."""
 
 from __future__ import annotations
 

@@ -255,7 +255,7 @@ def test_a_mass_on_a_stiff_liner_is_a_heavier_segment() -> None:
 
 
 def test_organs_have_a_lower_frequency_than_a_liner() -> None:
-    """Both are a mass on a spring: at one frequency nothing would tell them apart."""
+    """Both are a mass on a spring: at one frequency they are indistinguishable."""
     organ, liner = (next(p for p in CATALOGUE[name].parameters if p.unit == "Hz") for name in ("viscera", "added_mass"))
     assert organ.upper < liner.lower
 
@@ -496,7 +496,7 @@ def test_a_bad_effect_is_one_line(effects: str, said: str, tmp_path) -> None:
 
 
 def test_predictions_sample_by_sample_carry_an_effect() -> None:
-    """What the node and replay run: residuals of a person whom the seat cannot hold down, knowing of it or not."""
+    """Residuals of a person who lifts off, by the pipeline of node and replay, with and without the effect."""
     lifting = with_effects(applied("lift_off"), applied("relaxation", "lower_torso", stiffness_ratio=0.8))
     motion = load_case("rail", 4.0, np.random.default_rng(2))
     still = SensorSettings(clock_offset_ms=0.0, clock_drift_ppm=0.0)

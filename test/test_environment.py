@@ -105,7 +105,7 @@ def test_this_session_runs_in_a_held_domain() -> None:
 
 
 def test_a_wrapped_command_starts_clean_and_keeps_its_domain_while_it_lives(tmp_path: Path) -> None:
-    # Not Python, which would set LD_LIBRARY_PATH anew where ROS comes as wheels.
+    # Not Python, which sets LD_LIBRARY_PATH again if ROS is installed as wheels.
     with start("sh", "-c", "env && echo ready=1 && read line", TMPDIR=str(tmp_path)) as process:
         assert process.stdout is not None
         lines = list(iter(process.stdout.readline, "ready=1\n"))

@@ -41,7 +41,7 @@ def swaying(seconds: float, size: float = 3.0, seed: int = 0, still: tuple[float
 
 
 def searched(samples: np.ndarray, cuts=(), stamps_ns=None, **settings_: float) -> Gravity | None:
-    """What a search of the record finds."""
+    """The result of a search of the record."""
     search = gravity_search(ConditioningSettings(**settings_), None)
     stamps_ns = stamps(len(samples)) if stamps_ns is None else stamps_ns
     for part in zip(np.split(stamps_ns, cuts), np.split(samples, cuts), strict=True):
@@ -169,7 +169,7 @@ def test_unusable_samples_at_the_begin_shift_no_clock():
     samples[:20] = np.nan
     found = Conditioned(stamps(len(samples)), samples, gravity=Gravity((0.0, 0.0, G), "motion"))
     assert np.isfinite(found.low_passed).all() and found.status.filled == 0
-    # Even stamps: every sample lies where its own stamp says, from the first one on.
+    # Even stamps: every sample lies at its own stamp, from the first one.
     at = (found.stamps_ns - START_NS) * 1e-9 + found.conditioner.delay_s
     np.testing.assert_allclose(at, np.arange(20, len(samples)) / RATE_HZ, atol=1e-6)
     np.testing.assert_allclose(np.diff(found.time_s), 1.0 / RATE_HZ, rtol=1e-3)

@@ -47,7 +47,7 @@ NEEDS_ROS = {
     "node.subscriptions",
     "play.player",
 }
-"""What of biodyn_ros reaches ROS; all else works where there is none."""
+"""The modules of biodyn_ros that import ROS; all others work without it."""
 
 ROS = {
     "rclpy",
@@ -92,7 +92,7 @@ def imported(name: str, tree: ast.Module, known: dict[str, ast.Module], is_packa
 
 
 def graph(root: Path, package: str) -> dict[str, set[str]]:
-    """What each module of a package imports."""
+    """The imports of each module of a package."""
     known = modules(root, package)
     return {
         name: set(imported(name, tree, known, (root / Path(*name.split("."))).is_dir())) - {name}
@@ -107,7 +107,7 @@ def place(module: str) -> int | None:
 
 
 def core_faults(root: Path) -> list[str]:
-    """What breaks a rule in `biodyn_core`, a line each."""
+    """Violations of a rule in `biodyn_core`, one line each."""
     imports = graph(root, "biodyn_core")
     faults = []
     for name, targets in imports.items():
@@ -138,7 +138,7 @@ def reaches_down(name: str, target: str) -> bool:
 
 
 def ros_faults(root: Path, needs_ros: set[str] = NEEDS_ROS) -> list[str]:
-    """Where a module that must run without ROS reaches it, itself or through another of its package."""
+    """Imports of ROS, direct or indirect, in modules that must run without it."""
     imports = graph(root, "biodyn_ros")
     faults = []
     for start in imports:
@@ -155,7 +155,7 @@ def ros_faults(root: Path, needs_ros: set[str] = NEEDS_ROS) -> list[str]:
 
 
 def rooms(root: Path) -> dict[str, set[str]]:
-    """Which rooms of biodyn_ros, packages or modules of their own, each of them imports from."""
+    """Imports between the packages and top-level modules of biodyn_ros."""
     found: dict[str, set[str]] = {}
     for name, targets in graph(root, "biodyn_ros").items():
         room = name.partition(".")[2].partition(".")[0]

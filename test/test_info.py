@@ -48,7 +48,7 @@ def still(
 
 
 def write(path: Path, streams: dict[str, Stream]) -> Path:
-    """A bag of Imu topics by name; a sensor's own name stands for its usual topic."""
+    """A bag of Imu topics by name; the name of a sensor means its default topic."""
     with BagWriter(path) as writer:
         for name in streams:
             writer.add_topic(topics.INPUT.get(name, name), IMU_TYPE)
@@ -133,7 +133,7 @@ def test_json_on_stdout_and_a_table_for_people(capsys: pytest.CaptureFixture[str
     assert_listed("info", document)
     assert [row["sensor"] for row in document["topics"]] == list(SENSORS)
     assert document["replay"] == {"refusal": None, "sensors": list(SENSORS), "missing": [], "faults": []}
-    # Its log times were made from the stamps, and so tell nothing: no figure is better than a perfect one.
+    # Its log times are copies of the stamps, so they give no figure.
     assert {row["clock_ppm"] for row in document["topics"]} == {None}
     assert any("log times repeat the header stamps" in line for line in document["warnings"])
     assert main(["info", bag]) == 0

@@ -62,7 +62,7 @@ def answers(name: str, kind: str) -> list[np.ndarray]:
 
 def _follow_up(kind: str) -> list:
     rates, force = given(kind, 3), given(kind, 6)[:, 3:].copy()
-    if not len(rates):  # whoever calls has a sample
+    if not len(rates):  # callers have a sample
         rates = force = np.zeros((1, 3))
     return [rates, force, 1e-3, 0.01, np.tile([0.0, 0.6, 0.8], (len(rates), 1))]
 
@@ -287,7 +287,7 @@ def bare(monkeypatch, tmp_path):
 
 @pytest.fixture
 def closed(tmp_path):
-    """A path below which nobody can write, not even root: its parent is a file."""
+    """A path that is not writable even for root: its parent is a file."""
     (tmp_path / "file").write_text("", encoding="utf-8")
     return str(tmp_path / "file" / "below")
 

@@ -45,7 +45,7 @@ def relative_error(found: np.ndarray, wanted: np.ndarray) -> float:
 
 
 def twin(subject: Subject, seat: np.ndarray, rate_hz: float) -> np.ndarray:
-    """What DOP853 answers for the same body."""
+    """The response of the same body by DOP853."""
     return naive.chain_response(subject.parameters.vector(), subject.body_mass_kg, subject.mass_matrix, seat, rate_hz)
 
 
@@ -313,7 +313,7 @@ TOO_COARSE = {
 
 
 def transient_error(name: str, case: str, finer: int = 1) -> float:
-    """The error of `simulate` against DOP853, its steps `finer` times shorter and the seat's straight lines kept."""
+    """The error of `simulate` against DOP853, its steps `finer` times shorter and the seat linear between samples."""
     subject, seat = shipped(name), TRANSIENTS[case]
     assert subject.parameters.stiffening_scale > 0.2  # nonlinear
     between = np.arange((seat.size - 1) * finer + 1) / finer

@@ -53,12 +53,12 @@ class Installed:
     setup: str
 
     def run(self, command: str, cwd: Path) -> str:
-        """What a command prints in a shell that knows the installation and nothing else."""
+        """Output of a command in a shell with the installation alone."""
         return run(["bash", "-c", f"{self.setup}\n{command}"], cwd)
 
 
 def run(command: list[str], cwd: Path, **more: str) -> str:
-    """What a command prints, in a clean environment; its errors when it fails."""
+    """Output of a command in a clean environment; its errors if it fails."""
     environment = {**clean_environment(os.environ), "PIP_NO_INPUT": "1", **more}
     done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{shlex.join(command)}\n{done.stdout}\n{done.stderr}"
@@ -66,7 +66,7 @@ def run(command: list[str], cwd: Path, **more: str) -> str:
 
 
 def copy_of_the_tree(target: Path) -> Path:
-    """What a clone would hold, changes not yet committed included."""
+    """The files of a clone, with uncommitted changes."""
     listed = run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], ROOT)
     for name in filter(None, listed.split("\0")):
         if (ROOT / name).is_file():
@@ -78,7 +78,7 @@ def copy_of_the_tree(target: Path) -> Path:
 def colcon(tmp_path: Path, *options: str) -> Installed:
     """The tree built with colcon in a workspace of its own."""
     tree = copy_of_the_tree(tmp_path / "src" / "biodyn")
-    # The interpreter that runs colcon is the one in the executables. A home of its own keeps a user's defaults out.
+    # The interpreter that runs colcon is the one in the executables. Its own home excludes a user's defaults.
     build = [sys.executable, "-m", "colcon", "build", "--base-paths", str(tree), *options]
     run(build, tmp_path, COLCON_HOME=str(tmp_path / "home"))
     prefix = tmp_path / "install" / "biodyn_ros"
@@ -201,7 +201,7 @@ def test_entry_points_name_functions_that_exist(tmp_path: Path) -> None:
 
 
 class Said:
-    """What the launch file says about an action or a substitution; LaunchConfiguration answers from a dict."""
+    """An action or a substitution of the launch file; LaunchConfiguration reads from a dict."""
 
     def __init__(self, *places: object, **words: object) -> None:
         self.places, self.words = places, words
@@ -222,12 +222,12 @@ def load(monkeypatch: pytest.MonkeyPatch) -> Loader:
 
 @pytest.fixture
 def launch(load: Loader) -> dict[str, Callable[..., list[Said]]]:
-    """What the launch file of the live node defines."""
+    """The definitions of the launch file of the live node."""
     return load("biodyn.launch.py")
 
 
 def loaded(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..., list[Said]]]:
-    """What a launch file defines, with every import of it replaced."""
+    """The definitions of a launch file, with every import of it replaced."""
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             assert node.module.split(".")[0] in {"launch", "launch_ros"}

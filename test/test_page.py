@@ -45,7 +45,7 @@ class Served:
         self.port, self.hub, self.feed, self.server = port, hub, feed, server
 
     def url(self, path: str = "/") -> str:
-        """Where it is."""
+        """The address of a path of the page."""
         return f"http://127.0.0.1:{self.port}{path}"
 
 
@@ -253,7 +253,7 @@ def test_nothing_else_is_served(path):
 
 
 async def response_to(port: int, sent: bytes) -> str:
-    """What comes back first for these bytes."""
+    """The beginning of the response to these bytes."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
         writer.write(sent)
@@ -305,7 +305,7 @@ def test_an_idle_connection_is_closed(monkeypatch):
 
 
 async def ends(reader: asyncio.StreamReader) -> bool:
-    """Whether a connection ends within a second, without anything having been said on it."""
+    """Whether a connection without data ends within a second."""
     try:
         return await asyncio.wait_for(reader.read(1), 1.0) == b""
     except ConnectionError:

@@ -1,4 +1,4 @@
-"""What a trace keeps of its long parts."""
+"""The checkpoint of the long parts of a trace."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ def test_parts_are_read_back_to_the_bit(tmp_path: Path) -> None:
 
 
 def test_fresh_replaces_stored_parts_with_its_first_part(tmp_path: Path) -> None:
-    """Not before: a bag that is misspelt costs nobody the hours of an earlier trace."""
+    """Not before: a misspelt bag does not delete the results of an earlier trace."""
     path = tmp_path / "out.kept.json"
     PartStore(path)["theta a"] = [1.0]
     fresh = PartStore(path, fresh=True)

@@ -99,7 +99,7 @@ def test_the_regularisation_of_the_paper_biases_its_result() -> None:
     )
     assert pull > 0.1 * fit.refined.objective > 0.0
     assert fit.clock_delays_s.size == 0 and fit.settings.free.all()
-    # Nothing but the pull speaks of m_scale, and it says 1.
+    # Only the regularisation determines m_scale: it pulls it to 1.
     assert found[14] == pytest.approx(1.0, abs=0.02)
 
 

@@ -28,7 +28,7 @@ from biodyn_ros.reports.exposure_json import exposure_document
 
 @cache
 def uncut() -> Run:
-    """The noisy streams in blocks of the usual size; nobody changes it."""
+    """The noisy streams in blocks of the default size; read-only."""
     return run(noisy_streams(), in_turn(noisy_streams()))
 
 
@@ -109,7 +109,7 @@ def test_a_dead_sensor_leaves_nan_and_nothing_else_changes() -> None:
     np.testing.assert_array_equal(dead.measured_ns, whole.measured_ns)
     others = [column for column, name in enumerate(SENSORS) if name != "neck"]
     np.testing.assert_array_equal(dead.measured[:, others], whole.measured[:, others])
-    # What was not recorded is missing, though no later sample of the sensor ever said so.
+    # Unrecorded time is missing although no later sample of the sensor shows the gap.
     missing_s = (len(streams[4].stamps_ns) - 1960) / 1129.3
     assert dead.pipeline.losses("neck").missing_s == pytest.approx(missing_s, abs=0.01)
     assert dead.pipeline.losses("neck").lower_bound

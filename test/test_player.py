@@ -1,4 +1,4 @@
-"""The player over real DDS: every message, in order, with stamps kept or moved, at the pace asked for."""
+"""The player over real DDS: every message, in order, with stamps kept or moved, at the requested rate."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def test_laps_follow_each_other_after_one_period(graph: Graph, uneven_bag: Path,
 
 
 def test_laps_have_the_length_of_log_time_without_usable_stamps() -> None:
-    for stamps in ([0, 0, 0, 0], [0, 1, 2, 10**13]):  # never set; set anew on the way
+    for stamps in ([0, 0, 0, 0], [0, 1, 2, 10**13]):  # never set; set again on the way
         lap = Lap(frozenset({"imu"}))
         for place, stamp_ns in enumerate(stamps):
             lap.note("imu", START_NS + 700_000_000 * place, stamp_ns)

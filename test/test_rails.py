@@ -31,7 +31,7 @@ from biodyn_ros.replay.replaying import replay
 Floats = NDArray[np.float64]
 
 TWO_G = 19.6
-"""Where a sensor of 2 g ends."""
+"""The limit of a sensor of 2 g."""
 
 TWO_G_STEP = TWO_G / 2**15
 
@@ -53,13 +53,13 @@ def motion(seed: int, seconds: float, rate_hz: float, rms_mps2: float, up_to_hz:
 
 
 def read_by_sensor(accel: Floats, step_mps2: float, range_mps2: float = np.inf) -> Floats:
-    """What a sensor of this step and range reads."""
+    """The readings of a sensor of this step and range."""
     limit = np.floor(range_mps2 / step_mps2)
     return np.clip(np.rint(accel / step_mps2), -limit, limit) * step_mps2
 
 
 def at_limit(samples: Floats, step_mps2: float, range_mps2: float) -> Floats:
-    """Which samples have an axis at the end of the range."""
+    """Whether each sample has an axis at the end of the range."""
     return (np.abs(samples) > (np.floor(range_mps2 / step_mps2) - 0.5) * step_mps2).any(axis=1)
 
 

@@ -38,7 +38,7 @@ from biodyn_ros.simulate import simulate_bag
 
 HEAD = MEASURED_SEGMENTS.index("head")
 REACH = round(0.0288 * RATE_HZ)
-"""What the low-pass reaches to either side: ln 1000 over its slowest pole, 240.5 1/s for 100 Hz."""
+"""Reach of the low-pass to either side: ln 1000 over its slowest pole, 240.5 1/s for 100 Hz."""
 
 
 def recorded(streams, **settings) -> list[Recording]:

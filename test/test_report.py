@@ -1,4 +1,4 @@
-"""The replay's page: what it says, that it says it safely, and that its traces are those of the whole record."""
+"""The replay's page: its contents, its escaping, and its traces, which are those of the whole record."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def ratios(axis: str = "z", crest: float | None = 7.25, mtvv: float | None = 1.3
 
 
 def document() -> dict[str, object]:
-    """What exposure_document makes of a quiet recording without fault."""
+    """The document of a quiet recording without fault."""
     return {
         "bag": "rail.mcap",
         "subject": "subject_1",

@@ -101,7 +101,7 @@ def test_a_known_filter_is_found_within_its_statistical_error():
     assert tells.sum() > 20
     assert np.median(np.median(said, axis=0)[tells] / theory[tells]) == pytest.approx(1.0, abs=0.1)
     for seen in (errors, phases):
-        # 40 draws tell an rms to 11 % at one frequency, the median over them to less.
+        # 40 draws give an rms within 11 % at one frequency, and the median over frequencies within less.
         assert np.median(np.sqrt(np.mean(np.square(seen), axis=0))[tells] / theory[tells]) == pytest.approx(
             1.0, abs=0.1
         )

@@ -32,7 +32,7 @@ def test_the_policy_allows_what_the_node_uses_and_no_more() -> None:
             ("service", "reply"): tester.get_service_names_and_types_by_node,
         }
         for (kind, access), names_of in entities.items():
-            # A clock that somebody simulates is subscribed to on request.
+            # A simulated clock is subscribed to on request.
             asked = allowed(kind, access) - {"/clock"}
 
             def used(names_of=names_of) -> set[str]:

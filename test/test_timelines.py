@@ -43,7 +43,7 @@ def leapt(streams: Iterable[ImuStream], sensors: Iterable[str], by_ns: int, begi
 
 
 def without(streams: Iterable[ImuStream], sensors: Iterable[str], begin_s: float, end_s: float) -> list:
-    """The streams, some sensors' samples of a stretch never sent; what follows keeps its place in the record."""
+    """The streams without some sensors' samples of a stretch; later samples are unchanged."""
     found = []
     for one in streams:
         kept = np.ones(len(one.stamps_ns), dtype=bool)
@@ -62,7 +62,7 @@ def test_comparisons_continue_when_leapt_stamps_return(sensor: str, by_ns: int) 
     whole, same, _ = pushed(streams)
     late = slice(-int(2.0 * RATE_HZ), -50)
     assert np.isfinite(measured[late]).all()
-    np.testing.assert_allclose(measured[late], same[late], atol=2e-3)  # the clock is tracked anew, so not to the bit
+    np.testing.assert_allclose(measured[late], same[late], atol=2e-3)  # the clock is tracked again, so not to the bit
     assert pipeline.timelines.offset_s(sensor) == 0.0
     for name in SENSORS:
         assert pipeline.losses(name).missing_s == pytest.approx(whole.losses(name).missing_s, abs=0.05), name
@@ -102,7 +102,7 @@ def test_silence_after_a_set_clock_is_reported() -> None:
 
 
 def test_a_leap_of_the_last_sensor_left_is_a_pause() -> None:
-    """Nobody else tells whether its clock was set, so its gap counts: the figures are lower bounds."""
+    """No other sensor shows whether its clock was set, so its gap counts: the figures are lower bounds."""
     streams = leapt(noisy_streams(SECONDS), [SEAT], HOUR_NS, 6.0, 99.0)
     pipeline, *_ = pushed(without(streams, [name for name in SENSORS if name != SEAT], 2.0, 99.0))
     assert pipeline.losses(SEAT).missing_s == pytest.approx(3600.0, abs=0.1)

@@ -1,4 +1,4 @@
-"""Intervals that hold as often as they say, and calls that say what the data cannot tell."""
+"""Coverage of intervals, and the classification of parameters that the data do not identify."""
 
 import dataclasses
 
@@ -35,7 +35,7 @@ RESIDUALS_ALONE = UncertaintySettings(cross_axis=0.0)
 
 
 def fitted(subject: Subject, cases: list[Case], settings: FitSettings | None = None) -> Fit:
-    """What a fit that starts at the truth ends with; searches are another test's."""
+    """The result of a fit that starts at the truth; other tests check searches."""
     s = settings or FitSettings(lambda_2=0.0)
     truth = fitting.theta_of(subject)
     problem = TimeDomain(cases, subject, RegularizationTerm(truth, s.lambda_2, s.regularization), s.clocks)

@@ -34,7 +34,7 @@ def lag(name: str, rate_hz: float, frequency_hz: np.ndarray) -> np.ndarray:
 
 
 def third_octave(nominal_hz: float) -> float:
-    """The exact frequency, 10^(n/10), that a nominal one stands for."""
+    """The exact frequency, 10^(n/10), of a nominal one."""
     return 10.0 ** (round(10.0 * np.log10(nominal_hz)) / 10.0)
 
 
@@ -96,7 +96,7 @@ def test_the_analog_curve_is_the_formula_of_the_standard(name):
 
 
 # Plain bilinear sections would be wrong by 59, 40, 14, 3.4 and 2.65 % at the first five rates. What is left is phase
-# a sampled filter cannot have near its Nyquist frequency; Wj has no transition beside its low-pass to make up for it.
+# a sampled filter cannot have near its Nyquist frequency; Wj has no transition besides its low-pass to compensate.
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
     ("rate_hz", "share"),

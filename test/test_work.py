@@ -62,7 +62,7 @@ def identified(run):
 
 @pytest.fixture(scope="module")
 def reference():
-    """What comes out where all is done here, one after the other."""
+    """The results of all tasks in this process, in sequence."""
     return identified(Work().run("-"))
 
 
@@ -214,15 +214,15 @@ def test_a_resumed_fit_equals_an_uninterrupted_one(reference, tmp_path: Path, af
     before = len(Checkpoint(path, problem, resume=True).done)
     assert 0 < before <= after
     assert identified(Work(None, path, resume=True, monitor=listener(heard)).run(problem)) == reference
-    # Both stages are told from what is there to their end, in cases: 4 searches of one, and 2 of one, 2 of both and 2
-    # of one refined. A stage that is finished is not told of; each of the others is, before its first task.
+    # Both stages report progress from the checkpoint to the end, in cases: 4 searches of one; 2 of one, 2 of both and 2
+    # of one refined. A finished stage is not reported; each of the others is, before its first task.
     left = 4 + 6 - before
     assert len(heard) == left + len({what for what, _, _ in heard})
     assert heard[-1] == ("refine", 8, 8)
 
 
 def listener(heard: list, most: float = np.inf):
-    """A watch that writes down what it is told, and interrupts when it has heard enough."""
+    """A monitor that records its calls, and interrupts after `most` of them."""
 
     @contextlib.contextmanager
     def watch(what: str):
@@ -384,7 +384,7 @@ def test_resume_without_a_checkpoint_starts_the_work(tmp_path: Path) -> None:
 
 
 class Terminal(io.StringIO):
-    """A stream that somebody watches."""
+    """A stream of a terminal."""
 
     def isatty(self) -> bool:
         """Yes."""
@@ -404,7 +404,7 @@ def test_progress_shows_percent_and_the_time_of_completion(monkeypatch) -> None:
     monkeypatch.setattr(time, "time", lambda: now[0])
     stream = Terminal()
     with Progress("fitting", stream) as progress:
-        # Half of it was done before, which says nothing of how long the rest takes.
+        # Half of it was done before, which does not count for the remaining time.
         for seconds, done in ((0.0, 50), (10.0, 60), (0.1, 60), (2.0, 60), (28.0, 100), (5.0, 100)):
             now[0] += seconds
             progress(done, 100)

@@ -233,7 +233,7 @@ def test_a_drawn_subject_is_recovered(recovered: Judged) -> None:
     assert recovered.ratio.max() < 1.3
     assert recovered.called and joints_off(recovered.ours) < 0.03
     assert recovered.inside.sum() >= 11
-    # The central torso is predicted though nobody measured it.
+    # The central torso is predicted though it is not measured.
     assert recovered.ours.unseen_percent.shape == (1, 6) and recovered.apart_percent[:, 2].max() < 2.0
 
 

@@ -1,4 +1,4 @@
-"""What the other world can hide: each foreign form against its own law, and sittings, bags and background."""
+"""The independent simulation of effects: each form against its own law, and sittings, bags and background."""
 
 import ast
 import dataclasses
@@ -80,7 +80,7 @@ def moment(stretch: float = 0.0, rate: float = 0.0, count: int = 1) -> Moment:
 
 
 def tension(effect: Effect, stretch: float, rate: float = 0.0, own: np.ndarray | None = None) -> float:
-    """What an effect makes its joint pull, N."""
+    """Force of an effect in its joint, N."""
     now = moment(stretch, rate)
     effect.act(now, np.zeros((1, effect.states)) if own is None else own)
     return float(-now.up_n[0, effect.site])
@@ -524,7 +524,7 @@ def test_tilts_gains_clocks_and_ranges(no_rest: None) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fixed(Effect):
-    """A sensor that leans as it is told."""
+    """A sensor with a given tilt."""
 
     lean: np.ndarray
 
@@ -551,7 +551,7 @@ def test_second_elastic_forms_have_their_limits() -> None:
             assert tension(one, -one.gap * d) == pytest.approx(0.0, abs=1e-9 * k * d) and tension(one, d) == 0.0
             slope = (tension(one, -half + tiny) - tension(one, -half - tiny)) / (2 * tiny)
             assert slope == pytest.approx(e * k, rel=1e-3)
-        for s in np.linspace(-3 * d, 3 * d, 61):  # no jump, where a law goes on straight
+        for s in np.linspace(-3 * d, 3 * d, 61):  # no jump where a law continues linearly
             assert abs(tension(one, s + 1e-9 * d) - tension(one, s)) < 1e-6 * k * d
 
 

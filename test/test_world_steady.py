@@ -1,4 +1,4 @@
-"""What makes a body of the world run away is drawn otherwise, and never ends a draw."""
+"""Strengths that make a simulated body unstable are replaced and never end a draw."""
 
 import dataclasses
 
@@ -39,7 +39,7 @@ class Law:
 
 @dataclasses.dataclass(frozen=True)
 class Sat:
-    """A sitting that knows no more than what is asked of it here."""
+    """A sitting with the attributes needed here alone."""
 
     effects: tuple[Law, ...]
     ratio: float | None = None
@@ -57,7 +57,7 @@ class Seen:
         pass
 
     def ratios(self, sittings: list[Sat]) -> list[float]:
-        """As the class says."""
+        """As in the class."""
         return [np.inf if stiff(one) else one.effects[0].strength for one in sittings]
 
 
