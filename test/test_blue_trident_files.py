@@ -40,7 +40,7 @@ def place_of(directory: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("mapping", "take", "said"),
+    ("mapping", "take", "wanted"),
     [
         ({}, None, "no sensor is mapped; serials: TS-00001, TS-00002, TS-01874: use --map seat=TS-00001"),
         ({"seat": "TS-9"}, None, "--map seat=TS-9: no such serial; serials: TS-00001, TS-00002, TS-01874"),
@@ -54,12 +54,12 @@ def place_of(directory: Path) -> Path:
     ],
 )
 def test_invalid_input_is_refused_in_one_line(
-    mapping: dict[str, str], take: str | None, said: str, tmp_path: Path
+    mapping: dict[str, str], take: str | None, wanted: str, tmp_path: Path
 ) -> None:
     place = place_of(tmp_path / "csv")
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         imported(place, tmp_path / "b.mcap", mapping, take=take)
-    assert said in str(told.value) and "\n" not in str(told.value)
+    assert wanted in str(message.value) and "\n" not in str(message.value)
     assert [path.name for path in tmp_path.iterdir()] == ["csv"]
 
 
@@ -138,21 +138,21 @@ BROKEN: dict[str, tuple[bytes, str]] = {
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_file_is_one_line_and_leaves_no_bag(name: str, tmp_path: Path) -> None:
-    data, said = BROKEN[name]
+    data, wanted = BROKEN[name]
     file = tmp_path / "t.csv"
     file.write_bytes(data)
-    if not said:
+    if not wanted:
         document = imported(file, tmp_path / "b.mcap", {"seat": "TS-1"})
         assert document["sensors"]["seat"]["samples"] == 20 and document["files"][0]["ragged_rows"] == 1
         return
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         imported(file, tmp_path / "b.mcap", {"seat": "TS-1"})
-    assert said in str(told.value) and "\n" not in str(told.value) and len(str(told.value)) <= MAX_CHARACTERS
+    assert wanted in str(message.value) and "\n" not in str(message.value) and len(str(message.value)) <= MAX_CHARACTERS
     assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "wanted"),
     [
         ("ax_m/s/s", "ax_furlong", "have several units: ['furlong', 'm/s/s']"),
         ("az_m/s/s", "z", "no column az among unix_timestamp_microsec, time_s"),
@@ -160,12 +160,12 @@ def test_a_broken_file_is_one_line_and_leaves_no_bag(name: str, tmp_path: Path) 
         ("deg/s", "rpm", "unit 'rpm' is unknown; known units: deg/s"),
     ],
 )
-def test_an_unknown_header_of_capture_u_is_refused(old: str, new: str, said: str, tmp_path: Path) -> None:
+def test_an_unknown_header_of_capture_u_is_refused(old: str, new: str, wanted: str, tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock(), 0.5, None)
     low.write_text(low.read_text().replace(old, new))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
-    assert said in str(told.value)
+    assert wanted in str(message.value)
     with pytest.raises(InputError, match=r"no export of Capture.U or Nexus; .*lowg.csv"):
         imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1"})
 
@@ -257,7 +257,7 @@ def test_the_command_prints_json_and_writes_the_bag(tmp_path: Path, capsys: pyte
 
 
 @pytest.mark.parametrize(
-    ("extra", "said"),
+    ("extra", "wanted"),
     [
         (["--map", "seat=TS-00001", "--map", "head=TS-00001"], "sensor or serial is given twice"),
         (["--map", "chair=TS-00001"], "expected sensor=serial with a sensor of seat"),
@@ -272,15 +272,15 @@ def test_the_command_prints_json_and_writes_the_bag(tmp_path: Path, capsys: pyte
     ],
 )
 def test_invalid_options_of_the_command_are_refused(
-    extra: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    extra: list[str], wanted: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     place = place_of(tmp_path / "csv")
     (tmp_path / "list.yaml").write_text("- seat\n")
     (tmp_path / "number.yaml").write_text("seat: 2374\n")
     words = [word.format(tmp_path) for word in extra]
     assert main(["import-blue-trident", str(place), "-o", str(tmp_path / "b.mcap"), *words]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("biodyn import-blue-trident: ") and said in told and told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert message.startswith("biodyn import-blue-trident: ") and wanted in message and message.count("\n") == 1
     assert not list(tmp_path.glob("*.mcap")) and not list(tmp_path.glob(".*"))
 
 

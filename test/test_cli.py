@@ -368,9 +368,9 @@ def test_the_real_tram_has_the_published_weighted_rms(
 
 def test_no_seat_sensor(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag.mcap", ("pelvis", "head"))
-    said = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
-    assert "no seat sensor among" in said
-    assert "--map seat=TOPIC" in said
+    error = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "no seat sensor among" in error
+    assert "--map seat=TOPIC" in error
     assert not (tmp_path / "out" / "predicted.mcap").exists()
 
 
@@ -379,13 +379,13 @@ def test_a_bag_without_imu_or_without_anything(capsys: pytest.CaptureFixture[str
         writer.add_topic("/chatter", "std_msgs/msg/String")
         payload = np.frombuffer(b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00\x00\x00", dtype=np.uint8)[None, :]
         writer.write("/chatter", np.array([1]), payload)
-    said = refused(capsys, "replay", tmp_path / "text.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
-    assert "no sensor_msgs/msg/Imu in the bag" in said
-    assert "/chatter" in said
+    error = refused(capsys, "replay", tmp_path / "text.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "no sensor_msgs/msg/Imu in the bag" in error
+    assert "/chatter" in error
     with BagWriter(tmp_path / "empty.mcap"):
         pass
-    said = refused(capsys, "replay", tmp_path / "empty.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
-    assert "no sensor_msgs/msg/Imu in the bag" in said
+    error = refused(capsys, "replay", tmp_path / "empty.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "no sensor_msgs/msg/Imu in the bag" in error
     assert "empty.mcap" in refused(capsys, "play", tmp_path / "empty.mcap")
     assert "missing.mcap" in refused(capsys, "replay", tmp_path / "missing.mcap", "--subject", "subject_1", "-o", "x")
 
@@ -395,8 +395,8 @@ def test_a_rate_that_does_not_fit(capsys: pytest.CaptureFixture[str], tmp_path: 
         return (stamps[0] + (stamps - stamps[0]) * 10, accel) if sensor == "seat" else (stamps, accel)
 
     bag = write_bag(tmp_path / "bag.mcap", change=slow)
-    said = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
-    assert "seat: a rate of 112.9 Hz does not fit" in said
+    error = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "seat: a rate of 112.9 Hz does not fit" in error
 
 
 def test_without_stamps_log_time_is_used_with_a_warning(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -434,26 +434,26 @@ def test_nan_samples_are_rejected_and_counted(capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         ("colour: blue\n", "unknown key 'colour'"),
         ("schema: 2\n", "schema"),
     ],
 )
 def test_a_subject_that_does_not_fit_names_file_and_key(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, change: str, said: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, change: str, expected: str
 ) -> None:
     path = tmp_path / "mine.yaml"
     text = subject_file("subject_1").read_text(encoding="utf-8")
     path.write_text(text.replace("schema: 1\n", "") + change if "schema" in change else text + change, encoding="utf-8")
     line = refused(capsys, "replay", BAG, "--subject", path, "-o", tmp_path / "out")
     assert "mine.yaml" in line
-    assert said in line
+    assert expected in line
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (("replay", BAG, "--subject", "nobody", "-o", "x"), "no subject file nobody"),
         (
@@ -513,15 +513,15 @@ def test_bad_arguments_are_one_clear_line(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     arguments: tuple[str, ...],
-    said: str,
+    expected: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert said in refused(capsys, *arguments)
+    assert expected in refused(capsys, *arguments)
     assert [p.name for p in tmp_path.rglob("*.mcap")] == []
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("x,y,z\n1,2,3\n1,2\n", "rows of 3 numbers are needed"),
         ("t,ax_g,ay_g,az_g\n0,0,0,1\n1,0,0,1\n", "ax_g is in g, m/s^2 is needed"),
@@ -539,13 +539,13 @@ def test_bad_arguments_are_one_clear_line(
     ],
 )
 def test_a_broken_seat_file_is_one_clear_line(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, said: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, expected: str
 ) -> None:
     path = tmp_path / "seat.csv"
     path.write_text(text, encoding="utf-8")
     line = refused(capsys, "simulate", "--subject", "subject_1", "--seat", path, "-o", tmp_path / "bag.mcap")
     assert "seat.csv" in line
-    assert said in line
+    assert expected in line
     assert not (tmp_path / "bag.mcap").exists()
 
 

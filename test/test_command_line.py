@@ -54,8 +54,8 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str,
         code = main(list(arguments))
     except SystemExit as end:
         code = int(end.code or 0)
-    told = capsys.readouterr()
-    return code, told.out, told.err
+    output = capsys.readouterr()
+    return code, output.out, output.err
 
 
 # --- help ------------------------------------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ def test_the_examples_of_the_live_node_name_existing_parameters(place: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "message"),
     [
         ("", "biodyn: no command is given; biodyn -h shows how"),
         ("replya drive.mcap", "biodyn: there is no command replya; did you mean replay? biodyn -h shows how"),
@@ -254,13 +254,13 @@ def test_the_examples_of_the_live_node_name_existing_parameters(place: Path) -> 
     ],
 )
 def test_a_wrong_command_is_one_line_with_a_remedy(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, place: Path, line: str, told: str
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, place: Path, line: str, message: str
 ) -> None:
     monkeypatch.chdir(place)
     before = sorted(path.name for path in place.iterdir())
     code, out, errors = said(capsys, *shlex.split(line))
     assert (code, out) == (2, "")
-    assert told in errors
+    assert message in errors
     assert errors.count("\n") == 1
     assert sorted(path.name for path in place.iterdir()) == before
 

@@ -178,8 +178,8 @@ def test_a_rate_that_differs_from_that_at_rest_is_reported(later_hz):
     status = Conditioned(stamps_ns, STILL[np.zeros(len(stamps_ns), dtype=int)]).status
     # Faster than at rest, what is too much comes late; slower, it is drawn in or the clock cannot follow.
     counted = status.late if later_hz > RATE_HZ else status.filled
-    told = any("rate differs by 2 %" in warning for warning in status.warnings)
-    assert told or counted > 0.8 * 20_000 * abs(RATE_HZ / later_hz - 1.0) > 4000
+    warned = any("rate differs by 2 %" in warning for warning in status.warnings)
+    assert warned or counted > 0.8 * 20_000 * abs(RATE_HZ / later_hz - 1.0) > 4000
 
 
 # --- lost, repeated and disordered messages --------------------------------------------------------------------------

@@ -47,10 +47,10 @@ def test_live_equals_the_replay_though_the_node_is_held_up(tmp_path: Path) -> No
         os.kill(live, signal.SIGSTOP)
         time.sleep(HELD_UP_S)
         os.kill(live, signal.SIGCONT)
-        said, _ = demo.communicate(timeout=120.0)
+        output, _ = demo.communicate(timeout=120.0)
     assert demo.returncode == 0
-    found = re.search(r"seat VDV live (\S+), offline (\S+) m/s", said)
-    assert found is not None, said
+    found = re.search(r"seat VDV live (\S+), offline (\S+) m/s", output)
+    assert found is not None, output
     assert found[1] == found[2]
 
 

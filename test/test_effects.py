@@ -467,7 +467,7 @@ def test_effects_are_written_to_and_read_from_the_subject_file(tmp_path) -> None
 
 
 @pytest.mark.parametrize(
-    ("effects", "said"),
+    ("effects", "wanted"),
     [
         ("{}", "expected a list"),
         ("[5]", "effects[0]"),
@@ -487,12 +487,12 @@ def test_effects_are_written_to_and_read_from_the_subject_file(tmp_path) -> None
         ("[{name: lift_off, site: pelvis, strength: 1}]", "unknown key 'strength'"),
     ],
 )
-def test_a_bad_effect_is_one_line(effects: str, said: str, tmp_path) -> None:
+def test_a_bad_effect_is_one_line(effects: str, wanted: str, tmp_path) -> None:
     path = tmp_path / "s.yaml"
     path.write_text(SUBJECT.to_yaml().replace("effects: []", f"effects: {effects}"))
     with pytest.raises(InputError) as error:
         load_subject(path)
-    assert said in str(error.value) and "\n" not in str(error.value)
+    assert wanted in str(error.value) and "\n" not in str(error.value)
 
 
 def test_predictions_sample_by_sample_carry_an_effect() -> None:

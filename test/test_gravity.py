@@ -77,8 +77,10 @@ def test_without_rest_the_mean_over_motion_is_used_with_a_remedy():
     found = searched(samples)
     assert found.origin == "motion"
     np.testing.assert_allclose(found.mean_mps2, samples.mean(axis=0), rtol=1e-12)
-    told = found.warning(vertical_given=False)
-    assert told == "no rest in the record: gravity is the mean over motion; the parameter vertical gives the direction"
+    message = found.warning(vertical_given=False)
+    assert (
+        message == "no rest in the record: gravity is the mean over motion; the parameter vertical gives the direction"
+    )
     assert found.warning(vertical_given=True) == "no rest in the record: the length of gravity is the mean over motion"
     # Over an engine that idles there is another option, and it helps.
     idle = searched(swaying(6.0, size=0.4))
@@ -233,9 +235,9 @@ def test_a_shock_before_any_rest_is_counted(idle_bag: Path, vertical: str) -> No
     assert document["uncounted_s"] == 0.0
     assert document["sensors"]["seat"]["vdv_mps175"] == pytest.approx(vdv, rel=2e-3)
     assert not document["sensors"]["seat"]["lower_bound"]
-    (told,) = (line for line in document["warnings"] if line.startswith("seat: no rest in the record"))
-    assert "set rest_rms_mps2 above 0.4" in told
-    assert ("the parameter vertical gives the direction" in told) is not bool(vertical)
+    (message,) = (line for line in document["warnings"] if line.startswith("seat: no rest in the record"))
+    assert "set rest_rms_mps2 above 0.4" in message
+    assert ("the parameter vertical gives the direction" in message) is not bool(vertical)
 
 
 def test_info_reports_the_gravity_that_replay_uses(idle_bag: Path) -> None:

@@ -174,11 +174,11 @@ def test_log_time_replaces_zero_or_constant_stamps(tmp_path: Path, value: int) -
     assert seat["rate_hz"] == pytest.approx(500.0, rel=1e-3)
     assert seat["rejected"] == 0
     why = "are zero" if value == 0 else "do not change"
-    said = f"seat: header stamps {why}: log time is used instead"
+    expected = f"seat: header stamps {why}: log time is used instead"
     mixed = "seat by log time, others by header time, and log time is 2.0 ms later"
     replayed = replay(bag, subject()).document
     for warnings in (document["warnings"], replayed["warnings"]):
-        assert said in warnings
+        assert expected in warnings
         assert any(text.startswith(mixed) for text in warnings)
     assert replayed["seconds"] == pytest.approx(30.0, abs=0.1)
     assert replayed["time"] == {"seat": "log", "head": "header"}
@@ -226,8 +226,8 @@ def test_a_cut_bag_is_reported_with_its_recovered_length(tmp_path: Path) -> None
     document = info(cut)
     assert document["recovered"]
     assert sum(row["messages"] for row in document["topics"]) == document["messages"]
-    said = f"recovered {document['messages']} messages, up to {document['seconds']:.3f} s after the first"
-    assert any(said in line for line in document["warnings"])
+    expected = f"recovered {document['messages']} messages, up to {document['seconds']:.3f} s after the first"
+    assert any(expected in line for line in document["warnings"])
     assert text_of(document).splitlines()[0].startswith(f"{cut}: mcap, recovered, {document['messages']} messages")
 
 

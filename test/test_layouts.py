@@ -148,7 +148,7 @@ def leaves(tree: Any) -> Iterator[str]:
 
 @pytest.mark.parametrize("text", ["biodyn.xml", "biodyn.json"])
 def test_each_layout_has_all_required_topics(text: str) -> None:
-    told = (LAYOUTS / text).read_text(encoding="utf-8")
+    layout = (LAYOUTS / text).read_text(encoding="utf-8")
     wanted = [
         *topics.PREDICTED.values(),
         *(topics.MEASURED[name] for name in (SEAT, *MEASURED_SEGMENTS)),
@@ -157,5 +157,5 @@ def test_each_layout_has_all_required_topics(text: str) -> None:
         f"{topics.EXPOSURE}/seat/a8",
         f"{topics.EXPOSURE}/dri",
     ]
-    assert all(topics.absolute(topic) in told for topic in wanted)
-    assert topics.DIAGNOSTICS in told
+    assert all(topics.absolute(topic) in layout for topic in wanted)
+    assert topics.DIAGNOSTICS in layout

@@ -377,7 +377,7 @@ def test_an_unreadable_subject_fails_the_transition_in_one_line(graph: Graph) ->
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "phrase"),
     [
         ({"cutof_hz": 100.0}, "parameter cutof_hz is unknown; did you mean cutoff_hz?"),
         ({"cutoff_hz": 3.0}, "parameter cutoff_hz"),
@@ -386,8 +386,8 @@ def test_an_unreadable_subject_fails_the_transition_in_one_line(graph: Graph) ->
         ({"qos_overrides./biodyn/exposure/dri.publisher.depth": 10}, "overrides nothing"),
     ],
 )
-def test_a_parameter_that_does_not_fit_is_named_at_the_start(graph: Graph, given: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_parameter_that_does_not_fit_is_named_at_the_start(graph: Graph, given: dict[str, Any], phrase: str) -> None:
+    with pytest.raises(InputError, match=phrase):
         graph.live(**given)
 
 
@@ -477,8 +477,8 @@ def test_a_page_that_cannot_be_served_does_not_stop_the_node(graph) -> None:
         port = taken.getsockname()[1]
         diagnostics = Diagnostics(graph, graph.node())
         graph.active(dashboard=True, page_port=port)
-        said = f"the page is not served: biodyn page: the page cannot be served at 127.0.0.1:{port}"
-        graph.wait(lambda: diagnostics.says("page", WARN, said), "the reason in the diagnostics")
+        phrase = f"the page is not served: biodyn page: the page cannot be served at 127.0.0.1:{port}"
+        graph.wait(lambda: diagnostics.says("page", WARN, phrase), "the reason in the diagnostics")
         assert diagnostics.says("prediction", ERROR, "has sent nothing"), "the node runs"
 
 

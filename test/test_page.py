@@ -377,12 +377,12 @@ def test_an_unread_stream_is_closed_and_delays_no_other(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "expected"),
     [({"page_host": "everywhere"}, "page_host is 'everywhere', an address is needed"),
      ({"page_port": 70_000}, "page_port is 70000, allowed are 0 to 65535")],
 )  # fmt: skip
-def test_an_invalid_address_is_refused_in_one_line(given, said):
-    with pytest.raises(InputError, match=said):
+def test_an_invalid_address_is_refused_in_one_line(given, expected):
+    with pytest.raises(InputError, match=expected):
         ServingSettings(**given)
 
 

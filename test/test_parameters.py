@@ -64,10 +64,10 @@ def test_every_bound_itself_is_allowed():
 def test_a_value_just_outside_its_bound_is_refused_by_name(index, side):
     theta = printed_bounds().mean(axis=1)
     theta[index] = np.nextafter(printed_bounds()[index, side], [-np.inf, np.inf][side])
-    with pytest.raises(InputError, match=r"parameters: ") as told:
+    with pytest.raises(InputError, match=r"parameters: ") as error:
         Parameters.from_vector(theta)
-    assert PARAMETERS[index].name in str(told.value)
-    assert "\n" not in str(told.value)
+    assert PARAMETERS[index].name in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("index", range(15))
@@ -75,9 +75,9 @@ def test_a_value_just_outside_its_bound_is_refused_by_name(index, side):
 def test_a_value_that_is_not_finite_is_refused_by_name(index, value):
     theta = printed_bounds().mean(axis=1)
     theta[index] = value
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as error:
         Parameters.from_vector(theta)
-    assert PARAMETERS[index].name in str(told.value)
+    assert PARAMETERS[index].name in str(error.value)
 
 
 def test_zero_is_allowed_for_stiffening_alone():

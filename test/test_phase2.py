@@ -167,7 +167,7 @@ def test_a_chain_that_always_diverges_is_one_line() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "expected"),
     [
         ({"refine": "newton"}, "refine is 'newton', allowed are least-squares and nelder-mead"),
         ({"clocks": "none"}, "clocks is 'none'"),
@@ -176,8 +176,8 @@ def test_a_chain_that_always_diverges_is_one_line() -> None:
         ({"evaluations": 0}, "evaluations is 0"),
     ],
 )
-def test_settings_are_checked(wrong, said) -> None:
-    with pytest.raises(InputError, match=said):
+def test_settings_are_checked(wrong, expected) -> None:
+    with pytest.raises(InputError, match=expected):
         FitSettings(**wrong)
 
 

@@ -370,7 +370,7 @@ def test_further_weightings_are_counted_on_request() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         ({"also_weighted": "Wk Wx"}, "also_weighted 'Wx' is no weighting, known are Wk, Wd"),
         ({"vertical": "seat=0,0"}, "vertical 'seat=0,0': expected sensor=x,y,z with a sensor of seat, pelvis"),
@@ -380,8 +380,8 @@ def test_further_weightings_are_counted_on_request() -> None:
         ({"vertical": "seat=0,inf,1"}, "vertical 'seat=0,inf,1': expected sensor=x,y,z"),
     ],
 )
-def test_settings_that_are_lists_are_checked_item_by_item(given: dict[str, str], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_settings_that_are_lists_are_checked_item_by_item(given: dict[str, str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         PipelineSettings(**given)
 
 

@@ -176,16 +176,16 @@ def test_a_longer_topic_lengthens_the_lap_and_a_slow_one_does_not() -> None:
         assert lap.length_ns() == wanted_ns
 
 
-@pytest.mark.parametrize(("loop", "told"), [(False, [(0, 299), (100, 299), (200, 299), (299, 299)]), (True, [])])
+@pytest.mark.parametrize(("loop", "expected"), [(False, [(0, 299), (100, 299), (200, 299), (299, 299)]), (True, [])])
 def test_progress_is_shown_for_a_bag_that_ends(
-    graph: Graph, bag: Path, loop: bool, told: list[tuple[int, int]]
+    graph: Graph, bag: Path, loop: bool, expected: list[tuple[int, int]]
 ) -> None:
     heard: list[tuple[int, int]] = []
     settings = PlayerSettings(wait_s=0.0, loop=loop)
     player = graph.add(Player(bag, settings, lambda done, total: heard.append((done, total)), context=graph.context))
     turns = iter(range(2 * COUNT))  # a loop ends in its second round
     player.play(lambda: not loop or next(turns, None) is not None)
-    assert heard == told
+    assert heard == expected
 
 
 def test_topics_without_listener_are_named_after_the_wait(graph: Graph, bag: Path) -> None:

@@ -52,17 +52,17 @@ def test_a_missing_segment_is_left_out_and_reported() -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "expected"),
     [
         (lambda r: r.seat_mps2.__setitem__(7, np.nan), "the seat has samples that are not finite"),
         (lambda r: r.measured_mps2.__setitem__(slice(BEGIN, None), np.nan), "no segment has 0.5 s to compare"),
         (lambda r: r.measured_mps2.__setitem__((slice(None), 4), 0.0), "head does not move at all"),
     ],
 )
-def test_an_unusable_recording_is_refused_in_one_line(spoil, said) -> None:
+def test_an_unusable_recording_is_refused_in_one_line(spoil, expected) -> None:
     recording = some_recording()
     spoil(recording)
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=expected) as caught:
         Case.of(recording, fitting.SPECTRUM)
     assert "\n" not in str(caught.value) and recording.name in str(caught.value)
 

@@ -298,7 +298,7 @@ def test_a_missing_segment_is_nan_and_reported():
 
 
 @pytest.mark.parametrize(
-    ("streams", "said"),
+    ("streams", "wanted"),
     [
         (lambda: independent_streams(6.0)[1:], "drive: seat: not in the record"),
         (lambda: independent_streams(6.0)[:1], "nor is any other segment: nothing to compare"),
@@ -314,10 +314,10 @@ def test_a_missing_segment_is_nan_and_reported():
         ),
     ],
 )
-def test_an_unusable_record_is_refused_in_one_line(streams, said):
+def test_an_unusable_record_is_refused_in_one_line(streams, wanted):
     with pytest.raises(InputError) as refusal:
         recorded(streams())
-    assert said in str(refusal.value)
+    assert wanted in str(refusal.value)
     assert str(refusal.value).startswith("drive: ")
     assert "\n" not in str(refusal.value)
 

@@ -148,9 +148,9 @@ FAULTS = {
 
 @pytest.mark.parametrize("kind", FAULTS)
 def test_stamps_that_stand_still_are_reported_and_dropped(kind):
-    stamps_ns, told = FAULTS[kind]
+    stamps_ns, message = FAULTS[kind]
     rest, faults, dropped, left = looked(stamps_ns, noisy(len(stamps_ns)))
-    assert rest is None and faults and all(told in fault for fault in faults)
+    assert rest is None and faults and all(message in fault for fault in faults)
     assert left < 40_000 and dropped + left == len(stamps_ns)
 
 

@@ -176,8 +176,8 @@ def test_interrupted_work_ends_at_once_and_is_resumed(tmp_path: Path, how: signa
         until(lambda: (tmp_path / "pid").exists() and len(journal(tmp_path)) == 3)
         until(lambda: len(json.loads((tmp_path / "checkpoint.json").read_text())["done"]) == 3)
         (os.killpg if how == signal.SIGINT else os.kill)(child.pid, how)
-        code, said = child.wait(20), child.stderr.read()
-    assert (code, said) == ((130, "") if how == signal.SIGINT else (-how, said))
+        code, errors = child.wait(20), child.stderr.read()
+    assert (code, errors) == ((130, "") if how == signal.SIGINT else (-how, errors))
     until(lambda: not running(int((tmp_path / "pid").read_text())))
 
     (tmp_path / "stuck").unlink()

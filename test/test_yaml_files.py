@@ -36,9 +36,9 @@ BAD = {
 @pytest.mark.parametrize("reader", [read_yaml, load_subject, load_limits, load_campaign])
 def test_every_reader_reports_an_error_in_one_line(tmp_path: Path, name: str, reader) -> None:
     path = tmp_path / "given.yaml"
-    text, said = BAD[name]
+    text, expected = BAD[name]
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    assert said in refusal(reader, path)
+    assert expected in refusal(reader, path)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
