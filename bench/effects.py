@@ -1,4 +1,4 @@
-"""Effects: what one costs in the integrator, and how long a process takes to its first result with one."""
+"""Effects: the cost of each in the integrator, and the time of a process to its first result with one."""
 
 from __future__ import annotations
 

@@ -130,8 +130,8 @@ def subscriber(kind: str, path: Path) -> None:
         node.create_subscription(AccelStamped, topic, got[name].keep, _qos(50_000, reliable=True), raw=True)
     node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, functools.partial(_note, statuses), 10)
     _spin(node)
-    arrays = {f"{name}/arrived_ns": np.array(kept.arrived_ns) for name, kept in got.items()}
-    arrays |= {f"{name}/stamps_ns": np.array(kept.stamps_ns) for name, kept in got.items()}
+    arrays = {f"{name}/arrived_ns": np.array(answers.arrived_ns) for name, answers in got.items()}
+    arrays |= {f"{name}/stamps_ns": np.array(answers.stamps_ns) for name, answers in got.items()}
     np.savez(path, diagnostics=json.dumps(statuses), **arrays)
     node.destroy_node()
 

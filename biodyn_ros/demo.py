@@ -58,8 +58,8 @@ class _Observer(Node):
         return lambda message: self.latest.__setitem__(topic, message.data)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        said = {status.name: status.message for status in message.status}
-        self.state = said.get(topics.status_name("prediction"), self.state)
+        messages = {status.name: status.message for status in message.status}
+        self.state = messages.get(topics.status_name("prediction"), self.state)
 
     def line(self) -> str:
         """The current values as one line."""

@@ -59,7 +59,7 @@ def judged(fault: Fault, sensor: str) -> Row:
         *_wrong_doses(driven, sensor, fault),
         *([f"not normal {WITHIN_S:g} s after it"] if not fault.lasts and recovered is None else []),
     )
-    message = next((m for m in _messages(driven, sensor) if any(word in m for word in fault.says)), "")
+    message = next((m for m in _messages(driven, sensor) if any(word in m for word in fault.expected)), "")
     return Row(fault.name, sensor, message, recovered, driven.pipeline.losses(sensor).missing_s, wrong)
 
 
@@ -68,8 +68,8 @@ def _messages(driven: Driven, sensor: str) -> list[str]:
 
 
 def _not_reported(driven: Driven, sensor: str, fault: Fault) -> Iterator[str]:
-    if fault.says and not any(word in message for message in _messages(driven, sensor) for word in fault.says):
-        yield f"no message with {' or '.join(fault.says)}: {sorted(set(_messages(driven, sensor)))}"
+    if fault.expected and not any(word in message for message in _messages(driven, sensor) for word in fault.expected):
+        yield f"no message with {' or '.join(fault.expected)}: {sorted(set(_messages(driven, sensor)))}"
 
 
 def _about_others(driven: Driven, sensor: str) -> Iterator[str]:
@@ -142,7 +142,7 @@ def _wrong_doses(driven: Driven, sensor: str, fault: Fault) -> Iterator[str]:
         if not np.isfinite([dose.vdv_mps175, dose.aw_mps2, dose.peak_mps2]).all():
             yield f"{name}: a dose is not finite"
         if name == sensor and not fault.exact:
-            if not bound and not fault.says and dose.vdv_mps175 > 1.1 * whole.vdv_mps175:
+            if not bound and not fault.expected and dose.vdv_mps175 > 1.1 * whole.vdv_mps175:
                 yield f"{name}: VDV {dose.vdv_mps175:.3f}, {whole.vdv_mps175:.3f} without the fault, not reported"
             continue
         if dose.vdv_mps175 > (1.0 + DOSE_TOLERANCE) * whole.vdv_mps175:

@@ -50,12 +50,12 @@ class Result:
 
 @dataclass(frozen=True)
 class OverDds:
-    """A fault, active in the context `during` of a ride; says: the text required in its sensor's diagnostics."""
+    """A fault, active in the context `during` of a ride; expected: the text required in its sensor's diagnostics."""
 
     name: str
     during: Callable[[Rig], AbstractContextManager[None]]
     of: str = "head"
-    says: str = ""
+    expected: str = ""
     parameters: tuple[str, ...] = ()
 
     def run(self) -> Result:
@@ -70,9 +70,9 @@ def _judged(one: Rig, fault: OverDds) -> tuple[str, float | None, tuple[str, ...
     wrong = []
     statuses = [(at, *item) for at, found in one.received.statuses for item in found.items() if at > 2.0]
     own = [status.message for _, name, status in statuses if name == topics.status_name(fault.of)]
-    reported = next((message for message in own if fault.says and fault.says in message), "")
-    if fault.says and not reported:
-        wrong.append(f"no message with {fault.says}: {sorted(set(own))}")
+    reported = next((message for message in own if fault.expected and fault.expected in message), "")
+    if fault.expected and not reported:
+        wrong.append(f"no message with {fault.expected}: {sorted(set(own))}")
     others = {
         f"{name}: {status.message}"
         for _, name, status in statuses
@@ -204,10 +204,10 @@ UNRELIABLE: Final = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliab
 """Incompatible with the rig's node, which subscribes as reliable by an override."""
 
 STREAMED: Final = (
-    OverDds("a publisher of another type", _other_type, says="a publisher sends std_msgs/msg/String"),
-    OverDds("a publisher of incompatible QoS", _published(Imu, HEAD, UNRELIABLE), says="incompatible QoS"),
-    OverDds("two publishers on one topic", _published(Imu, HEAD), says="2 publishers"),
-    OverDds("messages that are cut, or lie about their length", _garbage, says="messages refused"),
+    OverDds("a publisher of another type", _other_type, expected="a publisher sends std_msgs/msg/String"),
+    OverDds("a publisher of incompatible QoS", _published(Imu, HEAD, UNRELIABLE), expected="incompatible QoS"),
+    OverDds("two publishers on one topic", _published(Imu, HEAD), expected="2 publishers"),
+    OverDds("messages that are cut, or lie about their length", _garbage, expected="messages refused"),
     OverDds("frame_id empty", _framed(0)),
     OverDds("frame_id of 4,000 characters", _framed(4000)),
     OverDds("a subscriber killed with -9", _listener),

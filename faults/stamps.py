@@ -20,7 +20,7 @@ FEW: Final = 20
 class Fault:
     """One fault of one sensor.
 
-    spoil: applies it to a stream. says: one of these texts must be in the diagnostics; empty if it is harmless or
+    spoil: applies it to a stream. expected: one of these texts must be in the diagnostics; empty if it is harmless or
     cannot be detected. missing_s: minimum and maximum of the time reported as missing. lasts: whether it continues to
     the end, without recovery. compared: whether the sensor is compared again. exact: whether the counted values are
     correct apart from missing samples. over_s: its end.
@@ -28,7 +28,7 @@ class Fault:
 
     name: str
     spoil: Callable[[Arriving], Arriving]
-    says: tuple[str, ...] = ()
+    expected: tuple[str, ...] = ()
     missing_s: tuple[float, float] = (0.0, 0.0)
     lasts: bool = False
     compared: bool = True

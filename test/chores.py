@@ -25,7 +25,7 @@ PROBLEM = "the four letters"
 
 
 def found(seed: int) -> Search:
-    """What a search might have found."""
+    """The result of a search."""
     share = np.random.default_rng(seed).random((2, 13))
     return Search(LOWER[:13] + (UPPER - LOWER)[:13] * share, np.array([0.1, 1.0 / 3.0]), seed, Counter(infinite=seed))
 
@@ -58,14 +58,14 @@ def die(cases: list[str]) -> Search:
 
 
 def fit_or_die(entry: Entry, options: FitOptions) -> Fits:
-    """What a fit might have brought, but Ben takes its process with it."""
+    """The result of a fit; the fit of Ben ends its process."""
     if entry.name == "ben":
         os._exit(3)
     return fits(entry)
 
 
 def fits(entry: Entry) -> Fits:
-    """What a fit might have brought."""
+    """The result of a fit."""
     document = {"seconds": 1.0, "result": "joint", "cases": [{"joint": {"mean": 2.0}}]}
     return Fits(f"{entry.name} 0", document, entry.subject.to_yaml())
 

@@ -27,7 +27,7 @@ def ride(seconds: float, rate_hz: float = RATE_HZ, frequency_hz: float = 5.0, si
 
 
 def raw(accel: np.ndarray, mounting: np.ndarray | None = None) -> np.ndarray:
-    """What a sensor mounted so reports: specific force, (n, 3)."""
+    """The specific force that a sensor of this mounting measures, (n, 3)."""
     force = accel + np.array([0.0, 0.0, naive.GRAVITY])
     return force if mounting is None else force @ mounting.T
 

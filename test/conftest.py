@@ -1,4 +1,4 @@
-"""What every test finds: an own ROS domain on localhost, hypothesis without clocks, and the shared recordings."""
+"""Shared by all tests: a ROS domain on localhost, hypothesis without deadlines, and the shared recordings."""
 
 import os
 import signal
@@ -35,7 +35,7 @@ settings.load_profile("biodyn")
 
 
 def field_data() -> Path:
-    """Where the shared recordings lie, if they do: in $BIODYN_DATA, or beside the checkout."""
+    """Directory of the shared recordings, if it exists: $BIODYN_DATA, or next to the checkout."""
     return Path(os.environ.get("BIODYN_DATA") or ROOT.parent / "shared" / "data")
 
 
@@ -47,7 +47,7 @@ def _compiled_kernels() -> None:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The recordings beside the checkout, which are too large for it."""
+    """The recordings next to the checkout; they are too large for it."""
     directory = field_data()
     if not directory.is_dir():
         pytest.skip(f"the shared recordings are neither in {directory} nor where BIODYN_DATA says")
@@ -75,5 +75,5 @@ def cluster() -> Iterator[str]:
 
 @pytest.fixture(autouse=True)
 def _state_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No live node of a test goes on with the exposure of another, or of whoever runs the tests."""
+    """No live node of a test continues the exposure of another test or of the user."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))

@@ -1,4 +1,4 @@
-"""What tests expect of others in words: a refusal in one line, and something that happens before long."""
+"""Expectations of tests: a refusal in one line, and a condition that becomes true within a time."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from biodyn_core.base.errors import MAX_CHARACTERS, InputError
 
 def refusal(reader: Callable[[Path], Any], path: Path) -> str:
     """The one line, not too long, that a reader refuses a file with; it begins with the file's name."""
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as error:
         reader(path)
-    line = str(told.value)
+    line = str(error.value)
     assert line.startswith(f"{path}: ") and "\n" not in line and len(line) <= MAX_CHARACTERS
     return line
 

@@ -75,7 +75,7 @@ def true_recordings(seconds: float = 4.0) -> dict[MassMatrix, tuple[Recording, .
 
 
 def true_subjects() -> dict[MassMatrix, Subject]:
-    """Who they are of."""
+    """The true subject for each mass matrix."""
     return {name: drawn(number, name) for number, name in enumerate(MASS_MATRICES, 1)}
 
 

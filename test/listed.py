@@ -1,4 +1,4 @@
-"""docs/files.md beside real documents: every key is there, and every key of its tables is in the document."""
+"""docs/files.md compared with real documents: both have the same keys."""
 
 from __future__ import annotations
 

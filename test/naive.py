@@ -160,7 +160,7 @@ def half_sine(peak, length_s, seconds, rate_hz, begin_s=0.02):
 
 
 def response_to_pulses(top, bottom, pieces, time_s):
-    """What the system top(p) / bottom(p) makes of `pulses`, in closed form by partial fractions (simple poles)."""
+    """The response of the system top(p) / bottom(p) to `pulses`, in closed form by partial fractions (simple poles)."""
     poles = np.roots(bottom)
     residues = np.polyval(top, poles) / np.polyval(np.polyder(bottom), poles)
     total = np.zeros(len(time_s))
@@ -185,7 +185,7 @@ def slow_level(accel, rate_hz, time_constant_s):
 
 
 def weighted(name, accel, rate_hz):
-    """Weight a signal (n,) by its spectrum; a minute of zeros keeps the end from ringing into the beginning."""
+    """Weight a signal (n,) by its spectrum; a minute of zeros prevents wrap-around of the ringing."""
     padded = np.concatenate([accel, np.zeros(round(60.0 * rate_hz))])
     frequency = np.fft.rfftfreq(len(padded), 1.0 / rate_hz)
     gain = np.zeros(len(frequency), dtype=complex)
@@ -196,7 +196,7 @@ def weighted(name, accel, rate_hz):
 def linear_running_rms(accel, rate_hz):
     """Rms over the last second at every sample (ISO 2631-1:1997, 6.3.1, Eq. 2), rest before the first.
 
-    A sample stands for one period; the oldest of a second that is no whole number of them counts in part.
+    A sample represents one period; the oldest one of a second counts in part if the second is no multiple of it.
     """
     whole = math.floor(rate_hz)
     square = np.concatenate([np.zeros(whole + 1), np.asarray(accel) ** 2])

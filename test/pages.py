@@ -1,4 +1,4 @@
-"""How tests read pages: their text as a reader sees it, and the drawings inside."""
+"""Reading of pages in tests: the visible text and the drawings."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def told(svg: str) -> str:
 
 @contextmanager
 def empty_drawings() -> Iterator[None]:
-    """Figures are filled, but an empty drawing stands for each: layout and SVG are nearly all the time of a page."""
+    """Draw figures but return empty drawings: layout and SVG take almost all the time of a page."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 

@@ -84,7 +84,7 @@ class Graph:
 
 @contextmanager
 def ros_graph() -> Iterator[Graph]:
-    """A graph in a domain nobody else uses, taken down whatever happens."""
+    """A graph in its own domain, always shut down."""
     with hold_domain() as domain:
         context = rclpy.Context()
         rclpy.init(context=context, domain_id=domain.domain_id)
@@ -121,7 +121,7 @@ class Sensors:
         )
 
     def leave_out(self, count: int) -> None:
-        """Pass over the next messages: nobody will ever get them."""
+        """Skip the next messages: they are never sent."""
         self._queue = self._queue[count:]
 
     def matched(self) -> bool:

@@ -82,12 +82,12 @@ def test_half_a_percent_holds_at_any_rate_that_is_accepted(rate_hz):
 
 @pytest.mark.parametrize("cutoff_hz", [20.0, 50.0, 150.0, 200.0])
 @pytest.mark.parametrize("rate_per_cutoff", [2.5, 3.0, 5.0, 10.0])
-def test_it_holds_up_to_any_cut_off_at_any_rate_that_the_cut_off_allows(cutoff_hz, rate_per_cutoff):
+def test_the_error_bound_holds_for_any_cut_off_and_any_rate_it_allows(cutoff_hz, rate_per_cutoff):
     assert worst_error(rate_per_cutoff * cutoff_hz, cutoff_hz, cutoff_hz=cutoff_hz) < 0.005
 
 
 @pytest.mark.parametrize(("rate_hz", "half"), [(250.0, 48), (300.0, 16), (400.0, 6), (500.0, 4), (RATE_HZ, 4)])
-def test_no_more_neighbours_are_waited_for_than_it_takes(rate_hz, half):
+def test_the_number_of_neighbours_is_the_least_for_the_error_bound(rate_hz, half):
     assert half_width(rate_hz, 100.0) == half
     made = aligner(block(np.arange(200) / rate_hz, np.zeros(200), True, rate_hz=rate_hz))
     assert made.look_ahead == half
@@ -106,14 +106,14 @@ def test_the_error_that_widths_are_chosen_by_is_that_of_the_polynomial(half, per
     assert interpolation_error(half, per_rate) == pytest.approx(wanted, rel=1e-6)
 
 
-def test_half_a_percent_is_what_500_hz_really_costs():
+def test_the_error_at_500_hz_is_half_a_percent():
     assert worst_error(500.0, 100.0) == pytest.approx(4.6e-3, abs=1e-4)
     assert worst_error(RATE_HZ, 100.0) < 5e-5
     assert worst_error(4000.0, 100.0) < 1e-8
 
 
 @pytest.mark.parametrize("rate_hz", [250.0, 400.0, RATE_HZ])
-def test_noise_is_not_made_larger_by_many_neighbours(rate_hz):
+def test_many_neighbours_do_not_amplify_noise(rate_hz):
     # In the middle of evenly spaced points a polynomial of any degree amplifies but little; at its ends it would not.
     values = np.random.default_rng(5).standard_normal(2000)
     time = np.arange(2000) / rate_hz
@@ -136,7 +136,7 @@ def test_polynomials_of_the_seventh_degree_are_read_exactly(coefficients, seed):
 
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
-def test_between_samples_it_is_the_polynomial_lagrange_wrote_down(seed):
+def test_interpolation_is_the_lagrange_polynomial(seed):
     rng = np.random.default_rng(seed)
     time, values = np.arange(60) / RATE_HZ, rng.standard_normal(60)
     grid = inside(time, 40, seed)
@@ -147,7 +147,7 @@ def test_between_samples_it_is_the_polynomial_lagrange_wrote_down(seed):
         assert value == pytest.approx(naive.lagrange(time[around], values[around], at), rel=1e-9, abs=1e-9)
 
 
-def test_at_a_sample_it_is_the_sample():
+def test_interpolation_at_a_sample_is_the_sample():
     time, values = np.arange(50) / 1024.0, np.random.default_rng(1).standard_normal(50)
     grid = time[4:-4]
     found, answered = aligner(block(time, values, True)).read(grid, EPOCH_NS)
@@ -155,7 +155,7 @@ def test_at_a_sample_it_is_the_sample():
     assert answered == grid.size
 
 
-def test_another_epoch_is_another_zero_of_the_same_time():
+def test_the_epoch_of_stamps_has_no_effect():
     time, values = np.arange(200) / 1000.0, np.sin(np.arange(200) / 20.0)
     late_ns = 250_000_000_125
     grid = inside(time, 50)
@@ -167,12 +167,12 @@ def test_another_epoch_is_another_zero_of_the_same_time():
 # --- what is missing, and what may still come ------------------------------------------------------------------------
 
 
-def test_nothing_known_leaves_everything_unanswered():
+def test_without_samples_no_instant_is_interpolated():
     values, answered = Aligner(1.0).read(np.arange(5.0), EPOCH_NS)
     assert answered == 0 and np.isnan(values).all()
 
 
-def test_an_instant_waits_until_its_four_later_neighbours_are_there():
+def test_an_instant_needs_four_later_neighbours():
     time = np.arange(40) / RATE_HZ
     grid = np.array([time[20] + 0.2 / RATE_HZ])
     waiting = Aligner(100.0)
@@ -183,7 +183,7 @@ def test_an_instant_waits_until_its_four_later_neighbours_are_there():
         assert np.isnan(values[0]) == (answered == 0)
 
 
-def test_answers_stop_at_the_first_that_must_wait():
+def test_output_stops_at_the_first_instant_without_neighbours():
     time = np.arange(100) / RATE_HZ
     grid = time[:-1] + 0.5 / RATE_HZ
     values, answered = aligner(block(time, np.ones(100), True)).read(grid, EPOCH_NS)
@@ -193,7 +193,7 @@ def test_answers_stop_at_the_first_that_must_wait():
     assert np.isnan(values[answered:]).all()
 
 
-def test_before_the_first_sample_there_is_nan_and_no_waiting():
+def test_before_the_first_sample_the_output_is_nan_at_once():
     time = np.arange(100) / RATE_HZ
     values, answered = aligner(block(time, np.ones(100), True)).read(np.linspace(-1.0, -1e-6, 20), EPOCH_NS)
     assert answered == 20 and np.isnan(values).all()
@@ -212,7 +212,7 @@ def test_a_gap_is_nan_for_four_neighbours_on_both_sides():
     assert np.isnan(values[~(first | second)]).all()
 
 
-def test_the_edge_of_a_run_is_answered_once_the_next_run_has_come():
+def test_the_edge_of_a_run_is_interpolated_once_the_next_run_begins():
     time = np.arange(50) / RATE_HZ
     made = aligner(block(time, np.ones(50), True))
     edge = np.array([time[47] + 1e-4])
@@ -245,7 +245,7 @@ def test_any_cut_into_blocks_is_read_alike(cuts, seed, rate_hz):
     st.sampled_from([0, 1, 7]),
     st.booleans(),
 )
-def test_an_instant_is_reached_where_reading_answers_it(count, at, ahead, on_a_sample):
+def test_an_instant_is_reached_where_it_is_interpolated(count, at, ahead, on_a_sample):
     """With eight neighbours and few samples, before the first and behind the last of them, whatever the epochs."""
     made = aligner(block(np.arange(count) / RATE_HZ, np.ones(count), True))
     time_s, epoch_ns = (round(at) if on_a_sample else at) / RATE_HZ, EPOCH_NS - ahead * 1_000_000_000
@@ -256,7 +256,7 @@ def test_an_instant_is_reached_where_reading_answers_it(count, at, ahead, on_a_s
 # --- forgetting ------------------------------------------------------------------------------------------------------
 
 
-def test_forgetting_the_past_leaves_the_rest_readable():
+def test_later_samples_stay_readable_after_older_ones_are_dropped():
     time, values = np.arange(500) / RATE_HZ, np.random.default_rng(2).standard_normal(500)
     made, wanted = aligner(block(time, values, True)), aligner(block(time, values, True))
     made.drop(time[200], EPOCH_NS)
@@ -265,7 +265,7 @@ def test_forgetting_the_past_leaves_the_rest_readable():
     assert made.read(time[:10], EPOCH_NS)[1] == 10 and np.isnan(made.read(time[:10], EPOCH_NS)[0]).all()
 
 
-def test_an_hour_is_not_kept_where_a_second_is_asked_for():
+def test_memory_covers_only_the_requested_time():
     made = Aligner(keep_s=1.0)
     for second in range(120):
         time = second + np.arange(1000) / 1000.0

@@ -57,7 +57,7 @@ from biodyn_ros.bag.cdr import IMU_TYPE
     ],
     ids=lambda options: ",".join(options) or "all",
 )
-def test_what_mcap_writes_is_read_to_the_byte(tmp_path, compression, options):
+def test_bags_of_mcap_are_read_to_the_byte(tmp_path, compression, options):
     write_with_mcap(tmp_path / "a.mcap", RECORDING, compression=COMPRESSIONS[compression], **options)
     with open_bag(tmp_path / "a.mcap") as bag:
         assert (bag.storage, bag.recovered, bag.warnings) == ("mcap", False, [])
@@ -71,7 +71,7 @@ def test_what_mcap_writes_is_read_to_the_byte(tmp_path, compression, options):
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_what_rosbags_writes_is_read_to_the_byte(tmp_path, plugin):
+def test_bags_of_rosbags_are_read_to_the_byte(tmp_path, plugin):
     write_with_rosbags(tmp_path / "a", RECORDING, plugin)
     (file,) = (f for f in (tmp_path / "a").iterdir() if f.suffix in (".mcap", ".db3"))
     for path in (tmp_path / "a", file):
@@ -84,7 +84,7 @@ def test_what_rosbags_writes_is_read_to_the_byte(tmp_path, plugin):
             assert read_ours(bag, [ODD, SEAT]) == {t: by_topic(RECORDING)[t] for t in (ODD, SEAT)}
 
 
-def test_reading_a_database_leaves_nothing_beside_it(tmp_path):
+def test_reading_a_database_creates_no_files(tmp_path):
     write_with_rosbags(tmp_path / "a", RECORDING, StoragePlugin.SQLITE3)
     before = sorted(f.name for f in (tmp_path / "a").iterdir())
     with open_bag(tmp_path / "a") as bag:
@@ -226,7 +226,7 @@ def test_any_blocks_in_any_order_round_trip(tmp_path_factory, blocks, chunk_byte
         assert bag.message_count == sum(map(len, expected.values()))
 
 
-def test_an_empty_bag_is_a_bag(tmp_path):
+def test_an_empty_bag_is_written_and_read(tmp_path):
     with BagWriter(tmp_path / "a") as writer:
         writer.add_topic(SEAT, IMU_TYPE)
     with RosbagsReader(tmp_path / "a") as reader:
@@ -238,7 +238,7 @@ def test_an_empty_bag_is_a_bag(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a", "a.mcap"])
-def test_a_failure_leaves_nothing_and_what_was_there(tmp_path, name):
+def test_a_failure_leaves_earlier_files_and_no_new_ones(tmp_path, name):
     write_ours(tmp_path / name, RECORDING)
     before = {f: f.read_bytes() for f in tmp_path.rglob("*") if f.is_file()}
     writer = BagWriter(tmp_path / name, overwrite=True)
@@ -255,7 +255,7 @@ def test_a_failure_leaves_nothing_and_what_was_there(tmp_path, name):
         assert [t.name for t in bag.topics] == [HEAD]
 
 
-def test_what_cannot_be_written_is_refused(tmp_path):
+def test_invalid_messages_are_refused_by_the_writer(tmp_path):
     for path, options, message in [
         (tmp_path / "no" / "a.mcap", {}, "cannot be written"),
         (tmp_path / "a.db3", {}, "only MCAP can be written"),
@@ -349,14 +349,14 @@ def test_disorder_in_log_time_keeps_file_order_and_loses_nothing(tmp_path_factor
         assert found == {t: [log_ns for log_ns, _ in m] for t, m in by_topic(messages).items()}
 
 
-def test_a_stretch_of_hours_without_messages_costs_nothing(tmp_path):
+def test_hours_without_messages_take_no_time(tmp_path):
     messages = [(SEAT, log_ns, RECORDING[0][2]) for log_ns in (0, 10**18, 2**63 - 1)]
     write_with_mcap(tmp_path / "a.mcap", messages)
     with open_bag(tmp_path / "a.mcap") as bag:
         assert [len(block) for _, block in imu_blocks(bag, [SEAT])] == [1, 1, 1]
 
 
-def test_wrong_wishes_are_refused_by_name(tmp_path):
+def test_invalid_options_are_refused_by_name(tmp_path):
     write_with_mcap(tmp_path / "a.mcap", [*RECORDING, (SEAT, RECORDING[-1][1], b"\0\1\0\0 no imu")])
     with BagWriter(tmp_path / "b.mcap") as writer:
         writer.add_topic("/exposure", "std_msgs/msg/Float64")
@@ -431,7 +431,7 @@ def test_real_files_that_cannot_be_read_say_why(shared_data, name, message):
         open_bag(shared_data / name)
 
 
-def test_real_imus_decode_to_what_is_known_of_them(shared_data):
+def test_real_imus_decode_to_their_known_values(shared_data):
     with open_bag(shared_data / "rosbag2_real_imu/byu_SO_bag") as bag:
         blocks = [block for _, block in imu_blocks(bag, ["/coug2/modem_imu"], gyro=True)]
         rates = np.concatenate([b.gyro_radps for b in blocks])

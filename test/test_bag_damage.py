@@ -1,4 +1,4 @@
-"""Bags that are cut, damaged, hostile, in parts, or none: what is whole is read, and the rest is told."""
+"""Bags that are cut, damaged, hostile, split or invalid: intact parts are read, and the rest is reported."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def test_flipped_bytes_lead_to_messages_or_an_input_error(tmp_path, compression,
 
 @pytest.mark.parametrize("size", [2**64 - 1, 2**63, 2**40, 2**31, 0, 17])
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_a_chunk_that_lies_about_its_size_allocates_nothing(tmp_path, compression, size):
+def test_a_chunk_with_a_false_size_allocates_nothing(tmp_path, compression, size):
     write_with_mcap(tmp_path / "a.mcap", RECORDING, compression=COMPRESSIONS[compression], chunk_size=1 << 30)
     data = bytearray((tmp_path / "a.mcap").read_bytes())
     with (tmp_path / "a.mcap").open("rb") as stream:
@@ -241,7 +241,7 @@ def test_a_split_bag_is_one_recording_in_order(tmp_path, metadata):
         assert [t.messages for t in bag.topics] == [400, 400, 400]
 
 
-def test_missing_parts_are_told(tmp_path):
+def test_missing_parts_are_reported(tmp_path):
     split_bag(tmp_path / "drive")
     metadata_yaml(tmp_path / "drive", [f"drive_{k}.mcap" for k in range(13)])
     with open_bag(tmp_path / "drive") as bag:
@@ -268,7 +268,7 @@ def test_a_broken_metadata_file_is_a_warning(tmp_path, text):
         assert "metadata.yaml: not readable as rosbag2 metadata" in bag.warnings[0]
 
 
-def test_what_is_no_bag_is_refused_in_one_line(tmp_path):
+def test_other_files_are_refused_in_one_line(tmp_path):
     for name in ("empty", "two", "both", "ros1", "zstd", "compressed", "foreign"):
         (tmp_path / name).mkdir()
     for name in ("two/a.mcap", "two/b.mcap", "both/a_0.mcap", "compressed/a.mcap", "foreign/a.mcap"):
@@ -329,7 +329,7 @@ def test_foreign_topics_beside_ros_topics_are_left_out(tmp_path):
 
 
 @pytest.mark.parametrize("missing", ["mcap", "zstandard", "rosbags"])
-def test_without_the_extra_the_module_loads_and_says_what_to_install(tmp_path, missing):
+def test_without_the_extra_the_module_loads_and_names_the_package_to_install(tmp_path, missing):
     write_with_mcap(tmp_path / "a.mcap", RECORDING)
     program = f"""
 import sys

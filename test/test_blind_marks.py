@@ -1,4 +1,4 @@
-"""Marks of the blind tracing study: intervals, what counts as right, and what every row asks."""
+"""Marks of the blind tracing study: intervals, correct answers, and the requirements of every row."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_wilson_is_as_published(hits: int, of: int, low: float, high: float) -> 
         ("cubic", "lower_torso", "upper_torso", 1),
         ("cubic", "lower_torso", "neck", 2),
         ("cubic", "pelvis", "head", 4),
-        ("backrest", "central_torso", "upper_torso", 1),  # segments, whose forces can be told apart
+        ("backrest", "central_torso", "upper_torso", 1),  # segments, whose forces are distinguishable
         ("skin", "lower_torso", "upper_torso", 1),  # neighbours among sensors
         ("cross_axis", "pelvis", "", 0),  # the whole body is meant
         ("pitch", "seat", "seat", 0),
@@ -82,7 +82,7 @@ def test_a_class_is_right_if_it_is_named_first_and_alone() -> None:
         ("unexplained", None, SKIN, 1.0, (), "... as it removed too little"),
     ],
 )
-def test_fates_of_a_true_class(
+def test_outcomes_of_a_true_class(
     verdict: str, said: Cause | None, best: Cause | None, gain: float | None, against: tuple[str, ...], fate: str
 ) -> None:
     plain = outcome("strong", verdict, [said] if said else [], [SKIN], before_percent=4.0, floor_percent=2.0)

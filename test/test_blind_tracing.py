@@ -53,7 +53,7 @@ def test_energy_recovered_is_a_share_of_the_oracles() -> None:
 
 
 def event(subject: Subject, number: int, seconds: float = 3.5) -> Case:
-    """What a subject shows of a made seat, with little noise."""
+    """The response of a subject to a synthetic seat motion, with little noise."""
     rate_hz, rng = 250.0, np.random.default_rng(number)
     time_s = np.arange(round(seconds * rate_hz)) / rate_hz
     tones = rng.uniform(2.0, 20.0, 8)
@@ -81,7 +81,7 @@ def backrest() -> tuple[Record, Record]:
     return found[0], found[1]
 
 
-def test_refits_tell_ratio_oracle_placebo_and_generic(
+def test_refits_give_ratio_oracle_placebo_and_generic(
     backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain, hidden = backrest
@@ -328,7 +328,7 @@ def test_records_go_through_processes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def a_trace(known: Record) -> Trace:
-    """What a tracer might say that finds skin at the head."""
+    """The result of a trace that finds skin at the head."""
     skin = CATALOGUE["skin"]
     applied = AppliedEffect(skin, "head", {p.name: p.size for p in skin.parameters})
     after = dataclasses.replace(known.subject, effects=(applied,))
@@ -528,7 +528,7 @@ def test_scored_forms_are_not_named_in_the_package() -> None:
 
 
 def answered_but_one(drawing: Drawing, numbers: list[int]) -> list[int]:
-    """What a process would answer; the second record cannot be drawn."""
+    """The answer of a process; the second record cannot be drawn."""
     if 1 in numbers:
         raise ValueError("this one cannot be drawn")
     return numbers

@@ -96,7 +96,7 @@ def test_stamps_are_unix_time_and_units_are_si(drive: tuple[Path, Path, dict[str
         assert np.abs(accel - written)[quiet].max() < 1e-6
 
 
-def test_a_message_says_what_is_known_and_what_is_not(drive: tuple[Path, Path, dict[str, Any]]) -> None:
+def test_covariances_mark_known_and_unknown_quantities(drive: tuple[Path, Path, dict[str, Any]]) -> None:
     _, bag, document = drive
     found = messages(bag, "head")
     assert {message.header.frame_id for message in found} == {"head"}
@@ -114,7 +114,7 @@ def test_a_message_says_what_is_known_and_what_is_not(drive: tuple[Path, Path, d
     assert not variance.any()
 
 
-def test_the_shock_comes_back_from_high_g(drive: tuple[Path, Path, dict[str, Any]]) -> None:
+def test_a_clipped_shock_is_recovered_from_high_g(drive: tuple[Path, Path, dict[str, Any]]) -> None:
     _, bag, document = drive
     for number, name in enumerate(SENSORS):
         t = 0.07 * number + np.arange(5625) / LOW_HZ
@@ -131,7 +131,7 @@ def test_the_shock_comes_back_from_high_g(drive: tuple[Path, Path, dict[str, Any
         assert high["bias_mps2"] == pytest.approx([4.0 - number, -7.0 + number, 9.0], abs=0.2)
 
 
-def test_the_bag_says_where_it_comes_from(drive: tuple[Path, Path, dict[str, Any]]) -> None:
+def test_the_bag_has_its_provenance(drive: tuple[Path, Path, dict[str, Any]]) -> None:
     place, bag, document = drive
     with open_bag(bag) as reader:
         about, marks = reader.metadata("biodyn"), reader.metadata("biodyn_from_high_g")
@@ -148,14 +148,14 @@ def test_the_bag_says_where_it_comes_from(drive: tuple[Path, Path, dict[str, Any
     assert first <= 1000 * UNIX_US + 3_005_500_000 <= last
 
 
-def test_what_is_not_read_is_named(drive: tuple[Path, Path, dict[str, Any]]) -> None:
+def test_unread_files_are_named(drive: tuple[Path, Path, dict[str, Any]]) -> None:
     _, _, document = drive
     aside = "\n".join(document["aside"])
     assert aside.count("magnetometer") == 6 and "notes.txt" in aside
     assert "notes.txt" in text_of(document) and "TS-02370" in text_of(document)
 
 
-def test_what_high_g_gave_does_not_count_as_clipped(drive: tuple[Path, Path, dict[str, Any]]) -> None:
+def test_samples_from_high_g_do_not_count_as_clipped(drive: tuple[Path, Path, dict[str, Any]]) -> None:
     _, bag, _ = drive
     document = info(bag)
     assert [row["clipped"] for row in document["topics"]] == [0] * 6
@@ -185,7 +185,7 @@ def test_what_high_g_gave_does_not_count_as_clipped(drive: tuple[Path, Path, dic
         ("", 3),
     ],
 )
-def test_a_limit_of_a_bag_is_heeded_if_it_is_one(said: str, clipped: int, tmp_path: Path) -> None:
+def test_a_valid_limit_of_a_bag_is_applied(said: str, clipped: int, tmp_path: Path) -> None:
     stamps = 10**9 + np.arange(2000) * 1_000_000
     accel = np.tile([0.0, 0.0, G], (2000, 1))
     accel[1500:1503, 2] = 200.0
@@ -194,12 +194,12 @@ def test_a_limit_of_a_bag_is_heeded_if_it_is_one(said: str, clipped: int, tmp_pa
         writer.write(INPUT["seat"], stamps, encode_imu(stamps, accel, None, "seat"))
         writer.add_metadata("biodyn", {"saturation_mps2": said})
     assert info(tmp_path / "b.mcap")["topics"][0]["clipped"] == clipped
-    # A bag whose topic is another sensor here keeps its own limit.
+    # With the topic mapped to another sensor, the limit of the bag applies to that sensor.
     renamed = ReadingOptions({"head": INPUT["seat"]})
     assert info(tmp_path / "b.mcap", renamed)["topics"][0]["clipped"] == clipped
 
 
-def test_without_high_g_it_stays_clipped(drive: tuple[Path, Path, dict[str, Any]], tmp_path: Path) -> None:
+def test_without_high_g_the_shock_stays_clipped(drive: tuple[Path, Path, dict[str, Any]], tmp_path: Path) -> None:
     place, _, _ = drive
     bag = tmp_path / "clipped.mcap"
     document = imported(place, bag, {"seat": SERIALS["seat"]}, high_g=False)
@@ -212,7 +212,7 @@ def test_without_high_g_it_stays_clipped(drive: tuple[Path, Path, dict[str, Any]
     assert any("high-g is switched off" in line for line in document["warnings"])
 
 
-def test_a_sensor_whose_high_g_is_missing_is_flagged_for_itself_alone(tmp_path: Path) -> None:
+def test_only_the_sensor_without_high_g_is_flagged(tmp_path: Path) -> None:
     for name, wide in (("seat", Wide()), ("head", None)):
         capture_u_files(tmp_path / "csv", SERIALS[name], shock((3.0,)), wide=wide, seed=3)
     bag = tmp_path / "two.mcap"
@@ -223,8 +223,8 @@ def test_a_sensor_whose_high_g_is_missing_is_flagged_for_itself_alone(tmp_path: 
     assert any("no high-g file of this sensor" in line for line in document["warnings"])
 
 
-def test_a_shock_that_high_g_missed_stays_clipped_with_all_that_sensor(tmp_path: Path) -> None:
-    """Of two shocks one lies in a loss of high-g: the sensor keeps the usual limit, so that none is overlooked."""
+def test_a_shock_missing_from_high_g_leaves_its_sensor_clipped(tmp_path: Path) -> None:
+    """One of two shocks lies in a loss of high-g: the sensor has the default limit, so that both shocks count."""
     low = capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((3.0, 4.5)), seed=4)
     high = low.with_name(low.name.replace("lowg", "highg"))
     lines = high.read_text().splitlines()
@@ -238,7 +238,7 @@ def test_a_shock_that_high_g_missed_stays_clipped_with_all_that_sensor(tmp_path:
     assert any("counts the high-g samples as clipped too" in line for line in document["warnings"])
 
 
-def test_high_g_of_another_motion_is_not_believed(tmp_path: Path) -> None:
+def test_high_g_of_another_motion_is_not_used(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((3.0,)), seed=5)
     t = 0.0137 + np.arange(9000) / 1600.0
     other = high_g(shock((9.0,)), t, Wide(), np.random.default_rng(1))
@@ -269,7 +269,7 @@ def test_any_cut_into_blocks_gives_the_same_messages(tmp_path: Path, monkeypatch
     assert found[0][1]["seat"]["samples"] == 2249 and found[0][1]["seat"]["from_high_g"] > 5
 
 
-def test_a_file_that_is_still_being_written_is_read_as_far_as_it_was(tmp_path: Path) -> None:
+def test_an_incomplete_file_is_read_up_to_its_last_complete_row(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((9.0,)), 2.0, None)
     whole = low.read_bytes()
     cut = whole[: whole.rindex(b",") + 3]
@@ -301,7 +301,7 @@ _VARIANTS: dict[str, tuple[dict[str, Any], str, bytes]] = {
 
 
 @pytest.mark.parametrize("variant", _VARIANTS)
-def test_every_layout_of_nexus_gives_the_same(variant: str, tmp_path: Path) -> None:
+def test_every_layout_of_nexus_gives_the_same_messages(variant: str, tmp_path: Path) -> None:
     how, encoding, mark = _VARIANTS[variant]
     one, other = still(400), still(400, (G, 0.0, 0.0), seed=2)
     file = tmp_path / "Trial 01.csv"
@@ -317,7 +317,7 @@ def test_every_layout_of_nexus_gives_the_same(variant: str, tmp_path: Path) -> N
     assert any("no time of day" in line for line in document["warnings"])
 
 
-def test_rows_that_excel_made_longer_and_blank_ones_are_read(tmp_path: Path) -> None:
+def test_rows_padded_by_excel_and_blank_rows_are_read(tmp_path: Path) -> None:
     text = nexus_text({"TS-01874": still(60)}).split("\r\n")
     longer = [line + ",,," if number > 6 and line else line for number, line in enumerate(text)]
     longer.insert(30, ",,,")
@@ -342,7 +342,7 @@ def test_a_start_sets_the_first_row_s_time(tmp_path: Path) -> None:
 def test_zeros_are_dropped_or_left_as_gaps_and_counted(tmp_path: Path) -> None:
     values = still(500)
     values[:40] = values[200:230] = values[460:] = 0.0
-    # What the resampler makes of the rows beside them.
+    # The resampler changes the adjacent rows.
     values[40], values[199], values[459] = 0.4 * values[40], 0.9 * values[199], 0.5 * values[459]
     file = tmp_path / "t.csv"
     file.write_text(nexus_text({"TS-01902": values, "TS-01874": still(500, seed=2)}))
@@ -381,7 +381,7 @@ def test_a_shock_in_nexus_is_taken_over_without_a_filter(tmp_path: Path) -> None
     assert document["sensors"]["seat"]["high_g"]["bias_mps2"] == pytest.approx([1.0, 2.0, 9.0], abs=0.3)
 
 
-def test_a_rail_below_the_limit_is_said_and_one_that_was_given_stays_with_the_bag(tmp_path: Path) -> None:
+def test_a_rail_below_the_limit_is_reported_and_a_given_one_is_stored_in_the_bag(tmp_path: Path) -> None:
     values = still(1500)
     values[1200:1210, 2] = 153.25
     file = tmp_path / "t.csv"
@@ -394,7 +394,7 @@ def test_a_rail_below_the_limit_is_said_and_one_that_was_given_stays_with_the_ba
     assert document["sensors"]["seat"]["clipped"] == 10 == info(tmp_path / "c.mcap")["topics"][0]["clipped"]
 
 
-def test_a_sensor_without_gyro_says_so_in_every_message(tmp_path: Path) -> None:
+def test_a_sensor_without_gyro_is_marked_in_every_message(tmp_path: Path) -> None:
     lines = nexus_text({"TS-01874": still(60)}).split("\r\n")
     lines = [line.replace("TS-01874 - gyro", "Force") for line in lines]
     file = tmp_path / "t.csv"
@@ -404,7 +404,7 @@ def test_a_sensor_without_gyro_says_so_in_every_message(tmp_path: Path) -> None:
     assert any("no gyro" in line for line in document["warnings"])
 
 
-def test_another_section_ends_the_devices(tmp_path: Path) -> None:
+def test_the_next_section_ends_the_list_of_devices(tmp_path: Path) -> None:
     file = tmp_path / "t.csv"
     file.write_text(
         nexus_text({"TS-01874": still(60)}) + "\r\nTrajectories\r\n100\r\nFrame,Sub Frame\r\n1,0\r\n2,0\r\n"

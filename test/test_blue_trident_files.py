@@ -1,4 +1,4 @@
-"""Which files are imported and which are not: refusals in one line, damage, the command, and real exports of Nexus."""
+"""Import of files: refusals in one line, damage, the command, and real exports of Nexus."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def place_of(directory: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("mapping", "take", "said"),
+    ("mapping", "take", "wanted"),
     [
         ({}, None, "no sensor is mapped; serials: TS-00001, TS-00002, TS-01874: use --map seat=TS-00001"),
         ({"seat": "TS-9"}, None, "--map seat=TS-9: no such serial; serials: TS-00001, TS-00002, TS-01874"),
@@ -53,15 +53,17 @@ def place_of(directory: Path) -> Path:
         ({"seat": "TS-00001", "head": "TS-01874"}, None, "Capture.U and Nexus have different clocks"),
     ],
 )
-def test_what_does_not_fit_is_one_line(mapping: dict[str, str], take: str | None, said: str, tmp_path: Path) -> None:
+def test_invalid_input_is_refused_in_one_line(
+    mapping: dict[str, str], take: str | None, wanted: str, tmp_path: Path
+) -> None:
     place = place_of(tmp_path / "csv")
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         imported(place, tmp_path / "b.mcap", mapping, take=take)
-    assert said in str(told.value) and "\n" not in str(told.value)
+    assert wanted in str(message.value) and "\n" not in str(message.value)
     assert [path.name for path in tmp_path.iterdir()] == ["csv"]
 
 
-def test_the_end_of_a_serial_is_enough_where_one_alone_ends_so(tmp_path: Path) -> None:
+def test_a_unique_end_of_a_serial_is_sufficient(tmp_path: Path) -> None:
     for serial in ("TS-01874", "TS-11875", "TS-21875"):
         capture_u_files(tmp_path / "csv", serial, shock((9.0,)), 0.5, None)
     document = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "1874", "head": "11875"})
@@ -80,12 +82,12 @@ def test_a_take_is_chosen_by_its_beginning(tmp_path: Path) -> None:
     assert "not mapped: pelvis, lower_torso, upper_torso, neck, head" in document["warnings"]
 
 
-def test_a_bag_without_a_seat_is_written_and_said_to_be_of_little_use(tmp_path: Path) -> None:
+def test_a_bag_without_a_seat_is_written_with_a_warning(tmp_path: Path) -> None:
     document = imported(place_of(tmp_path / "csv"), tmp_path / "b.mcap", {"head": "TS-00001"})
     assert any(line.startswith("seat: not mapped, needed for every prediction") for line in document["warnings"])
 
 
-def test_recordings_of_two_times_are_not_put_into_one_bag(tmp_path: Path) -> None:
+def test_recordings_of_different_times_are_refused_for_one_bag(tmp_path: Path) -> None:
     capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 1.0, None)
     capture_u_files(tmp_path / "csv", "TS-2", shock((9.0,)), 1.0, None, starts_s=60.0)
     with pytest.raises(InputError, match=r"seat \(TS-1\) ends 59.0 s before head \(TS-2\) starts"):
@@ -136,21 +138,21 @@ BROKEN: dict[str, tuple[bytes, str]] = {
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_file_is_one_line_and_leaves_no_bag(name: str, tmp_path: Path) -> None:
-    data, said = BROKEN[name]
+    data, wanted = BROKEN[name]
     file = tmp_path / "t.csv"
     file.write_bytes(data)
-    if not said:
+    if not wanted:
         document = imported(file, tmp_path / "b.mcap", {"seat": "TS-1"})
         assert document["sensors"]["seat"]["samples"] == 20 and document["files"][0]["ragged_rows"] == 1
         return
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         imported(file, tmp_path / "b.mcap", {"seat": "TS-1"})
-    assert said in str(told.value) and "\n" not in str(told.value) and len(str(told.value)) <= MAX_CHARACTERS
+    assert wanted in str(message.value) and "\n" not in str(message.value) and len(str(message.value)) <= MAX_CHARACTERS
     assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "wanted"),
     [
         ("ax_m/s/s", "ax_furlong", "have several units: ['furlong', 'm/s/s']"),
         ("az_m/s/s", "z", "no column az among unix_timestamp_microsec, time_s"),
@@ -158,12 +160,12 @@ def test_a_broken_file_is_one_line_and_leaves_no_bag(name: str, tmp_path: Path) 
         ("deg/s", "rpm", "unit 'rpm' is unknown; known units: deg/s"),
     ],
 )
-def test_a_header_of_capture_u_that_is_not_understood(old: str, new: str, said: str, tmp_path: Path) -> None:
+def test_an_unknown_header_of_capture_u_is_refused(old: str, new: str, wanted: str, tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock(), 0.5, None)
     low.write_text(low.read_text().replace(old, new))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
-    assert said in str(told.value)
+    assert wanted in str(message.value)
     with pytest.raises(InputError, match=r"no export of Capture.U or Nexus; .*lowg.csv"):
         imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1"})
 
@@ -177,7 +179,7 @@ def test_other_columns_and_units_of_capture_u_are_understood(tmp_path: Path) -> 
     assert samples(tmp_path / "b.mcap", "seat")[1][:, 2] == pytest.approx(up * G, abs=1e-5)
 
 
-def test_stamps_that_cannot_be_are_left_out(tmp_path: Path) -> None:
+def test_impossible_stamps_are_left_out(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5, None)
     lines = low.read_text().splitlines()
     for at, stamp in ((5, "nan"), (6, "-5"), (7, "1e300"), (8, ""), (9, "99999999999999999999")):
@@ -187,7 +189,7 @@ def test_stamps_that_cannot_be_are_left_out(tmp_path: Path) -> None:
     assert row["samples"] == 562 - 5 and row["gaps"] == 1
 
 
-def test_stamps_that_excel_shortened_are_refused(tmp_path: Path) -> None:
+def test_stamps_truncated_by_excel_are_refused(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5, None)
     lines = low.read_text().splitlines()
     short = [f"{float(line.partition(',')[0]):.5E},{line.partition(',')[2]}" for line in lines[1:]]
@@ -196,7 +198,7 @@ def test_stamps_that_excel_shortened_are_refused(tmp_path: Path) -> None:
         imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
 
 
-def test_a_spoilt_byte_in_a_row_does_not_spoil_the_units(tmp_path: Path) -> None:
+def test_a_damaged_byte_in_a_row_does_not_change_the_units(tmp_path: Path) -> None:
     data = nexus_text({"TS-1": still(60)}).encode().replace(b"\r\n3,1,", b"\r\n3,\xff\0,")
     (tmp_path / "t.csv").write_bytes(data)
     document = imported(tmp_path / "t.csv", tmp_path / "b.mcap", {"seat": "TS-1"})
@@ -214,7 +216,7 @@ def test_sensors_that_start_far_apart_keep_their_order_in_the_bag(tmp_path: Path
     assert (np.diff(begins) > -1_000_000_000).all()
 
 
-def test_damaged_rows_cost_only_themselves(tmp_path: Path) -> None:
+def test_only_damaged_rows_are_dropped(tmp_path: Path) -> None:
     lines = nexus_text({"TS-01874": still(200), "TS-01902": still(200, seed=2)}).split("\r\n")
     at = next(number for number, line in enumerate(lines) if line.startswith("Frame,")) + 2
     cells = lines[at + 20].split(",")
@@ -255,7 +257,7 @@ def test_the_command_prints_json_and_writes_the_bag(tmp_path: Path, capsys: pyte
 
 
 @pytest.mark.parametrize(
-    ("extra", "said"),
+    ("extra", "wanted"),
     [
         (["--map", "seat=TS-00001", "--map", "head=TS-00001"], "sensor or serial is given twice"),
         (["--map", "chair=TS-00001"], "expected sensor=serial with a sensor of seat"),
@@ -269,16 +271,16 @@ def test_the_command_prints_json_and_writes_the_bag(tmp_path: Path, capsys: pyte
         (["--map", "seat=TS-00001", "--saturation-mps2", "1"], "saturation_mps2 is 1, allowed are 10 to 5000 m/s^2"),
     ],
 )
-def test_what_the_command_does_not_take(
-    extra: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_invalid_options_of_the_command_are_refused(
+    extra: list[str], wanted: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     place = place_of(tmp_path / "csv")
     (tmp_path / "list.yaml").write_text("- seat\n")
     (tmp_path / "number.yaml").write_text("seat: 2374\n")
     words = [word.format(tmp_path) for word in extra]
     assert main(["import-blue-trident", str(place), "-o", str(tmp_path / "b.mcap"), *words]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("biodyn import-blue-trident: ") and said in told and told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert message.startswith("biodyn import-blue-trident: ") and wanted in message and message.count("\n") == 1
     assert not list(tmp_path.glob("*.mcap")) and not list(tmp_path.glob(".*"))
 
 
@@ -319,7 +321,7 @@ def test_a_real_export_of_nexus(name: str, shared_data: Path, tmp_path: Path) ->
         size = np.linalg.norm(gyro, axis=1)
         assert 9.6 < np.median(np.linalg.norm(accel[size < np.quantile(size, 0.1)], axis=1)) < 9.95
         check_gyro(stamps, gyro, np.deg2rad(raw[:, 9:12]))
-    # An arm that moves from the first second on, for eight seconds, is not at rest within the usual patience.
+    # An arm that moves from the first second on, for eight seconds, is not at rest within the default patience.
     soon = ConditioningSettings(rest_patience_s=3.0)
     seen = info(bag, ReadingOptions(conditioning=soon))
     assert [row["sensor"] for row in seen["topics"]] == list(expected) and seen["replay"]["refusal"] is None

@@ -24,7 +24,7 @@ SAMPLES = st.tuples(STAMPS, st.tuples(*[FLOATS] * 6), FRAMES)
 
 
 def imu_bytes(stamp_ns: int, values: tuple[float, ...], frame_id: str, order: str = "<") -> bytes:
-    """An Imu message built field by field, as the format says and unlike the code under test."""
+    """An Imu message built field by field by the format, independent of the code under test."""
     frame = frame_id.encode() + b"\0"
     out = b"\x00\x01\x00\x00" if order == "<" else b"\x00\x00\x00\x00"
     body = struct.pack(f"{order}iII", *divmod(stamp_ns, 10**9), len(frame)) + frame
@@ -83,13 +83,13 @@ def test_no_messages_are_an_empty_block():
     assert cdr.decode_accel_stamped([])[1].shape == (0, 3)
 
 
-def test_no_angular_velocity_is_decoded_unasked():
+def test_angular_velocity_is_decoded_on_request_alone():
     assert cdr.decode_imu([imu_bytes(1, (1, 2, 3, 4, 5, 6), "imu")]).gyro_radps is None
     assert cdr.decode_imu([]).gyro_radps is None
 
 
 def test_a_covariance_of_minus_one_says_there_is_no_gyro():
-    """REP-145: in the first element; -1 elsewhere says nothing, and other messages keep theirs."""
+    """REP-145: -1 in the first element alone, and only for that message."""
     messages = [bytearray(imu_bytes(n, (1, 2, 3, 4, 5, n), "imu", order)) for n, order in enumerate("<><")]
     for n, order, element in ((0, "<", 0), (1, ">", 0), (2, "<", 1)):
         struct.pack_into(f"{order}d", messages[n], len(messages[n]) - 296 + 128 + 8 * element, -1.0)
@@ -110,10 +110,10 @@ def test_a_cut_message_is_refused(cut):
 
 @pytest.mark.parametrize("length", [0xFFFFFFFF, 0x7FFFFFFF, 0x80000000, 1000, 13])
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_a_hostile_frame_length_is_refused_never_followed(length, order):
+def test_an_invalid_frame_length_is_refused(length, order):
     message = bytearray(imu_bytes(5, (1, 2, 3, 4, 5, 6), "imu", order))
     message[12:16] = struct.pack(f"{order}I", length)
-    # 13 bytes are there, only no Imu has its numbers behind them: who asks for the frame_id alone need not know.
+    # 13 bytes exist, but the numbers of an Imu do not fit behind them: reading the frame_id alone does not need them.
     for decode in (lambda m: cdr.decode_imu([m]), cdr.decode_imu_one, *([cdr.frame_id_of] if length > 13 else [])):
         with pytest.raises(InputError, match=rf"frame_id of {length}"):
             decode(bytes(message))
@@ -168,7 +168,7 @@ def test_restamp_changes_the_stamp_alone(sample, stamp_ns, order):
     assert shifted == (moved if sample[0] != 0 else imu_bytes(*sample, order))
 
 
-def test_a_stamp_that_was_never_set_is_not_set_by_shifting():
+def test_an_unset_stamp_stays_unset_when_shifted():
     message = imu_bytes(0, (0.0,) * 6, "imu", "<")
     assert cdr.shift_stamp(message, 1_767_225_600 * 10**9) == message
 

@@ -1,4 +1,4 @@
-"""Channels beside the vertical: known motions of any mounting, masks, gyros with gaps or none, and a foreign world."""
+"""Further channels: known motions of any mounting, masks, gyros with gaps or none, and an independent simulation."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from biodyn_ros.reading.seat_motion import read_seat_motion
 
 Floats = NDArray[np.float64]
 REACH = round(0.0288 * RATE_HZ)
-"""What the low-pass reaches to either side."""
+"""Reach of the low-pass to either side."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """What one sensor sends: stamps (n,) ns, specific force (n, 3) m/s^2, angular rates (n, 3) rad/s or none."""
+    """The data of one sensor: stamps (n,) ns, specific force (n, 3) m/s^2, angular rates (n, 3) rad/s or none."""
 
     stamps_ns: NDArray[np.int64]
     accel_mps2: Floats
@@ -140,7 +140,7 @@ MOUNTINGS = {
 
 
 @pytest.mark.parametrize(("axes", "azimuth_deg"), MOUNTINGS.values(), ids=MOUNTINGS)
-def test_a_known_motion_comes_back_from_any_mounting(axes: Floats, azimuth_deg: float | None) -> None:
+def test_a_known_motion_is_recovered_for_any_mounting(axes: Floats, azimuth_deg: float | None) -> None:
     streams = everywhere(mounted(turned("Z", 0.0)))
     streams["seat"] = streams["head"] = mounted(axes, bias_radps=0.02)
     recording = recorded(streams, keep_level=True)
@@ -160,7 +160,7 @@ def test_a_known_motion_comes_back_from_any_mounting(axes: Floats, azimuth_deg: 
 
 
 @given(st.floats(-1.0, 1.0), st.floats(-np.pi, np.pi))
-def test_the_level_axes_are_axes_whichever_way_is_up(height: float, around_rad: float) -> None:
+def test_levelled_axes_are_orthonormal_for_any_vertical(height: float, around_rad: float) -> None:
     side = np.sqrt(1.0 - height**2)
     axes = horizontal_axes((height, side * np.cos(around_rad), side * np.sin(around_rad)))
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
@@ -178,8 +178,8 @@ def test_an_upside_down_sensor_keeps_its_axes_where_the_smallest_rotation_does_n
     assert np.abs(rotation_to_vertical(np.array(one)) - rotation_to_vertical(np.array(across))).max() > 1.9
 
 
-def test_a_turn_that_lasts_is_no_bias() -> None:
-    """What is taken off is the reading at rest, so a bend stays a bend."""
+def test_a_lasting_turn_is_not_removed_as_bias() -> None:
+    """The reading at rest is subtracted, so a lasting turn remains."""
     bend = angle(0.0, 1.0)(TIME_S) + 0.2 * np.clip((TIME_S - 1.5) / 0.5, 0.0, 1.0)
     stream = mounted(turned("ZX", 20.0, 5.0), bias_radps=0.03)
     rates = stream.rates_radps + (turned("ZX", 20.0, 5.0) @ [0.0, 0.0, 1.0]) * bend[:, None]
@@ -244,7 +244,7 @@ def stick(stamps, samples, rates):
 
 @pytest.mark.parametrize("change", [clip, lose(3), lose(4), lose(30), lose(100), spoil, stick])
 @pytest.mark.parametrize("sensor", ["head", "seat"])
-def test_what_is_masked_of_the_vertical_is_masked_of_the_rest(sensor: str, change) -> None:
+def test_a_mask_of_the_vertical_masks_the_other_channels(sensor: str, change) -> None:
     streams = changed(of_model(noisy_streams(9.0)), sensor, change)
     found = recorder()
     for name, stream in streams.items():
@@ -293,7 +293,7 @@ def test_a_gap_of_the_gyro_alone_masks_the_gyro_alone(lost: int, is_masked: bool
 
 
 @pytest.mark.parametrize("wild", [np.nan, np.inf, 1e6, 1e300])
-def test_a_rate_that_no_gyro_reads_is_a_lost_one(wild: float) -> None:
+def test_an_impossible_angular_rate_counts_as_lost(wild: float) -> None:
     streams = everywhere(mounted(turned("ZX", 20.0, 8.0)))
     good = recorded(streams).channels["seat"].rates_radps
 
@@ -303,7 +303,7 @@ def test_a_rate_that_no_gyro_reads_is_a_lost_one(wild: float) -> None:
     np.testing.assert_allclose(recorded(changed(streams, "seat", spike)).channels["seat"].rates_radps, good, atol=1e-3)
 
 
-def test_a_horizontal_level_goes_as_the_vertical_s_does() -> None:
+def test_a_horizontal_level_is_subtracted_like_a_vertical_one() -> None:
     streams = everywhere(mounted(turned("Z", 0.0)))
     good = recorded(streams).channels["head"].horizontal_mps2
 
@@ -431,7 +431,7 @@ def test_rates_that_do_not_fit_their_samples_are_refused() -> None:
 
 
 def bag_of(path: Path, streams: Streams, without_gyro: str = "") -> Path:
-    """Streams as a bag; one sensor's covariance says that it has no gyro, whatever its numbers are."""
+    """Streams as a bag; the covariance of one sensor marks a missing gyro, for any values."""
     with BagWriter(path) as writer:
         for name, stream in streams.items():
             payload = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.rates_radps, "imu")
@@ -442,7 +442,7 @@ def bag_of(path: Path, streams: Streams, without_gyro: str = "") -> Path:
     return path
 
 
-def test_a_bag_brings_its_rates_where_they_are_asked_for(tmp_path: Path) -> None:
+def test_angular_rates_of_a_bag_are_read_on_request(tmp_path: Path) -> None:
     streams = of_model(noisy_streams(4.0))
     bag = bag_of(tmp_path / "road.mcap", streams)
     (found,) = read_recordings(bag, options=RecordingOptions(channels=True))
@@ -453,7 +453,7 @@ def test_a_bag_brings_its_rates_where_they_are_asked_for(tmp_path: Path) -> None
     np.testing.assert_array_equal(plain.measured_mps2, found.measured_mps2)
 
 
-def test_a_bag_says_by_its_covariance_that_there_is_no_gyro(tmp_path: Path) -> None:
+def test_a_covariance_in_a_bag_marks_a_missing_gyro(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "road.mcap", of_model(noisy_streams(4.0)), without_gyro="pelvis")
     (found,) = read_recordings(bag, options=RecordingOptions(channels=True))
     assert [name for name, channels in found.channels.items() if channels.rates_radps is None] == ["pelvis"]
@@ -470,7 +470,7 @@ def test_a_seat_without_a_gyro_does_not_pitch(tmp_path: Path) -> None:
     np.testing.assert_array_equal(still.accel_mps2, pitching.accel_mps2)
 
 
-def test_a_seat_motion_of_readings_that_are_none_is_refused(tmp_path: Path) -> None:
+def test_a_seat_motion_with_invalid_readings_is_refused(tmp_path: Path) -> None:
     def spoil(stamps, samples, rates):
         samples[[5, 7], 2] = np.nan
         return stamps, samples, rates
@@ -497,7 +497,7 @@ def worn(imu: sensors.Imu, accel: Floats, rates: Floats, seed: int) -> Stream:
 
 
 @pytest.mark.parametrize("case", ["road", "pothole", "rail"])
-def test_another_world_s_seat_comes_back(case: seats.Case) -> None:
+def test_the_seat_of_the_independent_simulation_is_recovered(case: seats.Case) -> None:
     """Low-passed truth of the seat against what is recovered, each sensor turned by its own unknown yaw."""
     rng = np.random.default_rng(11)
     quiet = np.zeros((round(2.5 * seats.RATE_HZ), 3))
@@ -530,7 +530,7 @@ def test_another_world_s_seat_comes_back(case: seats.Case) -> None:
 # --- a real car ------------------------------------------------------------------------------------------------------
 
 
-def test_a_real_car_turns_and_brakes_as_its_speed_says(shared_data: Path) -> None:
+def test_turns_and_braking_of_a_real_car_match_its_speed(shared_data: Path) -> None:
     """Forward, right, down on a windscreen: x is forward, so y is left, and in a bend its acceleration is v times r.
 
     At 104 Hz it is no recording, so it is raised to 1129 Hz, which adds nothing. Below 0.5 Hz, where camber and grades

@@ -110,7 +110,7 @@ def test_json_is_the_same_document_and_nothing_else_is_on_stdout(
     assert [p.name for p in tmp_path.iterdir()] == ["exposure.json"]
 
 
-def test_the_seat_is_judged_in_json_and_in_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_the_limit_assessment_is_in_json_and_in_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag.mcap")
     code, out, errors = run(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--no-predicted")
     assert code == 0, errors
@@ -136,9 +136,7 @@ def test_the_seat_is_judged_in_json_and_in_words(capsys: pytest.CaptureFixture[s
     assert "Below the action values so far" in page
 
 
-def test_a_projection_from_a_short_record_is_made_when_asked_for(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_short_record_is_projected_on_request(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag.mcap")
     code, out, _ = run(
         capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--no-report", "--no-predicted",
@@ -194,7 +192,7 @@ def low_gain(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.nda
         (low_gain, "for gravity"),
     ],
 )
-def test_a_seat_without_grounds_is_undecided_everywhere(
+def test_an_incomplete_seat_is_undecided_in_every_output(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, change: Any, because: str
 ) -> None:
     bag = write_bag(tmp_path / "bag.mcap", change=change)
@@ -212,9 +210,7 @@ def test_a_seat_without_grounds_is_undecided_everywhere(
         assert "Vertical only" in page
 
 
-def test_limits_of_ones_own_decide_and_the_others_stand_beside(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_given_limits_decide_and_the_others_are_listed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     limits = tmp_path / "limits.yaml"
     limits.write_text(
         "decides: mine\nsets:\n"
@@ -240,7 +236,7 @@ def test_replay_again_replaces_its_own_files(capsys: pytest.CaptureFixture[str],
         assert code == 0, errors
 
 
-def test_what_is_not_asked_for_is_not_left_from_an_earlier_replay(
+def test_files_of_an_earlier_replay_that_are_not_requested_are_removed(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """Beside the figures of another ride it would pass for its page."""
@@ -252,7 +248,7 @@ def test_what_is_not_asked_for_is_not_left_from_an_earlier_replay(
     assert {path.name for path in out.iterdir()} == {"exposure.json"}
 
 
-def test_a_reader_that_has_gone_is_no_failure_and_says_nothing() -> None:
+def test_a_closed_output_pipe_is_no_failure() -> None:
     for arguments in ("--help", "replay -h", "compare subject_1 subject_2"):
         line = f"{shlex.quote(sys.executable)} -m biodyn_ros.commands.cli {arguments} | true; echo ${{PIPESTATUS[0]}}"
         done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
@@ -301,7 +297,7 @@ def gathered(path: Path) -> dict[str, np.ndarray]:
 
 @cache
 def replayed_road() -> dict[str, Any]:
-    """What two seconds of road give without a bag in between."""
+    """The figures of two seconds of road without a bag in between."""
     streams = imu_streams(
         subject(), motion_of_cases(["road"], 2.0, 0), np.random.default_rng([0, 1]), start_ns=START_NS
     )
@@ -354,7 +350,7 @@ def test_measured_seat_motions_drive_a_simulation(
     assert 0.01 < document["sensors"]["seat"]["aw_mps2"] < 2.0
 
 
-def test_the_real_tram_has_the_weighted_rms_that_others_measured(
+def test_the_real_tram_has_the_published_weighted_rms(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, shared_data: Path
 ) -> None:
     # SOURCE.txt: Wk rms 0.148 m/s^2, VDV 1.03 m/s^1.75 over the whole record, in the frequency domain.
@@ -372,9 +368,9 @@ def test_the_real_tram_has_the_weighted_rms_that_others_measured(
 
 def test_no_seat_sensor(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag.mcap", ("pelvis", "head"))
-    said = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
-    assert "no seat sensor among" in said
-    assert "--map seat=TOPIC" in said
+    error = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "no seat sensor among" in error
+    assert "--map seat=TOPIC" in error
     assert not (tmp_path / "out" / "predicted.mcap").exists()
 
 
@@ -383,13 +379,13 @@ def test_a_bag_without_imu_or_without_anything(capsys: pytest.CaptureFixture[str
         writer.add_topic("/chatter", "std_msgs/msg/String")
         payload = np.frombuffer(b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00\x00\x00", dtype=np.uint8)[None, :]
         writer.write("/chatter", np.array([1]), payload)
-    said = refused(capsys, "replay", tmp_path / "text.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
-    assert "no sensor_msgs/msg/Imu in the bag" in said
-    assert "/chatter" in said
+    error = refused(capsys, "replay", tmp_path / "text.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "no sensor_msgs/msg/Imu in the bag" in error
+    assert "/chatter" in error
     with BagWriter(tmp_path / "empty.mcap"):
         pass
-    said = refused(capsys, "replay", tmp_path / "empty.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
-    assert "no sensor_msgs/msg/Imu in the bag" in said
+    error = refused(capsys, "replay", tmp_path / "empty.mcap", "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "no sensor_msgs/msg/Imu in the bag" in error
     assert "empty.mcap" in refused(capsys, "play", tmp_path / "empty.mcap")
     assert "missing.mcap" in refused(capsys, "replay", tmp_path / "missing.mcap", "--subject", "subject_1", "-o", "x")
 
@@ -399,13 +395,11 @@ def test_a_rate_that_does_not_fit(capsys: pytest.CaptureFixture[str], tmp_path: 
         return (stamps[0] + (stamps - stamps[0]) * 10, accel) if sensor == "seat" else (stamps, accel)
 
     bag = write_bag(tmp_path / "bag.mcap", change=slow)
-    said = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
-    assert "seat: a rate of 112.9 Hz does not fit" in said
+    error = refused(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out")
+    assert "seat: a rate of 112.9 Hz does not fit" in error
 
 
-def test_where_no_stamp_is_set_log_time_serves_and_a_warning_says_so(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_without_stamps_log_time_is_used_with_a_warning(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bag = tmp_path / "bag.mcap"
     with BagWriter(bag) as writer:
         for stream in noisy_streams():
@@ -440,26 +434,26 @@ def test_nan_samples_are_rejected_and_counted(capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         ("colour: blue\n", "unknown key 'colour'"),
         ("schema: 2\n", "schema"),
     ],
 )
 def test_a_subject_that_does_not_fit_names_file_and_key(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, change: str, said: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, change: str, expected: str
 ) -> None:
     path = tmp_path / "mine.yaml"
     text = subject_file("subject_1").read_text(encoding="utf-8")
     path.write_text(text.replace("schema: 1\n", "") + change if "schema" in change else text + change, encoding="utf-8")
     line = refused(capsys, "replay", BAG, "--subject", path, "-o", tmp_path / "out")
     assert "mine.yaml" in line
-    assert said in line
+    assert expected in line
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (("replay", BAG, "--subject", "nobody", "-o", "x"), "no subject file nobody"),
         (
@@ -519,15 +513,15 @@ def test_bad_arguments_are_one_clear_line(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     arguments: tuple[str, ...],
-    said: str,
+    expected: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert said in refused(capsys, *arguments)
+    assert expected in refused(capsys, *arguments)
     assert [p.name for p in tmp_path.rglob("*.mcap")] == []
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("x,y,z\n1,2,3\n1,2\n", "rows of 3 numbers are needed"),
         ("t,ax_g,ay_g,az_g\n0,0,0,1\n1,0,0,1\n", "ax_g is in g, m/s^2 is needed"),
@@ -545,13 +539,13 @@ def test_bad_arguments_are_one_clear_line(
     ],
 )
 def test_a_broken_seat_file_is_one_clear_line(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, said: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, expected: str
 ) -> None:
     path = tmp_path / "seat.csv"
     path.write_text(text, encoding="utf-8")
     line = refused(capsys, "simulate", "--subject", "subject_1", "--seat", path, "-o", tmp_path / "bag.mcap")
     assert "seat.csv" in line
-    assert said in line
+    assert expected in line
     assert not (tmp_path / "bag.mcap").exists()
 
 
@@ -589,7 +583,7 @@ def test_forward_right_and_down_is_turned_up(tmp_path: Path) -> None:
 # --- compare and validate --------------------------------------------------------------------------------------------
 
 
-def test_compare_says_what_the_paper_s_table_6_says(capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_gives_the_deviations_of_table_6(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "compare", "subject_1", "subject_2", "--json")
     document = json.loads(out)
     assert code == 0
@@ -600,9 +594,7 @@ def test_compare_says_what_the_paper_s_table_6_says(capsys: pytest.CaptureFixtur
     assert "different models" in refused(capsys, "compare", "subject_1", "subject_1_as_printed")
 
 
-def test_validate_writes_what_it_prints_and_names_what_disagrees(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_validate_writes_its_output_and_names_disagreements(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     arguments = ("validate", BAG, "--subject", "subject_1", "-o", tmp_path / "out", "--json")
     code, out, _ = run(capsys, *arguments)
     assert code == 0
@@ -612,7 +604,7 @@ def test_validate_writes_what_it_prints_and_names_what_disagrees(
     assert code == 0 and "verdict: disagrees" in out and "head: error" in out
 
 
-def test_validate_refuses_in_one_line_and_leaves_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_validate_refuses_in_one_line_and_writes_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     missing = tmp_path / "missing.mcap"
     assert "missing.mcap" in refused(capsys, "validate", missing, "--subject", "subject_1", "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -203,7 +203,7 @@ def test_memory_does_not_grow_with_the_record() -> None:
         clocks.result()
         most = max(most, len(pickle.dumps(clocks)))  # whatever it holds, it holds it here
     assert most < 100_000
-    still = ClockComparison()  # a log clock that stands still ends no second
+    still = ClockComparison()  # a constant log clock ends no second
     for _ in range(100):
         still.push(np.arange(10_000) + START_NS, np.full(10_000, START_NS))
     assert len(pickle.dumps(still)) < 2_000_000  # of 16 million bytes that came

@@ -1,4 +1,4 @@
-"""What a person meets at the prompt: help that fits, examples that run, errors that say what next, completion."""
+"""The command line: help that fits, examples that run, errors with a remedy, completion."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def _terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    """What a command ends with, prints and complains of."""
+    """Exit code, output and errors of a command."""
     code = 0
     try:
         code = main(list(arguments))
     except SystemExit as end:
         code = int(end.code or 0)
-    told = capsys.readouterr()
-    return code, told.out, told.err
+    output = capsys.readouterr()
+    return code, output.out, output.err
 
 
 # --- help ------------------------------------------------------------------------------------------------------------
@@ -106,13 +106,13 @@ def test_every_tuning_setting_states_its_range_or_choices(capsys: pytest.Capture
             assert stated, (name, action.dest)
 
 
-def test_no_line_of_the_help_says_a_name_twice(capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_line_of_the_help_repeats_a_name(capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = said(capsys, "--help")
     lines = [line.split()[:2] for line in out.splitlines() if line.startswith("  ")]
     assert lines and not [words for words in lines if words[0] == words[-1] and len(words) > 1]
 
 
-def test_json_is_everywhere_but_where_it_would_say_nothing() -> None:
+def test_every_command_with_results_has_json() -> None:
     with_json = {
         name
         for name, command in parser().commands.items()
@@ -180,7 +180,7 @@ def test_the_example_runs(
 
 
 @pytest.mark.parametrize("example", [e for e in EXAMPLES if words_of(e)[0] in TOO_LONG and words_of(e)[0] != "live"])
-def test_the_example_is_understood(monkeypatch: pytest.MonkeyPatch, place: Path, example: str) -> None:
+def test_the_example_is_parsed(monkeypatch: pytest.MonkeyPatch, place: Path, example: str) -> None:
     monkeypatch.chdir(place)
     words = words_of(example)
     options = parser([words[0]]).parse_args(words)
@@ -191,7 +191,7 @@ def test_the_example_is_understood(monkeypatch: pytest.MonkeyPatch, place: Path,
         assert list(how.held_out) == options.hold_out
 
 
-def test_the_examples_of_the_live_node_name_what_it_has(place: Path) -> None:
+def test_the_examples_of_the_live_node_name_existing_parameters(place: Path) -> None:
     from biodyn_ros.node.live import SETTINGS
 
     for example in command_of("live").examples:
@@ -206,7 +206,7 @@ def test_the_examples_of_the_live_node_name_what_it_has(place: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "message"),
     [
         ("", "biodyn: no command is given; biodyn -h shows how"),
         ("replya drive.mcap", "biodyn: there is no command replya; did you mean replay? biodyn -h shows how"),
@@ -253,19 +253,19 @@ def test_the_examples_of_the_live_node_name_what_it_has(place: Path) -> None:
         ("live --subject anna", "biodyn live: there is no option --subject; biodyn live -h shows how"),
     ],
 )
-def test_a_wrong_command_is_one_line_that_says_what_next(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, place: Path, line: str, told: str
+def test_a_wrong_command_is_one_line_with_a_remedy(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, place: Path, line: str, message: str
 ) -> None:
     monkeypatch.chdir(place)
     before = sorted(path.name for path in place.iterdir())
     code, out, errors = said(capsys, *shlex.split(line))
     assert (code, out) == (2, "")
-    assert told in errors
+    assert message in errors
     assert errors.count("\n") == 1
     assert sorted(path.name for path in place.iterdir()) == before
 
 
-def test_arguments_that_ros_cannot_read_are_told_without_a_traceback() -> None:
+def test_invalid_ros_arguments_are_reported_without_a_traceback() -> None:
     ended = started("live", "--ros-args", "-p", "foo")
     assert ended.returncode == 2
     assert "Couldn't parse parameter override rule: '-p foo'" in ended.stderr.splitlines()[-1]
@@ -293,7 +293,7 @@ for arguments in json.loads(sys.argv[1]):
 
 
 def loaded_by(*commands: list[str]) -> dict[str, set[str]]:
-    """What each of several commands loads, one after the other in one process; errors of one line are left out."""
+    """The modules that each command loads, in turn in one process; errors of one line are left out."""
     words = [sys.executable, "-c", LOADED_BY, json.dumps(commands)]
     ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
     lines = [json.loads(line) for line in ended.stderr.splitlines() if line.startswith("[[")]
@@ -301,7 +301,7 @@ def loaded_by(*commands: list[str]) -> dict[str, set[str]]:
     return {" ".join(arguments): set(modules) for arguments, modules in lines}
 
 
-def test_what_computes_nothing_does_not_wait_for_numpy() -> None:
+def test_commands_without_computation_do_not_import_numpy() -> None:
     asked = [[name, how] for name in NAMES for how in ("-h", "--help-all")]
     heavy = {"numpy", "scipy", "numba", "rclpy", "matplotlib", "yaml"}
     found = loaded_by(["--version"], ["-h"], ["replya"], *asked)
@@ -314,7 +314,7 @@ def test_info_of_a_short_bag_loads_neither_numba_nor_the_slow_parts_of_scipy() -
     assert not {"numba", "scipy.signal", "scipy.optimize", "scipy.stats", "matplotlib", "rclpy"} & modules
 
 
-def test_info_says_the_same_compiled_or_not() -> None:
+def test_info_is_the_same_with_and_without_compilation() -> None:
     code = "import sys; from biodyn_ros.commands import cli, info; info.UNCOMPILED_UP_TO ="
     words = ["info", str(bag_file("subject_1.mcap")), "--json"]
     loaded = "print('numba' in sys.modules, 'NUMBA_DISABLE_JIT' in __import__('os').environ, file=sys.stderr)"
@@ -393,7 +393,7 @@ def test_fish_completes(scripts: Path, files: Path, line: str, offered: set[str]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_is_read_by_its_shell_and_starts_no_python(scripts: Path, shell: str) -> None:
+def test_the_completion_script_is_valid_and_starts_no_python(scripts: Path, shell: str) -> None:
     text = (scripts / shell).read_text(encoding="utf-8")
     assert "python" not in text.lower()
     assert all(name in text for name in (*NAMES, *subject_names()))
@@ -401,7 +401,7 @@ def test_the_script_is_read_by_its_shell_and_starts_no_python(scripts: Path, she
         subprocess.run([shell, "-n", str(scripts / shell)], check=True)
 
 
-def test_without_shtab_it_says_what_to_install(
+def test_without_shtab_the_error_names_the_package(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)

@@ -145,9 +145,9 @@ def test_stiffening_deviates_infinitely_from_a_linear_subject_only():
 
 def test_subjects_of_different_mass_matrices_are_refused():
     printed_twin = shipped("subject_2_as_printed")
-    with pytest.raises(InputError, match="subject_1 has mass_matrix segment, subject_2_as_printed cascade") as told:
+    with pytest.raises(InputError, match="subject_1 has mass_matrix segment, subject_2_as_printed cascade") as error:
         compare(shipped("subject_1"), printed_twin)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("threshold", [0.0, -30.0, math.nan, math.inf])

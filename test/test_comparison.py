@@ -20,7 +20,7 @@ def aw_mps2(signals: np.ndarray) -> float:
     return math.sqrt(float(np.mean(weighted("Wk", signals, RATE_HZ) ** 2)))
 
 
-def test_a_sensor_that_dies_is_compared_with_the_prediction_of_its_own_samples() -> None:
+def test_a_failed_sensor_is_compared_at_its_own_samples() -> None:
     streams = noisy_streams()
     dead = run(streams, [cut for cut in in_turn(streams) if cut[0] != HEAD or cut[2] < 3000])
     measured = dead.measured[:, SENSORS.index(HEAD)]

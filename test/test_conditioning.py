@@ -129,7 +129,7 @@ def test_a_repaired_sensor_is_used(stamps_ns, samples, told):
     status = found.conditioner.status()
     assert status.fault is None and status.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
     np.testing.assert_allclose(block.levelled_mps2[-500:], accel[-500:], atol=1e-6)
-    assert status.uncounted_s > 0.99 * len(samples) / RATE_HZ  # what was waited through is told
+    assert status.uncounted_s > 0.99 * len(samples) / RATE_HZ  # the time of waiting is reported
 
 
 @pytest.mark.parametrize(("cutoff_hz", "fits"), [(100.0, True), (150.0, False)])
@@ -364,7 +364,7 @@ def test_stamps_that_jump_back_begin_a_new_run_with_increasing_time():
     assert np.diff(found.time_s).min() > 0.0
     ends = [*found.begins[1:], len(found.time_s)]
     second, third = (slice(found.begins[lap], ends[lap]) for lap in (1, 2))
-    assert ends[1] - found.begins[1] == len(accel)  # twenty stamps in a row tell a jump, and none of them is lost
+    assert ends[1] - found.begins[1] == len(accel)  # twenty stamps in a row confirm a jump, and none of them is lost
     np.testing.assert_array_equal(found.low_passed[second], found.low_passed[third])
     np.testing.assert_array_equal(found.stamps_ns[second], found.stamps_ns[third])
 
@@ -496,7 +496,7 @@ def test_sample_by_sample_gives_the_same_bits():
     assert_same(Conditioned(*record, cuts=range(1, len(record[0]))), Conditioned(*record))
 
 
-def test_nothing_in_nothing_out():
+def test_an_empty_input_gives_an_empty_output():
     conditioner = Conditioner("seat")
     assert conditioner.push(np.empty(0, dtype=np.int64), np.empty((0, 3))) == []
     status = conditioner.status()
@@ -532,7 +532,7 @@ def test_a_given_vertical_of_any_length_levels_with_gravity_or_without(axes, len
     np.testing.assert_allclose(found.levelled, accel[-len(found.levelled) :], atol=1e-6)
     assert status.gravity_mps2 == pytest.approx(0.0 if gravity_free else naive.GRAVITY, abs=1e-6)
     np.testing.assert_allclose(status.vertical, up, atol=1e-9)
-    # Without gravity neither gain nor unit can be checked, which is told.
+    # Without gravity neither gain nor unit can be checked, which is reported.
     assert any("gravity at rest reads" in warning for warning in status.warnings) is gravity_free
 
 

@@ -19,7 +19,7 @@ def test_a_sensor_of_the_lowest_rate_is_accepted_though_its_clock_drifts(ppm):
     assert found.status.fault is None
 
 
-def test_a_fifth_of_a_millisecond_of_jitter_invents_no_samples():
+def test_a_fifth_of_a_millisecond_of_jitter_adds_no_samples():
     count = round(20.0 * RATE_HZ)
     jitter_ns = np.random.default_rng(3).normal(0.0, 0.2e6, count)
     jittered = np.maximum.accumulate(stamps(count) + np.rint(jitter_ns).astype(np.int64))
@@ -54,7 +54,7 @@ MARKED_FROM = 1200
 
 
 def marked(count: int = COUNT) -> np.ndarray:
-    """Readings (n, 3) at rest whose first axis counts samples once rest is over, so that each tells which it is."""
+    """Readings (n, 3) at rest whose first axis counts samples once rest is over, so that each identifies itself."""
     samples = np.tile(STILL[0], (count, 1))
     samples[:, 0] = 1e-3 * np.maximum(np.arange(count) - MARKED_FROM, 0)
     return samples
@@ -67,11 +67,11 @@ INDEX = np.arange(COUNT)
 def off_s(found: Conditioned, stamps_ns: np.ndarray, rate_hz: float = RATE_HZ) -> np.ndarray:
     """Smoothed time less the time at which each sample, interpolated ones too, was really taken."""
     marks = found.levelled[:, 0] / 1e-3
-    told = marks > 100.0  # what lies between a sample that is marked and one that is not tells nothing
-    assert (np.diff(marks[told]) > 0.0).all()  # in the true order
+    marked = marks > 100.0  # samples interpolated between marked and unmarked ones carry no number
+    assert (np.diff(marks[marked]) > 0.0).all()  # in the true order
     begins_s = (stamps_ns[0] - START_NS) * 1e-9  # inside, time counts from the first stamp
-    taken_s = (marks[told] + MARKED_FROM) / rate_hz
-    return found.time_s[told] + found.status.filter_delay_s + begins_s - taken_s
+    taken_s = (marks[marked] + MARKED_FROM) / rate_hz
+    return found.time_s[marked] + found.status.filter_delay_s + begins_s - taken_s
 
 
 def in_bursts(count: int = COUNT, many: int = 20) -> np.ndarray:
@@ -106,7 +106,7 @@ def test_time_is_recovered_from_any_clock(clock):
     found = Conditioned(stamps_ns, MARKED)
     status = found.status
     assert status.rejected == status.filled == 0 and status.runs == 1
-    # Where single stamps tell nothing of a lost sample it is said; coarse ones tell by how many share one.
+    # Lost samples that single stamps cannot show are reported; coarse stamps show them by the number that share one.
     assert bool(status.warnings) is (clock in ("bursts", "jitter 0.5 ms", "jitter 5 ms"))
     assert all("jitter" in warning for warning in status.warnings)
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=20e-6)
@@ -118,7 +118,7 @@ def test_time_is_recovered_from_any_clock(clock):
 @pytest.mark.parametrize("rate_hz", [250.0, 400.0, 600.0, 800.0, 833.0, 952.0, 1000.0, 1100.0, 1600.0, 3200.0])
 @pytest.mark.parametrize("quantum_ms", [1, 4, 10])
 @pytest.mark.parametrize("step_mps2", [0.0, 0.0766])
-def test_coarse_stamps_of_any_rate_lose_and_invent_nothing(rate_hz, quantum_ms, step_mps2):
+def test_coarse_stamps_of_any_rate_lose_and_add_no_samples(rate_hz, quantum_ms, step_mps2):
     # Coarse readings, of 12 bits, repeat as well: with their stamp they look like messages sent twice.
     count, quantum_ns = round(4.0 * rate_hz), quantum_ms * 10**6
     samples = STILL[:1] + 0.02 * np.random.default_rng(2).standard_normal((count, 3))
@@ -140,7 +140,7 @@ def test_a_drifting_clock_is_tracked_and_reported_in_ppm(ppm, jitter_ms):
 
 
 @pytest.mark.parametrize("delay_ms", [0.1, 1.0])
-def test_callbacks_that_are_sent_late_lose_and_invent_nothing(delay_ms):
+def test_late_callbacks_lose_and_add_no_samples(delay_ms):
     # No stamp is earlier than the one before: a queue that stalls, and then empties in no time.
     delay_ns = np.random.default_rng(1).exponential(delay_ms * 1e6, COUNT)
     stamps_ns = np.maximum.accumulate(stamps(COUNT) + np.rint(delay_ns).astype(np.int64))
@@ -148,7 +148,7 @@ def test_callbacks_that_are_sent_late_lose_and_invent_nothing(delay_ms):
     assert found.status.rejected == found.status.filled < 1e-4 * COUNT and found.status.runs == 1
     mean_s = float((stamps_ns - stamps(COUNT)).mean()) * 1e-9
     far_s = np.abs(off_s(found, stamps_ns) - mean_s)
-    # Of two with one stamp the second is late where the clock is that good: the first stands in its place.
+    # Of two samples with one stamp the second is late if the clock is accurate: the first has its place.
     assert (far_s > 0.27e-3 * delay_ms).sum() <= 2 * found.status.late and far_s.max() < 1.05 / RATE_HZ
 
 
@@ -178,8 +178,8 @@ def test_a_rate_that_differs_from_that_at_rest_is_reported(later_hz):
     status = Conditioned(stamps_ns, STILL[np.zeros(len(stamps_ns), dtype=int)]).status
     # Faster than at rest, what is too much comes late; slower, it is drawn in or the clock cannot follow.
     counted = status.late if later_hz > RATE_HZ else status.filled
-    told = any("rate differs by 2 %" in warning for warning in status.warnings)
-    assert told or counted > 0.8 * 20_000 * abs(RATE_HZ / later_hz - 1.0) > 4000
+    warned = any("rate differs by 2 %" in warning for warning in status.warnings)
+    assert warned or counted > 0.8 * 20_000 * abs(RATE_HZ / later_hz - 1.0) > 4000
 
 
 # --- lost, repeated and disordered messages --------------------------------------------------------------------------
@@ -241,7 +241,7 @@ def test_a_stream_all_out_of_order_is_never_taken_for_one_that_jitters(within_s)
     order = np.argsort(INDEX / RATE_HZ + np.random.default_rng(7).uniform(0.0, within_s, COUNT), kind="stable")
     found = Conditioned(stamps(COUNT)[order], MARKED[order])
     status = found.status
-    # What is used is used in the true order (which `off_s` asserts) and at the true time; the rest is told.
+    # Used samples have the true order (`off_s` asserts it) and the true time; the others are reported.
     assert np.abs(off_s(found, stamps(COUNT)[order])).max() < 1e-4
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
     assert status.rejected > 0.1 * COUNT and status.filled == pytest.approx(status.rejected, rel=0.05)
@@ -299,12 +299,12 @@ def test_thirty_stamps_in_a_row_confirm_a_leap_and_its_return(clock, sign, leap_
     # Nothing was missing, but that each run begins with a stamp that jitters as they do.
     assert status.gap_s == pytest.approx(0.0, abs=0.03) and status.recorded_s == pytest.approx(30.1, abs=0.05)
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=50e-6)
-    # Before it returned, nobody could know.
+    # Before its return the leap is not known.
     unreturned = Conditioned(stamps_ns[:9030], MARKED[:9030]).status
     assert unreturned.gap_s == pytest.approx(leap_ns * 1e-9 if sign > 0 else 0.0, abs=0.02)
 
 
-def test_what_is_lost_while_stamps_leap_stays_missing():
+def test_samples_lost_while_stamps_leap_stay_missing():
     kept = np.delete(INDEX, np.concatenate([np.arange(9000, 9200), np.arange(9300, 9400)]))
     for sign in (1, -1):
         stamps_ns = stamps(COUNT)
@@ -333,7 +333,7 @@ def test_thirty_stamps_from_the_start_of_a_looping_bag_are_no_second_lap_of_miss
 
 
 @pytest.mark.parametrize("restart_ns", [10**9, 10**12, START_NS + 10**18])
-def test_a_sensor_that_restarts_with_another_epoch_goes_on(restart_ns):
+def test_a_sensor_that_restarts_with_another_epoch_is_counted_further(restart_ns):
     """Such as seconds since boot: 1.7e9 s back are more than seconds in a double resolve to a clock's ppm."""
     stamps_ns = stamps(COUNT)
     stamps_ns[9000:] += restart_ns - stamps_ns[9000]
@@ -459,7 +459,7 @@ def test_readings_that_repeat_now_and_then_are_no_flat_line():
 
 
 @pytest.mark.parametrize("gap_s", [0.03, 1.5, 3600.0, -5.0, -3600.0])
-def test_what_passes_between_runs_is_no_part_of_a_flat_line(gap_s):
+def test_time_between_runs_is_no_part_of_a_flat_line(gap_s):
     # Equal for 1.2 s before the break and for 0.6 s behind it, then for 1.2 s.
     stamps_ns = stamps(COUNT)
     stamps_ns[9000:] += round(gap_s * 1e9)

@@ -1,4 +1,4 @@
-"""The conformance page: it is whole, nothing in it fails, and a part of it, measured anew, still says the same."""
+"""The conformance page: it is complete, nothing in it fails, and a part measured again gives the same figures."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_without_the_recordings_the_page_is_not_made(monkeypatch, tmp_path, caps
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1.0011, 0.9989])
-def test_what_is_off_or_no_number_does_not_pass(value) -> None:
+def test_deviations_and_nan_fail(value) -> None:
     assert not Row("a", value, 1.0, 1e-3).passes
     assert not Row("a", value, 1.0, 1e-3, absolute=True).passes
 
@@ -130,7 +130,7 @@ def test_the_poles_and_zeros_are_the_formula_of_the_standard(name) -> None:
 
 
 @pytest.mark.parametrize("name", twins.WEIGHTINGS)
-def test_the_closed_form_is_the_answer_by_the_spectrum(name) -> None:
+def test_the_closed_form_is_the_response_by_the_spectrum(name) -> None:
     # So many samples a second that kinks do not tell, or so many seconds that the slowest weighting has died away.
     rate_hz, seconds = (10_000.0, 60.0) if name == "Wf" else (40_000.0, 4.0)
     time = np.arange(0.0, seconds, 1.0 / rate_hz)
@@ -140,7 +140,7 @@ def test_the_closed_form_is_the_answer_by_the_spectrum(name) -> None:
     np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
 
 
-def test_the_oscillator_is_the_one_that_is_integrated() -> None:
+def test_the_oscillator_matches_its_numerical_integration() -> None:
     modes = twins.tone(50.0, 6.25, 0.5, 0.0)
     time = np.arange(0.0, 0.3, 2.5e-4)
     z = twins.answer(twins.spinal_oscillator(), modes, np.arange(0.0, 0.3, twins.FINE_S))
@@ -156,7 +156,7 @@ def test_hic_of_a_half_sine_is_that_of_brute_force() -> None:
         assert injury.hic_of_half_sine(40.0, 0.02, window_s) == pytest.approx(wanted, rel=1e-4)
 
 
-# --- measured anew ---------------------------------------------------------------------------------------------------
+# --- measured again --------------------------------------------------------------------------------------------------
 
 
 def test_weightings_are_as_printed() -> None:

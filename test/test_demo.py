@@ -1,4 +1,4 @@
-"""The demo as somebody runs it: what the live node says is what the replay says, though the machine holds it up."""
+"""The demo as a user runs it: the live node and the replay give the same figures, also on a busy machine."""
 
 from __future__ import annotations
 
@@ -47,21 +47,21 @@ def test_live_equals_the_replay_though_the_node_is_held_up(tmp_path: Path) -> No
         os.kill(live, signal.SIGSTOP)
         time.sleep(HELD_UP_S)
         os.kill(live, signal.SIGCONT)
-        said, _ = demo.communicate(timeout=120.0)
+        output, _ = demo.communicate(timeout=120.0)
     assert demo.returncode == 0
-    found = re.search(r"seat VDV live (\S+), offline (\S+) m/s", said)
-    assert found is not None, said
+    found = re.search(r"seat VDV live (\S+), offline (\S+) m/s", output)
+    assert found is not None, output
     assert found[1] == found[2]
 
 
-def test_a_demo_whose_node_dies_fails_and_says_so(tmp_path: Path) -> None:
+def test_a_demo_whose_node_exits_fails_with_an_error(tmp_path: Path) -> None:
     with running(tmp_path / "out") as demo:
         os.kill(live_child(demo), signal.SIGKILL)
         _, errors = demo.communicate(timeout=60.0)
     assert demo.returncode == 2 and "biodyn demo: the live node ended (exit code -9)" in errors
 
 
-def test_a_place_without_room_for_results_is_told_before_anything_starts(tmp_path: Path) -> None:
+def test_an_unwritable_output_is_refused_before_the_start(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     command = [sys.executable, "-m", "biodyn_ros.commands.cli", "demo", "--out", str(tmp_path / "file")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)

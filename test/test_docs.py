@@ -179,8 +179,8 @@ def test_the_python_example_of_the_readme_gives_the_stated_values(monkeypatch: p
     *setup, modes, transmissibility, simulated = block.strip().splitlines()
     names = {"seat_mps2": seat}
     exec("\n".join(setup), names)  # noqa: S102 - our own page
-    said = [float(number) for number in re.findall(r"[\d.]+", modes.split("#")[1])]
-    assert eval(modes, names) == pytest.approx(said, rel=2e-3)  # noqa: S307 - our own page
+    expected = [float(number) for number in re.findall(r"[\d.]+", modes.split("#")[1])]
+    assert eval(modes, names) == pytest.approx(expected, rel=2e-3)  # noqa: S307 - our own page
     assert np.iscomplexobj(eval(transmissibility, names))  # noqa: S307 - our own page
     assert eval(simulated, names).shape == (2000, 6)  # noqa: S307 - our own page
 

@@ -57,7 +57,7 @@ def test_sines_are_read_between_samples(hz: float, error: float) -> None:
 
 
 @pytest.mark.parametrize("hz", [575.0, 620.0, 700.0, 790.0])
-def test_what_the_slower_rate_cannot_carry_does_not_fold_back(hz: float) -> None:
+def test_frequencies_above_the_slower_nyquist_do_not_alias(hz: float) -> None:
     th, t = np.arange(0.0, 1.0, 1.0 / HIGH_HZ), np.arange(0.05, 0.95, PERIOD_S)
     straight = np.interp(t, th, np.sin(2 * np.pi * hz * th))
     read = read_at(th, np.sin(2 * np.pi * hz * th)[:, None], t, LOW_HZ)

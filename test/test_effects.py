@@ -223,7 +223,7 @@ STRONG = {
 
 
 @pytest.mark.parametrize("name", IN_TIME)
-def test_the_chain_answers_as_the_equation_does(name: str) -> None:
+def test_the_chain_follows_the_equation_of_motion(name: str) -> None:
     effect = applied(name, "pelvis" if name == "cross_axis" else None, **STRONG.get(name, {}))
     seat = shock()
     truth = twin(effect, seat)
@@ -254,13 +254,13 @@ def test_a_mass_on_a_stiff_liner_is_a_heavier_segment() -> None:
     assert apart[20.0] > 3.0 * apart[40.0] > 9.0 * apart[80.0]
 
 
-def test_organs_hang_lower_than_a_liner_does() -> None:
-    """Both are a mass on a spring: at one frequency nothing would tell them apart."""
+def test_organs_have_a_lower_frequency_than_a_liner() -> None:
+    """Both are a mass on a spring: at one frequency they are indistinguishable."""
     organ, liner = (next(p for p in CATALOGUE[name].parameters if p.unit == "Hz") for name in ("viscera", "added_mass"))
     assert organ.upper < liner.lower
 
 
-def test_a_backrest_that_does_not_rub_is_a_spring_and_a_damper() -> None:
+def test_a_backrest_without_friction_is_a_spring_and_a_damper() -> None:
     """... and over what rate its friction builds up has no say."""
     seat, at = shock(), SEGMENTS.index("upper_torso")
     rough, smooth = (applied("backrest", "upper_torso", friction_n=0.0, smooth_mps=v) for v in (0.002, 0.05))
@@ -272,7 +272,7 @@ def test_a_backrest_that_does_not_rub_is_a_spring_and_a_damper() -> None:
     assert rms((rubbing - ours)[:, at]) > 0.1
 
 
-def test_the_pelvis_of_a_turning_seat_feels_a_rigid_bodys_acceleration() -> None:
+def test_the_pelvis_on_a_pitching_seat_has_the_acceleration_of_a_rigid_body() -> None:
     seat, driven = shock(), channels(shock().size)
     effect = applied("pitch", forward_m=0.2, left_m=-0.1, up_m=0.3)
     expected = np.array([
@@ -287,7 +287,7 @@ def test_the_pelvis_of_a_turning_seat_feels_a_rigid_bodys_acceleration() -> None
     assert np.array_equal(seen(effect, seat=seat), base)
 
 
-def test_sensors_show_what_is_wrong_with_them_in_their_own_channel_alone() -> None:
+def test_a_sensor_effect_changes_its_own_channel_alone() -> None:
     seat = shock(1.0)
     time = np.arange(seat.size) / RATE_HZ
     true = Chain.of(SUBJECT).simulate(seat, RATE_HZ).accel_mps2
@@ -328,7 +328,7 @@ def test_skin_rings_at_its_own_frequency() -> None:
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if CATALOGUE[n].strengths])
-def test_no_strength_is_the_base_to_the_last_bit(name: str) -> None:
+def test_zero_strength_is_the_base_model_to_the_last_bit(name: str) -> None:
     effect = applied(name, **dict.fromkeys(CATALOGUE[name].strengths, 0.0))
     assert effect.absent
     seat = shock()
@@ -346,7 +346,7 @@ def test_no_strength_is_the_base_to_the_last_bit(name: str) -> None:
 
 @pytest.mark.parametrize("name", [n for n in IN_TIME if CATALOGUE[n].strengths])
 @pytest.mark.parametrize("share", [1e-3, 1e-6, 1e-9, 1e-15])
-def test_next_to_nothing_neither_shows_nor_takes_for_ever(name: str, share: float) -> None:
+def test_a_tiny_strength_changes_nothing_and_takes_no_longer(name: str, share: float) -> None:
     sizes = {p.name: share * p.upper for p in CATALOGUE[name].parameters if p.kind == "strength"}
     effect, seat = applied(name, **sizes), shock(0.3)
     assert Chain.of(with_effects(effect)).substeps(RATE_HZ) <= 500
@@ -354,7 +354,7 @@ def test_next_to_nothing_neither_shows_nor_takes_for_ever(name: str, share: floa
     assert rms(seen(effect, seat=seat) - base) < 0.02 * rms(base)
 
 
-def test_what_is_just_beyond_the_least_strength_is_as_good_as_none() -> None:
+def test_the_least_strength_has_almost_no_effect() -> None:
     (parameter,) = [p for p in CATALOGUE["cushion"].parameters if p.least]
     for more, absent in ((1.0, True), (1.01, False)):
         effect = applied("cushion", **{parameter.name: more * parameter.least})
@@ -385,7 +385,7 @@ def test_block_cuts_change_no_bit(name: str, cuts: list[int]) -> None:
     assert np.array_equal(np.concatenate(parts), whole)
 
 
-def test_two_effects_at_once_are_both_there() -> None:
+def test_two_effects_act_together() -> None:
     one, other = applied("relaxation", "neck"), applied("viscera", "lower_torso")
     seat = shock()
     both, again = (
@@ -396,7 +396,7 @@ def test_two_effects_at_once_are_both_there() -> None:
     assert all(np.abs(both - single).max() > 0.1 for single in singles)
 
 
-def test_a_stepper_starts_anew_with_all_that_effects_remember() -> None:
+def test_reset_of_a_stepper_resets_the_states_of_effects() -> None:
     names = ("reflex", "relaxation", "cross_axis", "periodic")
     chain = Chain.of(with_effects(*(applied(name, "upper_torso") for name in names)))
     seat, stepper = shock(0.3), Stepper(chain, RATE_HZ)
@@ -431,7 +431,7 @@ def test_the_whole_range_of_every_parameter_stays_finite(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_entry_says_what_it_is(name: str) -> None:
+def test_every_entry_has_a_description(name: str) -> None:
     effect = CATALOGUE[name]
     assert effect.name == name and effect.equation and effect.signature and effect.family and effect.place
     for parameter in effect.parameters:
@@ -443,7 +443,7 @@ def test_every_entry_says_what_it_is(name: str) -> None:
         assert not free, f"{name} uses {free}: it is compiled apart from its module"
 
 
-def test_a_value_is_on_a_bound_next_to_an_end_but_not_what_is_only_small_nor_a_nuisance() -> None:
+def test_only_values_near_an_end_of_their_range_are_on_a_bound() -> None:
     def on_bound(kind: Kind, lower: float, value: float) -> bool:
         return EffectParameter("p", "", lower, 10.0, 5.0, kind).on_bound(value)
 
@@ -459,7 +459,7 @@ def test_a_value_is_on_a_bound_next_to_an_end_but_not_what_is_only_small_nor_a_n
 # --- files ------------------------------------------------------------------------------------------------------------
 
 
-def test_effects_travel_through_the_subject_file(tmp_path) -> None:
+def test_effects_are_written_to_and_read_from_the_subject_file(tmp_path) -> None:
     subject = with_effects(applied("relaxation", "neck"), applied("lift_off"))
     path = tmp_path / "s.yaml"
     path.write_text(subject.to_yaml())
@@ -467,7 +467,7 @@ def test_effects_travel_through_the_subject_file(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("effects", "said"),
+    ("effects", "wanted"),
     [
         ("{}", "expected a list"),
         ("[5]", "effects[0]"),
@@ -487,16 +487,16 @@ def test_effects_travel_through_the_subject_file(tmp_path) -> None:
         ("[{name: lift_off, site: pelvis, strength: 1}]", "unknown key 'strength'"),
     ],
 )
-def test_a_bad_effect_is_one_line(effects: str, said: str, tmp_path) -> None:
+def test_a_bad_effect_is_one_line(effects: str, wanted: str, tmp_path) -> None:
     path = tmp_path / "s.yaml"
     path.write_text(SUBJECT.to_yaml().replace("effects: []", f"effects: {effects}"))
     with pytest.raises(InputError) as error:
         load_subject(path)
-    assert said in str(error.value) and "\n" not in str(error.value)
+    assert wanted in str(error.value) and "\n" not in str(error.value)
 
 
 def test_predictions_sample_by_sample_carry_an_effect() -> None:
-    """What the node and replay run: residuals of a person whom the seat cannot hold down, knowing of it or not."""
+    """Residuals of a person who lifts off, by the pipeline of node and replay, with and without the effect."""
     lifting = with_effects(applied("lift_off"), applied("relaxation", "lower_torso", stiffness_ratio=0.8))
     motion = load_case("rail", 4.0, np.random.default_rng(2))
     still = SensorSettings(clock_offset_ms=0.0, clock_drift_ppm=0.0)
@@ -516,7 +516,7 @@ def test_predictions_sample_by_sample_carry_an_effect() -> None:
 
 
 @pytest.mark.parametrize("name", ["cross_axis", "bending", "pitch"])
-def test_predictions_sample_by_sample_refuse_what_needs_more(name: str) -> None:
+def test_sample_by_sample_prediction_refuses_effects_that_need_other_channels(name: str) -> None:
     with pytest.raises(InputError, match=rf"effect {name} needs .*, which predictions sample by sample do not have"):
         Pipeline(with_effects(applied(name)))
     Pipeline(with_effects(applied("tilt", "head")))  # on a sensor: predictions are of the segment itself
@@ -544,7 +544,7 @@ print(accel[-1].tolist())
 
 
 @pytest.mark.parametrize("closed", [False, True])
-def test_a_second_process_finds_what_the_first_compiled(closed: bool, tmp_path) -> None:
+def test_a_second_process_uses_the_compilation_cache(closed: bool, tmp_path) -> None:
     """... and one that may write nowhere does without."""
     place = tmp_path / "cache"
     place.mkdir()
@@ -579,7 +579,7 @@ def test_a_tampered_file_is_not_run(tmp_path, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("name", ["cubic", "friction", "reflex", "lift_off", "viscera", "bending"])  # one of each kind
-def test_beside_another_an_effect_is_where_it_was(name: str) -> None:
+def test_a_second_effect_does_not_move_the_first(name: str) -> None:
     """Among several, sites are numbers instead of text; one that is idle changes nothing, whichever comes first."""
     effect, seat = applied(name, **STRONG.get(name, {})), shock()
     idle = applied("harness", "upper_torso", stiffness_n_per_m=1e-12)
@@ -591,7 +591,7 @@ def test_beside_another_an_effect_is_where_it_was(name: str) -> None:
         np.testing.assert_allclose(found, alone, rtol=0.0, atol=1e-12 * np.abs(alone).max())
 
 
-def test_what_acts_on_the_whole_body_is_a_force_on_every_segment() -> None:
+def test_an_effect_on_the_whole_body_is_a_force_on_every_segment() -> None:
     seat = shock()
     whole = answer(Chain.of(with_effects(applied("cross_axis", "seat"))), seat)
     every = answer(Chain.of(with_effects(*(applied("cross_axis", site) for site in SEGMENTS))), seat)
@@ -599,7 +599,7 @@ def test_what_acts_on_the_whole_body_is_a_force_on_every_segment() -> None:
     np.testing.assert_allclose(whole, every, rtol=0.0, atol=1e-10 * np.abs(every).max())
 
 
-def test_bending_takes_the_turning_of_its_own_joint_and_knows_no_sense_of_its_axis() -> None:
+def test_bending_uses_its_own_joint_and_is_independent_of_the_sign_of_its_axis() -> None:
     seat, driven = shock(), channels(shock().size)
     still = {name: np.zeros_like(values) for name, values in driven.items()}
 

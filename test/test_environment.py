@@ -36,7 +36,7 @@ def test_every_variable_that_a_machine_may_carry_is_cleared() -> None:
     assert environment.clean_environment(clean) == clean
 
 
-def test_the_scripts_beside_the_interpreter_come_first(tmp_path: Path) -> None:
+def test_scripts_of_the_interpreter_come_first_in_path(tmp_path: Path) -> None:
     clean = environment.clean_environment({"PATH": f"{tmp_path}{os.pathsep}/bin"})
     scripts, *others = clean["PATH"].split(os.pathsep)
     assert Path(scripts) == Path(sys.executable).parent
@@ -67,7 +67,7 @@ def test_all_101_domains_can_be_held_and_then_no_more(tmp_path: Path) -> None:
             domain.release()
 
 
-def test_a_directory_of_somebody_else_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_directory_of_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(environment.tempfile, "gettempdir", lambda: str(tmp_path))
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / f"biodyn-{os.getuid()}").symlink_to(tmp_path / "elsewhere")
@@ -75,7 +75,7 @@ def test_a_directory_of_somebody_else_is_refused(tmp_path: Path, monkeypatch: py
         environment.hold_domain()
 
 
-def test_a_missing_place_for_locks_is_told_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_lock_directory_is_reported_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(environment.tempfile, "gettempdir", lambda: str(tmp_path / "missing"))
     with pytest.raises(environment.EnvironmentFault, match=r"\Ano directory for locks and logs.*set TMPDIR.*\Z"):
         environment.hold_domain()
@@ -105,7 +105,7 @@ def test_this_session_runs_in_a_held_domain() -> None:
 
 
 def test_a_wrapped_command_starts_clean_and_keeps_its_domain_while_it_lives(tmp_path: Path) -> None:
-    # Not Python, which would set LD_LIBRARY_PATH anew where ROS comes as wheels.
+    # Not Python, which sets LD_LIBRARY_PATH again if ROS is installed as wheels.
     with start("sh", "-c", "env && echo ready=1 && read line", TMPDIR=str(tmp_path)) as process:
         assert process.stdout is not None
         lines = list(iter(process.stdout.readline, "ready=1\n"))
@@ -122,7 +122,7 @@ def test_a_wrapped_command_starts_clean_and_keeps_its_domain_while_it_lives(tmp_
 
 
 @pytest.mark.parametrize("code", [0, 1, 2, 7, 130])
-def test_the_exit_code_is_handed_on(code: int) -> None:
+def test_the_exit_code_is_returned(code: int) -> None:
     with start("sh", "-c", f"exit {code}") as process:
         assert process.communicate() == ("", "")
     assert process.returncode == code
@@ -139,7 +139,7 @@ def test_a_signal_reaches_the_command(number: signal.Signals) -> None:
     assert process.returncode == 43
 
 
-def test_a_command_ended_by_a_signal_looks_so() -> None:
+def test_a_command_ended_by_a_signal_has_the_exit_code_of_the_signal() -> None:
     with start("sh", "-c", "kill -TERM $$") as process:
         process.communicate()
     assert process.returncode == -signal.SIGTERM
@@ -160,7 +160,7 @@ def test_a_command_that_cannot_be_run_is_one_line_and_exit_code_2(command: tuple
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="ROS is not installed")
-def test_rclpy_loads_in_the_command_although_the_machine_says_it_is_set_up() -> None:
+def test_rclpy_loads_in_the_command_although_the_machine_has_ros_variables() -> None:
     with start(sys.executable, "-c", "import rclpy, sensor_msgs.msg; rclpy.init(); print(rclpy.ok())") as process:
         output, errors = process.communicate()
     assert (process.returncode, output) == (0, "True\n"), errors

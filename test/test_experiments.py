@@ -26,7 +26,7 @@ from biodyn_core.tracing.gate import FloorSettings
         (("harness", "stop", "friction"), f"{BARE}; and {SHOCKS}"),  # two are enough to ask for
     ],
 )
-def test_experiments_that_separate(names: tuple[str, ...], said: str) -> None:
+def test_rivals_are_separated_by_an_experiment(names: tuple[str, ...], said: str) -> None:
     assert separating([CATALOGUE[name] for name in names]) == said
 
 

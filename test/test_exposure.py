@@ -247,7 +247,7 @@ METERS = {
 
 
 def figures(meter) -> list[float]:
-    """Every figure a meter can tell, since reset and rolling."""
+    """Every figure of a meter, since reset and rolling."""
     found: list[float] = []
     for rolling in (False, True):
         if isinstance(meter, HorizontalMeter):
@@ -366,7 +366,7 @@ def test_parts_of_a_sample_add_up_over_many_breaks():
     unbroken = DriMeter(1000.0, WINDOW_S)
     unbroken.push(naive.half_sine(30.0, 0.04, 0.1, 1000.0)[:, None])
     wanted = 12.3456 + unbroken.since_reset().time_s
-    assert meter.since_reset().time_s == pytest.approx(wanted, abs=0.5001e-3)  # told in whole samples
+    assert meter.since_reset().time_s == pytest.approx(wanted, abs=0.5001e-3)  # in whole samples
 
 
 @pytest.mark.parametrize("seconds", [-1e-9, -5.0, math.inf, math.nan])
@@ -387,15 +387,15 @@ def test_reset_zeroes_since_reset_and_keeps_rolling(name):
     bandwidth = RATE_HZ / 2.0  # the only figure that is no result
     assert ((counted == 0.0) | (counted == bandwidth)).all()
     if name == "dri":
-        after[-1], untouched._seen[1] = 0.0, 0  # its time is told since reset
+        after[-1], untouched._seen[1] = 0.0, 0  # its time counts since reset
     np.testing.assert_allclose(after[half:], figures(untouched)[half:], rtol=ROUNDING)
 
 
-# --- what a lean leaves behind a break -------------------------------------------------------------------------------
+# --- effect of a tilt after a break ----------------------------------------------------------------------------------
 
 
 def leaning(at_s: float, seconds: float, rate_hz: float = RATE_HZ) -> np.ndarray:
-    """The horizontal acceleration of a body that leans over by 10 degrees within a second, (n,)."""
+    """The horizontal acceleration of a body that tilts by 10 degrees within a second, (n,)."""
     time = np.arange(round(seconds * rate_hz)) / rate_hz
     return naive.GRAVITY * math.sin(math.radians(10.0)) * np.clip(time - at_s, 0.0, 1.0)
 
@@ -434,7 +434,7 @@ def test_an_unsettled_tilt_adds_less_dose_than_a_start_from_zero(behind_s):
     lean = leaning(2.0, 20.0)
     found = behind_a_break(DoseMeter("Wd", RATE_HZ, 1, WINDOW_S), lean[:, None], 3.0 + behind_s, 0.5)
     from_zero = dose(lean[round((3.5 + behind_s) * RATE_HZ) :], "Wd").vdv_mps175
-    # The step that is left is that of the first-order mean, at its worst where the lean has just come.
+    # The remaining step is that of the first-order mean, largest right after the tilt.
     left = math.exp(-(0.5 + behind_s) / LEVEL_S)
     leant = dose(lean[: round((3.0 + behind_s) * RATE_HZ)], "Wd").vdv_mps175
     assert found <= (leant**4 + (1.05 * left * from_zero) ** 4) ** 0.25 < from_zero
@@ -555,7 +555,7 @@ def test_filters_and_oscillators_continue_over_a_reset():
 
 
 class Bins:
-    """The rolling window's bins, kept as index ranges: closed when full, and at a reset."""
+    """The rolling window's bins, stored as index ranges: closed when full, and at a reset."""
 
     def __init__(self, window_s: float) -> None:
         self.length = round(BIN_S * RATE_HZ)
@@ -576,7 +576,7 @@ class Bins:
 
     @property
     def span(self) -> slice:
-        """Which samples the window holds."""
+        """The samples in the window."""
         recent = self.closed[-self.kept :]
         return slice(recent[0][0] if recent else 0, self.end)
 
@@ -610,7 +610,7 @@ def test_rolling_figures_are_those_of_the_last_bins(seed, pieces, window_s):
 
 
 def filtered(accel: np.ndarray) -> np.ndarray:
-    """What SciPy makes of the package's sections; that they are right is shown in test_weighting."""
+    """The package's sections filtered by SciPy; test_weighting checks the sections."""
     return signal.sosfilt(weighting_sections("Wk", RATE_HZ), accel[:, 0]) if len(accel) else np.empty(0)
 
 

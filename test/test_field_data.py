@@ -48,7 +48,7 @@ BAGS = {
     "rosbag2_real_imu/av_start_position_A": (RESULT, NO_SEAT.format("/ins/imu")),
     "rosbag2_real_imu/byu_SO_bag": (RESULT, NO_SEAT.format("/coug2/modem_imu")),
 }
-"""What `info` and `replay` say of a recording's directory and of each storage file in it."""
+"""Expected output of `info` and `replay` for a recording's directory and for each storage file in it."""
 
 REFUSED = {
     "bags_odd/mcap2arrow": "several recordings, and no metadata.yaml that lists them",
@@ -62,7 +62,7 @@ REFUSED = {
     f"{ROSBAG2}rosbag2_tests/resources/mcap/wrong_rmw_test/wrong_rmw_test_0.mcap": FOREIGN.format("wrong_format"),
     f"{ROSBAG2}rosbag2_tests/resources/sqlite3/wrong_rmw_test": FOREIGN.format("wrong_format"),
 }
-"""What is refused by both."""
+"""Refused by both commands."""
 
 OF_ITS_OWN = {
     # Only metadata.yaml of its directory knows of the wrong format.
@@ -86,7 +86,7 @@ def paths() -> list[str]:
 
 
 def expected(root: Path, name: str) -> tuple[str, str] | None:
-    """What `info` and `replay` are expected to say of a path; None for one that nobody has stated."""
+    """Expected output of `info` and `replay` for a path; None if there is none."""
     path = root / name
     parent = Path(name).parent.as_posix()
     if found := BAGS.get(name) or OF_ITS_OWN.get(name):
@@ -115,8 +115,8 @@ def said_by(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return errors.strip()
 
 
-def test_the_shared_recordings_are_there(shared_data: Path) -> None:
-    """Skipped, and said so, where they are not: then the tests below have nothing to walk."""
+def test_the_shared_recordings_exist(shared_data: Path) -> None:
+    """Skipped without the recordings: then the tests below have no files."""
     assert set(BAGS) | set(REFUSED) | set(OF_ITS_OWN) <= set(paths())
 
 
@@ -163,7 +163,7 @@ def only_row(document: dict[str, Any]) -> dict[str, Any]:
     return row
 
 
-def test_what_is_known_of_the_real_imus(shared_data: Path) -> None:
+def test_real_imus_have_their_known_properties(shared_data: Path) -> None:
     document = info(shared_data / "rosbag2_real_imu/av_start_position_A")
     row = only_row(document)
     # SOURCE.txt: 32 Hz, gravity on -x, quantised to 10 ms (steps of 30 and 40), logged about 98 ms later.

@@ -156,8 +156,8 @@ def test_few_masked_samples_or_equal_masks_leave_no_sensor_out() -> None:
     for column in range(5):
         alike = masked(0.1, column, alike)
     for one in (whole, few, alike):
-        found, said = cleaned(one)
-        assert found is one and said == []
+        found, warnings = cleaned(one)
+        assert found is one and warnings == []
 
 
 def test_an_absent_sensor_is_not_reported_as_clipping() -> None:

@@ -41,7 +41,7 @@ def swaying(seconds: float, size: float = 3.0, seed: int = 0, still: tuple[float
 
 
 def searched(samples: np.ndarray, cuts=(), stamps_ns=None, **settings_: float) -> Gravity | None:
-    """What a search of the record finds."""
+    """The result of a search of the record."""
     search = gravity_search(ConditioningSettings(**settings_), None)
     stamps_ns = stamps(len(samples)) if stamps_ns is None else stamps_ns
     for part in zip(np.split(stamps_ns, cuts), np.split(samples, cuts), strict=True):
@@ -77,8 +77,10 @@ def test_without_rest_the_mean_over_motion_is_used_with_a_remedy():
     found = searched(samples)
     assert found.origin == "motion"
     np.testing.assert_allclose(found.mean_mps2, samples.mean(axis=0), rtol=1e-12)
-    told = found.warning(vertical_given=False)
-    assert told == "no rest in the record: gravity is the mean over motion; the parameter vertical gives the direction"
+    message = found.warning(vertical_given=False)
+    assert (
+        message == "no rest in the record: gravity is the mean over motion; the parameter vertical gives the direction"
+    )
     assert found.warning(vertical_given=True) == "no rest in the record: the length of gravity is the mean over motion"
     # Over an engine that idles there is another option, and it helps.
     idle = searched(swaying(6.0, size=0.4))
@@ -169,7 +171,7 @@ def test_unusable_samples_at_the_begin_shift_no_clock():
     samples[:20] = np.nan
     found = Conditioned(stamps(len(samples)), samples, gravity=Gravity((0.0, 0.0, G), "motion"))
     assert np.isfinite(found.low_passed).all() and found.status.filled == 0
-    # Even stamps: every sample lies where its own stamp says, from the first one on.
+    # Even stamps: every sample lies at its own stamp, from the first one.
     at = (found.stamps_ns - START_NS) * 1e-9 + found.conditioner.delay_s
     np.testing.assert_allclose(at, np.arange(20, len(samples)) / RATE_HZ, atol=1e-6)
     np.testing.assert_allclose(np.diff(found.time_s), 1.0 / RATE_HZ, rtol=1e-3)
@@ -233,12 +235,12 @@ def test_a_shock_before_any_rest_is_counted(idle_bag: Path, vertical: str) -> No
     assert document["uncounted_s"] == 0.0
     assert document["sensors"]["seat"]["vdv_mps175"] == pytest.approx(vdv, rel=2e-3)
     assert not document["sensors"]["seat"]["lower_bound"]
-    (told,) = (line for line in document["warnings"] if line.startswith("seat: no rest in the record"))
-    assert "set rest_rms_mps2 above 0.4" in told
-    assert ("the parameter vertical gives the direction" in told) is not bool(vertical)
+    (message,) = (line for line in document["warnings"] if line.startswith("seat: no rest in the record"))
+    assert "set rest_rms_mps2 above 0.4" in message
+    assert ("the parameter vertical gives the direction" in message) is not bool(vertical)
 
 
-def test_info_says_what_replay_does(idle_bag: Path) -> None:
+def test_info_reports_the_gravity_that_replay_uses(idle_bag: Path) -> None:
     document = info(idle_bag)
     assert document["topics"][0]["gravity_mps2"] == pytest.approx(G + idling().mean(), abs=1e-3)
     assert document["replay"]["refusal"] is None and document["replay"]["sensors"] == list(SENSORS)
@@ -269,7 +271,7 @@ def short_bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: write_bag(folder / f"{name}.mcap", streams) for name, streams in written.items()}
 
 
-def test_a_recording_without_rest_is_a_recording(short_bags: dict[str, Path]) -> None:
+def test_a_recording_without_rest_is_read(short_bags: dict[str, Path]) -> None:
     (found,) = read_recordings(short_bags["road_moving"])
     (whole,) = read_recordings(short_bags["road_whole"])
     assert found.stamps_ns.size / found.rate_hz == pytest.approx(6.0, abs=0.1)
@@ -293,7 +295,7 @@ def test_events_that_cannot_be_used_are_left_out_by_name(short_bags: dict[str, P
     assert any("seat: no rest in the record: gravity is from the rest in road_whole.mcap" in line for line in lent)
 
 
-def test_a_fit_goes_on_and_stops_only_where_nothing_is_left(
+def test_a_fit_leaves_out_recordings_and_stops_only_without_any(
     short_bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = [short_bags["road_second"], short_bags["road_still"]]
@@ -312,7 +314,7 @@ def test_a_fit_goes_on_and_stops_only_where_nothing_is_left(
     assert "nowhere.mcap" in capsys.readouterr().err
 
 
-def test_a_trace_says_what_it_leaves_out(short_bags: dict[str, Path], tmp_path: Path) -> None:
+def test_a_trace_reports_the_recordings_it_leaves_out(short_bags: dict[str, Path], tmp_path: Path) -> None:
     bags = [str(short_bags[name]) for name in ("road_whole", "road_second")]
     assert main(["trace", *bags, "--subject", "subject_1", "-o", str(tmp_path / "out"), "--no-report"]) == 0
     document = json.loads((tmp_path / "out" / "trace.json").read_text())

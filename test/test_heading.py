@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 RATE_HZ = 500.0
 SECONDS = 12.0
 TURNED = dict(zip(SENSORS, (0.4, -2.9, 1.7, 3.0, -0.8, 2.2), strict=True))
-"""Where each sensor's x points in the vehicle, counted from forward to the left, rad."""
+"""Heading of each sensor's x axis in the vehicle, from forward to the left, rad."""
 
 
 def band(rng: np.random.Generator, columns: int, low_hz: float, high_hz: float, rms: float) -> Floats:
@@ -36,7 +36,7 @@ def band(rng: np.random.Generator, columns: int, low_hz: float, high_hz: float, 
 
 
 def seen(sensor: str, sideways: Floats, lean_rad: Floats) -> Channels:
-    """What a turned sensor has beside its vertical, of motion forward and left (n, 2) and roll and pitch (n, 2)."""
+    """Further channels of a turned sensor, of motion forward and left (n, 2) and roll and pitch (n, 2)."""
     back = np.array([[math.cos(TURNED[sensor]), -math.sin(TURNED[sensor])],
                      [math.sin(TURNED[sensor]), math.cos(TURNED[sensor])]])  # fmt: skip
     roll, pitch = lean_rad.T
@@ -62,7 +62,7 @@ def sitting_there(sideways_mps2: float = 0.5, sway_mps2: float = 0.05, nod: floa
 
 
 def away_rad(found: float, sensor: str) -> float:
-    """How far a heading is from the truth."""
+    """Error of a heading, rad."""
     return abs(math.remainder(found - (TURNED[sensor] - TURNED["seat"]), 2.0 * math.pi))
 
 
@@ -92,7 +92,7 @@ def test_without_gyros_the_heading_of_a_still_head_is_found() -> None:
 
 @pytest.mark.parametrize(("sideways", "sway"), [(0.02, 0.0), (0.0, 0.5)])
 def test_too_little_common_motion_gives_no_heading(sideways: float, sway: float) -> None:
-    """Less is leaked from the vertical, and what each does by itself tells nothing."""
+    """The leak from the vertical is larger, and independent motion of each sensor gives no heading."""
     assert headings_rad(sitting_there(max(sideways, 1e-9), max(sway, 1e-9), nod=1e-5), RATE_HZ) == {}
 
 
@@ -119,7 +119,7 @@ def test_masked_samples_do_not_change_headings() -> None:
 # --- how joints bend -------------------------------------------------------------------------------------------------
 
 
-def test_a_joint_bends_as_its_segments_lean_apart_about_the_axes_of_the_seat() -> None:
+def test_the_bending_of_a_joint_is_the_difference_of_tilts_about_the_axes_of_the_seat() -> None:
     channels, lean = sitting_there(), leans(0.01)
     true = {name: TURNED[name] - TURNED["seat"] for name in MEASURED_SEGMENTS}
     found = bend_rates_radps(channels, true)
@@ -161,7 +161,7 @@ def recorded(sideways: float = 1.0, channels: bool = True, **settings) -> Record
     return recording
 
 
-def test_a_record_says_how_its_sensors_are_turned_and_leaves_their_axes() -> None:
+def test_a_record_reports_headings_and_does_not_turn_axes() -> None:
     recording = recorded()
     assert max(away_rad(angle, name) for name, angle in recording.headings.items()) < 0.02
     assert tuple(recording.headings) == MEASURED_SEGMENTS
@@ -188,12 +188,12 @@ def test_the_vertical_is_the_same_bit_for_bit_and_a_still_record_turns_nothing()
 
 
 @pytest.mark.parametrize(("number", "site", "rel", "left"), [(0, "neck", 0.2, 0.95), (1, "head", 0.1, 0.2)])
-def test_a_joint_that_nods_in_a_foreign_world_comes_back_by_its_length_and_axis(
+def test_bending_of_the_independent_simulation_is_recovered_with_length_and_axis(
     number: int, site: str, rel: float, left: float
 ) -> None:
-    """Its own law, integrator, people and mountings: a height L cos phi of the pitch, sensors turned by chance.
+    """Independent law, integrator, people and mountings: a height L cos phi of the pitch, random headings of sensors.
 
-    A neck nods by little, and more than that does is left of sensors that lean.
+    The bending of a neck is small; the residual of tilted sensors is larger.
     """
     one, recording = nodding()[number]
     subject = Subject("known", one.body_mass_kg, 1.75, one.mass_matrix, Parameters.from_vector(one.theta))

@@ -82,14 +82,14 @@ def unset(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
 
 
 @pytest.mark.parametrize("sensor", [SEAT, "head"])
-@pytest.mark.parametrize(("spoil", "said"), [(nan, "no numbers"), (clipped, "clipped"), (unset, "never set")])
-def test_a_fault_is_a_warning_while_it_lasts_and_not_two_seconds_later(sensor: str, spoil, said: str) -> None:
+@pytest.mark.parametrize(("spoil", "expected"), [(nan, "no numbers"), (clipped, "clipped"), (unset, "never set")])
+def test_a_fault_is_a_warning_while_it_lasts_and_not_two_seconds_later(sensor: str, spoil, expected: str) -> None:
     node = Node(faulty(sensor, spoil))
     node.advance(6)
     assert node.status(sensor) == (OK, "streaming")
     node.advance()
     level, message = node.status(sensor)
-    assert level == WARN and said in message
+    assert level == WARN and expected in message
     assert all(node.status(name) == (OK, "streaming") for name in SENSORS if name != sensor)
     node.advance(4)
     assert node.status(sensor) == (OK, "streaming") and node.prediction() == (OK, "predicting")

@@ -15,7 +15,7 @@ COUNT = 250
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_what_is_good_is_read(name: str, tmp_path: Path) -> None:
+def test_valid_files_are_read(name: str, tmp_path: Path) -> None:
     reader = READERS[name]
     with as_file(reader) as read:
         for data in reader.good(tmp_path):
@@ -23,7 +23,7 @@ def test_what_is_good_is_read(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_what_is_spoilt_is_one_line_at_most(name: str) -> None:
+def test_damaged_files_give_one_line_at_most(name: str) -> None:
     lines = 0
     for one in attacked(name, COUNT, seed=1):
         assert "\n" not in one.message and len(one.message) <= MAX_CHARACTERS
@@ -32,7 +32,7 @@ def test_what_is_spoilt_is_one_line_at_most(name: str) -> None:
     assert lines > COUNT // 10  # otherwise nothing was spoilt
 
 
-def test_spoiling_spoils_and_can_be_repeated() -> None:
+def test_damage_changes_the_file_and_repeats_with_the_seed() -> None:
     data = bytes(range(200))
     found = {mutated(data, np.random.default_rng([3, number])) for number in range(100)}
     assert len(found) > 90 and mutated(data, np.random.default_rng(5)) == mutated(data, np.random.default_rng(5))

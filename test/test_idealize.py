@@ -100,7 +100,7 @@ def test_the_coefficients_of_variation_of_table_8(number):
 
 
 @pytest.mark.parametrize("number", ["1", "2"])
-def test_what_scatters_by_more_than_30_percent_is_flagged(number):
+def test_a_variation_above_30_percent_is_flagged(number):
     table = by_parameter("table_8.csv", number)
     assert table_idealized(number).flagged == tuple(name for name in NAMES if float(table[name]["cv_percent"]) > 30.0)
 
@@ -232,9 +232,9 @@ def test_the_fused_subject_keeps_the_person_and_none_of_a_case_s_provenance(tmp_
 
 @pytest.mark.parametrize("error", [0.0, -0.0, -3.0, math.nan, math.inf, -math.inf])
 def test_an_error_that_is_not_positive_and_finite_is_refused_with_its_case(error):
-    with pytest.raises(InputError, match="expected a positive number") as told:
+    with pytest.raises(InputError, match="expected a positive number") as refusal:
         FittedCase("pothole", person(LOWER), error)
-    assert str(told.value).startswith("pothole: ") and "\n" not in str(told.value)
+    assert str(refusal.value).startswith("pothole: ") and "\n" not in str(refusal.value)
 
 
 def test_no_case_at_all_is_refused():
@@ -256,18 +256,18 @@ def test_cases_of_different_subjects_are_refused_with_what_differs(key, value):
         FittedCase("rail", person(LOWER), 5.0),
         FittedCase("pothole", person(LOWER, **{key: value}), 5.0),
     ]
-    with pytest.raises(InputError, match="road and pothole are of different subjects") as told:
+    with pytest.raises(InputError, match="road and pothole are of different subjects") as refusal:
         idealize(cases)
-    assert f"{key} is " in str(told.value) and repr(value) in str(told.value) and "\n" not in str(told.value)
+    assert f"{key} is " in str(refusal.value) and repr(value) in str(refusal.value) and "\n" not in str(refusal.value)
 
 
 def test_linear_and_nonlinear_fits_together_are_refused():
     linear = LOWER.copy()
     linear[13] = 0.0
     cases = [FittedCase("road", person(linear), 5.0), FittedCase("rail", person(LOWER), 5.0)]
-    with pytest.raises(InputError, match="road: stiffening_scale is 0") as told:
+    with pytest.raises(InputError, match="road: stiffening_scale is 0") as refusal:
         idealize(cases)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("index", range(15))
@@ -275,6 +275,6 @@ def test_linear_and_nonlinear_fits_together_are_refused():
 def test_parameters_that_are_not_positive_never_become_a_case(index, value):
     theta = LOWER.copy()
     theta[index] = value
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as refusal:
         FittedCase("road", person(theta), 5.0)
-    assert NAMES[index] in str(told.value) and "\n" not in str(told.value)
+    assert NAMES[index] in str(refusal.value) and "\n" not in str(refusal.value)

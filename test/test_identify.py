@@ -45,7 +45,7 @@ def test_the_order_of_the_tasks_does_not_matter(found: Identification) -> None:
     assert again.evaluations == found.evaluations
 
 
-def test_its_parts_are_the_fits_by_themselves(found: Identification) -> None:
+def test_the_results_by_case_are_those_of_single_fits(found: Identification) -> None:
     for fit, alone in zip(found.fits, fit_cases(fitted_cases(), SUBJECT, 1, QUICK), strict=True):
         assert fit.subject == alone.subject and fit.errors[0].mean_percent == alone.errors[0].mean_percent
     assert found.joint.subject == fit_joint(fitted_cases(), SUBJECT, 1, QUICK).subject
@@ -55,7 +55,7 @@ def test_its_parts_are_the_fits_by_themselves(found: Identification) -> None:
 
 
 @pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
-def test_the_mass_matrix_of_the_truth_is_called_better_whichever_is_declared(mass_matrix: str) -> None:
+def test_the_true_mass_matrix_is_called_better_for_any_declared_one(mass_matrix: str) -> None:
     cases = fitting.true_cases(mass_matrix)
     for declared in fitting.MASS_MATRICES:
         subject = dataclasses.replace(fitting.true_subjects()[mass_matrix], mass_matrix=declared)
@@ -66,7 +66,7 @@ def test_the_mass_matrix_of_the_truth_is_called_better_whichever_is_declared(mas
         assert result.joint.subject.mass_matrix == declared
 
 
-def test_mass_matrices_that_predict_alike_are_not_told_apart(found: Identification) -> None:
+def test_mass_matrices_of_equal_error_are_not_distinguished(found: Identification) -> None:
     """Measurements that neither has anything to do with: both miss all of them."""
     case = fitting.true_cases("segment")[0]
     noise = 1e3 * np.random.default_rng(2).standard_normal(case.measured_mps2.shape)
@@ -87,14 +87,14 @@ def test_both_refiners_are_compared_on_one_problem(found: Identification) -> Non
     assert found.compared_on.case == "rail"  # the stronger of the two
 
 
-def test_of_one_case_the_joint_fit_is_its_own() -> None:
+def test_the_joint_fit_of_one_case_is_the_fit_of_that_case() -> None:
     found = identify(fitted_cases()[:1], SUBJECT, 1, QUICK)
     assert found.joint.subject == found.fits[0].subject
     assert found.idealized.subject.parameters == found.joint.subject.parameters
     assert dict(found.idealized.weights) == {"pothole": 1.0}
 
 
-def test_the_papers_way_comes_out_fused() -> None:
+def test_the_method_of_the_paper_gives_a_fused_subject() -> None:
     small = dataclasses.replace(PAPER, swarm=dataclasses.replace(QUICK.swarm, polish=False, starts=1), evaluations=200)
     found = identify(fitted_cases(), SUBJECT, 1, small)
     assert found.subject == found.idealized.subject
@@ -115,7 +115,7 @@ def test_errors_of_a_prediction_are_rms_over_rms() -> None:
     np.testing.assert_allclose(prediction_errors(SUBJECT, [quiet])[0].nrmse_rms_percent, 100.0, rtol=1e-4)
 
 
-def test_a_fingerprint_tells_problems_apart() -> None:
+def test_a_fingerprint_differs_between_problems() -> None:
     same = fingerprint(fitted_cases(), SUBJECT, 1, QUICK)
     assert same == fingerprint(fitted_cases(), SUBJECT, 1, QUICK)
     measured = fitted_cases()[0].measured_mps2.copy()

@@ -47,7 +47,7 @@ NEEDS_ROS = {
     "node.subscriptions",
     "play.player",
 }
-"""What of biodyn_ros reaches ROS; all else works where there is none."""
+"""The modules of biodyn_ros that import ROS; all others work without it."""
 
 ROS = {
     "rclpy",
@@ -92,7 +92,7 @@ def imported(name: str, tree: ast.Module, known: dict[str, ast.Module], is_packa
 
 
 def graph(root: Path, package: str) -> dict[str, set[str]]:
-    """What each module of a package imports."""
+    """The imports of each module of a package."""
     known = modules(root, package)
     return {
         name: set(imported(name, tree, known, (root / Path(*name.split("."))).is_dir())) - {name}
@@ -107,7 +107,7 @@ def place(module: str) -> int | None:
 
 
 def core_faults(root: Path) -> list[str]:
-    """What breaks a rule in `biodyn_core`, a line each."""
+    """Violations of a rule in `biodyn_core`, one line each."""
     imports = graph(root, "biodyn_core")
     faults = []
     for name, targets in imports.items():
@@ -138,7 +138,7 @@ def reaches_down(name: str, target: str) -> bool:
 
 
 def ros_faults(root: Path, needs_ros: set[str] = NEEDS_ROS) -> list[str]:
-    """Where a module that must run without ROS reaches it, itself or through another of its package."""
+    """Imports of ROS, direct or indirect, in modules that must run without it."""
     imports = graph(root, "biodyn_ros")
     faults = []
     for start in imports:
@@ -155,7 +155,7 @@ def ros_faults(root: Path, needs_ros: set[str] = NEEDS_ROS) -> list[str]:
 
 
 def rooms(root: Path) -> dict[str, set[str]]:
-    """Which rooms of biodyn_ros, packages or modules of their own, each of them imports from."""
+    """Imports between the packages and top-level modules of biodyn_ros."""
     found: dict[str, set[str]] = {}
     for name, targets in graph(root, "biodyn_ros").items():
         room = name.partition(".")[2].partition(".")[0]
@@ -164,11 +164,11 @@ def rooms(root: Path) -> dict[str, set[str]]:
     return found
 
 
-def test_the_rooms_of_the_node_package_make_no_circle() -> None:
+def test_the_packages_of_biodyn_ros_have_no_import_cycle() -> None:
     TopologicalSorter(rooms(ROOT)).prepare()
 
 
-def test_a_circle_of_rooms_is_seen_where_modules_make_none(tmp_path: Path) -> None:
+def test_a_cycle_of_packages_is_found_without_a_cycle_of_modules(tmp_path: Path) -> None:
     for path, source in {
         "fit/a": "import biodyn_ros.work.b",
         "work/b": "",
@@ -202,7 +202,7 @@ def test_the_live_node_reaches_neither_identification_nor_tracing() -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:
+def test_a_model_loads_without_the_slow_parts_of_scipy() -> None:
     loaded = "import sys, biodyn_core.body.model; print([name for name in sys.modules if name.startswith('scipy.')])"
     done = subprocess.run([sys.executable, "-c", loaded], cwd=ROOT, capture_output=True, text=True, check=True)
     assert "scipy.signal" not in done.stdout
@@ -233,7 +233,7 @@ def test_a_model_is_there_before_the_slow_parts_of_scipy() -> None:
         ("__init__.py", "from biodyn_core.body import model", "biodyn_core/__init__.py imports biodyn_core.body.model"),
     ],
 )
-def test_a_broken_rule_is_seen(tmp_path: Path, path: str, source: str, fault: str) -> None:
+def test_a_broken_rule_is_reported(tmp_path: Path, path: str, source: str, fault: str) -> None:
     core = tmp_path / "biodyn_core"
     for room in ("", "base", "body", "effects", "kernels", "pipeline", "surprise"):
         (core / room).mkdir(parents=True, exist_ok=True)
@@ -261,7 +261,7 @@ def test_numba_is_allowed_in_the_kernels(tmp_path: Path) -> None:
     assert core_faults(tmp_path) == []
 
 
-def test_ros_behind_a_second_module_is_seen(tmp_path: Path) -> None:
+def test_an_indirect_import_of_ros_is_reported(tmp_path: Path) -> None:
     (tmp_path / "biodyn_ros/node").mkdir(parents=True)
     (tmp_path / "biodyn_ros/bag_reader.py").write_text("from biodyn_ros.node.params import Table")
     (tmp_path / "biodyn_ros/node/params.py").write_text("from rcl_interfaces.msg import ParameterDescriptor")

@@ -48,7 +48,7 @@ def still(
 
 
 def write(path: Path, streams: dict[str, Stream]) -> Path:
-    """A bag of Imu topics by name; a sensor's own name stands for its usual topic."""
+    """A bag of Imu topics by name; the name of a sensor means its default topic."""
     with BagWriter(path) as writer:
         for name in streams:
             writer.add_topic(topics.INPUT.get(name, name), IMU_TYPE)
@@ -61,7 +61,7 @@ def by_sensor(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {row["sensor"] or row["topic"]: row for row in document["topics"]}
 
 
-def test_every_figure_of_a_known_recording(tmp_path: Path) -> None:
+def test_all_figures_of_a_known_recording_are_correct(tmp_path: Path) -> None:
     header, log, accel = still(ppm=40.0)
     header, log, accel = (np.delete(a, slice(5000, 5100), axis=0) for a in (header, log, accel))  # 0.2 s lost
     accel[7000, 1] = 160.0
@@ -93,7 +93,7 @@ def test_every_figure_of_a_known_recording(tmp_path: Path) -> None:
     assert "replay: uses seat; not in the bag: pelvis" in text
 
 
-def test_a_topic_of_any_rate_mapped_or_not_and_what_replay_would_say(tmp_path: Path) -> None:
+def test_topics_of_any_rate_have_the_status_of_replay(tmp_path: Path) -> None:
     bag = write(tmp_path / "a.mcap", {"/imu": still(rate_hz=31.0)})
     document = info(bag)
     assert "give it with --map seat=TOPIC" in document["replay"]["refusal"]
@@ -114,7 +114,7 @@ def test_two_topics_that_may_be_one_sensor_are_both_shown(tmp_path: Path) -> Non
     assert "match the seat: choose one with --map seat=TOPIC" in document["replay"]["refusal"]
 
 
-def test_what_is_there_when_there_is_no_imu(tmp_path: Path) -> None:
+def test_a_bag_without_imu_lists_its_topics(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.add_topic("/chatter", "std_msgs/msg/String")
         writer.write("/chatter", np.array([1, 2]), np.zeros((2, 12), dtype=np.uint8))
@@ -133,7 +133,7 @@ def test_json_on_stdout_and_a_table_for_people(capsys: pytest.CaptureFixture[str
     assert_listed("info", document)
     assert [row["sensor"] for row in document["topics"]] == list(SENSORS)
     assert document["replay"] == {"refusal": None, "sensors": list(SENSORS), "missing": [], "faults": []}
-    # Its log times were made from the stamps, and so tell nothing: no figure is better than a perfect one.
+    # Its log times are copies of the stamps, so they give no figure.
     assert {row["clock_ppm"] for row in document["topics"]} == {None}
     assert any("log times repeat the header stamps" in line for line in document["warnings"])
     assert main(["info", bag]) == 0
@@ -142,7 +142,7 @@ def test_json_on_stdout_and_a_table_for_people(capsys: pytest.CaptureFixture[str
     assert max(len(line) for line in out.splitlines()) < 160
 
 
-def test_clocks_that_drift_apart_are_said_by_info_and_replay(tmp_path: Path) -> None:
+def test_drifting_clocks_are_reported_by_info_and_replay(tmp_path: Path) -> None:
     streams = {"seat": still(120.0, ppm=20.0), "head": still(120.0, ppm=-30.0, seed=1)}
     bag = write(tmp_path / "a.mcap", streams)
     line = "header clocks drift apart by 6.0 ms over 120 s (ppm against log time: seat +20.0, head -30.0): the residual"
@@ -152,20 +152,20 @@ def test_clocks_that_drift_apart_are_said_by_info_and_replay(tmp_path: Path) -> 
     assert not any("drift apart" in text for text in by_log)
 
 
-def test_clocks_that_keep_together_are_not_talked_about(tmp_path: Path) -> None:
+def test_equal_clocks_are_not_reported(tmp_path: Path) -> None:
     streams = {"seat": still(120.0, ppm=20.0), "head": still(120.0, ppm=19.0, seed=1)}
     warnings = info(write(tmp_path / "a.mcap", streams))["warnings"]
     assert not any("clock" in text or "stamps" in text for text in warnings), warnings
 
 
-def test_different_offsets_against_the_log_are_said(tmp_path: Path) -> None:
+def test_different_offsets_from_log_time_are_reported(tmp_path: Path) -> None:
     streams = {"seat": still(), "head": still(late_s=0.02, seed=1)}
     warnings = info(write(tmp_path / "a.mcap", streams))["warnings"]
     assert any("differs between sensors (ms: seat 2.0, head 20.0)" in text for text in warnings), warnings
 
 
 @pytest.mark.parametrize("value", [0, START_NS])
-def test_stamps_that_are_zero_or_stand_still_give_way_to_log_time(tmp_path: Path, value: int) -> None:
+def test_log_time_replaces_zero_or_constant_stamps(tmp_path: Path, value: int) -> None:
     header, log, accel = still()
     bag = write(tmp_path / "a.mcap", {"seat": (np.full_like(header, value), log, accel), "head": still(seed=1)})
     document = info(bag)
@@ -174,18 +174,18 @@ def test_stamps_that_are_zero_or_stand_still_give_way_to_log_time(tmp_path: Path
     assert seat["rate_hz"] == pytest.approx(500.0, rel=1e-3)
     assert seat["rejected"] == 0
     why = "are zero" if value == 0 else "do not change"
-    said = f"seat: header stamps {why}: log time is used instead"
+    expected = f"seat: header stamps {why}: log time is used instead"
     mixed = "seat by log time, others by header time, and log time is 2.0 ms later"
     replayed = replay(bag, subject()).document
     for warnings in (document["warnings"], replayed["warnings"]):
-        assert said in warnings
+        assert expected in warnings
         assert any(text.startswith(mixed) for text in warnings)
     assert replayed["seconds"] == pytest.approx(30.0, abs=0.1)
     assert replayed["time"] == {"seat": "log", "head": "header"}
     assert info(bag, ReadingOptions(time="log"))["warnings"] == []
 
 
-def test_time_is_chosen_where_a_topic_begins_late_or_has_two_messages(tmp_path: Path) -> None:
+def test_time_is_chosen_for_late_and_short_topics(tmp_path: Path) -> None:
     header, log, accel = still(20.0)
     late = tuple(a[-2000:] for a in (0 * header, log, accel))
     pair = tuple(a[:2] for a in (header, log, accel))
@@ -202,7 +202,7 @@ def test_time_is_chosen_where_a_topic_begins_late_or_has_two_messages(tmp_path: 
         assert {choice.time for choice in choose_times(reader, ["/a", "/late"], "log").values()} == {"log"}
 
 
-def test_quantised_stamps_and_a_clock_that_was_set_are_said(tmp_path: Path) -> None:
+def test_quantised_stamps_and_a_set_clock_are_reported(tmp_path: Path) -> None:
     header, log, accel = still(60.0, 233.0)
     leaping = header.copy()
     leaping[6000:] += 3600 * 10**9
@@ -213,21 +213,21 @@ def test_quantised_stamps_and_a_clock_that_was_set_are_said(tmp_path: Path) -> N
     assert any("head: header time jumped against log time once" in text for text in document["warnings"])
 
 
-def test_stamps_that_count_samples_are_told_from_a_clock(tmp_path: Path) -> None:
+def test_stamps_that_count_samples_are_distinguished_from_a_clock(tmp_path: Path) -> None:
     bag = write(tmp_path / "a.mcap", {"seat": still(ppm=3000.0)})
     (line,) = info(bag)["warnings"]
     assert re.match(r"seat: its header stamps drift by \+(2999|3000|3001) ppm against log time", line)
 
 
-def test_a_cut_bag_says_how_far_it_goes(tmp_path: Path) -> None:
+def test_a_cut_bag_is_reported_with_its_recovered_length(tmp_path: Path) -> None:
     data = bag_file("subject_1.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: len(data) * 6 // 10])
     document = info(cut)
     assert document["recovered"]
     assert sum(row["messages"] for row in document["topics"]) == document["messages"]
-    said = f"recovered {document['messages']} messages, up to {document['seconds']:.3f} s after the first"
-    assert any(said in line for line in document["warnings"])
+    expected = f"recovered {document['messages']} messages, up to {document['seconds']:.3f} s after the first"
+    assert any(expected in line for line in document["warnings"])
     assert text_of(document).splitlines()[0].startswith(f"{cut}: mcap, recovered, {document['messages']} messages")
 
 
@@ -260,7 +260,7 @@ def test_a_sensor_at_the_end_of_its_range_is_surveyed_as_replay_conditions_it(tm
         assert all(any(text in line for line in document["warnings"]) for text in status.warnings)
 
 
-def test_nothing_is_left_behind_by_a_refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_refusal_leaves_no_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     slow = write(tmp_path / "slow.mcap", {"seat": still(rate_hz=100.0)})
     for bag in (tmp_path / "missing.mcap", slow):
         out = tmp_path / "deep" / "out"
@@ -271,7 +271,7 @@ def test_nothing_is_left_behind_by_a_refusal(capsys: pytest.CaptureFixture[str],
     assert "is a file; the results need a directory" in capsys.readouterr().err
 
 
-def test_what_a_failing_replay_had_begun_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_replay_removes_its_partial_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from biodyn_ros.replay import replaying as module
 
     bag = write(tmp_path / "a.mcap", {"seat": still(10.0)})

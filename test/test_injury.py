@@ -78,7 +78,7 @@ def test_dri_of_the_spine_pulses_is_known(shared_data, length_ms, known):
     time, accel = np.loadtxt(path, delimiter=",", skiprows=1).T
     even = np.interp(np.arange(0.0, time[-1] + 0.3, 1e-4), time, accel, right=0.0)
     found = dri(even * naive.GRAVITY, 1e4)
-    assert found.compression == pytest.approx(known, abs=0.006)  # two digits were kept
+    assert found.compression == pytest.approx(known, abs=0.006)  # two digits are given
     time, accel = np.append(time, time[-1] + [1e-9, 0.1]), np.append(accel, [0.0, 0.0])
     assert naive.dynamic_response(time, accel * naive.GRAVITY)[0] == pytest.approx(known, abs=0.01)
 
@@ -175,7 +175,7 @@ def test_hic_of_a_short_square_pulse_takes_the_pulse_alone():
 
 
 @pytest.mark.parametrize(("half_width_s", "whole"), [(0.1, False), (0.02, True)])
-def test_hic_of_a_triangle_is_the_calculus_of_it(half_width_s, whole):
+def test_hic_of_a_triangle_is_the_closed_form(half_width_s, whole):
     peak, rate_hz = 60.0, RATE_HZ
     time = np.arange(round(0.3 * rate_hz)) / rate_hz - 0.15
     pulse = peak * np.maximum(0.0, 1.0 - np.abs(time) / half_width_s)

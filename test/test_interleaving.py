@@ -18,7 +18,7 @@ def stamps(begin_s: float, seconds: float, rate_hz: float) -> np.ndarray:
 
 
 def furthest_ahead_s(given: dict[str, np.ndarray], usual: dict[str, np.ndarray]) -> float:
-    """How far any sample is handed on behind a later one, by the stamps that the samples usually have."""
+    """Largest time by which a sample follows a later one, by the stamps without faults, s."""
     newest_ns, ahead_ns = -(2**62), 0
     for name, part in in_stamp_order(given):
         here = usual[name][part]
@@ -59,5 +59,5 @@ def test_a_common_leap_keeps_sensors_together() -> None:
     assert furthest_ahead_s(given_ns, usual) <= SLICE_S + 2e-3
 
 
-def test_nothing_gives_nothing() -> None:
+def test_an_empty_input_gives_an_empty_output() -> None:
     assert in_stamp_order({}) == in_stamp_order({"seat": np.empty(0, dtype=np.int64)}) == []

@@ -62,7 +62,7 @@ def answers(name: str, kind: str) -> list[np.ndarray]:
 
 def _follow_up(kind: str) -> list:
     rates, force = given(kind, 3), given(kind, 6)[:, 3:].copy()
-    if not len(rates):  # whoever calls has a sample
+    if not len(rates):  # callers have a sample
         rates = force = np.zeros((1, 3))
     return [rates, force, 1e-3, 0.01, np.tile([0.0, 0.6, 0.8], (len(rates), 1))]
 
@@ -287,12 +287,12 @@ def bare(monkeypatch, tmp_path):
 
 @pytest.fixture
 def closed(tmp_path):
-    """A path below which nobody can write, not even root: its parent is a file."""
+    """A path that is not writable even for root: its parent is a file."""
     (tmp_path / "file").write_text("", encoding="utf-8")
     return str(tmp_path / "file" / "below")
 
 
-def test_the_cache_goes_where_the_user_says(bare, monkeypatch):
+def test_the_user_chooses_the_cache_directory(bare, monkeypatch):
     monkeypatch.setenv("HOME", str(bare / "home"))
     assert compiling.cache_folder() == str(bare / "home" / ".cache" / "biodyn")
     monkeypatch.setenv("XDG_CACHE_HOME", str(bare / "xdg"))
@@ -308,12 +308,12 @@ def test_without_home_the_cache_is_temporary_and_the_users_own(bare):
 
 
 @pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"])
-def test_what_cannot_be_written_is_passed_over(bare, closed, monkeypatch, variable):
+def test_an_unwritable_cache_directory_is_skipped(bare, closed, monkeypatch, variable):
     monkeypatch.setenv(variable, closed)
     assert Path(compiling.cache_folder()).parent == bare / "tmp"
 
 
-def test_a_read_only_folder_is_passed_over(bare, monkeypatch):
+def test_a_read_only_directory_is_skipped(bare, monkeypatch):
     def refuse(dir):  # noqa: A002 - the name tempfile has
         raise PermissionError(dir)
 
@@ -322,7 +322,7 @@ def test_a_read_only_folder_is_passed_over(bare, monkeypatch):
     assert compiling.cache_folder() is None
 
 
-def test_a_folder_of_somebody_else_is_passed_over(bare, monkeypatch):
+def test_a_directory_of_another_user_is_skipped(bare, monkeypatch):
     if not hasattr(os, "getuid"):
         pytest.skip("no owners here")
     monkeypatch.setenv("HOME", str(bare))
@@ -330,7 +330,7 @@ def test_a_folder_of_somebody_else_is_passed_over(bare, monkeypatch):
     assert compiling.cache_folder() is None
 
 
-def test_nothing_writable_at_all_means_no_cache(bare, closed, monkeypatch):
+def test_without_a_writable_directory_there_is_no_cache(bare, closed, monkeypatch):
     monkeypatch.setenv("HOME", closed)
     monkeypatch.setattr(tempfile, "tempdir", closed)
     assert compiling.cache_folder() is None

@@ -63,7 +63,7 @@ def test_the_file_is_the_one_that_is_made(name: str, made: Any) -> None:
     assert (LAYOUTS / name).read_text(encoding="utf-8") == made()
 
 
-def test_what_is_no_field_is_seen() -> None:
+def test_an_unknown_field_is_reported() -> None:
     assert has_number(AccelStamped, ["accel", "linear", "z"])
     for wrong in (["accel", "linear"], ["accel", "linear", "w"], ["twist", "linear", "z"], ["header", "stamp", "sec"]):
         assert not has_number(AccelStamped, wrong)
@@ -147,8 +147,8 @@ def leaves(tree: Any) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("text", ["biodyn.xml", "biodyn.json"])
-def test_each_shows_all_that_is_asked_of_it(text: str) -> None:
-    told = (LAYOUTS / text).read_text(encoding="utf-8")
+def test_each_layout_has_all_required_topics(text: str) -> None:
+    layout = (LAYOUTS / text).read_text(encoding="utf-8")
     wanted = [
         *topics.PREDICTED.values(),
         *(topics.MEASURED[name] for name in (SEAT, *MEASURED_SEGMENTS)),
@@ -157,5 +157,5 @@ def test_each_shows_all_that_is_asked_of_it(text: str) -> None:
         f"{topics.EXPOSURE}/seat/a8",
         f"{topics.EXPOSURE}/dri",
     ]
-    assert all(topics.absolute(topic) in told for topic in wanted)
-    assert topics.DIAGNOSTICS in told
+    assert all(topics.absolute(topic) in layout for topic in wanted)
+    assert topics.DIAGNOSTICS in layout

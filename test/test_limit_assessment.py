@@ -335,7 +335,7 @@ def test_more_exposure_never_leaves_more_time(aw, vdv, seconds, louder, harsher,
 
 def test_half_an_hour_is_projected_to_eight_by_its_powers():
     seat = judge(upward(0.4, 3.0, 0.5 * HOUR))
-    assert seat.a8_projected_8h_mps2 == pytest.approx(0.4)  # the mean goes on
+    assert seat.a8_projected_8h_mps2 == pytest.approx(0.4)  # the mean continues
     assert seat.vdv_projected_8h_mps175 == pytest.approx(6.0)  # sixteen times as long, twice the dose
     assert seat.projected_from_s == 0.5 * HOUR
 

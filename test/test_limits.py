@@ -16,7 +16,7 @@ EU, ISO = EU_LIMITS.deciding, EU_LIMITS.additional[0]
 
 
 def as_file(limits: LimitSet) -> dict[str, object]:
-    """What a file says of a set: what it does not state is left out."""
+    """The values of a set in a file, without those it does not state."""
     return {name: value for name, value in limits.to_dict().items() if value is not None}
 
 

@@ -50,7 +50,7 @@ class Diagnostics:
         return next((status for status in statuses if status.name == f"biodyn: {name}"), None)
 
     def value(self, name: str, key: str) -> str | None:
-        """What stands under a key of a status, None before the first."""
+        """The value of a key of a status, None before the first."""
         status = self.status(name)
         return None if status is None else {entry.key: entry.value for entry in status.values}[key]
 
@@ -61,7 +61,7 @@ class Diagnostics:
 
 
 def offline(streams=None):
-    """What the pipeline gives for the same streams without ROS."""
+    """The results of the pipeline for the same streams without ROS."""
     pipeline = Pipeline(subject())
     by_name = {stream.sensor: stream for stream in streams or noisy_streams()}
     frames = [
@@ -113,7 +113,7 @@ def test_after_a_long_stall_all_arrived_samples_are_compared(graph: Graph) -> No
     sensors.send(6 * 2500)
     graph.wait(lambda: head, "comparisons begin")
     before = len(seat)
-    sensors.send(spinning=False)  # longer than wait_s in stamp time, and the node stands still meanwhile
+    sensors.send(spinning=False)  # longer than wait_s in stamp time, and the node does not spin meanwhile
     last_ns = int(noisy_streams()[0].stamps_ns[-1])
 
     def newest_ns() -> int:
@@ -239,7 +239,7 @@ def test_a_silent_seat_stops_predictions_until_it_sends_again(graph: Graph) -> N
     lag_ms = diagnostics.value(SEAT, "lag_ms")
     sensors.send(6_000, only=SENSORS[1:])
     graph.spin(1.2)
-    assert diagnostics.value(SEAT, "lag_ms") == lag_ms  # who says nothing lags no more
+    assert diagnostics.value(SEAT, "lag_ms") == lag_ms  # a silent sensor has no growing lag
     assert len(head) == stopped
     sensors.send(6_000)
     graph.wait(lambda: len(head) > stopped + 300, "predictions again")
@@ -377,7 +377,7 @@ def test_an_unreadable_subject_fails_the_transition_in_one_line(graph: Graph) ->
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "phrase"),
     [
         ({"cutof_hz": 100.0}, "parameter cutof_hz is unknown; did you mean cutoff_hz?"),
         ({"cutoff_hz": 3.0}, "parameter cutoff_hz"),
@@ -386,8 +386,8 @@ def test_an_unreadable_subject_fails_the_transition_in_one_line(graph: Graph) ->
         ({"qos_overrides./biodyn/exposure/dri.publisher.depth": 10}, "overrides nothing"),
     ],
 )
-def test_a_parameter_that_does_not_fit_is_named_at_the_start(graph: Graph, given: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_parameter_that_does_not_fit_is_named_at_the_start(graph: Graph, given: dict[str, Any], phrase: str) -> None:
+    with pytest.raises(InputError, match=phrase):
         graph.live(**given)
 
 
@@ -477,8 +477,8 @@ def test_a_page_that_cannot_be_served_does_not_stop_the_node(graph) -> None:
         port = taken.getsockname()[1]
         diagnostics = Diagnostics(graph, graph.node())
         graph.active(dashboard=True, page_port=port)
-        said = f"the page is not served: biodyn page: the page cannot be served at 127.0.0.1:{port}"
-        graph.wait(lambda: diagnostics.says("page", WARN, said), "the reason in the diagnostics")
+        phrase = f"the page is not served: biodyn page: the page cannot be served at 127.0.0.1:{port}"
+        graph.wait(lambda: diagnostics.says("page", WARN, phrase), "the reason in the diagnostics")
         assert diagnostics.says("prediction", ERROR, "has sent nothing"), "the node runs"
 
 

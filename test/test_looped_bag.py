@@ -30,7 +30,7 @@ SPEED = 3.0
 DEEP = 50_000
 BLOCK = 100
 WAIT_S = 10.0
-"""A busy machine may hold up a sensor for more than the usual second of stamps, a third of a second at this speed."""
+"""A busy machine may delay a sensor by more than the default second of stamps, a third of a second at this speed."""
 
 
 def streams() -> list[ImuStream]:

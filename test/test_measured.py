@@ -1,4 +1,4 @@
-"""The program that hides faults in measured streams: they are what it says, and the verdicts never see the truth."""
+"""The program that hides faults in measured streams: faults match their notes, and verdicts do not use the truth."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def relative_error(found: np.ndarray, wanted: np.ndarray) -> float:
 
 
 def twin(subject: Subject, seat: np.ndarray, rate_hz: float) -> np.ndarray:
-    """What DOP853 answers for the same body."""
+    """The response of the same body by DOP853."""
     return naive.chain_response(subject.parameters.vector(), subject.body_mass_kg, subject.mass_matrix, seat, rate_hz)
 
 
@@ -236,7 +236,7 @@ def steady_sine(subject: Subject, frequency_hz: float, rate_hz: float):
 @MILLIONS_OF_STEPS
 @pytest.mark.parametrize("name", ["subject_1", "subject_2_as_printed"])
 @pytest.mark.parametrize("frequency_hz", [0.5, 4.0, 12.0, 31.0])
-def test_a_steady_sine_is_answered_as_the_frequency_response_says(name, frequency_hz):
+def test_the_response_to_a_sine_is_the_frequency_response(name, frequency_hz):
     subject = shipped(name, stiffening_scale=0.0)
     # A sine drawn in straight lines is sinc^2 as high, and the body does not follow what the corners add near 4000 Hz.
     chain, response, amplitude = steady_sine(subject, frequency_hz, 4000.0)
@@ -313,7 +313,7 @@ TOO_COARSE = {
 
 
 def transient_error(name: str, case: str, finer: int = 1) -> float:
-    """The error of `simulate` against DOP853, its steps `finer` times shorter and the seat's straight lines kept."""
+    """The error of `simulate` against DOP853, its steps `finer` times shorter and the seat linear between samples."""
     subject, seat = shipped(name), TRANSIENTS[case]
     assert subject.parameters.stiffening_scale > 0.2  # nonlinear
     between = np.arange((seat.size - 1) * finer + 1) / finer
@@ -324,7 +324,7 @@ def transient_error(name: str, case: str, finer: int = 1) -> float:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("case", TRANSIENTS)
-def test_a_transient_is_answered_as_dop853_answers_it(name, case):
+def test_a_transient_response_is_that_of_dop853(name, case):
     # The mark of 1e-6 needs two substeps where one step a sample is too coarse; with one it is 1.6e-5 at most.
     finer = 2 if (name, case) in TOO_COARSE else 1
     limit = 1.2 * ONE_IN_A_MILLION if finer == 2 else ONE_IN_A_MILLION
@@ -351,7 +351,7 @@ CORNERS = [np.where(high, UPPER, LOWER) for high in [np.zeros(15), np.ones(15), 
 
 @pytest.mark.parametrize("form", ["segment", "cascade"])
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_at_the_corners_of_table_1_a_shock_is_answered_at_any_rate(form, rate_hz):
+def test_at_the_corners_of_table_1_the_response_to_a_shock_is_finite_at_any_rate(form, rate_hz):
     seat = half_sine(-5.0, 0.04, 0.15, rate_hz)
     truths = naive.chain_responses([(theta, 70.0, form) for theta in CORNERS], seat, rate_hz)
     errors = [
@@ -489,7 +489,7 @@ def test_steps_are_a_whole_part_of_a_sample_and_at_most_a_millisecond(subject, r
     assert 1.0 / (rate_hz * stepper.substeps) <= MAX_STEP_S * (1.0 + 1e-6)  # rounding
 
 
-def test_nothing_in_nothing_out():
+def test_an_empty_input_gives_an_empty_output():
     chain = Chain.of(shipped("subject_1"))
     assert chain.simulate([], NATIVE_HZ).accel_mps2.shape == (0, 6)
     stepper = Stepper(chain, NATIVE_HZ)

@@ -84,7 +84,7 @@ def test_constants_of_many_per_kg_are_those_of_each_chain(mass_matrix) -> None:
 
 
 @pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
-def test_the_truth_of_another_integrator_costs_nothing(mass_matrix) -> None:
+def test_the_cost_of_the_truth_of_another_integrator_is_zero(mass_matrix) -> None:
     cases, theta = fitting.true_cases(mass_matrix), fitting.theta_of(fitting.true_subjects()[mass_matrix])
     problem = TimeDomain(cases, fitting.drawn(0, mass_matrix), DATA_ONLY)
     assert problem.cost(theta) < 1e-8
@@ -127,7 +127,7 @@ def test_batches_and_single_points_agree() -> None:
 
 
 @pytest.mark.parametrize("clocks", ["trusted", "estimated"])
-def test_linearised_stands_for_all_samples(clocks) -> None:
+def test_the_linearised_cost_represents_all_samples(clocks) -> None:
     cases = fitting.true_cases("segment")[:2]
     problem = TimeDomain(cases, fitting.drawn(0, "segment"), RegularizationTerm(points(1)[0], 0.01, "log"), clocks)
     theta = points(1, 4)[0]
@@ -167,7 +167,7 @@ def test_mass_scale_cancels() -> None:
 
 @settings(max_examples=10)
 @given(st.integers(1300, 2300), st.integers(1, 400), st.integers(0, 4))
-def test_what_is_masked_does_not_matter(begin: int, length: int, segment: int) -> None:
+def test_masked_samples_have_no_effect(begin: int, length: int, segment: int) -> None:
     recording = fitting.true_recordings()["segment"][1]
     masked = recording.measured_mps2.copy()
     masked[begin : begin + length, segment] = np.nan
@@ -180,7 +180,7 @@ def test_what_is_masked_does_not_matter(begin: int, length: int, segment: int) -
 
 
 @pytest.mark.parametrize("factor", [1e5, 1e160])
-def test_an_answer_that_runs_away_is_a_penalty_counted_by_cause(factor: float) -> None:
+def test_a_divergent_response_is_a_penalty_counted_by_cause(factor: float) -> None:
     """A seat so strong that stiffening runs away, and one whose squares overflow."""
     case = fitting.true_cases("segment")[0]
     wild = dataclasses.replace(case, seat_mps2=factor * case.seat_mps2)
@@ -191,7 +191,7 @@ def test_an_answer_that_runs_away_is_a_penalty_counted_by_cause(factor: float) -
     assert sum(problem.penalties.values()) == 4 and set(problem.penalties) <= {"diverged", "not a number"}
 
 
-def test_clocks_that_are_late_and_slow_are_found_and_cost_nothing() -> None:
+def test_clock_offset_and_drift_are_found_at_zero_cost() -> None:
     """A band-limited answer read late, by its spectrum, so that no interpolation of ours is trusted."""
     late_s, slow = np.array([2e-4, -1e-4, 0.0, 3e-4, -2e-4]), np.array([5e-5, 0.0, -5e-5, 2e-5, 0.0])
     recording = fitting.true_recordings()["segment"][0]

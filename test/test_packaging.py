@@ -53,12 +53,12 @@ class Installed:
     setup: str
 
     def run(self, command: str, cwd: Path) -> str:
-        """What a command prints in a shell that knows the installation and nothing else."""
+        """Output of a command in a shell with the installation alone."""
         return run(["bash", "-c", f"{self.setup}\n{command}"], cwd)
 
 
 def run(command: list[str], cwd: Path, **more: str) -> str:
-    """What a command prints, in a clean environment; its errors when it fails."""
+    """Output of a command in a clean environment; its errors if it fails."""
     environment = {**clean_environment(os.environ), "PIP_NO_INPUT": "1", **more}
     done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{shlex.join(command)}\n{done.stdout}\n{done.stderr}"
@@ -66,7 +66,7 @@ def run(command: list[str], cwd: Path, **more: str) -> str:
 
 
 def copy_of_the_tree(target: Path) -> Path:
-    """What a clone would hold, changes not yet committed included."""
+    """The files of a clone, with uncommitted changes."""
     listed = run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], ROOT)
     for name in filter(None, listed.split("\0")):
         if (ROOT / name).is_file():
@@ -78,7 +78,7 @@ def copy_of_the_tree(target: Path) -> Path:
 def colcon(tmp_path: Path, *options: str) -> Installed:
     """The tree built with colcon in a workspace of its own."""
     tree = copy_of_the_tree(tmp_path / "src" / "biodyn")
-    # The interpreter that runs colcon is the one in the executables. A home of its own keeps a user's defaults out.
+    # The interpreter that runs colcon is the one in the executables. Its own home excludes a user's defaults.
     build = [sys.executable, "-m", "colcon", "build", "--base-paths", str(tree), *options]
     run(build, tmp_path, COLCON_HOME=str(tmp_path / "home"))
     prefix = tmp_path / "install" / "biodyn_ros"
@@ -109,7 +109,7 @@ def installed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return colcon(tmp_path) if request.param == "colcon" else pip(tmp_path, f"--{request.param.removeprefix('pip-')}")
 
 
-def test_everything_beside_the_code_is_installed(installed: Installed) -> None:
+def test_all_data_files_are_installed(installed: Installed) -> None:
     share = installed.prefix / "share"
     assert (share / "ament_index/resource_index/packages/biodyn_ros").is_file()
     assert (share / "biodyn_ros/package.xml").read_bytes() == (ROOT / "package.xml").read_bytes()
@@ -123,7 +123,7 @@ def test_everything_beside_the_code_is_installed(installed: Installed) -> None:
         assert configured
 
 
-def test_what_is_installed_finds_its_files_from_anywhere(installed: Installed, tmp_path: Path) -> None:
+def test_an_installation_finds_its_files_from_any_directory(installed: Installed, tmp_path: Path) -> None:
     found = installed.run(f"{shlex.quote(sys.executable)} -c {shlex.quote(FIND_ALL)}", tmp_path).splitlines()
     workspace = installed.prefix.parents[1] if installed.setup.startswith(".") else installed.prefix
     assert all(Path(line).is_relative_to(workspace) for line in found), found
@@ -132,7 +132,7 @@ def test_what_is_installed_finds_its_files_from_anywhere(installed: Installed, t
 
 
 @pytest.mark.parametrize("script", ["biodyn", "biodyn_live"])
-def test_the_executables_are_where_they_are_looked_for(installed: Installed, script: str, tmp_path: Path) -> None:
+def test_executables_are_in_the_directory_of_ros2_run(installed: Installed, script: str, tmp_path: Path) -> None:
     executable = installed.scripts / script
     assert os.access(executable, os.X_OK)
     first = executable.read_text(encoding="utf-8").splitlines()[0]
@@ -143,7 +143,7 @@ def test_the_command_starts_where_it_is_installed(installed: Installed, tmp_path
     assert "usage" in installed.run(f"{shlex.quote(str(installed.scripts / 'biodyn'))} --help", tmp_path).lower()
 
 
-def test_a_symlinked_build_leads_back_to_the_source(symlinked: Installed, tmp_path: Path) -> None:
+def test_a_symlinked_build_links_to_the_source(symlinked: Installed, tmp_path: Path) -> None:
     tree = symlinked.prefix.parents[1] / "src" / "biodyn"
     launch = symlinked.prefix / "share/biodyn_ros/launch/biodyn.launch.py"
     assert launch.resolve() == tree / "config/launch/biodyn.launch.py"
@@ -201,7 +201,7 @@ def test_entry_points_name_functions_that_exist(tmp_path: Path) -> None:
 
 
 class Said:
-    """What the launch file says about an action or a substitution; LaunchConfiguration answers from a dict."""
+    """An action or a substitution of the launch file; LaunchConfiguration reads from a dict."""
 
     def __init__(self, *places: object, **words: object) -> None:
         self.places, self.words = places, words
@@ -222,12 +222,12 @@ def load(monkeypatch: pytest.MonkeyPatch) -> Loader:
 
 @pytest.fixture
 def launch(load: Loader) -> dict[str, Callable[..., list[Said]]]:
-    """What the launch file of the live node defines."""
+    """The definitions of the launch file of the live node."""
     return load("biodyn.launch.py")
 
 
 def loaded(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..., list[Said]]]:
-    """What a launch file defines, with every import of it replaced."""
+    """The definitions of a launch file, with every import of it replaced."""
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             assert node.module.split(".")[0] in {"launch", "launch_ros"}
@@ -357,14 +357,14 @@ def test_a_subject_by_path_goes_before_a_bundled_one(elsewhere: Path) -> None:
         (resources.package_directory, "nowhere", "the installation is incomplete: .*nowhere is missing"),
     ],
 )
-def test_what_is_not_there_is_told_with_what_is(
+def test_a_missing_file_is_reported_with_the_existing_ones(
     elsewhere: Path, find: Callable[[str], Path], name: str, message: str
 ) -> None:
     with pytest.raises(InputError, match=rf"\A{message}"):
         find(name)
 
 
-def test_no_files_anywhere_is_told(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_data_files_are_reported(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("AMENT_PREFIX_PATH")
     with pytest.raises(InputError, match=r"\Anone of .* holds the files of biodyn; install it again\Z"):
         resources.subject_names()

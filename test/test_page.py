@@ -45,7 +45,7 @@ class Served:
         self.port, self.hub, self.feed, self.server = port, hub, feed, server
 
     def url(self, path: str = "/") -> str:
-        """Where it is."""
+        """The address of a path of the page."""
         return f"http://127.0.0.1:{self.port}{path}"
 
 
@@ -83,7 +83,7 @@ def snapshot(begin_s: float = 0.0, count: int = 2, text: str = "") -> str:
 # --- what is sent ----------------------------------------------------------------------------------------------------
 
 
-def test_files_come_with_headers_that_let_nothing_else_in():
+def test_files_have_strict_security_headers():
     async def steps(page, client):
         for path, kind in (("/", "text/html"), ("/page.js", "text/javascript"), ("/page.css", "text/css")):
             async with client.get(page.url(path)) as answer:
@@ -107,7 +107,7 @@ async def read_event(stream: aiohttp.StreamReader) -> tuple[str, dict]:
             return parts["event"], json.loads(parts["data"])
 
 
-def test_a_newcomer_is_sent_the_last_minute_and_then_what_comes():
+def test_a_new_client_receives_the_last_minute_and_then_updates():
     async def steps(page, client):
         for k in range(20):
             page.hub.add(snapshot(0.2 * k))
@@ -122,7 +122,7 @@ def test_a_newcomer_is_sent_the_last_minute_and_then_what_comes():
     visit(steps)
 
 
-def test_the_minute_is_a_minute_and_begins_anew_where_time_leaps():
+def test_the_history_covers_a_minute_and_is_cleared_at_a_leap_of_time():
     events = Hub()
     for k in range(100):
         events.add(snapshot(1.0 * k, count=10))
@@ -134,7 +134,7 @@ def test_the_minute_is_a_minute_and_begins_anew_where_time_leaps():
         assert minute["begin_s"] == [leap_s, leap_s + 0.1]
 
 
-def test_a_stream_that_falls_far_behind_is_sent_the_minute_anew():
+def test_a_stream_far_behind_receives_the_history_again():
     events = Hub()
     for k in range(hub.RECENT):
         events.add(snapshot(float(k)))
@@ -156,13 +156,13 @@ NO_SNAPSHOTS = [
 
 
 @pytest.mark.parametrize("text", NO_SNAPSHOTS, ids=range(len(NO_SNAPSHOTS)))
-def test_what_is_no_snapshot_is_left_out(text):
+def test_an_invalid_snapshot_is_left_out(text):
     events = Hub()
     events.add(text)
     assert events.number == 0
 
 
-def test_no_memory_grows_with_what_is_sent():
+def test_memory_does_not_grow_with_the_data_sent():
     events = Hub()
     for k in range(50):
         events.add(snapshot(1.0 * k).replace('"measured"', f'"other_{k}"'))
@@ -170,7 +170,7 @@ def test_no_memory_grows_with_what_is_sent():
     assert "other" not in events.events(-2)[0]
 
 
-def test_a_snapshot_cannot_bring_an_event_of_its_own():
+def test_a_snapshot_cannot_inject_an_event():
     events = Hub()
     events.add(snapshot(text="\n\nevent: reset\ndata: {}\n\n"))
     (event,) = events.events(0)
@@ -186,7 +186,7 @@ def test_a_snapshot_cannot_bring_an_event_of_its_own():
     [("127.0.0.1:8711", 200), ("localhost:8711", 200), ("[::1]:8711", 200), ("evil.example", 403), ("10.1.2.3", 403),
      ("127.0.0.1.evil.example", 403), ("localhost.evil.example:80", 403), ("[evil]", 403)],
 )  # fmt: skip
-def test_a_name_that_may_be_anybodys_is_refused(name, status):
+def test_an_unknown_host_name_is_refused(name, status):
     async def steps(page, client):
         async with client.get(page.url(), headers={"Host": name}) as answer:
             assert answer.status == status
@@ -194,7 +194,7 @@ def test_a_name_that_may_be_anybodys_is_refused(name, status):
     visit(steps)
 
 
-def test_served_to_others_it_answers_to_addresses_but_to_no_strangers_name():
+def test_a_public_page_accepts_addresses_and_no_foreign_host_name():
     async def steps(page, client):
         for name, status in (("192.168.1.20:8711", 200), ("evil.example", 403)):
             async with client.get(page.url(), headers={"Host": name}) as answer:
@@ -203,7 +203,7 @@ def test_served_to_others_it_answers_to_addresses_but_to_no_strangers_name():
     visit(steps, "0.0.0.0")  # noqa: S104 - on a free port, for the length of this test
 
 
-def test_another_page_is_not_answered():
+def test_requests_of_another_origin_are_refused():
     async def steps(page, client):
         for path in ("/", "/events"):
             async with client.get(page.url(path), headers={"Origin": "http://evil.example"}) as answer:
@@ -253,7 +253,7 @@ def test_nothing_else_is_served(path):
 
 
 async def response_to(port: int, sent: bytes) -> str:
-    """What comes back first for these bytes."""
+    """The beginning of the response to these bytes."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
         writer.write(sent)
@@ -281,7 +281,7 @@ async def is_well(page: Served, client: aiohttp.ClientSession) -> bool:
         b"\x00" * 1000 + b"\r\n\r\n",
     ],
 )
-def test_a_huge_or_broken_request_costs_nobody_else(sent):
+def test_a_huge_or_invalid_request_does_not_affect_other_clients(sent):
     async def steps(page, client):
         assert "200" not in (await response_to(page.port, sent))[:15]
         assert await is_well(page, client)
@@ -289,7 +289,7 @@ def test_a_huge_or_broken_request_costs_nobody_else(sent):
     visit(steps)
 
 
-def test_who_says_nothing_is_shown_out(monkeypatch):
+def test_an_idle_connection_is_closed(monkeypatch):
     monkeypatch.setattr(connection_limiter, "REQUEST_TIMEOUT_S", 0.3)
 
     async def steps(page, client):
@@ -305,7 +305,7 @@ def test_who_says_nothing_is_shown_out(monkeypatch):
 
 
 async def ends(reader: asyncio.StreamReader) -> bool:
-    """Whether a connection ends within a second, without anything having been said on it."""
+    """Whether a connection without data ends within a second."""
     try:
         return await asyncio.wait_for(reader.read(1), 1.0) == b""
     except ConnectionError:
@@ -314,7 +314,7 @@ async def ends(reader: asyncio.StreamReader) -> bool:
         return False
 
 
-def test_many_at_once_are_turned_away_and_there_is_room_again_when_they_leave(monkeypatch):
+def test_connections_above_the_limit_are_refused_until_others_close(monkeypatch):
     monkeypatch.setattr(connection_limiter, "MAX_CONNECTIONS", 10)
 
     async def steps(page, client):
@@ -353,7 +353,7 @@ def test_streams_are_limited_and_end_with_their_clients(monkeypatch):
     visit(steps)
 
 
-def test_a_stream_that_is_not_read_is_dropped_and_holds_up_nobody(monkeypatch):
+def test_an_unread_stream_is_closed_and_delays_no_other(monkeypatch):
     monkeypatch.setattr(site, "RESPONSE_TIMEOUT_S", 0.5)
 
     async def steps(page, client):
@@ -377,22 +377,22 @@ def test_a_stream_that_is_not_read_is_dropped_and_holds_up_nobody(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "expected"),
     [({"page_host": "everywhere"}, "page_host is 'everywhere', an address is needed"),
      ({"page_port": 70_000}, "page_port is 70000, allowed are 0 to 65535")],
 )  # fmt: skip
-def test_a_place_that_is_none_is_refused_in_one_line(given, said):
-    with pytest.raises(InputError, match=said):
+def test_an_invalid_address_is_refused_in_one_line(given, expected):
+    with pytest.raises(InputError, match=expected):
         ServingSettings(**given)
 
 
-def test_the_link_carries_the_token_where_browsers_keep_it_to_themselves():
+def test_the_link_has_the_token_in_its_fragment():
     assert address_of("127.0.0.1", 80, "t") == "http://127.0.0.1:80/#token=t"
     assert address_of("0.0.0.0", 80, "t") == "http://127.0.0.1:80/#token=t"  # noqa: S104 - read, not bound to
     assert address_of("::1", 80, "t") == "http://[::1]:80/#token=t"
 
 
-def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(tmp_path, monkeypatch):
+def test_the_token_file_is_private_and_an_invalid_one_is_replaced(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     token, file = page_token(), tmp_path / "biodyn" / "page.token"
     assert (page_token(), file.stat().st_mode & 0o777) == (token, 0o600)
@@ -405,7 +405,7 @@ def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(tm
     assert page_token() == "of_the_node"
 
 
-def test_a_node_knows_the_port_that_its_page_takes() -> None:
+def test_the_port_of_a_page_is_known_before_it_serves() -> None:
     assert port_of(ServingSettings(page_port=8765)) == 8765
     assert 1024 <= port_of(ServingSettings(page_port=0)) < 65536
     with pytest.raises(InputError, match=r"page_host 192\.0\.2\.1: the address cannot be used"):

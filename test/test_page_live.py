@@ -89,11 +89,11 @@ class Browser:
         self.page.on("request", lambda request: self.requests.append(request.url))
 
     def text(self, selector: str) -> str:
-        """What stands there."""
+        """The visible text of an element."""
         return str(self.page.inner_text(selector))
 
     def until(self, condition: str, seconds: float = STARTUP_S) -> None:
-        """Wait for a condition in the page, asked from outside: it lets no text become code within it."""
+        """Wait for a condition in the page, evaluated from outside: its policy forbids code from text."""
         end = time.monotonic() + seconds
         while not self.page.evaluate(condition):
             assert time.monotonic() < end, f"not within {seconds:g} s: {condition}; {self.text('body')}"
@@ -117,7 +117,7 @@ def node_arguments(port: int, subject_file: Path, yaw: str = "0.0") -> list[str]
 
 
 def link(process: subprocess.Popen[str]) -> str:
-    """The link that the node tells."""
+    """The link that the node reports."""
     assert process.stderr is not None
     for line in process.stderr:
         if found := re.search(r"the page: (http\S+)", line):
@@ -160,7 +160,7 @@ def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
     assert browser.page.title() == "biodyn live", "names are text"
     leaving = [url for url in browser.requests if not url.startswith((f"http://127.0.0.1:{port}/", "data:"))]
     assert leaving == []
-    # While the node is away the browser itself says that the stream of events cannot be opened; nothing else is wrong.
+    # Without the node the browser reports that the stream of events cannot be opened; there is no other error.
     assert [
         said for said in browser.complaints if "ERR_CONNECTION_REFUSED" not in said and "INCOMPLETE" not in said
     ] == []
@@ -173,7 +173,7 @@ def it_updates(browser: Browser) -> None:
     browser.until(f"snapshot.seconds > {before} + 0.9", 10.0)
     told = browser.page.evaluate("snapshot")
     head = told["rows"][0]
-    # What stands there is what was told.
+    # The page shows the reported text.
     browser.until(
         "document.querySelector('.row .values').innerText.startsWith(snapshot.rows[0].measured_mps2.toFixed(2))"
     )
@@ -345,7 +345,7 @@ def test_measured_is_seen_under_a_prediction_that_equals_it_and_no_label_lies_on
                     assert beside, (text, width)
 
 
-def test_without_the_token_one_may_look_but_not_touch(graph, browser):
+def test_without_the_token_the_page_is_read_only(graph, browser):
     port = free_port()
     with child(graph, "page", "--node", "/nobody", "--page-port", str(port)):
         reached(browser, f"http://127.0.0.1:{port}/")

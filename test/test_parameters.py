@@ -37,7 +37,7 @@ def test_the_bounds_are_those_of_table_1():
     np.testing.assert_array_equal(np.column_stack([LOWER, UPPER]), printed_bounds())
 
 
-def test_theta_stands_in_the_order_of_equation_28():
+def test_theta_has_the_order_of_equation_28():
     groups = [p.group for p in PARAMETERS]
     assert groups[:12] == ["natural_frequency_hz"] * 6 + ["damping_ratio"] * 6
     assert groups[12:] == ["rayleigh_rad_per_s", "stiffening_scale", "mass_scale"]
@@ -45,7 +45,7 @@ def test_theta_stands_in_the_order_of_equation_28():
 
 
 @given(SHARES)
-def test_a_vector_comes_back_from_its_names(shares):
+def test_a_vector_is_recovered_from_its_names(shares):
     theta = inside(shares)
     p = Parameters.from_vector(theta)
     np.testing.assert_array_equal(p.vector(), theta)
@@ -64,10 +64,10 @@ def test_every_bound_itself_is_allowed():
 def test_a_value_just_outside_its_bound_is_refused_by_name(index, side):
     theta = printed_bounds().mean(axis=1)
     theta[index] = np.nextafter(printed_bounds()[index, side], [-np.inf, np.inf][side])
-    with pytest.raises(InputError, match=r"parameters: ") as told:
+    with pytest.raises(InputError, match=r"parameters: ") as error:
         Parameters.from_vector(theta)
-    assert PARAMETERS[index].name in str(told.value)
-    assert "\n" not in str(told.value)
+    assert PARAMETERS[index].name in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("index", range(15))
@@ -75,9 +75,9 @@ def test_a_value_just_outside_its_bound_is_refused_by_name(index, side):
 def test_a_value_that_is_not_finite_is_refused_by_name(index, value):
     theta = printed_bounds().mean(axis=1)
     theta[index] = value
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as error:
         Parameters.from_vector(theta)
-    assert PARAMETERS[index].name in str(told.value)
+    assert PARAMETERS[index].name in str(error.value)
 
 
 def test_zero_is_allowed_for_stiffening_alone():
@@ -125,13 +125,13 @@ def test_parameters_cannot_be_changed_from_outside():
 
 
 @given(SHARES)
-def test_the_log_map_comes_back(shares):
+def test_the_log_map_is_inverted(shares):
     theta = inside(shares)
     np.testing.assert_allclose(from_log(to_log(theta)), theta, rtol=ULPS)  # exp and log: an ulp or two each
 
 
 @given(st.lists(st.floats(0.001, 0.999), min_size=15, max_size=15).map(np.array))
-def test_the_sigmoid_map_comes_back(shares):
+def test_the_sigmoid_map_is_inverted(shares):
     theta = inside(shares)
     np.testing.assert_allclose(from_sigmoid(to_sigmoid(theta)), theta, rtol=1e-12)  # a share near 0 or 1 loses 3 digits
 

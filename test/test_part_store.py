@@ -1,4 +1,4 @@
-"""What a trace keeps of its long parts."""
+"""The checkpoint of the long parts of a trace."""
 
 import json
 from pathlib import Path
@@ -9,14 +9,14 @@ from biodyn_core.base.errors import InputError
 from biodyn_ros.work.part_store import MAX_PARTS, PartStore
 
 
-def test_parts_come_back_to_the_bit(tmp_path: Path) -> None:
+def test_parts_are_read_back_to_the_bit(tmp_path: Path) -> None:
     path = tmp_path / "out.kept.json"
     PartStore(path)["theta a"] = [0.1, 1.0 / 3.0]
     assert dict(PartStore(path)) == {"theta a": [0.1, 1.0 / 3.0]}
 
 
-def test_fresh_forgets_them_with_the_first_part_of_its_own(tmp_path: Path) -> None:
-    """Not before: a bag that is misspelt costs nobody the hours of an earlier trace."""
+def test_fresh_replaces_stored_parts_with_its_first_part(tmp_path: Path) -> None:
+    """Not before: a misspelt bag does not delete the results of an earlier trace."""
     path = tmp_path / "out.kept.json"
     PartStore(path)["theta a"] = [1.0]
     fresh = PartStore(path, fresh=True)
@@ -31,7 +31,7 @@ def test_nothing_is_written_before_the_first_part(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fresh", [False, True])
-def test_a_place_that_cannot_be_written_to_is_told_before_the_work(tmp_path: Path, fresh: bool) -> None:
+def test_an_unwritable_path_is_reported_before_the_work(tmp_path: Path, fresh: bool) -> None:
     (tmp_path / "out.kept.json").mkdir()
     (tmp_path / "file").write_text("")
     for path in (tmp_path / "out.kept.json", tmp_path / "file" / "out.kept.json"):
@@ -39,7 +39,7 @@ def test_a_place_that_cannot_be_written_to_is_told_before_the_work(tmp_path: Pat
             PartStore(path, fresh)
 
 
-def test_the_latest_are_kept(tmp_path: Path) -> None:
+def test_the_latest_parts_are_kept(tmp_path: Path) -> None:
     kept = PartStore(tmp_path / "out.kept.json")
     for number in range(MAX_PARTS + 3):
         kept[f"glance {number}"] = number
@@ -65,6 +65,6 @@ def test_a_damaged_file_is_refused_in_one_line_and_left_alone(tmp_path: Path, te
     assert "\n" not in str(error.value) and path.read_text() == text
 
 
-def test_a_directory_that_is_not_there_is_made(tmp_path: Path) -> None:
+def test_a_missing_directory_is_created(tmp_path: Path) -> None:
     PartStore(tmp_path / "out" / "base.kept.json")["theta a"] = [1.0]
     assert dict(PartStore(tmp_path / "out" / "base.kept.json")) == {"theta a": [1.0]}

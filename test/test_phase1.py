@@ -26,7 +26,7 @@ def bowl(at: np.ndarray):
 
 
 @given(st.lists(st.floats(-1.0, 2.0), min_size=4, max_size=4), st.integers(0, 2**32))
-def test_the_bottom_of_a_bowl_is_found_also_at_a_wall(bottom: list[float], seed: int) -> None:
+def test_the_minimum_of_a_quadratic_is_found_also_on_a_bound(bottom: list[float], seed: int) -> None:
     found = minimise(bowl(np.array(bottom)), *BOX, np.random.default_rng(seed), SwarmSettings(30, 150))
     assert found.cost < 1e-4
     np.testing.assert_allclose(found.point, bottom, atol=1e-2)
@@ -57,7 +57,7 @@ def test_equal_seeds_give_equal_results_and_others_do_not() -> None:
     assert first.evaluations == 3 * 20 * 11
 
 
-def test_costs_that_are_no_numbers_are_counted_and_survived() -> None:
+def test_costs_that_are_not_finite_are_counted_and_ignored() -> None:
     def holed(points: np.ndarray) -> np.ndarray:
         costs = bowl(np.full(4, 0.5))(points)
         costs[points[:, 0] > 1.0] = np.nan
@@ -93,7 +93,7 @@ def surrogate_of(mass_matrix: str, error: float) -> tuple[Surrogate, np.ndarray]
 
 
 @pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
-def test_every_seed_reaches_the_optimum_on_a_problem_of_our_size(mass_matrix: str) -> None:
+def test_every_seed_reaches_the_optimum_of_a_typical_problem(mass_matrix: str) -> None:
     surrogate, theta = surrogate_of(mass_matrix, error=0.0)
     assert surrogate.costs(np.log(theta)[None, :])[0] < 1e-20
     surrogate, theta = surrogate_of(mass_matrix, error=0.05)
@@ -112,7 +112,7 @@ def test_the_descent_only_goes_down() -> None:
 
 
 @pytest.mark.parametrize("number", [0, 2])
-def test_where_there_are_several_valleys_most_swarms_end_in_the_lowest(number: int) -> None:
+def test_most_swarms_end_in_the_lowest_of_several_minima(number: int) -> None:
     """Spectra of a few windows of a second; not all 16 do, so a fit must not rest on one."""
     surrogate = Surrogate(fitting.true_cases("cascade")[number : number + 1], "cascade")
     found = search(surrogate, 3, SwarmSettings(starts=16))

@@ -23,7 +23,7 @@ FREE = FitSettings().free
 
 
 @pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
-def test_a_drawn_subject_comes_back_from_three_cases(mass_matrix) -> None:
+def test_a_drawn_subject_is_recovered_from_three_cases(mass_matrix) -> None:
     """Without noise what remains is the pull of lambda_2 = 1e-6."""
     truth = fitting.true_subjects()[mass_matrix]
     stranger = dataclasses.replace(truth, parameters=fitting.drawn(40, mass_matrix).parameters)
@@ -38,7 +38,7 @@ def test_a_drawn_subject_comes_back_from_three_cases(mass_matrix) -> None:
     assert fit.subject.name == truth.name and fit.subject.mass_matrix == mass_matrix
 
 
-def test_one_case_alone_gives_back_what_it_shows() -> None:
+def test_one_case_recovers_its_observable_parameters() -> None:
     truth = fitting.true_subjects()["segment"]
     for fit in fit_cases(fitting.true_cases("segment")[1:], truth, seed=1, settings=QUICK):
         np.testing.assert_allclose(
@@ -88,7 +88,7 @@ def test_starts_on_the_bounds_are_left(side: str) -> None:
         assert problem.cost(fitting.theta_of(fit.subject)) < 0.2 * problem.cost(fit.refined.reference)
 
 
-def test_the_papers_way_is_held_back_by_its_pull() -> None:
+def test_the_regularisation_of_the_paper_biases_its_result() -> None:
     """Eq. 33 with lambda_2 = 0.002 in physical units: 1 Hz from the start costs as much as 2 % rms in five segments."""
     cases, truth = fitting.true_cases("segment")[1:2], fitting.true_subjects()["segment"]
     fit = fit_joint([cases[0]], truth, seed=1, settings=PAPER)
@@ -99,7 +99,7 @@ def test_the_papers_way_is_held_back_by_its_pull() -> None:
     )
     assert pull > 0.1 * fit.refined.objective > 0.0
     assert fit.clock_delays_s.size == 0 and fit.settings.free.all()
-    # Nothing but the pull speaks of m_scale, and it says 1.
+    # Only the regularisation determines m_scale: it pulls it to 1.
     assert found[14] == pytest.approx(1.0, abs=0.02)
 
 
@@ -167,7 +167,7 @@ def test_a_chain_that_always_diverges_is_one_line() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "expected"),
     [
         ({"refine": "newton"}, "refine is 'newton', allowed are least-squares and nelder-mead"),
         ({"clocks": "none"}, "clocks is 'none'"),
@@ -176,8 +176,8 @@ def test_a_chain_that_always_diverges_is_one_line() -> None:
         ({"evaluations": 0}, "evaluations is 0"),
     ],
 )
-def test_settings_are_checked(wrong, said) -> None:
-    with pytest.raises(InputError, match=said):
+def test_settings_are_checked(wrong, expected) -> None:
+    with pytest.raises(InputError, match=expected):
         FitSettings(**wrong)
 
 

@@ -28,7 +28,7 @@ from biodyn_ros.reports.exposure_json import exposure_document
 
 @cache
 def uncut() -> Run:
-    """The noisy streams in blocks of the usual size; nobody changes it."""
+    """The noisy streams in blocks of the default size; read-only."""
     return run(noisy_streams(), in_turn(noisy_streams()))
 
 
@@ -109,7 +109,7 @@ def test_a_dead_sensor_leaves_nan_and_nothing_else_changes() -> None:
     np.testing.assert_array_equal(dead.measured_ns, whole.measured_ns)
     others = [column for column, name in enumerate(SENSORS) if name != "neck"]
     np.testing.assert_array_equal(dead.measured[:, others], whole.measured[:, others])
-    # What was not recorded is missing, though no later sample of the sensor ever said so.
+    # Unrecorded time is missing although no later sample of the sensor shows the gap.
     missing_s = (len(streams[4].stamps_ns) - 1960) / 1129.3
     assert dead.pipeline.losses("neck").missing_s == pytest.approx(missing_s, abs=0.01)
     assert dead.pipeline.losses("neck").lower_bound
@@ -370,7 +370,7 @@ def test_further_weightings_are_counted_on_request() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         ({"also_weighted": "Wk Wx"}, "also_weighted 'Wx' is no weighting, known are Wk, Wd"),
         ({"vertical": "seat=0,0"}, "vertical 'seat=0,0': expected sensor=x,y,z with a sensor of seat, pelvis"),
@@ -380,8 +380,8 @@ def test_further_weightings_are_counted_on_request() -> None:
         ({"vertical": "seat=0,inf,1"}, "vertical 'seat=0,inf,1': expected sensor=x,y,z"),
     ],
 )
-def test_settings_that_are_lists_are_checked_item_by_item(given: dict[str, str], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_settings_that_are_lists_are_checked_item_by_item(given: dict[str, str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         PipelineSettings(**given)
 
 

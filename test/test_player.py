@@ -1,4 +1,4 @@
-"""The player over real DDS: every message, in order, with stamps kept or moved, at the pace asked for."""
+"""The player over real DDS: every message, in order, with stamps kept or moved, at the requested rate."""
 
 from __future__ import annotations
 
@@ -72,13 +72,13 @@ def test_stamps_move_to_now_and_keep_their_distances(graph: Graph, bag: Path) ->
     assert played.seconds >= 0.29
 
 
-def test_kept_stamps_are_those_of_the_recording(graph: Graph, bag: Path) -> None:
+def test_with_keep_stamps_the_stamps_are_those_of_the_recording(graph: Graph, bag: Path) -> None:
     got, _, _ = play(graph, bag, keep_stamps=True)
     for block in got.values():
         np.testing.assert_array_equal(block.stamps_ns, START_NS + np.arange(COUNT) * STEP_NS)
 
 
-def test_a_topic_is_played_as_the_sensor_it_is_given_as_by_the_recorder_s_clock(graph: Graph, bag: Path) -> None:
+def test_a_mapped_topic_is_played_by_log_time(graph: Graph, bag: Path) -> None:
     got, _, played = play(
         graph, bag, {"seat": "imu/head/data", "head": "imu/seat/data"}, "log", rate=1.0, keep_stamps=True
     )
@@ -88,7 +88,7 @@ def test_a_topic_is_played_as_the_sensor_it_is_given_as_by_the_recorder_s_clock(
         np.testing.assert_array_equal(block.accel_mps2[:, 1], which)
 
 
-def test_what_is_given_as_a_sensor_takes_the_place_of_the_topic_of_that_name(bag: Path) -> None:
+def test_a_mapped_topic_replaces_the_topic_of_that_sensor(bag: Path) -> None:
     with open_bag(bag) as reader:
         assert played_on(reader, {}) == {"imu/seat/data": "imu/seat/data", "imu/head/data": "imu/head/data"}
         assert played_on(reader, {"seat": "imu/head/data"}) == {"imu/head/data": "imu/seat/data"}
@@ -98,7 +98,7 @@ def test_what_is_given_as_a_sensor_takes_the_place_of_the_topic_of_that_name(bag
             played_on(reader, {"seat": "/floor"})
 
 
-def test_slower_is_slower_and_the_clock_follows_the_bag(graph: Graph, bag: Path) -> None:
+def test_the_rate_scales_time_and_the_clock_follows_the_bag(graph: Graph, bag: Path) -> None:
     _, clock, played = play(graph, bag, rate=0.5, clock=True, keep_stamps=True)
     assert played.seconds >= 0.59
     times = [nanoseconds(message) for message in clock]
@@ -155,8 +155,8 @@ def test_laps_follow_each_other_after_one_period(graph: Graph, uneven_bag: Path,
     assert played.seconds >= 1e-9 * lasted_ns / rate - 0.01
 
 
-def test_laps_last_as_long_as_the_recorder_says_where_stamps_do_not_tell() -> None:
-    for stamps in ([0, 0, 0, 0], [0, 1, 2, 10**13]):  # never set; set anew on the way
+def test_laps_have_the_length_of_log_time_without_usable_stamps() -> None:
+    for stamps in ([0, 0, 0, 0], [0, 1, 2, 10**13]):  # never set; set again on the way
         lap = Lap(frozenset({"imu"}))
         for place, stamp_ns in enumerate(stamps):
             lap.note("imu", START_NS + 700_000_000 * place, stamp_ns)
@@ -166,7 +166,7 @@ def test_laps_last_as_long_as_the_recorder_says_where_stamps_do_not_tell() -> No
     assert lap.length_ns() == 10**9, "one message alone is repeated every second"
 
 
-def test_a_topic_that_goes_on_longer_makes_the_lap_longer_and_a_slow_one_does_not() -> None:
+def test_a_longer_topic_lengthens_the_lap_and_a_slow_one_does_not() -> None:
     for slow_end_ns, wanted_ns in ((0, COUNT * STEP_NS), (1_000_000_000, 1_000_000_000)):
         lap = Lap(frozenset({"imu"}))
         for place in range(COUNT):
@@ -176,16 +176,16 @@ def test_a_topic_that_goes_on_longer_makes_the_lap_longer_and_a_slow_one_does_no
         assert lap.length_ns() == wanted_ns
 
 
-@pytest.mark.parametrize(("loop", "told"), [(False, [(0, 299), (100, 299), (200, 299), (299, 299)]), (True, [])])
-def test_how_far_it_is_is_told_of_a_bag_that_ends(
-    graph: Graph, bag: Path, loop: bool, told: list[tuple[int, int]]
+@pytest.mark.parametrize(("loop", "expected"), [(False, [(0, 299), (100, 299), (200, 299), (299, 299)]), (True, [])])
+def test_progress_is_shown_for_a_bag_that_ends(
+    graph: Graph, bag: Path, loop: bool, expected: list[tuple[int, int]]
 ) -> None:
     heard: list[tuple[int, int]] = []
     settings = PlayerSettings(wait_s=0.0, loop=loop)
     player = graph.add(Player(bag, settings, lambda done, total: heard.append((done, total)), context=graph.context))
     turns = iter(range(2 * COUNT))  # a loop ends in its second round
     player.play(lambda: not loop or next(turns, None) is not None)
-    assert heard == told
+    assert heard == expected
 
 
 def test_topics_without_listener_are_named_after_the_wait(graph: Graph, bag: Path) -> None:

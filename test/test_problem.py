@@ -39,7 +39,7 @@ def test_transmissibility_and_coherence_of_pure_gains() -> None:
     np.testing.assert_allclose(case.coherence, 1.0)
 
 
-def test_a_missing_segment_is_left_out_and_said() -> None:
+def test_a_missing_segment_is_left_out_and_reported() -> None:
     recording = some_recording()
     recording.measured_mps2[:, 3] = np.nan
     recording.measured_mps2[BEGIN + 200 :, 1] = np.nan
@@ -52,17 +52,17 @@ def test_a_missing_segment_is_left_out_and_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "expected"),
     [
         (lambda r: r.seat_mps2.__setitem__(7, np.nan), "the seat has samples that are not finite"),
         (lambda r: r.measured_mps2.__setitem__(slice(BEGIN, None), np.nan), "no segment has 0.5 s to compare"),
         (lambda r: r.measured_mps2.__setitem__((slice(None), 4), 0.0), "head does not move at all"),
     ],
 )
-def test_what_cannot_be_fitted_is_one_line(spoil, said) -> None:
+def test_an_unusable_recording_is_refused_in_one_line(spoil, expected) -> None:
     recording = some_recording()
     spoil(recording)
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=expected) as caught:
         Case.of(recording, fitting.SPECTRUM)
     assert "\n" not in str(caught.value) and recording.name in str(caught.value)
 
@@ -106,7 +106,7 @@ def test_settings_out_of_range_are_named() -> None:
         CaseSettings(least_compared_s=0.0)
 
 
-def test_errors_say_which_segment_is_which() -> None:
+def test_errors_name_their_segments() -> None:
     case = fitting.ready(*_pair(some_recording()))
     wrong = case.measured_mps2.copy()
     wrong[:, MEASURED_SEGMENTS.index("head")] *= 1.5

@@ -31,7 +31,7 @@ from biodyn_ros.replay.replaying import replay
 Floats = NDArray[np.float64]
 
 TWO_G = 19.6
-"""Where a sensor of 2 g ends."""
+"""The limit of a sensor of 2 g."""
 
 TWO_G_STEP = TWO_G / 2**15
 
@@ -53,13 +53,13 @@ def motion(seed: int, seconds: float, rate_hz: float, rms_mps2: float, up_to_hz:
 
 
 def read_by_sensor(accel: Floats, step_mps2: float, range_mps2: float = np.inf) -> Floats:
-    """What a sensor of this step and range reads."""
+    """The readings of a sensor of this step and range."""
     limit = np.floor(range_mps2 / step_mps2)
     return np.clip(np.rint(accel / step_mps2), -limit, limit) * step_mps2
 
 
 def at_limit(samples: Floats, step_mps2: float, range_mps2: float) -> Floats:
-    """Which samples have an axis at the end of the range."""
+    """Whether each sample has an axis at the end of the range."""
     return (np.abs(samples) > (np.floor(range_mps2 / step_mps2) - 0.5) * step_mps2).any(axis=1)
 
 
@@ -99,7 +99,7 @@ def test_a_sensor_that_rails_is_found_and_one_that_does_not_never_is(seed, step,
     st.sampled_from(["sine", "sweep", "beat", "half-sines", "white", "looped", "held", "lost"]), st.floats(3.0, 60.0),
     st.sampled_from([3.0, 7.3, 50.0, 100.0, 100.01, 71.43, 333.3]), st.booleans(),
 )  # fmt: skip
-def test_no_motion_that_turns_round_by_itself_is_a_rail(seed, step, kind, size, frequency_hz, is_noisy):
+def test_turning_points_of_a_motion_are_no_rail(seed, step, kind, size, frequency_hz, is_noisy):
     rng = np.random.default_rng(seed)
     t = np.arange(8000) / 1000.0
     up = {
@@ -145,7 +145,7 @@ def every_real_motion(data: Path):
                 yield member.name, START_NS + np.arange(len(up)) * 20_000_000, accel
 
 
-def test_no_real_recording_that_stays_within_its_range_is_said_to_rail(shared_data: Path):
+def test_real_recordings_within_their_range_have_no_rail(shared_data: Path):
     count = 0
     for name, stamps_ns, accel in every_real_motion(shared_data):
         sensor = Conditioner("seat", ConditioningSettings(rest_patience_s=0.2, rest_s=0.2), "survey")
@@ -195,7 +195,7 @@ def ramp_to_limit(stays: int, readings: int, limit: float = TWO_G) -> Floats:
     return np.column_stack([0.05 * rng.standard_normal((len(up), 2)), up])
 
 
-def test_how_many_readings_it_takes():
+def test_a_rail_needs_enough_readings():
     assert conditioned(ramp_to_limit(1, 9)).status().clipped == 0
     assert conditioned(ramp_to_limit(1, 10)).status().clipped == 10  # one shock
     assert conditioned(ramp_to_limit(8, 2)).status().clipped == 0
@@ -212,7 +212,7 @@ def test_how_many_readings_it_takes():
         lambda samples: samples * 0.6,  # no range ends so close to gravity
     ],
 )
-def test_what_is_no_evidence(spoil):
+def test_readings_that_are_no_evidence_do_not_count(spoil):
     assert conditioned(spoil(ramp_to_limit(1, 40))).status().clipped == 0
 
 
@@ -230,14 +230,14 @@ def test_a_sample_at_two_rails_counts_once():
     assert status.clipped == 27 and line.startswith("27 readings lie at the sensor's own limit of +19.60 and -19.60 m")
 
 
-def test_a_reading_beyond_makes_it_no_rail():
+def test_a_reading_beyond_disproves_a_rail():
     samples = ramp_to_limit(9, 3)
     whole, beyond = conditioned(samples), conditioned(np.concatenate([samples, [[0.0, 0.0, TWO_G + 0.1]]]))
     assert whole.status().clipped == 27
     assert beyond.status().clipped == 0 and not said_of_rails(beyond.status().warnings)
 
 
-def test_what_is_beyond_the_set_limit_is_not_counted_twice():
+def test_samples_beyond_the_set_limit_are_counted_once():
     samples = ramp_to_limit(9, 3, limit=160.0)
     status = conditioned(samples).status()
     assert status.clipped == (samples[:, 2] >= 156.8).sum() and not said_of_rails(status.warnings)
@@ -283,7 +283,7 @@ def test_live_replay_and_info_count_the_same_and_figures_are_lower_bounds(tmp_pa
     assert any(line.match(warning) for warning in seen["warnings"])
 
 
-def test_since_reset_counts_what_came_since_though_the_rail_is_found_later():
+def test_clipped_samples_since_reset_are_counted_though_the_rail_is_found_later():
     samples = ramp_to_limit(9, 2)
     stamps_ns = START_NS + np.arange(len(samples)) * 1_000_000
     reset_at = 1340 + 5 * 6  # five stays lie before it
@@ -299,7 +299,7 @@ def test_since_reset_counts_what_came_since_though_the_rail_is_found_later():
     assert pipeline.status("seat").clipped == 0 == pipeline.losses("seat").clipped
 
 
-def test_a_recording_masks_what_lies_at_a_rail():
+def test_a_recording_masks_samples_at_a_rail():
     streams, railed = railing(noisy_streams(6.0, SHOCKS, 3), "lower_torso")
     recorder = Recorder("rail", "drive")
     for stream in streams:

@@ -21,7 +21,7 @@ def test_half_of_any_other_range_is_its_middle() -> None:
     assert [p.at_share(0.5) for p in (GAIN, FORCE, BAND)] == pytest.approx([0.0, 250.0, 45.0])
 
 
-def test_a_small_time_of_a_wide_range_is_not_on_its_bound_and_nothing_is_on_none() -> None:
+def test_a_small_value_of_a_wide_range_is_not_on_its_bound() -> None:
     """0.02 s of 0.005 to 3 s is half a percent of the range from its end, and four times its end."""
     tau = next(p for p in CATALOGUE["relaxation"].parameters if p.name == "tau_s")
     assert not tau.on_bound(0.02) and tau.on_bound(0.00501) and tau.on_bound(2.99)
@@ -30,7 +30,7 @@ def test_a_small_time_of_a_wide_range_is_not_on_its_bound_and_nothing_is_on_none
 
 
 @given(st.data())
-def test_values_come_back_from_their_shares_and_from_the_whole_line_and_never_leave_their_ranges(data) -> None:
+def test_maps_of_ranges_are_inverted_and_values_stay_inside(data) -> None:
     effect = data.draw(st.sampled_from([one for one in CATALOGUE.values() if one.parameters]))
     share = np.array([data.draw(st.floats(0.001, 0.999)) for _ in effect.parameters])
     ranges = Ranges(effect.parameters)

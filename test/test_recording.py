@@ -38,7 +38,7 @@ from biodyn_ros.simulate import simulate_bag
 
 HEAD = MEASURED_SEGMENTS.index("head")
 REACH = round(0.0288 * RATE_HZ)
-"""What the low-pass reaches to either side: ln 1000 over its slowest pole, 240.5 1/s for 100 Hz."""
+"""Reach of the low-pass to either side: ln 1000 over its slowest pole, 240.5 1/s for 100 Hz."""
 
 
 def recorded(streams, **settings) -> list[Recording]:
@@ -82,7 +82,7 @@ def masked_s(recording: Recording, sensor: str) -> float:
 # --- the numbers -----------------------------------------------------------------------------------------------------
 
 
-def test_perfect_sensors_give_what_another_integrator_put_in():
+def test_perfect_sensors_give_the_motion_of_another_integrator():
     recording = one(independent_streams(6.0))
     behind = round(WARM_UP_S * recording.rate_hz)
     predicted = Chain.of(subject()).simulate(recording.seat_mps2, recording.rate_hz).accel_mps2
@@ -198,7 +198,7 @@ def test_short_gaps_are_interpolated_and_longer_ones_masked(lost, is_masked):
     assert any(line.startswith(f"head: {counted(lost, 'sample')} interpolated") for line in recording.warnings)
 
 
-def test_a_reading_that_is_no_number_is_a_lost_one():
+def test_a_reading_of_nan_counts_as_lost():
     streams = independent_streams(6.0)
     rows = slice(4000, 4020)
 
@@ -298,7 +298,7 @@ def test_a_missing_segment_is_nan_and_reported():
 
 
 @pytest.mark.parametrize(
-    ("streams", "said"),
+    ("streams", "wanted"),
     [
         (lambda: independent_streams(6.0)[1:], "drive: seat: not in the record"),
         (lambda: independent_streams(6.0)[:1], "nor is any other segment: nothing to compare"),
@@ -314,10 +314,10 @@ def test_a_missing_segment_is_nan_and_reported():
         ),
     ],
 )
-def test_an_unusable_record_is_refused_in_one_line(streams, said):
+def test_an_unusable_record_is_refused_in_one_line(streams, wanted):
     with pytest.raises(InputError) as refusal:
         recorded(streams())
-    assert said in str(refusal.value)
+    assert wanted in str(refusal.value)
     assert str(refusal.value).startswith("drive: ")
     assert "\n" not in str(refusal.value)
 
@@ -467,7 +467,7 @@ def test_reading_recordings_needs_no_ros():
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
-def test_start_is_where_the_streams_say():
+def test_start_is_the_first_stamp_of_the_streams():
     recording = one(independent_streams(6.0))
     rest_s = ConditioningSettings().rest_s
     assert 1e-9 * (recording.stamps_ns[0] - START_NS) == pytest.approx(rest_s + REACH / RATE_HZ, abs=0.005)

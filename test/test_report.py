@@ -1,4 +1,4 @@
-"""The replay's page: what it says, that it says it safely, and that its traces are those of the whole record."""
+"""The replay's page: its contents, its escaping, and its traces, which are those of the whole record."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def ratios(axis: str = "z", crest: float | None = 7.25, mtvv: float | None = 1.3
 
 
 def document() -> dict[str, object]:
-    """What exposure_document makes of a quiet recording without fault."""
+    """The document of a quiet recording without fault."""
     return {
         "bag": "rail.mcap",
         "subject": "subject_1",
@@ -226,7 +226,7 @@ def test_bins_are_tenths_of_a_second_while_they_fit():
     assert traces_of().measured().width_ns == 100_000_000
 
 
-def test_times_count_from_the_first_instant_however_wide_the_bins_have_become():
+def test_times_count_from_the_first_instant_for_any_bin_width():
     traces = Traces()
     stamps = START_NS + 777_777_777 + np.arange(2400) * 100_000_000  # four minutes, one instant in each bin
     values = np.zeros((stamps.size, 6))
@@ -249,7 +249,7 @@ def test_memory_is_flat_in_the_length_of_the_record():
     assert most < BATCH_SAMPLES + 560 + 2 * (6100 + ENVELOPE_BINS) + 2 * 2001
 
 
-def test_predictions_without_measurement_are_not_hoarded():
+def test_predictions_without_measurement_are_dropped():
     traces = Traces()
     for block in range(200):
         stamps = START_NS + (1000 * block + np.arange(1000)) * 1_000_000
@@ -269,7 +269,7 @@ def test_stamps_that_jump_back_go_to_their_bins():
 # --- page ------------------------------------------------------------------------------------------------------------
 
 
-def test_the_page_says_every_figure_with_its_unit(tmp_path):
+def test_the_page_has_every_figure_with_its_unit(tmp_path):
     text = page_of(tmp_path, document(), drawings=True).text
     for expected in (
         "Replay of rail.mcap", "subject_1", "segment", "61.2 s", "0.75 s", "0.1.0", "causal",
@@ -306,7 +306,7 @@ def test_the_same_replay_gives_the_same_page(tmp_path):
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
-def test_names_from_outside_are_text_and_nothing_else(tmp_path):
+def test_names_from_outside_are_escaped(tmp_path):
     changed = document() | {"bag": NASTY, "subject": "<b>x</b>", "warnings": ["seat: <img src=x> & more"]}
     page = page_of(tmp_path, changed)
     assert NASTY in page.text
@@ -389,7 +389,7 @@ def test_without_a_seat_there_is_no_verdict():
     assert "seat: nothing counted" in summary(document() | {"seat": None})
 
 
-def test_what_is_reached_is_said_even_where_times_are_withheld():
+def test_a_reached_limit_is_reported_even_without_times():
     seat = document()["seat"] | {
         "zone": "above_action_value", "lower_bound": True, "withheld": "17 samples are clipped at the seat",
         "time_to_action_value_s": None, "time_to_limit_value_s": None,
@@ -421,7 +421,7 @@ def test_projections_carry_their_length(tmp_path):
     assert "A(8) >= 0.412 m/s^2, VDV >= 4.63 m/s^1.75" in summary(changed)
 
 
-def test_shocks_that_ask_for_more_are_flagged(tmp_path):
+def test_shocks_that_need_additional_evaluation_are_flagged(tmp_path):
     changed = document()
     page_of(tmp_path, changed)
     assert '<p class="flag">' not in (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -435,7 +435,7 @@ def test_shocks_that_ask_for_more_are_flagged(tmp_path):
     assert said in summary(changed)
 
 
-def test_ratios_that_were_not_measured_clear_nothing():
+def test_unmeasured_ratios_do_not_exclude_shocks():
     seat = document()["seat"] | {"axis": "worst_direction", "shock_ratios": ratios("worst_direction", None, None)}
     assert shocks(seat) == (
         "Shocks: undecided whether additional evaluation is required (ISO 2631-1:1997, axis worst direction):"
@@ -449,12 +449,12 @@ def test_a_set_that_states_no_a8_shows_none(tmp_path):
     assert "A(8) so far 0.0187 m/s^2 of no value stated, VDV so far 2.32 m/s^1.75 of 8.5 / 17" in summary(changed)
 
 
-def test_a_recording_made_by_the_model_says_so(tmp_path):
+def test_a_simulated_recording_is_marked(tmp_path):
     note = "This recording was made by the model itself, so its small residual proves nothing about the model."
     assert note in page_of(tmp_path, document() | {"bag_made_by_model": note}).text
 
 
-def test_a_page_of_almost_nothing(tmp_path):
+def test_a_page_of_a_nearly_empty_record_is_drawn(tmp_path):
     empty = {"sensors": {}, "predicted": {}, "measured_low_passed": {}, "residual": {}}
     none = {"seat": None, "dri": None, "hic15": None, "hic36": None}
     text = page_of(tmp_path, document() | empty | none, Traces()).text
@@ -491,7 +491,7 @@ def test_a_page_of_one_instant(tmp_path):
 
 
 @pytest.mark.parametrize("fails", ["write", "replace"])
-def test_nothing_is_left_when_writing_fails_nor_the_page_of_an_earlier_replay(tmp_path, monkeypatch, fails):
+def test_a_failed_write_leaves_no_page(tmp_path, monkeypatch, fails):
     path = tmp_path / "report.html"
     path.write_text("the report of yesterday")
 
@@ -507,7 +507,7 @@ def test_nothing_is_left_when_writing_fails_nor_the_page_of_an_earlier_replay(tm
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_directory_that_is_not_there_is_one_clear_line(tmp_path):
+def test_a_missing_directory_is_one_line(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         write_replay_report(tmp_path / "nowhere" / "report.html", document())
 
@@ -546,11 +546,11 @@ def test_numbers_have_three_digits(value, expected):
         ((3.0, 2.0, float("nan")), ("3.00", "2.00", "–")),
     ],
 )
-def test_the_ends_of_an_interval_are_told_apart(estimate, expected):
+def test_the_ends_of_an_interval_are_distinguishable(estimate, expected):
     assert with_interval(*estimate) == expected
 
 
-def test_a_bound_of_nothing_is_nothing():
+def test_a_bound_of_a_missing_value_is_empty():
     assert bound(None, lower=True) == "–"
     assert bound(2.0, lower=True) == ">= 2.00"
 
@@ -567,7 +567,7 @@ def test_a_bound_of_nothing_is_nothing():
         (1e9, "more than 24 h"),
     ],
 )
-def test_durations_are_for_people_and_never_promise_more(seconds, expected):
+def test_durations_are_readable_and_rounded_down(seconds, expected):
     assert duration(seconds) == expected
 
 
@@ -577,7 +577,7 @@ def test_at_most_never_promises_more_than() -> None:
     assert left("limit", seat | {"lower_bound": False}) == "more than 24 h left"
 
 
-def test_a_doubt_withholds_the_time_in_every_sentence() -> None:
+def test_doubtful_data_withhold_the_time_left_in_every_sentence() -> None:
     for limit in ("action", "limit"):
         assert any(
             f"{limit.capitalize()} value: " in line and " left" in line for line in seat_verdict(document()).reasons
@@ -597,5 +597,5 @@ def test_the_aw_of_a_stuck_sensor_is_a_lower_bound(tmp_path):
 
 
 @pytest.mark.parametrize(("text", "expected"), [("a b", "A b."), ("is it?", "Is it?"), ("2 s are", "2 s are.")])
-def test_sentences_begin_and_end(text, expected):
+def test_sentences_have_a_capital_and_a_full_stop(text, expected):
     assert sentence(text) == expected

@@ -101,7 +101,7 @@ def test_a_known_filter_is_found_within_its_statistical_error():
     assert tells.sum() > 20
     assert np.median(np.median(said, axis=0)[tells] / theory[tells]) == pytest.approx(1.0, abs=0.1)
     for seen in (errors, phases):
-        # 40 draws tell an rms to 11 % at one frequency, the median over them to less.
+        # 40 draws give an rms within 11 % at one frequency, and the median over frequencies within less.
         assert np.median(np.sqrt(np.mean(np.square(seen), axis=0))[tells] / theory[tells]) == pytest.approx(
             1.0, abs=0.1
         )
@@ -134,7 +134,7 @@ def test_one_segment_has_no_significance():
     assert not (found.coherence > found.chance_coherence).any()
 
 
-def test_overlapping_segments_are_worth_less():
+def test_overlapping_segments_have_fewer_degrees_of_freedom():
     # Hann windows half a length apart have a sixth of their energy in common: n / (1 + 2 / 36) for many.
     many = cross_spectra([(noise(400.0, 1), noise(400.0, 2)[:, None])], RATE_HZ)
     assert many.segments[0] == 399
@@ -184,7 +184,7 @@ def test_a_mask_of_the_input_counts_too():
         (lambda: common_rate_hz([1129.3, 500.0]), "records of 1129.3, 500 Hz cannot share spectra"),
     ],
 )
-def test_what_cannot_be_estimated_is_refused_in_one_line(call, said):
+def test_invalid_spectra_are_refused_in_one_line(call, said):
     with pytest.raises(InputError, match=said):
         call()
 

@@ -35,7 +35,7 @@ def window(rest_s: float = 0.8, patience_s: float = 10.0) -> RestWindow:
 
 
 def looked(stamps_ns: np.ndarray, samples: np.ndarray, cuts=()) -> tuple[Rest | None, list[str], int, int]:
-    """What a window tells of them: the rest, the faults before it, samples dropped until then, samples left over."""
+    """The result of a window: the rest, the faults before it, samples dropped until then, remaining samples."""
     made, faults = window(), []
     parts = list(zip(np.split(stamps_ns, cuts), np.split(samples, cuts), strict=True))
     for n, part in enumerate(parts):
@@ -148,9 +148,9 @@ FAULTS = {
 
 @pytest.mark.parametrize("kind", FAULTS)
 def test_stamps_that_stand_still_are_reported_and_dropped(kind):
-    stamps_ns, told = FAULTS[kind]
+    stamps_ns, message = FAULTS[kind]
     rest, faults, dropped, left = looked(stamps_ns, noisy(len(stamps_ns)))
-    assert rest is None and faults and all(told in fault for fault in faults)
+    assert rest is None and faults and all(message in fault for fault in faults)
     assert left < 40_000 and dropped + left == len(stamps_ns)
 
 

@@ -1,4 +1,4 @@
-"""What is compared in an event, against sums by hand."""
+"""Rows of an event compared with sums by hand."""
 
 import dataclasses
 

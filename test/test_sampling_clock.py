@@ -47,7 +47,7 @@ def test_quantised_stamps_are_no_losses(rate_hz, begins_ns, quantum_s):
 def test_bursts_are_no_losses(many, within):
     index = np.arange(COUNT // many * many)
     stamps_s = (index // many * many + index % many * within) / RATE_HZ
-    # The last burst leans the line by as much as its samples are early.
+    # The last burst changes the slope of the line by as much as its samples are early.
     assert fit_clock(stamps_s).period_s == pytest.approx(1.0 / RATE_HZ, rel=0.01 + 2.0 * (many / COUNT) ** 2)
 
 

@@ -32,7 +32,7 @@ def test_the_policy_allows_what_the_node_uses_and_no_more() -> None:
             ("service", "reply"): tester.get_service_names_and_types_by_node,
         }
         for (kind, access), names_of in entities.items():
-            # A clock that somebody simulates is subscribed to on request.
+            # A simulated clock is subscribed to on request.
             asked = allowed(kind, access) - {"/clock"}
 
             def used(names_of=names_of) -> set[str]:
@@ -73,11 +73,11 @@ def issubclass_of_safe(name: str, tree: ast.Module) -> bool:
 
 def test_the_page_of_security_names_every_open_interface() -> None:
     text = " ".join((ROOT / "docs" / "security_and_faults.md").read_text(encoding="utf-8").split())
-    for said in (
+    for expected in (
         "config/sros2/biodyn.policy.xml",
         "ROS_LOCALHOST_ONLY",
         "ROS_AUTOMATIC_DISCOVERY_RANGE",
         "trusted network",
     ):
-        assert said in text, said
+        assert expected in text, expected
     assert re.search(r"tcp://.*trusted", text)

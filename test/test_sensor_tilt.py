@@ -1,4 +1,4 @@
-"""Sensors that lean while they move are named, where recordings have set them upright."""
+"""Sensors with a tilt in motion are named if recordings have corrected it."""
 
 import dataclasses
 from functools import cache

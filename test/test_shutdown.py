@@ -39,7 +39,7 @@ NAMED = "biodyn test: {} has not ended 0.3 s after SIGTERM: the process is ended
 
 
 @pytest.mark.parametrize(
-    ("node", "behind", "code", "said"),
+    ("node", "behind", "code", "expected"),
     [
         ("None", "", 0, ""),
         ("os.kill(os.getpid(), signal.SIGINT)", "", 0, ""),
@@ -50,12 +50,12 @@ NAMED = "biodyn test: {} has not ended 0.3 s after SIGTERM: the process is ended
     ],
     ids=["nothing hangs", "a second signal", "a stage", "Python itself", "a thread", "the interpreter's end"],
 )
-def test_a_shutdown_is_bounded_and_names_the_stage_that_hangs(node: str, behind: str, code: int, said: str) -> None:
+def test_a_shutdown_is_bounded_and_names_the_stage_that_hangs(node: str, behind: str, code: int, expected: str) -> None:
     words = _ASKED.replace("NODE", node).replace("BEHIND", behind)
     done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == code, done.stderr
-    assert said in done.stderr
-    assert bool(said) == bool(done.stderr)
+    assert expected in done.stderr
+    assert bool(expected) == bool(done.stderr)
 
 
 def test_without_a_signal_nothing_is_left_behind() -> None:
@@ -110,9 +110,9 @@ def test_a_live_node_whose_page_hangs_keeps_its_exposure_and_names_the_page(grap
         graph.wait(lambda: path.exists() and newest(path) > streams[0].stamps_ns[3000], "exposure is kept")
         path.unlink()
         live.send_signal(signal.SIGTERM)
-        _, said = live.communicate(timeout=60)
+        _, errors = live.communicate(timeout=60)
     finally:
         live.kill()
     assert live.returncode == 1
-    assert said == "biodyn live: the page has not ended 5 s after SIGTERM: the process is ended\n"
+    assert errors == "biodyn live: the page has not ended 5 s after SIGTERM: the process is ended\n"
     assert newest(path) > streams[0].stamps_ns[3000]

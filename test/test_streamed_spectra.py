@@ -142,7 +142,7 @@ GAIN = {"pelvis": 2.0, "upper_torso": 0.25, "neck": 1.0, "head": 3.0}
 
 
 def frames(samples: int = 4000, rate_hz: float = RATE_HZ) -> MeasuredFrames:
-    """White noise that every segment answers by a gain; the model says half of it; nothing on the lower torso."""
+    """White noise with a gain for every segment; the prediction is half of it; no sensor on the lower torso."""
     seat = np.random.default_rng(3).standard_normal(samples)
     measured = np.column_stack([GAIN.get(name, np.nan) * seat for name in MEASURED_SEGMENTS])
     return MeasuredFrames(stamps(samples, rate_hz), np.column_stack([seat, measured]), -0.5 * measured)
@@ -184,7 +184,7 @@ def test_any_cut_of_a_replay_gives_the_same(cuts: list[int]) -> None:
     np.testing.assert_array_equal(found.begins_ns, expected.begins_ns)
 
 
-def test_a_replay_keeps_no_more_of_a_longer_record() -> None:
+def test_memory_of_a_replay_does_not_grow_with_the_record() -> None:
     found, most = ReplaySpectra(), 0
     block = frames(400)
     for number in range(1000):
@@ -200,8 +200,8 @@ def test_too_short_a_record_has_no_spectrum(samples: int) -> None:
 
 
 @pytest.mark.parametrize("quantum_ns", [100_000, 1_000_000, 2_000_000, 5_000_000])
-def test_stamps_that_are_quantised_leave_frequencies_where_they_are(quantum_ns: int) -> None:
-    """By their median step 1129.3 Hz are 1000 with stamps in milliseconds, and a resonance at 20 Hz stands at 17.7."""
+def test_quantised_stamps_do_not_shift_frequencies(quantum_ns: int) -> None:
+    """By their median step 1129.3 Hz are 1000 with stamps in milliseconds, and a resonance at 20 Hz is at 17.7."""
     rate_hz = 1129.3
     whole = frames(20_000, rate_hz)
     tone = whole.accel_mps2 + 5.0 * np.sin(2.0 * np.pi * 20.0 * np.arange(20_000) / rate_hz)[:, None]
@@ -213,6 +213,6 @@ def test_stamps_that_are_quantised_leave_frequencies_where_they_are(quantum_ns: 
     assert document["spectra"]["frequency_hz"][int(np.argmax(power))] == pytest.approx(20.0, rel=4e-3)
 
 
-def test_a_slow_sensor_is_answered_as_far_as_it_goes() -> None:
+def test_a_slow_sensor_has_spectra_up_to_its_nyquist_frequency() -> None:
     document = fed(frames(2000, 50.0), []).spectra()
     assert document is not None and 22.0 < document["spectra"]["frequency_hz"][-1] <= 22.5

@@ -22,13 +22,13 @@ def taken(stamps_ns, accel, cuts=()):
     return rows
 
 
-def test_bins_hold_the_smallest_and_largest_and_the_newest_waits():
+def test_bins_hold_minimum_and_maximum_and_the_newest_is_open():
     stamps_ns = EPOCH_NS + np.arange(0, 450) * 1_000_000
     rising = np.arange(450.0)[:, None]
     assert taken(stamps_ns, rising) == [(EPOCH_NS + k * BIN_NS, 100.0 * k, 100.0 * k + 99.0) for k in range(4)]
 
 
-def test_a_channel_that_gave_nothing_is_nan_and_not_zero():
+def test_a_channel_without_samples_is_nan():
     stamps_ns = EPOCH_NS + np.arange(0, 250) * 1_000_000
     ((_, low, _), _) = taken(stamps_ns, np.full((250, 1), np.nan))
     assert np.isnan(low)

@@ -84,7 +84,7 @@ def test_the_mapping_is_read_back(subject):
     assert Subject.from_dict(subject.to_dict()) == subject
 
 
-def test_whole_numbers_stand_for_real_ones():
+def test_whole_numbers_are_accepted_for_real_ones():
     subject = Subject.from_dict(GOOD)
     assert isinstance(subject.body_mass_kg, float) and subject.parameters.mass_scale == 1.0
 
@@ -126,7 +126,7 @@ def test_no_other_subject_is_shipped_untested():
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
-def test_the_good_file_is_good(tmp_path):
+def test_the_valid_file_is_accepted(tmp_path):
     path = tmp_path / "good.yaml"
     path.write_text(yaml.safe_dump(GOOD), encoding="utf-8")
     assert load_subject(path).name == "someone"
@@ -138,7 +138,7 @@ def test_a_missing_key_is_named(refused, key):
     assert f"key '{key}' is missing" in message
 
 
-def test_a_missing_mass_matrix_is_told_the_choice(refused):
+def test_a_missing_mass_matrix_is_reported_with_the_choices(refused):
     message = refused({name: value for name, value in GOOD.items() if name != "mass_matrix"})
     assert "segment and cascade" in message and "no default" in message
 
@@ -282,7 +282,7 @@ def test_a_missing_file_and_a_folder_are_refused_by_name(tmp_path):
 
 
 @given(st.text(max_size=60))
-def test_no_text_at_all_breaks_the_reader_otherwise(tmp_path_factory, text):
+def test_any_text_is_read_or_refused(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("noise") / "noise.yaml"
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     with pytest.raises(InputError, match="noise"):

@@ -28,7 +28,7 @@ from biodyn_ros.reading.seat_motion import read_seat_motion
 
 
 @pytest.mark.parametrize(
-    ("name", "known", "said"),
+    ("name", "known", "wanted"),
     [
         ("seet", ("seat", "head"), "; did you mean seat?"),
         ("HEAD", ("seat", "head"), "; did you mean head?"),
@@ -39,9 +39,9 @@ from biodyn_ros.reading.seat_motion import read_seat_motion
     ],
 )
 def test_the_nearest_name_is_suggested_and_none_where_none_is_near(
-    name: object, known: tuple[str, ...], said: str
+    name: object, known: tuple[str, ...], wanted: str
 ) -> None:
-    assert did_you_mean(name, known) == said
+    assert did_you_mean(name, known) == wanted
 
 
 def test_a_file_is_suggested_beside_the_first_part_that_is_missing(tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ HARNESS = {"name": "harness", "site": "upper_torso", "parameters": {"stiffness_n
 
 
 @pytest.mark.parametrize(
-    ("keys", "said"),
+    ("keys", "wanted"),
     [
         ({"body_mas_kg": 60.0}, "unknown key 'body_mas_kg'.*; did you mean body_mass_kg[?]"),
         ({"effects": [HARNESS | {"name": "harnes"}]}, "unknown effect 'harnes'.*; did you mean harness[?]"),
@@ -75,21 +75,23 @@ HARNESS = {"name": "harness", "site": "upper_torso", "parameters": {"stiffness_n
         ),
     ],
 )
-def test_a_subject_file_s_keys_effects_sites_and_parameters(tmp_path: Path, keys: dict[str, object], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_subject_file_s_keys_effects_sites_and_parameters(
+    tmp_path: Path, keys: dict[str, object], wanted: str
+) -> None:
+    with pytest.raises(InputError, match=wanted):
         load_subject(changed(tmp_path / "anna.yaml", **keys))
 
 
 def test_a_limits_file_s_keys_and_sources(tmp_path: Path) -> None:
     one = {"source": "works council", "action_a8_mps2": 0.5, "limit_a8_mps2": 1.15}
     path = tmp_path / "mine.yaml"
-    for content, said in (
+    for content, wanted in (
         (one | {"action_vdw_mps175": 9.1}, "; did you mean action_vdv_mps175?"),
         ({"set": [one], "decides": "works council"}, "; did you mean sets?"),
         ({"sets": [one], "decides": "work council"}, "; did you mean works council?"),
     ):
         path.write_text(yaml.safe_dump(content))
-        assert refusal(load_limits, path).endswith(said)
+        assert refusal(load_limits, path).endswith(wanted)
 
 
 def test_a_campaign_s_keys_bags_and_cases(tmp_path: Path) -> None:
@@ -97,13 +99,13 @@ def test_a_campaign_s_keys_bags_and_cases(tmp_path: Path) -> None:
     (tmp_path / "road_1.mcap").touch()
     row = {"subject": "anna.yaml", "bags": ["road_1.mcap"]}
     path = tmp_path / "people.yaml"
-    for content, said in (
+    for content, wanted in (
         (row | {"holdout": []}, "; did you mean hold_out?"),
         (row | {"bags": ["road1.mcap"]}, f"; did you mean {tmp_path}/road_1.mcap?"),
         (row | {"cases": {"road1.mcap": "gravel"}}, "; did you mean road_1.mcap?"),
     ):
         path.write_text(yaml.safe_dump({"subjects": [content]}))
-        assert refusal(load_campaign, path).endswith(said)
+        assert refusal(load_campaign, path).endswith(wanted)
 
 
 def test_sensors_and_topics_of_map(tmp_path: Path) -> None:
@@ -117,7 +119,7 @@ def test_sensors_and_topics_of_map(tmp_path: Path) -> None:
         check_given(reader, {"seat": "imu/seat/dat"})
 
 
-def test_files_that_are_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_files_have_suggestions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("road_1.mcap", "anna.yaml", "limits.yaml", "seat.csv"):
         (tmp_path / name).touch()
@@ -129,9 +131,9 @@ def test_files_that_are_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         (lambda name: read_seat_motion(name, None, {}), "seats.csv", "seat.csv"),
         (lambda name: find_exports(Path(name)), "export", "exports"),
     ):
-        with pytest.raises(InputError) as told:
+        with pytest.raises(InputError) as message:
             read(name)
-        assert f"; did you mean {near}?" in str(told.value) and "\n" not in str(told.value)
+        assert f"; did you mean {near}?" in str(message.value) and "\n" not in str(message.value)
 
 
 def test_the_columns_of_a_seat_motion(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def test_the_surface_of_a_stiffening_joint_stiffens() -> None:
     roads = hiding.events(9, hiding.nothing, hiding.stiffening)[::3]
     nuisance = NuisanceModel.of(hiding.TRUTH, roads[:2], roads[2:])
     push = at_no_rate(surface(nuisance, fit_locally(nuisance, None), "pelvis"))
-    # Theta explains the linear part: of a cubic, f(1) - 2 f(1/2) keeps three quarters.
+    # Theta explains the linear part: of a cubic, f(1) - 2 f(1/2) retains three quarters.
     assert push[4] - push[0] - 2.0 * (push[3] - push[1]) > 0.0
 
 

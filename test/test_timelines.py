@@ -43,7 +43,7 @@ def leapt(streams: Iterable[ImuStream], sensors: Iterable[str], by_ns: int, begi
 
 
 def without(streams: Iterable[ImuStream], sensors: Iterable[str], begin_s: float, end_s: float) -> list:
-    """The streams, some sensors' samples of a stretch never sent; what follows keeps its place in the record."""
+    """The streams without some sensors' samples of a stretch; later samples are unchanged."""
     found = []
     for one in streams:
         kept = np.ones(len(one.stamps_ns), dtype=bool)
@@ -62,7 +62,7 @@ def test_comparisons_continue_when_leapt_stamps_return(sensor: str, by_ns: int) 
     whole, same, _ = pushed(streams)
     late = slice(-int(2.0 * RATE_HZ), -50)
     assert np.isfinite(measured[late]).all()
-    np.testing.assert_allclose(measured[late], same[late], atol=2e-3)  # the clock is tracked anew, so not to the bit
+    np.testing.assert_allclose(measured[late], same[late], atol=2e-3)  # the clock is tracked again, so not to the bit
     assert pipeline.timelines.offset_s(sensor) == 0.0
     for name in SENSORS:
         assert pipeline.losses(name).missing_s == pytest.approx(whole.losses(name).missing_s, abs=0.05), name
@@ -88,13 +88,13 @@ def test_a_common_leap_is_a_missing_pause() -> None:
     assert np.isfinite(measured[-2000:-50]).all()
 
 
-def test_a_sensor_that_is_away_and_returns_by_its_own_clock_misses_what_the_others_saw() -> None:
+def test_the_time_of_others_is_missing_for_a_sensor_that_returns_by_its_own_clock() -> None:
     pipeline, *_ = pushed(without(noisy_streams(SECONDS), ["head"], 3.0, 6.0))
     assert pipeline.timelines.offset_s("head") == 0.0
     assert pipeline.losses("head").missing_s == pytest.approx(3.0, abs=0.05)
 
 
-def test_a_sensor_that_falls_silent_behind_a_clock_set_anew_is_silent() -> None:
+def test_silence_after_a_set_clock_is_reported() -> None:
     streams = leapt(noisy_streams(SECONDS), ["head"], HOUR_NS, 3.0, 99.0)
     pipeline, *_ = pushed(without(streams, ["head"], 5.0, 99.0))
     assert pipeline.losses("head").missing_s == pytest.approx(len(streams[0].stamps_ns) / RATE_HZ - 5.0, abs=0.3)
@@ -102,7 +102,7 @@ def test_a_sensor_that_falls_silent_behind_a_clock_set_anew_is_silent() -> None:
 
 
 def test_a_leap_of_the_last_sensor_left_is_a_pause() -> None:
-    """Nobody else tells whether its clock was set, so its gap counts: the figures are lower bounds."""
+    """No other sensor shows whether its clock was set, so its gap counts: the figures are lower bounds."""
     streams = leapt(noisy_streams(SECONDS), [SEAT], HOUR_NS, 6.0, 99.0)
     pipeline, *_ = pushed(without(streams, [name for name in SENSORS if name != SEAT], 2.0, 99.0))
     assert pipeline.losses(SEAT).missing_s == pytest.approx(3600.0, abs=0.1)
@@ -127,7 +127,7 @@ def test_clocks_that_drift_apart_for_hours_are_no_silence() -> None:
     assert pipeline.losses("head").missing_s == pytest.approx(len(streams[0].stamps_ns) / RATE_HZ - 6.0, abs=0.3)
 
 
-def test_a_looping_bag_with_one_dead_sensor_misses_that_one_for_good() -> None:
+def test_a_dead_sensor_of_a_looping_bag_stays_missing() -> None:
     one = noisy_streams(4.0)
     dead = without(one, ["neck"], 2.0, 99.0)
     two = [
@@ -174,7 +174,7 @@ def test_a_sensor_that_is_silent_for_longer_than_the_window_has_no_rolling_figur
 
 
 @pytest.mark.parametrize("back_s", [0.1, 0.5, 0.9])
-def test_a_clock_set_back_by_less_than_a_second_costs_what_it_treads_again(back_s: float) -> None:
+def test_a_clock_set_back_by_less_than_a_second_loses_the_repeated_time(back_s: float) -> None:
     """Stamps have no gap there, but what was measured meanwhile is in no figure."""
     pipeline, *_ = pushed(leapt(noisy_streams(SECONDS), [SEAT], -round(1e9 * back_s), 4.0, 99.0))
     lost, status = pipeline.losses(SEAT), pipeline.status(SEAT)
@@ -186,7 +186,7 @@ def test_a_clock_set_back_by_less_than_a_second_costs_what_it_treads_again(back_
             assert pipeline.losses(name).missing_s == 0.0, name
 
 
-def test_samples_held_up_behind_others_are_no_clock_set_back() -> None:
+def test_delayed_samples_are_no_clock_set_back() -> None:
     streams = []
     for one in noisy_streams(SECONDS):
         order = np.arange(len(one.stamps_ns))

@@ -348,7 +348,7 @@ def test_a_stop_counts_by_its_force_at_the_reach_of_the_joint() -> None:
     stop = applied("stop", "pelvis", stiffness_ratio=0.3, gap_m=0.5 * bent.reach_m)
     assert nuisance.typical_multiple(stop) == pytest.approx(
         0.5 * 0.3 / 0.1
-    )  # the usual bend is a tenth of k times the reach
+    )  # the typical bend is a tenth of k times the reach
     assert nuisance.typical_multiple(applied("stop", "pelvis", gap_m=1.1 * bent.reach_m)) == 0.0
     assert nuisance.typical_multiple(applied("relaxation", "pelvis")) == np.inf
 

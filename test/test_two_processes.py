@@ -131,14 +131,14 @@ def test_the_live_command_ends_with_zero_on_sigterm_and_two_on_bad_input() -> No
             graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
             live.send_signal(signal.SIGTERM)
             assert live.wait(20) == 0
-        for given, said in (
+        for given, wanted in (
             (("-p", "cutof_hz:=50.0"), "parameter cutof_hz is unknown; did you mean cutoff_hz?"),
             (("-p", "subject_file:=nobody"), "no subject file nobody"),
         ):
             with child(graph, "live", "--ros-args", *given) as live:
                 _, errors = live.communicate(timeout=STARTUP_S)
             assert live.returncode == 2
-            assert said in errors
+            assert wanted in errors
             assert "Traceback" not in errors
 
 

@@ -1,4 +1,4 @@
-"""Intervals that hold as often as they say, and calls that say what the data cannot tell."""
+"""Coverage of intervals, and the classification of parameters that the data do not identify."""
 
 import dataclasses
 
@@ -35,7 +35,7 @@ RESIDUALS_ALONE = UncertaintySettings(cross_axis=0.0)
 
 
 def fitted(subject: Subject, cases: list[Case], settings: FitSettings | None = None) -> Fit:
-    """What a fit that starts at the truth ends with; searches are another test's."""
+    """The result of a fit that starts at the truth; other tests check searches."""
     s = settings or FitSettings(lambda_2=0.0)
     truth = fitting.theta_of(subject)
     problem = TimeDomain(cases, subject, RegularizationTerm(truth, s.lambda_2, s.regularization), s.clocks)
@@ -60,7 +60,7 @@ def call_of(found: Uncertainty, name: str) -> str:
     return next(estimate.identifiability for estimate in found.estimates if estimate.name == name)
 
 
-def test_intervals_hold_as_often_as_they_say() -> None:
+def test_intervals_have_their_stated_coverage() -> None:
     """24 records whose noise is coloured and reaches every segment from the seat's sensor as well as from its own."""
     subject, rng = fitting.drawn(21, "segment"), np.random.default_rng(5)
     seats = [fitting.seat_motion("road", 12.0, 1), fitting.seat_motion("pothole", 8.0, 2)]
@@ -108,7 +108,7 @@ def test_overlapping_windows_are_bartletts_triangle() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
-def test_each_window_is_judged_by_the_fit_without_it() -> None:
+def test_each_window_is_compared_with_the_fit_without_it() -> None:
     slopes, residual = made_rows(60, 1)
     inverse = np.linalg.inv(slopes.reshape(-1, 3).T @ slopes.reshape(-1, 3))
     expected = np.zeros((3, 3))
@@ -131,7 +131,7 @@ def test_a_record_as_short_as_a_window_is_not_known_better_than_a_longer_one() -
     assert np.median(half[0]) > 3.0 * np.median(half[1])
 
 
-def test_inverse_of_what_is_seen_and_what_is_not() -> None:
+def test_the_inverse_covers_observable_and_unobservable_parameters() -> None:
     seen = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 0.0], [0.0, 0.0, 0.0]])
     found = inverse_of(seen)
     np.testing.assert_allclose(found[:2, :2], np.linalg.inv(seen[:2, :2]), rtol=1e-12)
@@ -150,7 +150,7 @@ def soft_subject() -> Subject:
     return Subject("soft", 70.0, 1.75, "segment", Parameters.from_vector(theta))
 
 
-def test_stiffening_cannot_be_told_from_a_quiet_road_but_from_a_shock() -> None:
+def test_stiffening_is_identifiable_from_a_shock_and_not_from_a_quiet_road() -> None:
     subject, rng = soft_subject(), np.random.default_rng(3)
     calls = {}
     for name, seat in (("road", quiet_road(0.3)), ("shock", fitting.seat_motion("rail", 16.0, 2))):
@@ -162,7 +162,7 @@ def test_stiffening_cannot_be_told_from_a_quiet_road_but_from_a_shock() -> None:
         assert call_of(calls["shock"], f"natural_frequency_hz[{joint}]") == "identifiable"
 
 
-def test_mass_scale_cannot_be_told() -> None:
+def test_the_mass_scale_is_not_identifiable() -> None:
     subject = fitting.drawn(23, "segment")
     seat = fitting.seat_motion("pothole", 6.0, 4)
     case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), np.random.default_rng(1)))
@@ -173,7 +173,7 @@ def test_mass_scale_cannot_be_told() -> None:
     assert found["natural_frequency_hz[head]"].identifiability == "identifiable"
 
 
-def test_joints_3_and_4_can_be_told_from_slow_motion_only_jointly() -> None:
+def test_joints_3_and_4_are_identifiable_only_jointly_from_slow_motion() -> None:
     """Far below resonance the torso stretches by its compliance alone: 1/f_3^2 + 1/f_4^2 is all that shows."""
     subject, rng = fitting.drawn(24, "segment"), np.random.default_rng(2)
     white = rng.standard_normal(round(20 * fitting.RATE_HZ))
@@ -189,7 +189,7 @@ def test_joints_3_and_4_can_be_told_from_slow_motion_only_jointly() -> None:
     assert shares[0, 0] * shares[1, 0] > 0.0  # stiffer below, softer above: that is what goes unseen
 
 
-def test_with_lasting_errors_of_sensors_intervals_do_not_shrink_for_ever() -> None:
+def test_systematic_sensor_errors_bound_the_intervals_from_below() -> None:
     subject, rng = fitting.drawn(25, "cascade"), np.random.default_rng(4)
     widths: dict[float, list[np.ndarray]] = {0.0: [], 0.002: []}
     for seconds in (6.0, 38.0):
@@ -220,7 +220,7 @@ def test_a_parameter_on_a_bound_is_named_and_has_no_interval() -> None:
         profile(fit, [case], "mass_scale")
 
 
-def test_profiles_close_where_intervals_are_good_and_stay_open_where_nothing_is_known() -> None:
+def test_profiles_are_closed_for_identifiable_parameters_and_open_for_others() -> None:
     subject, rng = soft_subject(), np.random.default_rng(6)
     seat = quiet_road(0.3)
     case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), rng))
@@ -235,7 +235,7 @@ def test_profiles_close_where_intervals_are_good_and_stay_open_where_nothing_is_
     assert stiffening.values[0] == LOWER[13]
 
 
-def test_what_the_low_pass_alone_colours_is_no_colour() -> None:
+def test_the_colour_of_the_low_pass_does_not_count() -> None:
     seat, rng = fitting.seat_motion("road", 20.0, 4), np.random.default_rng(7)
     subject = fitting.drawn(27, "segment")
     low = signal.butter(4, 40.0, fs=fitting.RATE_HZ, output="sos")
@@ -248,7 +248,7 @@ def test_what_the_low_pass_alone_colours_is_no_colour() -> None:
     assert as_it_is.coloured.mean() < 0.15 and as_if_wider.coloured.mean() > 0.3
 
 
-def test_leftovers_tell_noise_from_what_follows_the_seat() -> None:
+def test_residuals_distinguish_noise_from_response_to_the_seat() -> None:
     subject, rng = fitting.drawn(27, "segment"), np.random.default_rng(7)
     seat = fitting.seat_motion("road", 20.0, 4)
     noise = fitting.low_passed(0.1 * rng.standard_normal((seat.size, 5)))

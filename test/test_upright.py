@@ -1,4 +1,4 @@
-"""Where up is for a sensor that leans while it moves."""
+"""The vertical of a sensor that tilts in motion."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from biodyn_core.recording.recording import Recorder, Recording, RecordingSettin
 RATE_HZ = 1129.3
 HEAD = MEASURED_SEGMENTS.index("head")
 MOUNTED = Rotation.from_euler("xyz", [0.15, -0.1, 2.0])
-"""How the head's sensor sits on it: askew, and turned about the vertical."""
+"""Mounting of the head's sensor: tilted, and turned about the vertical."""
 
 
 def swaying(degrees: float, seconds: float = 10.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -33,7 +33,7 @@ def swaying(degrees: float, seconds: float = 10.0) -> tuple[np.ndarray, np.ndarr
 
 
 def recorded(rates_of=lambda rates: rates, degrees: float = 15.0, channels: bool = False, **settings) -> Recording:
-    """The head sways, the seat does not; rates_of changes what the head's gyro says."""
+    """The head sways, the seat does not; rates_of changes the rates of the head's gyro."""
     time_s, true, force, rates = swaying(degrees)
     stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
     recorder = Recorder("road", "drive", settings=RecordingSettings(**settings), channels=channels)
@@ -49,10 +49,10 @@ def missed(recording: Recording) -> float:
     return float(np.nanstd(recording.measured_mps2[:, HEAD] - recording.seat_mps2))
 
 
-def test_a_leaning_sensor_reads_the_true_vertical() -> None:
+def test_a_tilted_sensor_gives_the_true_vertical() -> None:
     assert missed(recorded(keep_lean=True)) > 0.3
     assert missed(recorded()) < 0.003
-    assert missed(recorded(lambda rates: rates + 0.02)) < 0.003  # a bias is told at rest
+    assert missed(recorded(lambda rates: rates + 0.02)) < 0.003  # a bias is found at rest
 
 
 def test_with_and_without_channels_the_vertical_is_the_same() -> None:
@@ -71,7 +71,7 @@ def test_a_small_gap_of_the_gyro_is_interpolated() -> None:
     assert any("head: its gyro has a gap of 0.3 s" in line for line in late.warnings)
 
 
-def test_behind_a_short_break_of_a_sensor_its_lean_goes_on_and_a_longer_one_is_named() -> None:
+def test_tilt_continues_across_a_short_break_and_a_longer_one_is_reported() -> None:
     time_s, true, force, rates = swaying(15.0)
     stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
     still = true * np.array([0.0, 0.0, 1.0]) + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2])
@@ -107,7 +107,7 @@ def test_an_implausible_gyro_changes_nothing_and_is_reported(rates_of, why: str)
 
 
 def test_one_gyro_in_another_unit_disables_all() -> None:
-    """In deg/s a seat that hardly rocks says a lean that might be somebody's; the head's says one that is nobody's."""
+    """In deg/s the small rotation of the seat gives a plausible tilt, and that of the head an implausible one."""
     time_s, true, force, rates = swaying(15.0)
     stamps_ns = 1_000_000_000 + np.rint(time_s * 1e9).astype(np.int64)
     still = true * np.array([0.0, 0.0, 1.0]) + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2])
@@ -127,14 +127,14 @@ def test_one_gyro_in_another_unit_disables_all() -> None:
     np.testing.assert_allclose(found.measured_mps2, recorded(keep_lean=True).measured_mps2, atol=1e-9)
 
 
-def test_without_a_gyro_nothing_is_said() -> None:
+def test_without_a_gyro_no_tilt_is_reported() -> None:
     found = recorded(np.zeros_like)
     np.testing.assert_array_equal(found.measured_mps2, recorded(keep_lean=True).measured_mps2)
     assert not any("gyro" in line or "rates" in line for line in found.warnings)
 
 
-def test_how_far_it_leans_on_the_mean_is_said_in_the_axes_of_its_channels() -> None:
-    """By definition: of a motion along x it would have read so much as vertical. To and fro is no lean."""
+def test_the_mean_tilt_is_given_in_the_axes_of_the_channels() -> None:
+    """By definition: the share of a motion along x in the vertical reading. An oscillation gives no mean tilt."""
     time_s, true, *_ = swaying(0.0)
     turned = Rotation.from_euler("y", np.deg2rad(6.0) * np.clip(time_s - 1.5, 0.0, 0.5)[:, None] / 0.5) * MOUNTED
     gravity = turned.inv().apply(np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2]))
@@ -148,7 +148,7 @@ def test_how_far_it_leans_on_the_mean_is_said_in_the_axes_of_its_channels() -> N
     assert set(recording.leans) == {"head"}
     lean = np.array(recording.leans["head"])
     assert np.degrees(np.arcsin(np.linalg.norm(lean))) == pytest.approx(6.0, abs=0.3)
-    # At rest again, but leaning, gravity shows along the horizontal axes as minus the lean.
+    # At rest with a tilt, gravity along the horizontal axes is minus the tilt.
     first = MOUNTED.inv().apply([0.0, 0.0, 1.0])
     level = horizontal_axes(tuple(first))[:2] @ gravity[-1] / STANDARD_GRAVITY_MPS2
     np.testing.assert_allclose(lean, -level, atol=0.006)
@@ -163,7 +163,7 @@ def test_a_steady_turn_is_followed_exactly() -> None:
     np.testing.assert_allclose(up, expected, atol=1e-12)
 
 
-def test_a_bias_does_not_add_up_for_ever() -> None:
+def test_a_bias_of_the_gyro_does_not_accumulate() -> None:
     """At rest for ten minutes with a wrong bias of 0.0003 rad/s: 10 deg without the pull, 60 s of it with."""
     rest, rates = np.zeros((60_000, 3)), np.tile([0.0003, 0.0, 0.0], (60_000, 1))
     up = estimated_attitude(rest, rates, 100.0, STANDARD_GRAVITY_MPS2)
@@ -172,7 +172,7 @@ def test_a_bias_does_not_add_up_for_ever() -> None:
     assert leaned_rad == pytest.approx(0.0003 * 60.0, rel=0.01)
 
 
-def test_a_lean_beyond_anybodys_is_refused() -> None:
+def test_an_implausible_tilt_is_refused() -> None:
     rates = np.tile([0.0, 0.5, 0.0], (500, 1))
     with pytest.raises(ValueError, match="impossible for a seated person"):
         estimated_attitude(np.zeros((500, 3)), rates, 100.0, STANDARD_GRAVITY_MPS2)

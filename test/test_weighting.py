@@ -34,7 +34,7 @@ def lag(name: str, rate_hz: float, frequency_hz: np.ndarray) -> np.ndarray:
 
 
 def third_octave(nominal_hz: float) -> float:
-    """The exact frequency, 10^(n/10), that a nominal one stands for."""
+    """The exact frequency, 10^(n/10), of a nominal one."""
     return 10.0 ** (round(10.0 * np.log10(nominal_hz)) / 10.0)
 
 
@@ -96,7 +96,7 @@ def test_the_analog_curve_is_the_formula_of_the_standard(name):
 
 
 # Plain bilinear sections would be wrong by 59, 40, 14, 3.4 and 2.65 % at the first five rates. What is left is phase
-# a sampled filter cannot have near its Nyquist frequency; Wj has no transition beside its low-pass to make up for it.
+# a sampled filter cannot have near its Nyquist frequency; Wj has no transition besides its low-pass to compensate.
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
     ("rate_hz", "share"),
@@ -120,7 +120,7 @@ def test_phase_follows_too_so_that_shocks_keep_their_shape(name, rate_hz, degree
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("rate_hz", "more"), [(250.0, 0.45), (500.0, 0.05), (1129.3, 0.03), (4000.0, 0.002)])
-def test_above_the_band_the_filter_stops_what_the_curve_stops(name, rate_hz, more):
+def test_above_the_band_the_filter_attenuates_like_the_curve(name, rate_hz, more):
     frequency = np.linspace(80.0, rate_hz / 2.0, 200)
     found = np.abs(signal.sosfreqz(weighting_sections(name, rate_hz), frequency, fs=rate_hz)[1])
     wanted = np.abs(naive.weighting(name, frequency))
@@ -148,7 +148,7 @@ def test_poles_near_one_keep_their_precision(name, rate_hz):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_shock_is_weighted_as_its_spectrum_says(name):
+def test_a_weighted_shock_matches_its_weighted_spectrum(name):
     rate_hz = 1129.3
     time = np.arange(4 * 1129) / rate_hz
     shock = 30.0 * np.exp(-(((time - 0.5) / 0.015) ** 2)) * np.sin(2.0 * np.pi * 12.0 * (time - 0.5))
@@ -208,7 +208,7 @@ def test_settled_sections_pass_changes_and_no_level(name, rate_hz, level):
 
 
 @given(st.sampled_from(NAMES), st.floats(250.0, 4000.0))
-def test_every_section_is_stable_with_room_at_every_rate(name, rate_hz):
+def test_every_section_is_stable_with_margin_at_every_rate(name, rate_hz):
     sections = weighting_sections(name, rate_hz)
     np.testing.assert_array_equal(sections[:, 3], 1.0)
     for section in sections:

@@ -62,7 +62,7 @@ def identified(run):
 
 @pytest.fixture(scope="module")
 def reference():
-    """What comes out where all is done here, one after the other."""
+    """The results of all tasks in this process, in sequence."""
     return identified(Work().run("-"))
 
 
@@ -77,7 +77,7 @@ def processes():
 
 
 @pytest.mark.parametrize("text", ["none", "processes:1", "threads:2"])
-def test_numbers_are_the_same_wherever_it_is_done(reference, text: str) -> None:
+def test_numbers_are_the_same_for_every_executor(reference, text: str) -> None:
     with executor_of(text) as executor:
         assert identified(Work(executor).run("-")) == reference
 
@@ -95,13 +95,13 @@ def test_numbers_are_the_same_on_a_cluster(reference, cluster: str) -> None:
             Work(executor).run("-")([Task("search x", chores.refuse, (["x"],))])
 
 
-def test_a_cluster_that_does_not_fit_is_one_line(cluster: str, monkeypatch) -> None:
+def test_an_incompatible_cluster_is_one_line(cluster: str, monkeypatch) -> None:
     monkeypatch.setattr(executors, "__version__", "99.0")
     with pytest.raises(InputError, match=r"^tcp://.*: worker tcp://.* has biodyn .*, here is 99.0; make them equal$"):
         enter(cluster)
 
 
-def test_a_cluster_that_is_not_there_is_one_line(monkeypatch) -> None:
+def test_an_unreachable_cluster_is_one_line(monkeypatch) -> None:
     pytest.importorskip("distributed")
     text = "tcp://127.0.0.1:9"
     monkeypatch.setattr(executors, "CLUSTER_TIMEOUT_S", 0.3)
@@ -110,7 +110,7 @@ def test_a_cluster_that_is_not_there_is_one_line(monkeypatch) -> None:
     assert str(caught.value).startswith(f"{text}: ") and "\n" not in str(caught.value)
 
 
-def test_dask_that_is_not_installed_is_one_line(monkeypatch) -> None:
+def test_missing_dask_is_one_line(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"Dask is not installed; pip install 'biodyn_ros\[cluster\]'"):
         enter("tcp://127.0.0.1:8786")
@@ -136,7 +136,7 @@ def test_dask_that_is_not_installed_is_one_line(monkeypatch) -> None:
         "http://host:80",
     ],
 )
-def test_a_text_that_names_no_executor_is_one_line(text: str) -> None:
+def test_an_unknown_executor_is_one_line(text: str) -> None:
     with pytest.raises(InputError, match=r"^executor '.*': expected"):
         enter(text)
 
@@ -147,7 +147,7 @@ def enter(text: str) -> None:
         pass
 
 
-def test_an_input_error_of_a_worker_arrives_as_it_is(processes, tmp_path: Path) -> None:
+def test_an_input_error_of_a_worker_is_raised_unchanged(processes, tmp_path: Path) -> None:
     kept = tmp_path / "kept.json"
     tasks = [*chores.searches(tmp_path), Task("search x", chores.refuse, (["x"],))]
     with pytest.raises(InputError, match=r"^x: not this one$"):
@@ -155,7 +155,7 @@ def test_an_input_error_of_a_worker_arrives_as_it_is(processes, tmp_path: Path) 
     assert set(Checkpoint(kept, chores.PROBLEM, resume=True).done) <= set(chores.NAMES)
 
 
-def test_a_worker_that_dies_takes_no_other_task_with_it(processes, tmp_path: Path) -> None:
+def test_a_killed_worker_affects_no_other_task(processes, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"^search x: its worker process died, killed or out of memory"):
         Work(processes).run("-")([Task("search x", chores.die, (["x"],))])
     calls = [(chores.die, (["x"],)), *((task.function, task.arguments) for task in chores.searches(tmp_path))]
@@ -168,7 +168,7 @@ def test_a_worker_that_dies_takes_no_other_task_with_it(processes, tmp_path: Pat
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_interrupted_work_ends_at_once_and_is_taken_up(tmp_path: Path, how: signal.Signals) -> None:
+def test_interrupted_work_ends_at_once_and_is_resumed(tmp_path: Path, how: signal.Signals) -> None:
     """Ctrl-C reaches all processes of a terminal; a kill the first one alone. One of the workers is busy for long."""
     (tmp_path / "stuck").touch()
     command = [sys.executable, chores.__file__, str(tmp_path)]
@@ -176,8 +176,8 @@ def test_interrupted_work_ends_at_once_and_is_taken_up(tmp_path: Path, how: sign
         until(lambda: (tmp_path / "pid").exists() and len(journal(tmp_path)) == 3)
         until(lambda: len(json.loads((tmp_path / "checkpoint.json").read_text())["done"]) == 3)
         (os.killpg if how == signal.SIGINT else os.kill)(child.pid, how)
-        code, said = child.wait(20), child.stderr.read()
-    assert (code, said) == ((130, "") if how == signal.SIGINT else (-how, said))
+        code, errors = child.wait(20), child.stderr.read()
+    assert (code, errors) == ((130, "") if how == signal.SIGINT else (-how, errors))
     until(lambda: not running(int((tmp_path / "pid").read_text())))
 
     (tmp_path / "stuck").unlink()
@@ -206,7 +206,7 @@ def running(pid: int) -> bool:
 
 
 @pytest.mark.parametrize("after", [1, 5, 8])
-def test_a_fit_that_is_taken_up_ends_as_one_that_was_not_interrupted(reference, tmp_path: Path, after: int) -> None:
+def test_a_resumed_fit_equals_an_uninterrupted_one(reference, tmp_path: Path, after: int) -> None:
     path, heard = tmp_path / "kept.json", []
     problem = fingerprint(cases(), SUBJECT, 5, QUICK)
     with pytest.raises(KeyboardInterrupt):
@@ -214,15 +214,15 @@ def test_a_fit_that_is_taken_up_ends_as_one_that_was_not_interrupted(reference, 
     before = len(Checkpoint(path, problem, resume=True).done)
     assert 0 < before <= after
     assert identified(Work(None, path, resume=True, monitor=listener(heard)).run(problem)) == reference
-    # Both stages are told from what is there to their end, in cases: 4 searches of one, and 2 of one, 2 of both and 2
-    # of one refined. A stage that is finished is not told of; each of the others is, before its first task.
+    # Both stages report progress from the checkpoint to the end, in cases: 4 searches of one; 2 of one, 2 of both and 2
+    # of one refined. A finished stage is not reported; each of the others is, before its first task.
     left = 4 + 6 - before
     assert len(heard) == left + len({what for what, _, _ in heard})
     assert heard[-1] == ("refine", 8, 8)
 
 
 def listener(heard: list, most: float = np.inf):
-    """A watch that writes down what it is told, and interrupts when it has heard enough."""
+    """A monitor that records its calls, and interrupts after `most` of them."""
 
     @contextlib.contextmanager
     def watch(what: str):
@@ -259,7 +259,7 @@ REFINED = st.builds(
 
 
 @given(SEARCHES | REFINED)
-def test_results_come_back_to_the_last_bit(result) -> None:
+def test_results_are_read_back_to_the_bit(result) -> None:
     again = decoded(json.loads(json.dumps(encoded(result), allow_nan=False)), "x")
     assert type(again) is type(result)
     for item in dataclasses.fields(result):
@@ -327,7 +327,7 @@ def kept(path: Path) -> dict:
         (("problem",), "q", "is of another problem: other recordings, subject, seed or settings; give the same again"),
     ],
 )
-def test_a_damaged_or_foreign_checkpoint_is_one_line_and_stays(tmp_path: Path, where, value, fault: str) -> None:
+def test_a_damaged_or_foreign_checkpoint_is_refused_and_not_changed(tmp_path: Path, where, value, fault: str) -> None:
     path = tmp_path / "kept.json"
     document = part = kept(path)
     for key in where[:-1]:
@@ -338,13 +338,13 @@ def test_a_damaged_or_foreign_checkpoint_is_one_line_and_stays(tmp_path: Path, w
 
 
 @pytest.mark.parametrize("content", [b"", b"[]", b"\xff\xfe", b"[" * 10**5, b'{"schema": 1' + b"0" * 5000 + b"}"])
-def test_what_is_no_checkpoint_at_all_is_one_line_and_stays(tmp_path: Path, content: bytes) -> None:
+def test_other_files_are_refused_as_checkpoint_and_not_changed(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "kept.json"
     path.write_bytes(content)
     refused(path, "is damaged: not valid JSON; remove it to start anew|the file: expected keys and values, got list")
 
 
-def test_a_truncated_or_endless_checkpoint_is_one_line_and_stays(tmp_path: Path) -> None:
+def test_a_truncated_or_endless_checkpoint_is_refused_and_not_changed(tmp_path: Path) -> None:
     path = tmp_path / "kept.json"
     kept(path)
     content = path.read_bytes()
@@ -364,7 +364,7 @@ def refused(path: Path, fault: str) -> None:
     assert path.read_bytes() == before
 
 
-def test_a_checkpoint_that_cannot_be_written_is_said_before_the_work(tmp_path: Path) -> None:
+def test_an_unwritable_checkpoint_is_reported_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"file: the directory cannot be created"):
         Work(None, tmp_path / "file" / "kept.json").run("p")
@@ -373,7 +373,7 @@ def test_a_checkpoint_that_cannot_be_written_is_said_before_the_work(tmp_path: P
         Work(None, tmp_path / "kept.json", resume=True).run("p")
 
 
-def test_there_may_be_nothing_to_take_up(tmp_path: Path) -> None:
+def test_resume_without_a_checkpoint_starts_the_work(tmp_path: Path) -> None:
     path = tmp_path / "kept.json"
     Work(None, path, resume=True).run("p")(chores.searches(tmp_path))
     assert set(Checkpoint(path, "p", resume=True).done) == set(chores.NAMES)
@@ -384,27 +384,27 @@ def test_there_may_be_nothing_to_take_up(tmp_path: Path) -> None:
 
 
 class Terminal(io.StringIO):
-    """A stream that somebody watches."""
+    """A stream of a terminal."""
 
     def isatty(self) -> bool:
         """Yes."""
         return True
 
 
-def test_progress_is_silent_where_nobody_watches() -> None:
+def test_progress_is_not_printed_without_a_terminal() -> None:
     stream = io.StringIO()
     with Progress("fitting", stream) as progress:
         progress(1, 2)
     assert stream.getvalue() == ""
 
 
-def test_progress_says_percent_and_when_it_will_be_done(monkeypatch) -> None:
+def test_progress_shows_percent_and_the_time_of_completion(monkeypatch) -> None:
     now = [1000.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     monkeypatch.setattr(time, "time", lambda: now[0])
     stream = Terminal()
     with Progress("fitting", stream) as progress:
-        # Half of it was done before, which says nothing of how long the rest takes.
+        # Half of it was done before, which does not count for the remaining time.
         for seconds, done in ((0.0, 50), (10.0, 60), (0.1, 60), (2.0, 60), (28.0, 100), (5.0, 100)):
             now[0] += seconds
             progress(done, 100)

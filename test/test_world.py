@@ -40,7 +40,7 @@ def test_the_world_shares_nothing_with_the_package() -> None:
             assert not any(name.startswith(("biodyn", "naive", "fitting")) for name in names), path
 
 
-def test_people_are_drawn_from_the_whole_of_table_1() -> None:
+def test_subjects_are_drawn_from_the_whole_of_table_1() -> None:
     np.testing.assert_array_equal(body.TABLE_1.T, [LOWER, UPPER])
     theta = people(400).theta
     share = (theta - LOWER) / (UPPER - LOWER)
@@ -52,7 +52,7 @@ def test_people_are_drawn_from_the_whole_of_table_1() -> None:
 # --- bodies ----------------------------------------------------------------------------------------------------------
 
 
-def test_bodies_answer_a_shock_as_the_papers_matrices_do() -> None:
+def test_the_response_to_a_shock_is_that_of_the_papers_matrices() -> None:
     rate_hz, drawn = 2000.0, people()
     seat = pulse(8.0, np.arange(600) / rate_hz, 60.0)
     found = body.accelerations(drawn, rate_hz, np.column_stack([seat, seat]))
@@ -65,7 +65,7 @@ def test_bodies_answer_a_shock_as_the_papers_matrices_do() -> None:
     np.testing.assert_allclose(found, expected, atol=3e-4 * np.abs(expected).max())
 
 
-def test_linear_bodies_answer_tones_as_transfer_functions_say() -> None:
+def test_the_linear_response_to_a_sine_is_the_transfer_function() -> None:
     frequency_hz, rate_hz = np.array([1.0, 4.0, 9.0, 17.0, 30.0]), 1000.0
     drawn = people(5, 2)
     theta = drawn.theta.copy()
@@ -116,7 +116,7 @@ def test_levels_are_those_of_the_case(case: seats.Case, origin: seats.Origin, re
             assert seats.PEAKS_G[case][0] < np.abs(up).max() / seats.GRAVITY_MPS2 < seats.PEAKS_G[case][1]
 
 
-def test_a_motion_comes_again_from_its_seed_and_another_from_another() -> None:
+def test_a_motion_repeats_with_its_seed() -> None:
     one, same, other = (seats.motion("rail", "synthetic", 4.0, np.random.default_rng(s)).accel_mps2 for s in (1, 1, 2))
     np.testing.assert_array_equal(one, same)
     assert np.abs(np.corrcoef(one[:, 2], other[:, 2])[0, 1]) < 0.5
@@ -132,12 +132,12 @@ def test_a_quarter_car_carries_slow_roads_and_hops_on_its_wheel() -> None:
     assert frequency_hz[hop][signal.find_peaks(by_velocity[hop])[0]] == pytest.approx([11.0], abs=1.5)
 
 
-def test_strikes_leave_no_velocity_behind() -> None:
+def test_impacts_leave_no_velocity() -> None:
     strikes = seats._strikes(TIME_S, np.random.default_rng(3))
     assert abs(strikes.sum() / seats.RATE_HZ) < 1e-9 < np.abs(np.cumsum(strikes)).max() / seats.RATE_HZ
 
 
-def test_raising_the_rate_keeps_what_was_there_and_invents_nothing() -> None:
+def test_a_higher_rate_keeps_the_spectrum_of_the_motion() -> None:
     rate_hz, rng = 50.0, np.random.default_rng(4)
     old_s = np.arange(250) / rate_hz
     phases = rng.uniform(0.0, 2 * np.pi, 3)
@@ -180,7 +180,7 @@ def test_a_perfect_sensor_reads_motion_and_gravity_in_whole_digits(perfect: sens
     )
 
 
-def test_clocks_are_off_and_run_away(perfect: sensors.Imu, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_clocks_have_offset_and_drift(perfect: sensors.Imu, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensors, "OFFSET_S", 0.002)
     monkeypatch.setattr(sensors, "JITTER_S", 0.00002)
     fast = dataclasses.replace(perfect, drift=0.001)
@@ -192,7 +192,7 @@ def test_clocks_are_off_and_run_away(perfect: sensors.Imu, monkeypatch: pytest.M
     assert apart.std() == pytest.approx(np.sqrt(2.0) * 0.00002, rel=0.1) and (apart > 0.0).all()
 
 
-def test_sensors_are_askew_biased_and_noisy() -> None:
+def test_sensors_have_misalignment_bias_and_noise() -> None:
     rng = np.random.default_rng(6)
     drawn = [sensors.drawn(rng) for _ in range(300)]
     leans = np.rad2deg([np.arccos(imu.axes[2, 2]) for imu in drawn])
@@ -207,7 +207,7 @@ def test_sensors_are_askew_biased_and_noisy() -> None:
     np.testing.assert_allclose(said.std(axis=0), sensors.NOISE_MPS2, rtol=0.05)
 
 
-def test_a_ride_begins_and_ends_at_rest_and_nobody_wears_the_central_torso() -> None:
+def test_a_ride_begins_and_ends_at_rest_without_a_sensor_at_the_central_torso() -> None:
     rng, drawn = np.random.default_rng(7), people()
     motions = [seats.motion("road", "synthetic", 2.0, rng) for _ in range(2)]
     found = ride.rides(drawn, [ride.wear(rng) for _ in range(2)], motions, rng)
@@ -229,15 +229,15 @@ def recovered() -> Judged:
     return judge(person, Answer(ours, estimates, ours), truth)
 
 
-def test_a_drawn_person_is_found_again(recovered: Judged) -> None:
+def test_a_drawn_subject_is_recovered(recovered: Judged) -> None:
     assert recovered.ratio.max() < 1.3
     assert recovered.called and joints_off(recovered.ours) < 0.03
     assert recovered.inside.sum() >= 11
-    # The central torso is predicted though nobody measured it.
+    # The central torso is predicted though it is not measured.
     assert recovered.ours.unseen_percent.shape == (1, 6) and recovered.apart_percent[:, 2].max() < 2.0
 
 
-def test_the_page_says_it(recovered: Judged) -> None:
+def test_the_page_has_the_results(recovered: Judged) -> None:
     page = rendered([recovered])
     for title in ("Marks", "Both ways", "Calls", "Parameters", "The central torso", "People"):
         assert f"\n## {title}\n" in page
@@ -245,7 +245,7 @@ def test_the_page_says_it(recovered: Judged) -> None:
     assert "missed" not in "".join(line for line in page.splitlines() if "held-out error within" in line)
 
 
-def test_a_miss_is_told_and_whole_people_are_drawn_for_the_coverage(recovered: Judged) -> None:
+def test_a_missed_mark_is_reported_and_coverage_resamples_whole_subjects(recovered: Judged) -> None:
     lost = dataclasses.replace(
         recovered,
         ours=dataclasses.replace(

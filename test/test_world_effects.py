@@ -1,4 +1,4 @@
-"""What the other world can hide: each foreign form against its own law, and sittings, bags and background."""
+"""The independent simulation of effects: each form against its own law, and sittings, bags and background."""
 
 import ast
 import dataclasses
@@ -80,7 +80,7 @@ def moment(stretch: float = 0.0, rate: float = 0.0, count: int = 1) -> Moment:
 
 
 def tension(effect: Effect, stretch: float, rate: float = 0.0, own: np.ndarray | None = None) -> float:
-    """What an effect makes its joint pull, N."""
+    """Force of an effect in its joint, N."""
     now = moment(stretch, rate)
     effect.act(now, np.zeros((1, effect.states)) if own is None else own)
     return float(-now.up_n[0, effect.site])
@@ -144,7 +144,7 @@ def test_draws_stay_in_their_ranges_and_truth_is_plain(form: type[Effect]) -> No
 # --- moving ----------------------------------------------------------------------------------------------------------
 
 
-def test_plain_bodies_move_as_dop853_moves_them(no_rest: None) -> None:
+def test_bodies_without_effects_match_dop853(no_rest: None) -> None:
     people, happens = body.drawn(2, np.random.default_rng(1)), shaken()
     seat = happens.accel_mps2[:, 2]
     expected = body.accelerations(people, seats.RATE_HZ, np.column_stack([seat, seat]))[:, ::2]
@@ -172,7 +172,7 @@ SENSOR_KINDS = ("skin", "tilt", "clock", "gain", "saturation")
 
 
 @pytest.mark.parametrize("form", EVERY)
-def test_no_strength_is_the_plain_world(form: type[Effect], no_rest: None) -> None:
+def test_zero_strength_is_the_base_simulation(form: type[Effect], no_rest: None) -> None:
     plain, none, _ = answers()
     np.testing.assert_allclose(none[form], plain, atol=1e-9 * np.abs(plain).max())
     nothing, up = dataclasses.replace(made(form), strength=0.0), plain[:, made(form).site - 1]
@@ -181,7 +181,7 @@ def test_no_strength_is_the_plain_world(form: type[Effect], no_rest: None) -> No
 
 
 @pytest.mark.parametrize("form", EVERY)
-def test_some_strength_is_not(form: type[Effect], no_rest: None) -> None:
+def test_a_strength_above_zero_changes_the_simulation(form: type[Effect], no_rest: None) -> None:
     plain, _, some = answers()
     assert np.isfinite(some[form]).all()
     moves = np.abs(some[form] - plain).max() / np.abs(plain).max()
@@ -216,7 +216,7 @@ def test_a_four_times_finer_step_changes_little_even_at_kinks(no_rest: None, mon
         assert np.abs(one.accel_mps2[0] - accel).max() < 2e-3 * np.abs(accel).max(), effect
 
 
-def test_delays_look_back_by_cubic_curves() -> None:
+def test_delays_interpolate_by_cubic_polynomials() -> None:
     effect = made(development_forms.LatePull)
     acting = moving._Acting(effect, moving.Party(PERSON, [shaken()], (effect,)), slice(0, 1), 12, 4001)
     t = np.arange(acting.memory.shape[1]) * moving.STEP_S
@@ -292,7 +292,7 @@ def test_dampers_and_friction_have_their_limits() -> None:
     assert stuck[-1] == pytest.approx(slow.stiction * coulomb, rel=0.01)
 
 
-def test_hysteresis_slips_as_dahl_and_iwan_say() -> None:
+def test_hysteresis_follows_dahl_and_iwan() -> None:
     dahl = made(development_forms.Dahl)
     d = PERSON.reach_m[dahl.site]
     t = np.linspace(0.0, 1.0, 30)
@@ -323,7 +323,7 @@ def test_relaxation_has_its_complex_stiffness() -> None:
     np.testing.assert_allclose(pull[t > 4.0], expected[t > 4.0], atol=1e-3 * np.abs(expected).max())
 
 
-def test_structures_break_and_build_up_to_their_balance() -> None:
+def test_structures_break_and_recover_to_equilibrium() -> None:
     one = made(development_forms.Structure)
     rate = PERSON.rate_mps[one.site]
     gone = one.broken / (1.0 + one.broken)
@@ -360,7 +360,7 @@ def test_reflexes_settle_to_their_gain() -> None:
 
 
 @pytest.mark.parametrize("form", of_kind("lift_off", among=EVERY))
-def test_a_seat_presses_as_before_and_never_pulls(form: type[Effect]) -> None:
+def test_a_seat_pushes_and_never_pulls(form: type[Effect]) -> None:
     weight, k = PERSON.weight_n, PERSON.stiffness_n_per_m[0]
     for stretch, rate in ((-2e-3, 0.01), (-0.02, 0.3), (0.0, 0.0)):
         now = moment(stretch, rate)
@@ -396,7 +396,7 @@ def test_added_masses_obey_newton(form: type[Effect]) -> None:
     assert now.up_n.sum() == pytest.approx(-one.strength * carried)
 
 
-def test_what_is_leant_against_holds_one_way() -> None:
+def test_a_backrest_acts_in_one_direction() -> None:
     webbing, belt = made(development_forms.Webbing), made(blind_forms.CatchingBelt)
     for one in (webbing, belt):
         now = moment()
@@ -418,7 +418,7 @@ def test_what_is_leant_against_holds_one_way() -> None:
     assert now.up_n[0, rubbing.site] == pytest.approx(-rubbing.strength * 1e-3)
 
 
-def test_turning_seats_lift_by_their_lever() -> None:
+def test_pitching_seats_accelerate_by_their_lever_arm() -> None:
     t = np.arange(round(2.0 * seats.RATE_HZ)) / seats.RATE_HZ
     w = 2 * np.pi * 1.0
     turning = Event(
@@ -460,7 +460,7 @@ def test_engines_have_their_line() -> None:
         assert np.argmax(line) / 8.0 == pytest.approx(one.frequency_hz, abs=1.6)
 
 
-def test_what_is_of_no_class_does_what_it_says() -> None:
+def test_effects_outside_the_classes_follow_their_definition() -> None:
     tremor = made(blind_forms.Tremor)
     w = 2 * np.pi * tremor.frequency_hz
     cycle = integrate.solve_ivp(lambda t, y: tremor.act(moment(), y[None])[0], (0, 60 / w), [0.1, 0.0], rtol=1e-7)
@@ -524,7 +524,7 @@ def test_tilts_gains_clocks_and_ranges(no_rest: None) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fixed(Effect):
-    """A sensor that leans as it is told."""
+    """A sensor with a given tilt."""
 
     lean: np.ndarray
 
@@ -551,7 +551,7 @@ def test_second_elastic_forms_have_their_limits() -> None:
             assert tension(one, -one.gap * d) == pytest.approx(0.0, abs=1e-9 * k * d) and tension(one, d) == 0.0
             slope = (tension(one, -half + tiny) - tension(one, -half - tiny)) / (2 * tiny)
             assert slope == pytest.approx(e * k, rel=1e-3)
-        for s in np.linspace(-3 * d, 3 * d, 61):  # no jump, where a law goes on straight
+        for s in np.linspace(-3 * d, 3 * d, 61):  # no jump where a law continues linearly
             assert abs(tension(one, s + 1e-9 * d) - tension(one, s)) < 1e-6 * k * d
 
 
@@ -569,7 +569,7 @@ def test_second_dampers_friction_and_hysteresis_have_their_limits() -> None:
     assert pull[0] == 0.0 and pull[-1] == pytest.approx(fades.strength * k_b(fades)[0] * d, rel=1e-3)
 
 
-def test_second_forms_that_remember_settle() -> None:
+def test_second_forms_with_states_settle() -> None:
     tissue, network, reflex = (made(getattr(second_forms, n)) for n in ("FungSpectrum", "KrausPayne", "RateSpindle"))
     d = PERSON.reach_m[tissue.site]
     held = followed(tissue, lambda at: d, lambda at: 0.0, np.array([0.0, 0.1, 30.0]))
@@ -639,7 +639,7 @@ def test_second_seats_and_necks_turn() -> None:
     np.testing.assert_allclose(lost, 0.5 * ((neck.rolls * roll) ** 2 + pitch**2), rtol=0.05, atol=1e-9)
 
 
-def test_second_engines_have_two_lines_that_take_turns() -> None:
+def test_second_engines_have_two_alternating_lines() -> None:
     one, t = made(second_forms.TwoOrdersInTurn), np.arange(round(40.0 * seats.RATE_HZ)) / seats.RATE_HZ
     rest = Event("rail", "synthetic", 0.0, np.zeros((t.size, 3)), np.zeros((t.size, 2)), 40.0)
     shake = one.signals(rest, PERSON)[:, 0]
@@ -648,7 +648,7 @@ def test_second_engines_have_two_lines_that_take_turns() -> None:
         assert line == pytest.approx(size, rel=0.15)
 
 
-def test_second_sensors_do_what_they_say(no_rest: None) -> None:
+def test_second_sensors_follow_their_definition(no_rest: None) -> None:
     skin, strap, clock, gain, clip = (
         made(getattr(second_forms, n))
         for n in ("ScottBlairTissue", "PhillipsCreep", "TwoPeriodClock", "ShelvingGain", "RappKnee")
@@ -738,14 +738,14 @@ def test_with_and_without_are_the_same_but_for_the_effect() -> None:
     assert gain.mass_matrix != backrest.mass_matrix
 
 
-def test_a_sitting_comes_again_by_itself() -> None:
+def test_a_sitting_repeats_alone() -> None:
     again, first = sitting._draft(1, 5, BRIEF, np.random.default_rng([5, 1])), sittings()[1]
     np.testing.assert_array_equal(again.theta, first.theta)
     for one, other in zip(again.events, first.events, strict=True):
         np.testing.assert_array_equal(one.event.accel_mps2, other.event.accel_mps2)
 
 
-def test_bags_hold_six_topics_and_nothing_of_the_truth(tmp_path: Path) -> None:
+def test_bags_have_six_topics_without_the_truth(tmp_path: Path) -> None:
     one = sittings()[1]
     paths = one.write(tmp_path)
     assert [str(path.relative_to(tmp_path)) for path in paths] == [f"fit/{c}_1.mcap" for c in seats.CASES]
@@ -774,7 +774,7 @@ def test_bags_hold_six_topics_and_nothing_of_the_truth(tmp_path: Path) -> None:
     assert values[3] == 1.0 and values[4] == -1.0
 
 
-def test_effects_are_scaled_to_the_ratio_that_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_effects_are_scaled_to_the_requested_ratio(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sitting, "GLANCE_S", 1.5)
     one, other = sittings()
     weak = dataclasses.replace(one, effects=(development_forms.LinedHelmet(5, 0.2),), background=other.background)
@@ -783,7 +783,7 @@ def test_effects_are_scaled_to_the_ratio_that_is_wanted(monkeypatch: pytest.Monk
     assert found.effects[0].strength > 0.2 and found.truth()["ratio"] == found.ratio
 
 
-def test_the_background_leaves_what_the_paper_leaves(tmp_path: Path) -> None:
+def test_the_background_has_the_residual_of_the_paper(tmp_path: Path) -> None:
     plan = sitting.Plan(counts=(0, 1, 1), seconds=(3.0, 3.0, 3.0), uses=("fit",), recorded=False)
     (one,) = sitting.drawn(1, 8, effects=0, plan=plan)
     cases = [Case.of(recording) for path in one.write(tmp_path) for recording in read_recordings(path)]

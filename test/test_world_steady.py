@@ -1,4 +1,4 @@
-"""What makes a body of the world run away is drawn otherwise, and never ends a draw."""
+"""Strengths that make a simulated body unstable are replaced and never end a draw."""
 
 import dataclasses
 
@@ -11,7 +11,7 @@ from world.effects.sitting import Plan, drawn
 PLAN = Plan(uses=("fit",), counts=(1, 1, 1), seconds=(2.5, 2.5, 2.5))
 
 
-def test_effects_that_throw_a_body_out_are_drawn_weaker() -> None:
+def test_effects_that_destabilise_a_body_are_drawn_weaker() -> None:
     rng = np.random.default_rng(3)
     wild = [draw.effect("development", rng, (kind,)).scaled(1e7) for kind in ("reflex", "asymmetry")]
     for found, thrown in zip(drawn(2, 5, ratio=(1.0, 2.0), plan=PLAN, chosen=wild.__getitem__), wild, strict=True):
@@ -39,7 +39,7 @@ class Law:
 
 @dataclasses.dataclass(frozen=True)
 class Sat:
-    """A sitting that knows no more than what is asked of it here."""
+    """A sitting with the attributes needed here alone."""
 
     effects: tuple[Law, ...]
     ratio: float | None = None
@@ -57,18 +57,18 @@ class Seen:
         pass
 
     def ratios(self, sittings: list[Sat]) -> list[float]:
-        """As the class says."""
+        """As in the class."""
         return [np.inf if stiff(one) else one.effects[0].strength for one in sittings]
 
 
-def test_a_strength_that_runs_away_is_taken_back_to_the_last_that_did_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unstable_strength_is_reduced_to_the_last_stable_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(absorbing, "_Seen", Seen)
     stays, moves = absorbing.scaled([Sat((Law(2.0),)), Sat((Law(2.0),))], [0.5, 4.0])
     assert (stays.effects[0].strength, stays.ratio) == (2.0, 2.0)
     assert (moves.effects[0].strength, moves.ratio) == (4.0, 4.0)
 
 
-def test_where_no_weaker_strength_will_do_a_stronger_one_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_stable_weaker_strength_a_stronger_one_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     def together(sittings: list[Sat]) -> list[Sat]:
         return [one if stiff(one) else dataclasses.replace(one, hidden=(np.zeros(1),)) for one in sittings]
 

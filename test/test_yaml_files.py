@@ -34,14 +34,14 @@ BAD = {
 
 @pytest.mark.parametrize("name", BAD)
 @pytest.mark.parametrize("reader", [read_yaml, load_subject, load_limits, load_campaign])
-def test_every_reader_says_in_one_line_what_is_wrong(tmp_path: Path, name: str, reader) -> None:
+def test_every_reader_reports_an_error_in_one_line(tmp_path: Path, name: str, reader) -> None:
     path = tmp_path / "given.yaml"
-    text, said = BAD[name]
+    text, expected = BAD[name]
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    assert said in refusal(reader, path)
+    assert expected in refusal(reader, path)
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.yaml: cannot be read \(No such file or directory\)"):
         read_yaml(tmp_path / "none.yaml")
     with pytest.raises(InputError, match=r"cannot be read \(Is a directory\)"):
@@ -63,7 +63,7 @@ def test_a_recursive_alias_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["n" * 5000, "a\\0b", "~nobody_of_this_name/x"])
 @pytest.mark.parametrize("key", ["subject", "bags"])
-def test_names_that_no_file_can_have_are_refused_by_place(tmp_path: Path, key: str, text: str) -> None:
+def test_invalid_file_names_are_refused_by_key(tmp_path: Path, key: str, text: str) -> None:
     row = {"subject": '"subject_1"', "bags": '["x.mcap"]'} | {key: f'"{text}"' if key == "subject" else f'["{text}"]'}
     path = tmp_path / "campaign.yaml"
     path.write_text("subjects: [{" + ", ".join(f"{k}: {v}" for k, v in row.items()) + "}]")

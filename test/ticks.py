@@ -15,7 +15,7 @@ def even_s(count: int = COUNT, rate_hz: float = RATE_HZ) -> np.ndarray:
 
 
 def lost_at_random(share: float, seed: int, rate_hz: float = RATE_HZ) -> np.ndarray:
-    """Even stamps without a share of them, the first and the last kept."""
+    """Even stamps without a share of them, but with the first and the last."""
     kept = np.random.default_rng(seed).random(COUNT) >= share
     kept[[0, -1]] = True
     return even_s(rate_hz=rate_hz)[kept]

@@ -129,7 +129,7 @@ class Conditioner:
         """Condition raw specific force (n, 3) m/s^2 with header stamps (n,) ns, in order of arrival."""
         if stamps_ns.shape[0] == 0:
             return []
-        # Copies: arrays of messages may be read-only or strided, and kernels are compiled anew for each such kind.
+        # Copies: arrays of messages may be read-only or strided, and kernels are compiled again for each such kind.
         stamps_ns = np.array(stamps_ns, dtype=np.int64, order="C")
         samples_mps2 = np.array(samples_mps2, dtype=np.float64, order="C")
         if self._rest is None:

@@ -1,4 +1,4 @@
-"""How sensors are conditioned. Like all modules of settings it imports no numpy, since options are made of it."""
+"""Settings of conditioning. Like all modules of settings it imports no numpy, since the options are built from it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from biodyn_core.base.settings import check_settings, setting
 
 @dataclass(frozen=True)
 class ConditioningSettings:
-    """How every sensor is conditioned."""
+    """Settings of the conditioning of every sensor."""
 
     cutoff_hz: float = setting(100.0, "low-pass cut-off of the model's input and of comparisons", "Hz", 5.0, 200.0)
     rest_s: float = setting(0.8, "seconds at rest from which gravity, vertical and clock are taken", "s", 0.2, 60.0)

@@ -32,7 +32,7 @@ GUARD: Final = 16
 """Samples beyond the rail, on either side, that are excluded from the comparison of the channels."""
 
 MIN_AGREEMENT: Final = 0.8
-"""Where one channel is at its rail, the other must reach this share of it, else they measure different motions."""
+"""If one channel is at its rail, the other must reach this share of it; else they measure different motions."""
 
 _HALF: Final = 16
 _SHAPE: Final = 5.65

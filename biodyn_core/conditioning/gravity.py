@@ -32,8 +32,8 @@ PARTS: Final = 4
 """A window at rest may begin at any of so many parts of its length, so that a rest of less than two is found."""
 
 MAX_TILT_DEG: Final = 30.0
-"""A sensor tilted by more at rest, against its mean in motion, was mounted otherwise: on a table, or in a hand. A
-seated person does not lean so far on average."""
+"""A larger tilt between rest and the mean in motion means another mounting, such as on a table or in a hand. The mean
+tilt of a seated person is smaller."""
 
 MIN_PART_SHARE: Final = 0.75
 """The parts of a window hold about equally many samples: a part below this share of the largest has a gap."""

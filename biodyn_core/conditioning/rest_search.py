@@ -24,7 +24,7 @@ MAX_UNSET: Final = 20
 class RestSearch:
     """`push` samples until they contain a rest, or with known gravity until they show the clock.
 
-    begin: called with each rest found; its InputError is a fault, and the search goes on, as after a repair.
+    begin: called with each rest found; its InputError is a fault, and the search continues, as after a repair.
     first_ns: stamp of the first sample, None with known gravity. skipped: samples before the conditioned ones, rest
     included; uncounted: the same in sampling periods; unset: those of them with a stamp of zero.
     """
@@ -95,7 +95,7 @@ class RestSearch:
         return UNSET if self.unset >= MAX_UNSET and self.unset > self._window.collected else self._fault
 
     def reason(self) -> str:
-        """Why the search still goes on, and the remedy, in one line."""
+        """Reason that rest is not found yet, and the remedy, in one line."""
         s, moving_mps2, waited_s = self._settings, self._window.moving_rms_mps2, self._window.waited_s
         if moving_mps2 is None or waited_s < s.rest_s:
             return f"gravity needs {s.rest_s:g} s of samples (rest_s), {waited_s:.2g} s have come"

@@ -1,7 +1,7 @@
 """Timelines: the stamps of sensors against each other: clocks that were set, late sensors, silent sensors.
 
-A sensor whose stamps leap while the others go on has had its clock set: its counting goes on, and only its silence is
-missing. Where most sensors leap alike, a bag loops or the recording paused.
+If the stamps of one sensor leap, its clock was set: its samples are counted further, and only its silence is missing.
+If most sensors leap alike, a bag loops or the recording paused.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MAX_OFFSETS: Final = 8
 
 
 class _Offset(NamedTuple):
-    """How far a sensor's clock is ahead of the others', and the correction of the gaps that its conditioning counts."""
+    """Lead of a sensor's clock over the others, and the correction of the gaps that its conditioning counts."""
 
     ahead_s: float
     gap_s: float
@@ -86,7 +86,7 @@ class Timelines:
         self._follow_majority()
 
     def offset_s(self, sensor: str) -> float:
-        """How far a sensor's clock is ahead of the majority's since it was set; 0 where it was not."""
+        """Lead of a sensor's clock over the majority since it was set, s; 0 if it was not set."""
         return self._offsets[sensor][-1].ahead_s
 
     def gap_s(self, sensor: str) -> float:
@@ -94,14 +94,14 @@ class Timelines:
         return self._offsets[sensor][-1].gap_s
 
     def late_s(self, sensor: str) -> float:
-        """How long after the first sensor, or the last reset, this one began; 0 up to `wait_s`."""
+        """Delay of the first sample behind the first sensor or the last reset, s; 0 up to `wait_s`."""
         if sensor not in self._began_s:
             return 0.0
         late_s = self._began_s[sensor] - max(min(self._began_s.values()), self._reset_s)
         return late_s if late_s > self._wait_s else 0.0
 
     def silent_s(self, sensor: str) -> float:
-        """How far the others went on since a sensor's last sample; 0 up to `wait_s`.
+        """Time of the other sensors since the last sample of this one, s; 0 up to `wait_s`.
 
         Its lag at that sample belongs to its clock or transport and is no silence: clocks drift apart over hours.
         """
@@ -126,7 +126,7 @@ class Timelines:
             self._offsets[sensor] = [before[0], *before[1:][-MAX_OFFSETS:], _Offset(by_s, before[-1].gap_s + gap_s)]
 
     def _follow_majority(self) -> None:
-        """Where most of the sending sensors leapt alike, take their timeline: the others have the offset."""
+        """Use the timeline of most sending sensors if they leapt alike: the others have the offset."""
         newest = {name: s for name in self._began_s if (s := self._newest_s(name)) is not None}
         if not newest:
             return

@@ -1,1 +1,1 @@
-"""What a person is exposed to: doses, injury criteria, limits, and what outlives a process."""
+"""Exposure of a person: doses, injury criteria, limits, and the checkpoint that outlives a process."""

@@ -26,7 +26,7 @@ HORIZONTAL_FACTOR: Final = 1.4
 
 EIGHT_HOURS_S: Final = 8.0 * 3600.0
 PROJECTION_AFTER_S: Final = 20.0 * 60.0
-"""A shorter record carries no projection to eight hours unless it is asked for."""
+"""A shorter record has a projection to eight hours only on request."""
 
 MAX_MISSING_SHARE: Final = 0.01
 """With a larger share missing there are no times and no projections, and no zone below the action value."""
@@ -67,7 +67,7 @@ class LimitAssessment:
 
 @dataclass(frozen=True)
 class ShockRatio:
-    """A ratio above whose threshold ISO 2631-1:1997 asks for additional evaluation; None where it was not measured."""
+    """A ratio with its threshold for additional evaluation (ISO 2631-1:1997); value None if it was not measured."""
 
     name: str
     value: float | None
@@ -118,8 +118,8 @@ def seat_exposure(
 ) -> SeatExposure:
     """Assess the seat: max(1.4 awx, 1.4 awy, awz) and the same for VDV (2002/44/EC; ISO 2631-1:1997, 7.2.3).
 
-    Without a yaw the horizontal axes are unknown, and the largest over all directions stands for both: never less than
-    either. project: to eight hours from less than 20 minutes too.
+    Without a yaw the horizontal axes are unknown, and the largest over all directions is used for both, a value never
+    below either. project: to eight hours from less than 20 minutes too.
     """
     axes = _Axes.of(vertical, horizontal, yaw_rad)
     a8_axis, vdv_axis = axes.largest(axes.aw_mps2), axes.largest(axes.vdv_mps175)
@@ -296,7 +296,7 @@ def _so_far(exposure: _Counted, measure: Measure, shown: str) -> str:
 
 
 def _incomplete(quality: DataQuality, seconds: float) -> str | None:
-    """How the record is incomplete, None where it is complete enough."""
+    """Reason that the record is incomplete, None if it is complete enough."""
     clipped, missing_s = quality.losses.clipped, quality.losses.missing_s
     if clipped > 0:
         return f"{counted(clipped, 'sample is', 'samples are')} clipped at the seat"
@@ -327,7 +327,7 @@ def _uncertainty(quality: DataQuality, seconds: float, axes: _Axes) -> str | Non
 
 
 def _gravity_error(quality: DataQuality) -> str | None:
-    """How the seat's gravity is wrong, None where it is right."""
+    """Description of a wrong gravity of the seat, None if it is right."""
     gravity = quality.gravity_mps2
     if gravity is not None and abs(gravity / STANDARD_GRAVITY_MPS2 - 1.0) <= GRAVITY_TOLERANCE:
         return None

@@ -38,7 +38,7 @@ leaning body. On cars, trams and buses 1 to 3 s leave the least false dose behin
 SHORTEST_MSDV_S: Final = 100.0
 """A shorter record has no motion sickness dose: eight periods of Wf's lower band limit.
 
-ISO 2631-1:1997, 5.5 asks for a duration of reasonable statistical precision and leaves the figure for Wf open.
+ISO 2631-1:1997, 5.5 requires a duration of reasonable statistical precision and gives no figure for Wf.
 """
 
 
@@ -112,7 +112,7 @@ class Tally:
         self.total = self._join(self.total, earlier)
 
     def reset(self) -> None:
-        """Set the total since reset to zero; the rolling window goes on."""
+        """Set the total since reset to zero; the rolling window continues."""
         self.ring[self.position[1] % len(self.ring)] = self.bin
         self.position[:] = 0, self.position[1] + 1
         self.bin[:] = 0.0

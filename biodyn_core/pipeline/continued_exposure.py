@@ -103,7 +103,7 @@ class ContinuedExposure:
 
 
 def _has_rate(stamps_ns: Integers, period_s: float) -> bool:
-    """Whether stamps are a period apart: on average, as quantised ones are, or mostly, where samples were lost."""
+    """Whether stamps are a period apart: on average (quantised stamps) or in the median (lost samples)."""
     steps_s = 1e-9 * np.diff(stamps_ns)
     return any(
         abs(step_s / period_s - 1.0) < SAME_RATE for step_s in (float(steps_s.mean()), float(np.median(steps_s)))

@@ -97,7 +97,7 @@ class Pipeline:
         return self._process(sensor, blocks)
 
     def finish(self) -> Frames:
-        """End the record: process what the sensors still hold, and answer every instant that still waits."""
+        """End the record: process the remaining samples of the sensors and interpolate every pending instant."""
         held = self._whole_runs + [(name, block) for name, c in self.conditioners.items() for block in c.finish()]
         self._whole_runs = []
         frames = [self._process(name, [block]) for name, block in _in_turns(held)]

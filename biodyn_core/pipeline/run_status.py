@@ -1,4 +1,4 @@
-"""Run status: the state of a pipeline's model and outputs beside its figures."""
+"""Run status: the state of a pipeline's model and outputs."""
 
 from __future__ import annotations
 

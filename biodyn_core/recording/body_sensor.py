@@ -143,7 +143,7 @@ class SensorTrack:
     def use_attitude(self, plausible: bool, skip_s: float) -> None:
         """Set the verticals of all runs along the true vertical; not where a gyro of the record is implausible.
 
-        The lean is the mean tilt behind skip_s of each run.
+        `lean` is the mean tilt after skip_s of each run.
         """
         if not self._ups:
             return

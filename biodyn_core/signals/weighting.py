@@ -91,7 +91,7 @@ def _design(name: WeightingName, rate_hz: float) -> tuple[tuple[float, ...], ...
         slow = len(sections)
     sos = np.array([_bilinear(*section, rate_hz) for section in sections[:slow]])
     if slow < len(sections):
-        # The roots of a real quadratic are a pair; its first stands for both.
+        # The roots of a real quadratic are a pair; its first represents both.
         poles = np.concatenate([np.roots(denominator) for _, denominator in sections[slow:]])
         sos = np.vstack([sos, _matched(name, rate_hz, sos, poles)])
     return tuple(map(tuple, sos.tolist()))

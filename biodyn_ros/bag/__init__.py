@@ -34,7 +34,7 @@ from biodyn_ros.bag.writer import BagWriter
 __all__ = ["BagReader", "BagWriter", "Block", "Chunk", "LoggedImu", "TopicInfo", "imu_blocks", "open_bag"]
 
 SLICE_NS: Final = 250_000_000
-"""How far one topic may be ahead of the others in log time in `imu_blocks`."""
+"""Largest lead in log time of one topic over the others in `imu_blocks`."""
 
 _NEVER = -(2**63)
 

@@ -57,7 +57,7 @@ class _Pending:
     sequence: NDArray[np.uint32]
 
     def rows(self, which: Integers) -> _Pending:
-        """Some of the messages; a view if they are consecutive, as usual."""
+        """Some of the messages; a view if they are consecutive."""
         pick = slice(int(which[0]), int(which[-1]) + 1) if (which[1:] - which[:-1] == 1).all() else which
         return replace(self, log_ns=self.log_ns[pick], payload=self.payload[pick], sequence=self.sequence[pick])
 

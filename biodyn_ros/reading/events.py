@@ -34,7 +34,7 @@ Prepared = tuple[BagEvent, Case]
 
 @dataclass(frozen=True)
 class EventOptions:
-    """How events are read and prepared; cases: the loading condition of a bag, if not that of its name."""
+    """Options for reading and preparing events; cases: the loading condition of a bag, if not that of its name."""
 
     cases: Mapping[str, str]
     reading: RecordingOptions

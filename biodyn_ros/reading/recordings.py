@@ -22,7 +22,7 @@ from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 
 @dataclass(frozen=True)
 class RecordingOptions(ReadingOptions):
-    """How a bag is read, and how its recordings are masked.
+    """Options for reading a bag and masking its recordings.
 
     vertical: the vertical in the axes of sensors, if not found from gravity, as `PipelineSettings.vertical`. channels:
     whether the non-vertical channels are read too, `Recording.channels`.

@@ -23,7 +23,7 @@ from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """How a bag's sensors are read: topic by sensor, clock ("header" or "log"), and conditioning."""
+    """Options for reading the sensors of a bag: topic by sensor, clock ("header" or "log"), and conditioning."""
 
     mapping: dict[str, str] = field(default_factory=dict)
     time: str = "header"

@@ -58,7 +58,7 @@ def frequency_parts(document: dict[str, Any], traces: Traces, origin_ns: int) ->
 
 
 def _flagged(seat: dict[str, Any] | None) -> bool:
-    """Whether a ratio of ISO 2631-1 asks for additional evaluation."""
+    """Whether a ratio of ISO 2631-1 requires additional evaluation."""
     return seat is not None and any(r["exceeded"] for r in seat["shock_ratios"].values() if isinstance(r, dict))
 
 

@@ -13,7 +13,7 @@ MEASURED_COLOUR: Final = "#1f2933"
 PREDICTED_COLOUR: Final = "#d9480f"
 BAND_COLOUR: Final = "#a9b5c0"
 OTHER_COLOUR: Final = "#1971c2"
-"""A second model beside the prediction: the linear or the fitted one."""
+"""Colour of a second model: the linear or the fitted one."""
 
 PALETTE: Final = {
     "measured": MEASURED_COLOUR, "predicted": PREDICTED_COLOUR, "band": BAND_COLOUR, "other": OTHER_COLOUR,

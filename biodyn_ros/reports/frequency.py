@@ -260,7 +260,7 @@ def _line(
 
 
 def _reliable(of: Document, side: str, document: Document) -> Flags | None:
-    """Where the coherence of the measured head, or of the predicted force, is high enough."""
+    """Frequencies at which the coherence of the measured head, or of the predicted force, is sufficient."""
     if of[side] is None:
         return None
     chance = of[side].get("chance_coherence", document["spectra"]["chance_coherence"][HEAD])

@@ -37,7 +37,7 @@ _SHAPES: Final[dict[type[Result], dict[str, tuple[int, ...]]]] = {
 class Checkpoint:
     """Finished tasks by name, written to disk after each one.
 
-    problem identifies the fit. With resume the file's tasks are loaded; without a file the work starts anew. Raises
+    problem identifies the fit. With resume the file's tasks are loaded; without a file all tasks run. Raises
     InputError for an existing file without resume, of another problem or version, or damaged, and for one that cannot
     be written; such a file stays unchanged.
     """

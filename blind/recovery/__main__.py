@@ -1,4 +1,4 @@
-"""`python -m blind recovery`: 20 people drawn, identified, looked up in docs/recovery.md; 1 where a mark is missed."""
+"""`python -m blind recovery`: draw and identify 20 people, write docs/recovery.md; exit code 1 if a mark is missed."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ SEED: Final = 2026
 def main() -> int:
     """Run the whole study, about ten minutes on one core."""
     if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: say where they are with BIODYN_DATA", file=sys.stderr)
+        print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
         return 2
     begin = time.perf_counter()
 
-    def said(text: str) -> None:
+    def report(text: str) -> None:
         print(f"blind: {time.perf_counter() - begin:5.0f} s: {text}", file=sys.stderr, flush=True)
 
-    people, truths = draw(PEOPLE, SEED, said=said)
+    people, truths = draw(PEOPLE, SEED, report=report)
     answers = []
     for number, person in enumerate(people, 1):
-        said(f"person {number} of {len(people)}")
+        report(f"person {number} of {len(people)}")
         answers.append(identify(person))
-    # Nothing has looked at the truth so far.
+    # Up to here the truth is not used.
     judged = [judge(*one) for one in zip(people, answers, truths, strict=True)]
     PAGE.parent.mkdir(exist_ok=True)
     PAGE.write_text(rendered(judged), encoding="utf-8")
     found = marks(judged)
     for mark in found:
-        print(f"{'met   ' if mark.met else 'MISSED'} {mark.what}: {mark.reached} ({mark.asked})")
-    said(f"done, {PAGE}")
+        print(f"{'met   ' if mark.met else 'MISSED'} {mark.what}: {mark.reached} ({mark.required})")
+    report(f"done, {PAGE}")
     return 0 if all(mark.met for mark in found) else 1
 
 

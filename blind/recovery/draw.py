@@ -1,4 +1,4 @@
-"""Draws people, seat motions and sensors, and parts what may be known of each person from what only the world knows."""
+"""Draw people, seat motions and sensors; separate the known data of each person from the hidden truth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LOW_PASS_HZ: Final = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """What may be known: body mass, which mass matrix to take, cases to fit to and others to predict, one a kind."""
+    """The known data: body mass, mass matrix, and for each kind of motion one case to fit and one to predict."""
 
     body_mass_kg: float
     mass_matrix: MassMatrix
@@ -36,7 +36,7 @@ class Person:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What only the world knows: theta (15,), where the seats' motions are from, accelerations in the held-out events.
+    """The hidden truth: theta (15,), the origins of the seat motions, the accelerations in the held-out events.
 
     accel_mps2 are (n, 7), the seat and six segments, low-passed, on the grid of each held-out case.
     """
@@ -53,9 +53,9 @@ def draw(
     kinds: tuple[seats.Case, ...] = seats.CASES,
     seconds: tuple[float, float] = (TRAINING_S, HELD_OUT_S),
     recorded: bool = True,
-    said: Callable[[str], None] = lambda text: None,
+    report: Callable[[str], None] = lambda text: None,
 ) -> tuple[list[Person], list[Truth]]:
-    """Draw people and move them; seat motions are made and recorded in turn, in training and held out the other way."""
+    """Draw people and simulate them; seat motions alternate between synthetic and recorded, held-out ones inversely."""
     rng = np.random.default_rng(seed)
     people = body.drawn(count, rng)
     worn = [ride.wear(rng) for _ in range(count)]
@@ -64,7 +64,7 @@ def draw(
     truths: list[list[Floats]] = [[] for _ in range(count)]
     for turn, length_s in enumerate(seconds):
         for number, kind in enumerate(kinds):
-            said(f"{('training', 'held out')[turn]}, {kind}")
+            report(f"{('training', 'held out')[turn]}, {kind}")
             choice = [seats.ORIGINS[(i // 2 + number + turn) % 2 if recorded else 0] for i in range(count)]
             motions = [seats.motion(kind, origin, length_s, rng) for origin in choice]
             for i, event in enumerate(ride.rides(people, worn, motions, rng)):
@@ -82,7 +82,7 @@ def draw(
 
 
 def _recorded(event: ride.Ride) -> Recording:
-    """Raw streams through the package's front door."""
+    """Process raw streams with the recorder of the package."""
     recorder = Recorder(event.case, event.case)
     for sensor, (stamps_ns, force_mps2) in event.streams.items():
         recorder.push(sensor, stamps_ns, force_mps2)
@@ -91,7 +91,7 @@ def _recorded(event: ride.Ride) -> Recording:
 
 
 def _low_passed(event: ride.Ride, recording: Recording) -> Floats:
-    """The truth (n, 7) as a perfect sensor would have it at the recording's stamps, low-passed alike."""
+    """The truth (n, 7) at the recording's stamps with the same low-pass, as measured by a perfect sensor."""
     sos = signal.butter(4, LOW_PASS_HZ, fs=seats.RATE_HZ, output="sos")
     truth = signal.sosfiltfilt(sos, event.truth_mps2, axis=0)
     time_s = np.arange(len(truth)) / seats.RATE_HZ

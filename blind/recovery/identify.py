@@ -1,4 +1,4 @@
-"""Identifies people from what may be known of them, our way and the paper's: no truth is at hand here."""
+"""Identify people from their known data, by our method and by that of the paper; the truth is not available here."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from biodyn_core.identification.uncertainty import Estimate, uncertainty
 from blind.recovery.draw import Person
 
 SEED: Final = 0
-"""Of the swarms."""
+"""Seed of the swarms."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """One way's answer: the subject, and the seconds it took."""
+    """The answer of one method: the subject, and the seconds of computation."""
 
     subject: Subject
     seconds: float
@@ -28,7 +28,7 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Both ways' answers, and our estimates with intervals and calls."""
+    """The answers of both methods, and our estimates with intervals and identifiability."""
 
     ours: Found
     estimates: tuple[Estimate, ...]
@@ -36,7 +36,7 @@ class Answer:
 
 
 def identify(person: Person) -> Answer:
-    """Identify one person both ways."""
+    """Identify one person by both methods."""
     ours, estimates = jointly(person)
     return Answer(ours, estimates, by_the_paper(person))
 
@@ -44,7 +44,7 @@ def identify(person: Person) -> Answer:
 def jointly(person: Person) -> tuple[Found, tuple[Estimate, ...]]:
     """The default: one theta for all cases, with its uncertainty."""
     begin = time.perf_counter()
-    fit = fit_joint(person.training, somebody(person), SEED)
+    fit = fit_joint(person.training, initial_subject(person), SEED)
     estimates = uncertainty(fit, person.training).estimates
     return Found(fit.subject, time.perf_counter() - begin), estimates
 
@@ -52,14 +52,14 @@ def jointly(person: Person) -> tuple[Found, tuple[Estimate, ...]]:
 def by_the_paper(person: Person) -> Found:
     """Each case by itself, then fused (Zaman et al., 6 and 7)."""
     begin = time.perf_counter()
-    fits = fit_cases(person.training, somebody(person), SEED, PAPER)
+    fits = fit_cases(person.training, initial_subject(person), SEED, PAPER)
     fitted = [FittedCase(c.case, f.subject, f.error_percent) for c, f in zip(person.training, fits, strict=True)]
     subject = idealize(fitted).subject
     return Found(subject, time.perf_counter() - begin)
 
 
-def somebody(person: Person) -> Subject:
-    """The person's anthropometry; parameters are the middle of Table 1, of which fits take m_scale alone."""
+def initial_subject(person: Person) -> Subject:
+    """Return the anthropometry with parameters in the middle of Table 1; fits use only m_scale of them."""
     return Subject(
         "blind", person.body_mass_kg, 1.75, person.mass_matrix, Parameters.from_vector(0.5 * (LOWER + UPPER))
     )

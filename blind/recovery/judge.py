@@ -1,4 +1,4 @@
-"""Looks the truth up: how far the answers are from it, and from what the true subject would have predicted."""
+"""Compare the answers with the truth and with the predictions of the true subject."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from biodyn_core.identification.fit import prediction_errors
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.uncertainty import Estimate
 from blind.recovery.draw import Person, Truth
-from blind.recovery.identify import Answer, somebody
+from blind.recovery.identify import Answer, initial_subject
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 JOINTS: Final = (0, 1, 4, 5)
-"""Joints 1, 2, 5 and 6, whose natural frequencies are to be told."""
+"""Joints 1, 2, 5 and 6: their natural frequencies must be identified."""
 
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """One way's subject beside the truth.
+    """The subject of one method compared with the truth.
 
-    off (14,) is ln of found over true; error_percent (events, 5) against what was measured in held-out events;
-    unseen_percent (events, 6) against the true motion of all six segments.
+    off (14,) is ln of found over true; error_percent (events, 5) is relative to the measurement in held-out events;
+    unseen_percent (events, 6) is relative to the true motion of all six segments.
     """
 
     off: Floats
@@ -41,9 +41,9 @@ class Way:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One person: both ways, the floor of the true subject (errors as in `Way`), and our estimates.
+    """One person: both methods, the floor of the true subject (errors as in `Way`), and our estimates.
 
-    apart_percent (events, 6) is how far the predictions of our subject and the true one are apart.
+    apart_percent (events, 6) is the difference between the predictions of our subject and of the true one.
     """
 
     truth: Truth
@@ -61,7 +61,7 @@ class Judged:
 
     @property
     def papers_ratio(self) -> Floats:
-        """The paper's."""
+        """Error of the method of the paper over the floor, (events, 5)."""
         return self.papers.error_percent / self.floor.error_percent
 
     @property
@@ -71,24 +71,24 @@ class Judged:
 
     @property
     def inside(self) -> Flags:
-        """Whether the intervals hold the truth, (14,)."""
+        """Whether the intervals contain the truth, (14,)."""
         pairs = zip(self.estimates, self.truth.theta, strict=False)
         return np.array([estimate.lower <= true <= estimate.upper for estimate, true in pairs])
 
     @property
     def counted(self) -> Flags:
-        """Which parameters have an interval of their own, (14,): those on a bound have none."""
+        """Whether each parameter has an interval, (14,): a parameter on a bound has none."""
         return np.array([not estimate.at_bound for estimate in self.estimates])
 
 
 def joints_off(way: Way) -> float:
-    """How far the worst f_n of `JOINTS` is from the truth."""
+    """Largest relative error of f_n of `JOINTS`."""
     return float(np.abs(np.expm1(way.off[list(JOINTS)])).max())
 
 
 def judge(person: Person, answer: Answer, truth: Truth) -> Judged:
     """Compare both answers with the truth."""
-    true = dataclasses.replace(somebody(person), parameters=Parameters.from_vector(truth.theta))
+    true = dataclasses.replace(initial_subject(person), parameters=Parameters.from_vector(truth.theta))
     return Judged(
         truth,
         person.mass_matrix,
@@ -101,7 +101,7 @@ def judge(person: Person, answer: Answer, truth: Truth) -> Judged:
 
 
 def _way(subject: Subject, person: Person, truth: Truth, seconds: float) -> Way:
-    # m_scale cancels from accelerations: it is nobody's to find.
+    # m_scale cancels from accelerations, so it is not identifiable.
     off = np.log(subject.parameters.vector() / truth.theta)[: len(PARAMETERS) - 1]
     measured = np.array([errors.nrmse_rms_percent for errors in prediction_errors(subject, person.held_out)])
     pairs = zip(person.held_out, truth.accel_mps2, strict=True)
@@ -110,7 +110,7 @@ def _way(subject: Subject, person: Person, truth: Truth, seconds: float) -> Way:
 
 
 def _moved(subject: Subject, case: Case) -> Floats:
-    """How a subject's six segments move, behind the warm-up, (n, 6) m/s^2."""
+    """Accelerations of the six segments after the warm-up, (n, 6) m/s^2."""
     return Chain.of(subject).simulate(case.seat_mps2, case.rate_hz).accel_mps2[case.begin :]
 
 

@@ -1,4 +1,4 @@
-"""The marks the study is to reach, and the figures beside them."""
+"""The marks (requirements) of the study and their figures."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ RESAMPLES: Final = 4000
 
 @dataclass(frozen=True)
 class Mark:
-    """One mark: what is asked, what was reached, and the paper's way beside it where it has an answer."""
+    """One mark: the requirement, the result, and the result of the method of the paper if it has one."""
 
     what: str
-    asked: str
+    required: str
     reached: str
     met: bool
     papers: str = "-"
 
 
 def marks(people: Sequence[Judged]) -> list[Mark]:
-    """All marks; of 20 people 19 and 18 are asked, of others the same shares."""
+    """All marks; 19 or 18 of 20 people are required, and the same shares of other numbers."""
     n, most, many = len(people), round(0.95 * len(people)), round(0.9 * len(people))
     held = [int(sum(ratio.max() <= WITHIN_FLOOR for ratio in r)) for r in _ratios(people)]
     called = sum(p.called for p in people)
@@ -60,7 +60,7 @@ def marks(people: Sequence[Judged]) -> list[Mark]:
 
 
 def coverage(people: Sequence[Judged]) -> tuple[float, Floats]:
-    """How many of the intervals hold the truth, in percent, with a 95 % interval (2,) that draws whole people."""
+    """Share of the intervals that contain the truth, percent, with a 95 % interval (2,) from resampled people."""
     held = np.array([np.count_nonzero(p.inside & p.counted) for p in people])
     counted = np.array([np.count_nonzero(p.counted) for p in people])
     drawn = np.random.default_rng(0).integers(len(people), size=(RESAMPLES, len(people)))
@@ -69,7 +69,7 @@ def coverage(people: Sequence[Judged]) -> tuple[float, Floats]:
 
 
 def better(people: Sequence[Judged]) -> bool:
-    """Whether our way predicts held-out events of most people better than the paper's."""
+    """Whether our method predicts held-out events of most people better than the method of the paper."""
     return float(np.mean([ours_error(p) < papers_error(p) for p in people])) > 0.5
 
 
@@ -79,7 +79,7 @@ def ours_error(person: Judged) -> float:
 
 
 def papers_error(person: Judged) -> float:
-    """The paper's."""
+    """Mean held-out error of the method of the paper, percent."""
     return float(person.papers.error_percent.mean())
 
 

@@ -1,4 +1,4 @@
-"""The page: marks, both ways side by side, people, parameters, and what the unmeasured central torso costs."""
+"""The page: marks, both methods, people, parameters, and the errors of the unmeasured central torso."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _table(title: str, words: str, head: Sequence[str], rows: Sequence[Sequence[
 
 
 def _marks(people: Sequence[Judged]) -> list[str]:
-    rows = [(m.what, m.asked, m.reached, "met" if m.met else "**missed**", m.papers) for m in marks(people)]
+    rows = [(m.what, m.required, m.reached, "met" if m.met else "**missed**", m.papers) for m in marks(people)]
     words = (
         "After the coverage its own 95 % interval, by resampling whole people; parameters on a bound have no interval."
     )
