@@ -30,14 +30,22 @@ def test_rivals_are_separated_by_an_experiment(names: tuple[str, ...], said: str
     assert separating([CATALOGUE[name] for name in names]) == said
 
 
-def test_every_family_has_an_experiment() -> None:
-    """Two levels of one road separate laws, and are the default for unknown families."""
-    pairs = {effect.name: (effect, dataclasses.replace(effect, name="beside")) for effect in CATALOGUE.values()}
-    assert {name for name, pair in pairs.items() if separating(pair) == LEVELS} == {
-        "relaxation", "viscera", "reflex", "quadratic_damping", "friction", "hysteresis", "cushion",
-    }  # fmt: skip
-    strangers = [dataclasses.replace(effect, family="unheard_of") for effect in pairs["stop"]]
-    assert separating(strangers) == LEVELS
+BY_LEVELS = ("relaxation", "viscera", "reflex", "quadratic_damping", "friction", "hysteresis", "cushion")
+BY_OTHERS = (
+    "added_mass", "asymmetry", "backrest", "bending", "clock", "cross_axis", "cubic", "gain", "harness", "lift_off",
+    "periodic", "pitch", "posture", "skin", "stop", "thixotropy", "tilt",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [*BY_LEVELS, *BY_OTHERS])
+def test_two_effects_of_one_family_are_separated_by_its_experiment(name: str) -> None:
+    pair = (CATALOGUE[name], dataclasses.replace(CATALOGUE[name], name="other"))
+    assert (separating(pair) == LEVELS) == (name in BY_LEVELS)
+
+
+def test_two_levels_of_one_road_are_the_default_of_unknown_families() -> None:
+    unknown = [dataclasses.replace(CATALOGUE[name], family="unheard_of") for name in ("stop", "cubic")]
+    assert separating(unknown) == LEVELS
 
 
 @pytest.mark.parametrize(
