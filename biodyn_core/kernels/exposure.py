@@ -2,7 +2,7 @@
 
 Every meter accumulates in `bin_` and, after each `length` samples, adds it to the ring (rolling window) and the total.
 Columns before `sums` are sums, the others maxima. A NaN sample is missing: time advances by one sample, nothing is
-counted, and the state of its channel (filter, oscillator, window) starts anew after it.
+counted, and the state of its channel (filter, oscillator, window) is initialized again after it.
 """
 
 from __future__ import annotations

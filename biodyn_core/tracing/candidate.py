@@ -42,7 +42,7 @@ class CandidateFit:
     """The fit to all events.
 
     gains (e,): log ratio in each event for choosing, whose loading conditions are conditions. typical_multiple: size in
-    spreads of the typical deviation. steady: False if the effect is fitted anew in every window or between events.
+    spreads of the typical deviation. steady: False if the effect is fitted again in every window or between events.
     objection: why it is no cause, if known.
     """
 

@@ -28,7 +28,7 @@ class RankedCandidate:
     nuisance parameters refitted, plus the gain in evidence of the nuisance parameters; refitted: whether it comes from
     a fit to all events or from the linear step of screening. p_value: how often the largest random gain is as large.
     absorbed: share of the effect's energy that theta explains. helps: number of events with a positive gain. against:
-    the objections. steady: False if the effect is fitted anew in every window or between events; it always gains a
+    the objections. steady: False if the effect is fitted again in every window or between events; it always gains a
     little, and its p_value has no meaning. typical: whether its size is within the typical range.
     """
 

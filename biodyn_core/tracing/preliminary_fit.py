@@ -97,9 +97,9 @@ def from_checkpoint(stored: Mapping[str, Any], candidates: Sequence[Candidate]) 
         by_index = {one.index: one for one in ranking}
         fitted = tuple(_fitted(by_index[int(index)], *row) for index, *row in stored["fits"])
     except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise InputError(f"the checkpoint of a trace is damaged ({error}); remove it to compute anew") from None
+        raise InputError(f"the checkpoint of a trace is damaged ({error}); remove it to compute again") from None
     if cosines.shape != (len(candidates),) * 2 or chance.ndim != 1 or not chance.size or not np.isfinite(chance).all():
-        raise InputError("the checkpoint of a trace is damaged; remove it to compute anew")
+        raise InputError("the checkpoint of a trace is damaged; remove it to compute again")
     return PreliminaryFits(Screening(ranking, chance, cosines), fitted)
 
 

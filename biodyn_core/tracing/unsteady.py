@@ -29,7 +29,7 @@ PARTS: Final = 4
 
 @dataclass(frozen=True, eq=False)
 class UnsteadyCause:
-    """A cause that is fitted anew in every window or event; residual_square (w,): by window for choosing."""
+    """A cause that is fitted again in every window or event; residual_square (w,): by window for choosing."""
 
     applied: AppliedEffect
     residual_square: Floats
