@@ -25,7 +25,7 @@ from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.base.files import make_directory, remove, write_text
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, Progress, ignore_progress
-from biodyn_ros.fit.document import warnings_of
+from biodyn_ros.fit.report import warnings_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.provenance import role_of
 from biodyn_ros.reading.recordings import RecordingOptions
