@@ -53,11 +53,10 @@ from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.frequency import driving_point, residual_channels, transmissibility, waterfall
 from biodyn_ros.reports.pages import render
 from biodyn_ros.validate import page as validate_report
-from biodyn_ros.validate import validating
 from biodyn_ros.validate.document import validation_document
 from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page
 from biodyn_ros.validate.report import Report
-from biodyn_ros.validate.validating import validate_recordings, validate_to_directory
+from biodyn_ros.validate.validating import validate_recordings, write_validated
 
 RATE_HZ = 400.0
 ODD = f"{NASTY}\udcff"
@@ -200,17 +199,15 @@ def test_the_event_that_is_drawn_is_the_strongest(validated: Report) -> None:
 def test_a_validation_is_written_first_and_drawn_after(
     validated: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(validating, "validate", lambda *given: validated)
-    who = load_subject(subject_file("subject_2"))
     monkeypatch.setattr(validate_report, "validation_page", lambda found: f"page of {ODD}")
-    validate_to_directory("bag", who, tmp_path / "with")
+    write_validated(validated, tmp_path / "with")
     assert (tmp_path / "with" / "validate.html").read_text() == f"page of {NASTY}\\udcff"
-    validate_to_directory("bag", who, tmp_path / "without", report=False)
+    write_validated(validated, tmp_path / "without", report=False)
     assert [path.name for path in (tmp_path / "without").iterdir()] == ["validate.json"]
 
     monkeypatch.setattr(validate_report, "validation_page", lambda found: {}["nothing"])
     with pytest.raises(InputError, match=r"validate\.html: cannot be drawn \(KeyError: 'nothing'\); all other results"):
-        validate_to_directory("bag", who, tmp_path / "with")
+        write_validated(validated, tmp_path / "with")
     assert [path.name for path in (tmp_path / "with").iterdir()] == ["validate.json"]
 
 

@@ -23,7 +23,7 @@ from biodyn_core.tracing.findings import (
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.reading.events import BagEvent, Prepared
+from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import rests_on
 from biodyn_ros.trace.errors import WHEN, errors_by_use, mean_errors
 from biodyn_ros.trace.refit import Move, Refit, parameters_moved
@@ -37,19 +37,9 @@ PROOF: Final = (
 )
 
 
-def report_document(report: Report, bags: Sequence[Document], seconds: float) -> Document:
-    """The whole mapping of trace.json; bags are their `origin`."""
-    return trace_document(report.trace) | {
-        "bags": list(bags),
-        "dealt": report.dealt,
-        "warnings": list(report.warnings),
-        "seconds": seconds,
-        "refit": refit_document(report.refit) if report.refit else None,
-    }
-
-
-def trace_document(trace: Trace) -> Document:
-    """The part of trace.json that does not depend on bags."""
+def trace_document(report: Report) -> Document:
+    """The whole mapping of trace.json."""
+    trace = report.trace
     first = trace.rounds[0].ranking if trace.rounds else ()
     return {
         "subject": trace.before.name,
@@ -83,16 +73,28 @@ def trace_document(trace: Trace) -> Document:
         "proof": PROOF,
         "seed": trace.seed,
         "version": __version__,
+        "bags": [_origin(event, case, trace) for event, case in report.events],
+        "dealt": report.dealt,
+        "warnings": list(report.warnings),
+        "seconds": report.seconds,
+        "refit": refit_document(report.refit) if report.refit else None,
     }
 
 
-def provenance(trace: Trace, bags: Sequence[Prepared], subject: Subject) -> Document:
+def traced_subject(report: Report) -> Subject:
+    """The subject with the added effects and its provenance, or the given one if none is added."""
+    trace = report.trace
+    return dataclasses.replace(trace.after, provenance=provenance(report)) if trace.adds else trace.given
+
+
+def provenance(report: Report) -> Document:
     """The provenance of a trace in the subject's file.
 
     Bags for choosing the effect count as fitted. So do those of an effect that the given file already has.
     """
-    origins = [origin(event, case, trace) for event, case in bags]
-    earlier = rests_on(subject, besides={each["sha256"] for each in origins})
+    trace = report.trace
+    origins = [_origin(event, case, trace) for event, case in report.events]
+    earlier = rests_on(trace.given, besides={each["sha256"] for each in origins})
     return {
         "made_by": "biodyn trace",
         "version": __version__,
@@ -101,7 +103,7 @@ def provenance(trace: Trace, bags: Sequence[Prepared], subject: Subject) -> Docu
         "fitted": [each for each in origins if each["use"] != "held_out"] + earlier,
         "held_out": [each for each in origins if each["use"] == "held_out"],
         "error": {when: {use: errors["all"] for use, errors in errors_by_use(trace, when).items()} for when in WHEN},
-        "seat_peak_mps2": max(case.seat_peak_mps2 for event, case in bags if not event.held_out),
+        "seat_peak_mps2": max(case.seat_peak_mps2 for event, case in report.events if not event.held_out),
         "effects": {
             f"{applied.effect.name} at {applied.site}": {
                 each.name: [finite(each.lower), finite(each.upper)] for each in intervals
@@ -111,7 +113,7 @@ def provenance(trace: Trace, bags: Sequence[Prepared], subject: Subject) -> Docu
     }
 
 
-def origin(event: BagEvent, case: Case, trace: Trace) -> Document:
+def _origin(event: BagEvent, case: Case, trace: Trace) -> Document:
     """One bag with its use, and its error after, None if the event was left out."""
     found = [each for each in trace.events if each.name == case.name]
     return {
