@@ -34,18 +34,9 @@ QUICK = FitOptions(
     settings=FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=100, refined_starts=1)
 )
 QUICKLY = [
-    "--particles",
-    "20",
-    "--iterations",
-    "20",
-    "--starts",
-    "2",
-    "--evaluations",
-    "100",
-    "--refined-starts",
-    "1",
+    "--particles", "20", "--iterations", "20", "--starts", "2", "--evaluations", "100", "--refined-starts", "1",
     "--no-report",
-]
+]  # fmt: skip
 PEOPLE = ("anna", "ben", "carl")
 
 

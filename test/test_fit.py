@@ -29,18 +29,9 @@ from biodyn_ros.reading.provenance import bag_sha256, role_of
 SUBJECT = subject()
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=200)
 SMALL = [
-    "--particles",
-    "30",
-    "--iterations",
-    "60",
-    "--starts",
-    "2",
-    "--refined-starts",
-    "2",
-    "--evaluations",
-    "200",
+    "--particles", "30", "--iterations", "60", "--starts", "2", "--refined-starts", "2", "--evaluations", "200",
     "--no-report",
-]
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import rests_on
-from biodyn_ros.trace.errors import WHEN, errors_by_use, mean_errors
+from biodyn_ros.trace.errors import WHEN, errors_by_use, known, mean_errors
 from biodyn_ros.trace.refit import Move, Refit, parameters_moved
 from biodyn_ros.trace.report import Report
 
@@ -55,9 +55,9 @@ def trace_document(report: Report) -> Document:
         "separating_experiment": trace.experiment,
         "to_record": [dataclasses.asdict(need) for need in trace.needs],
         "error": {when: errors_by_use(trace, when) for when in WHEN},
-        "floor": _known(trace.floor_percent),
-        "p_value": _known(trace.p_value),
-        "threshold": _known(trace.threshold),
+        "floor": known(trace.floor_percent),
+        "p_value": known(trace.p_value),
+        "threshold": known(trace.threshold),
         "calibrated": trace.calibrated,
         "candidates": [_candidate(candidate) for candidate in first],
         "rounds": [_round(each) for each in trace.rounds],
@@ -156,7 +156,7 @@ def _sensor(found: SensorFinding) -> Document:
         "limit_source": limit.source,
         "within_limit": within_limits(found.fault),
         "told_by": found.source,
-        "gain": _known(found.gain),
+        "gain": known(found.gain),
         "explains": found.explains,
     }
 
@@ -253,7 +253,7 @@ def _diagnostics(found: Diagnostics) -> Document:
         },
         "peeling": {chain: finite(percent) for chain, percent in found.peeling.items()},
         "bracket": list(found.bracket),
-        "level_slope": _known(found.level_slope),
+        "level_slope": known(found.level_slope),
         "jump": {"event": found.jump[0], "p_value": finite(found.jump[1])} if found.jump else None,
         "pinned": list(found.pinned),
         "drift": {name: finite(spread) for name, spread in found.drift.items()},
@@ -269,7 +269,3 @@ def _surface(surface: Surface) -> Document:
         "force_n": [[finite(force) for force in row] for row in surface.force_n.tolist()],
         "gain": finite(surface.gain),
     }
-
-
-def _known(value: float | None) -> float | None:
-    return None if value is None else finite(value)

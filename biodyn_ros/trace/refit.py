@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from biodyn_core.body.parameters import PARAMETERS, is_fitted
 from biodyn_core.body.subject import Subject
 from biodyn_core.tracing.findings import Trace
-from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import counted, number, parameter_name, with_interval
+from biodyn_ros.trace.errors import mean_errors
 
 
 @dataclass(frozen=True)
@@ -168,5 +166,4 @@ def _percent(before: float, after: float) -> float | None:
 def _mean(trace: Trace, when: str) -> float | None:
     """The mean error of a subject over the events for fitting."""
     found = [getattr(event, when) for event in trace.events if event.use == "train"]
-    percents = [error.mean_percent for error in found if error is not None]
-    return finite(float(np.mean(percents))) if percents else None
+    return mean_errors([error for error in found if error is not None])["all"]

@@ -11,7 +11,7 @@ from biodyn_core.tracing.findings import RankedCandidate, Trace
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import number, parameter_name, words
 from biodyn_ros.trace.document import PROOF
-from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known
+from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known, known
 from biodyn_ros.trace.refit import Move, parameters_moved
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.wording import (
@@ -79,7 +79,7 @@ def _error_rows(trace: Trace) -> Iterator[str]:
 
 
 def _floor_line(trace: Trace) -> Iterator[str]:
-    floor = None if trace.floor_percent is None else finite(trace.floor_percent)
+    floor = known(trace.floor_percent)
     if floor is not None:
         yield f"floor, error by sensor noise alone: {number(floor)} %"
 
@@ -104,8 +104,8 @@ def _moved_lines(trace: Trace) -> Iterator[str]:
     by_refit = [(move, move.given, move.refitted, move.refit_percent) for move in moves]
     by_effect = [(move, move.refitted, move.after if trace.adds else None, move.percent) for move in moves]
     for title, changes in (("largest changes by the refit", by_refit), ("largest changes by the effect", by_effect)):
-        known = [(move, old, new, percent) for move, old, new, percent in changes if percent]
-        largest = sorted(known, key=lambda change: -abs(change[3]))[:_MOVED]
+        changed = [(move, old, new, percent) for move, old, new, percent in changes if percent]
+        largest = sorted(changed, key=lambda change: -abs(change[3]))[:_MOVED]
         if largest:
             yield f"{title}: " + ", ".join(_change(*change) for change in largest)
 

@@ -22,7 +22,7 @@ from biodyn_core.tracing.gate import dealt, usable
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.base.files import make_directory, remove, write_text
 from biodyn_ros.base.json_files import write_json
-from biodyn_ros.base.progress import Progress, ignore_progress
+from biodyn_ros.base.progress import OnProgress, Progress, ignore_progress
 from biodyn_ros.fit.report import warnings_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.provenance import role_of
@@ -122,7 +122,8 @@ def write_traced(traced: Report, directory: Path, report: bool = True, given_yam
 @contextmanager
 def stage_lines(monitor: Monitor) -> Iterator[Callable[[str, float], None]]:
     """Show each stage of long work on a separate line; yields the function of a stage and the share of it done."""
-    stage, progress = "", ignore_progress
+    stage = ""
+    progress: OnProgress = ignore_progress
     with ExitStack() as line:
 
         def show(name: str, share: float) -> None:
