@@ -22,7 +22,7 @@ from biodyn_core.identification.settings import FitSettings
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.document import fit_document, fitted_subject, provenance
 from biodyn_ros.fit.fitting import FitOptions, check_output, fit_bags, parse_cases, write_fitted
-from biodyn_ros.fit.report import Report, not_new
+from biodyn_ros.fit.report import Report, reuse_warnings
 from biodyn_ros.fit.text import text_of
 from biodyn_ros.reading.provenance import bag_sha256, role_of
 
@@ -124,7 +124,7 @@ def test_recordings_of_a_given_effect_count_as_fitted(fitted: Report, bags: dict
     assert len(provenance(without)["fitted"]) == 2
     event = fitted.held_out[0]
     spare = dataclasses.replace(event.bag, bag="spare.mcap", sha256=of_old["sha256"], held_out=True)
-    (said,) = not_new(given, [(spare, event.case)])
+    (said,) = reuse_warnings(given, [(spare, event.case)])
     assert said == "spare.mcap: held out, but an effect of the given subject was fitted to it"
 
 

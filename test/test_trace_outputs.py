@@ -51,7 +51,15 @@ from biodyn_ros.trace.refit import Refit, refit_of
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.text import text_of
 from biodyn_ros.trace.tracing import TraceOptions, deal, stage_lines, trace_bags, write_traced
-from biodyn_ros.trace.wording import belief, diagnosed, effect_name, headline, parameters_of, sensor_lines, tone
+from biodyn_ros.trace.wording import (
+    diagnostic_lines,
+    effect_name,
+    headline,
+    parameters_of,
+    reliability,
+    sensor_lines,
+    tone,
+)
 
 SUBJECT = subject()
 RATE_HZ = 200.0
@@ -252,11 +260,11 @@ def test_scores_and_parameter_changes() -> None:
     impossible = dataclasses.replace(found().rounds[0].ranking[0], p_value=0.0)
     (only,) = trace_document(Report(found(rounds=(Round((impossible,), NAN, None, ()),))))["candidates"]
     assert only["score"] is None
-    moves = document["parameters_moved"]
-    assert list(moves) == [parameter.name for parameter in PARAMETERS]
-    assert moves["natural_frequency_hz[pelvis]"]["percent"] == pytest.approx(-10.0)
-    assert moves["damping_ratio[head]"]["percent"] == pytest.approx(-25.0)
-    assert moves["mass_scale"]["percent"] == 0.0
+    changes = document["parameters_moved"]
+    assert list(changes) == [parameter.name for parameter in PARAMETERS]
+    assert changes["natural_frequency_hz[pelvis]"]["percent"] == pytest.approx(-10.0)
+    assert changes["damping_ratio[head]"]["percent"] == pytest.approx(-25.0)
+    assert changes["mass_scale"]["percent"] == 0.0
 
 
 def test_a_parameter_that_was_zero_has_no_percent() -> None:
@@ -298,7 +306,7 @@ def test_every_effect_has_a_name_at_each_of_its_sites() -> None:
 def test_each_verdict_has_its_own_sentences() -> None:
     traces = [found(verdict) for verdict in VERDICTS]
     assert len({headline(trace) for trace in traces}) == len(VERDICTS) == 5
-    assert len({belief(trace) for trace in traces}) == 5
+    assert len({reliability(trace) for trace in traces}) == 5
     by_verdict = dict(zip(VERDICTS, map(headline, traces), strict=True))
     assert by_verdict["effect"] == (
         "Missing in the model: stop in the joint between seat and pelvis."
@@ -313,7 +321,7 @@ def test_each_verdict_has_its_own_sentences() -> None:
 
 
 def test_diagnostics_are_sentences_with_numbers() -> None:
-    lines = diagnosed(found().diagnostics)
+    lines = diagnostic_lines(found().diagnostics)
     assert all(line.endswith(".") and line[0].isupper() for line in lines) and len(lines) == 8
     said = " ".join(lines)
     for expected in (
@@ -325,7 +333,7 @@ def test_diagnostics_are_sentences_with_numbers() -> None:
         "damping ratio, neck 0.900",
     ):  # fmt: skip
         assert expected in said, expected
-    assert diagnosed(None) == []
+    assert diagnostic_lines(None) == []
 
 
 def test_the_terminal_has_the_verdict_first() -> None:
@@ -372,7 +380,7 @@ def test_every_verdict_has_a_page(verdict: Verdict) -> None:
     source, page = drawn(verdict)
     trace = found(verdict)
     for expected in (
-        headline(trace), belief(trace), *MEASURED_SEGMENTS, *(each.name for each in EVENTS), PROOF,
+        headline(trace), reliability(trace), *MEASURED_SEGMENTS, *(each.name for each in EVENTS), PROOF,
         "The gain exceeds the threshold.", "clock of the neck's sensor +3.10", "bending at neck", "sensor was loose",
         "m/s²", "(m/s²)²/Hz", "Hz", "no unit", "damping ratio, head",
     ):  # fmt: skip
@@ -393,7 +401,7 @@ def test_an_unsteady_effect_is_found_and_not_added() -> None:
         "Found: periodic on the head. A subject cannot store it, so nothing is added. Held-out error 20.0 %."
     )
     assert "found, not added: periodic on the head" in " ".join(text_of(Report(alone)).split())
-    assert "events for choosing" in belief(alone) and "random" not in belief(alone)
+    assert "events for choosing" in reliability(alone) and "random" not in reliability(alone)
     _, page = page_of(alone)
     assert "Effects found but not added" in page.text and "Added effects" not in page.text
     beside = found(effects=(line, STOP), intervals=((), found().intervals[0]))
@@ -458,7 +466,7 @@ def test_ambiguous_names_the_chosen_effect_and_its_rivals() -> None:
 def test_none_names_the_largest_gain() -> None:
     trace = found("none")
     assert "exceeds the required gain and the typical deviations of bodies" in headline(trace)
-    assert "a gain of 0.810 (stop in the joint between seat and pelvis) in 0.1 % of random draws" in belief(trace)
+    assert "a gain of 0.810 (stop in the joint between seat and pelvis) in 0.1 % of random draws" in reliability(trace)
 
 
 def test_green_needs_a_smaller_held_out_error() -> None:
@@ -769,7 +777,7 @@ def test_validate_reports_a_bag_that_the_trace_was_fitted_to(
 
 
 def test_a_failing_page_keeps_the_other_files(tmp_path: Path) -> None:
-    trace = found(verdict="uncalls of")
+    trace = found(verdict="unknown")
     (tmp_path / "trace.html").write_text("of the trace before")
     with pytest.raises(InputError, match=r"trace\.html: cannot be drawn \(KeyError"):
         write_traced(Report(trace), tmp_path)

@@ -28,7 +28,7 @@ from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros.base.files import check_directory, make_directory, write_text
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.fit.document import fit_document, fitted_subject
-from biodyn_ros.fit.report import FITS, FitEvent, Report, Use, not_new, warnings_of
+from biodyn_ros.fit.report import FITS, FitEvent, Report, Use, reuse_warnings, warnings_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.work.tasks import Work
@@ -86,7 +86,7 @@ def fit_bags(
         better_mass_matrix=better,
         mass_matrix_percent=mass_matrix_percent,
         seed=o.seed,
-        warnings=(*events.left_out, *warnings_of([*fitted, *spare]), *not_new(subject, spare)),
+        warnings=(*events.left_out, *warnings_of([*fitted, *spare]), *reuse_warnings(subject, spare)),
         seconds=time.monotonic() - begin,
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.identification.fit import predictions
 from biodyn_core.identification.problem import errors
-from biodyn_core.tracing.findings import ComparedEvent
+from biodyn_core.tracing.findings import ComparedEvent, Use
 from biodyn_ros import __version__
 from biodyn_ros.base.wording import parameter_name, words
 from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
@@ -68,10 +68,13 @@ def compared_events(report: Report, events: Sequence[FitEvent]) -> list[Compared
     cases, subjects = [event.case for event in events], (report.given, report.identification.subject)
     compared = []
     for event, *models in zip(events, *(predictions(subject, cases) for subject in subjects), strict=True):
-        case, use = event.case, "train" if event.use == "fitted" else "held_out"
-        shown = [np.where(case.compared, accel, np.nan) for accel in (case.measured_mps2, *models)]
+        case = event.case
+        use: Use = "train" if event.use == "fitted" else "held_out"
+        measured, before, after = (np.where(case.compared, accel, np.nan) for accel in (case.measured_mps2, *models))
         found = [errors(case, accel) for accel in models]
-        compared.append(ComparedEvent(case.name, case.case, use, case.rate_hz, *shown, *found))
+        compared.append(
+            ComparedEvent(case.name, case.case, use, case.rate_hz, measured, before, after, found[0], found[1])
+        )
     return compared
 
 

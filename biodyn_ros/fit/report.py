@@ -120,7 +120,7 @@ def warnings_of(events: Sequence[Prepared]) -> list[str]:
     return [f"{len(made)} of {counted(len(events), 'recording')}: {MADE_BY_MODEL}", *rest] if made else rest
 
 
-def not_new(given: Subject, held_out: Sequence[Prepared]) -> list[str]:
+def reuse_warnings(given: Subject, held_out: Sequence[Prepared]) -> list[str]:
     """Warnings on held-out bags to which an effect of the given subject was fitted."""
     known = {each.get("sha256") for each in rests_on(given, besides=())}
     bags = dict.fromkeys(event.bag for event, _ in held_out if event.sha256 in known)

@@ -1,4 +1,4 @@
-"""Summary of a fit, of a report or read from a fit.json, and its verdict."""
+"""Summary of a fit, from its report or from its fit.json, and the verdict of the fit."""
 
 from __future__ import annotations
 
@@ -128,8 +128,8 @@ def _reasons_against(found: FitSummary) -> Iterator[str]:
     for degree in ("not identifiable", "weakly identifiable"):
         if names := [estimate.name for estimate in inside if estimate.identifiability == degree]:
             yield f"{degree.capitalize()} from these recordings: {_listed(names, found)}."
-    if pinned := [estimate.name for estimate in found.estimates if estimate.at_bound]:
-        yield f"On a bound of Table 1, so perhaps beyond it: {_listed(pinned, found)}."
+    if on_bound := [estimate.name for estimate in found.estimates if estimate.at_bound]:
+        yield f"On a bound of Table 1, so perhaps beyond it: {_listed(on_bound, found)}."
     if found.better_mass_matrix not in (None, found.mass_matrix):
         yield f"Mass matrix {found.better_mass_matrix} predicts better than the declared {found.mass_matrix}."
     if found.starts > 1 and found.reached < 2:

@@ -26,7 +26,7 @@ from biodyn_ros.base.json_files import finite
 from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import rests_on
 from biodyn_ros.trace.errors import WHEN, errors_by_use, known, mean_errors
-from biodyn_ros.trace.refit import Move, Refit, parameters_moved
+from biodyn_ros.trace.refit import ParameterChange, Refit, parameter_changes
 from biodyn_ros.trace.report import Report
 
 Document = dict[str, Any]
@@ -63,7 +63,7 @@ def trace_document(report: Report) -> Document:
         "rounds": [_round(each) for each in trace.rounds],
         "diagnostics": _diagnostics(trace.diagnostics) if trace.diagnostics else {},
         "departures": [{"name": each.name, "times_usual": finite(each.typical_multiple)} for each in trace.nuisance],
-        "parameters_moved": {move.name: _move(move, adds=trace.adds) for move in parameters_moved(trace)},
+        "parameters_moved": {each.name: _change(each, adds=trace.adds) for each in parameter_changes(trace)},
         "subject_written": "with_effect" if trace.adds else "as_given",
         "surface": _surface(trace.surface) if trace.surface else None,
         "events": [event_document(event) for event in trace.events],
@@ -210,24 +210,24 @@ def event_document(event: ComparedEvent) -> Document:
     }
 
 
-def _move(move: Move, adds: bool) -> Document:
+def _change(change: ParameterChange, adds: bool) -> Document:
     return {
-        "given": move.given,
-        "given_interval": list(move.interval) if move.interval else None,
-        "refitted": move.refitted,
-        "with_effect": move.after if adds else None,
-        "before": move.refitted,
-        "after": move.after,
-        "percent": move.percent,
-        "refit_percent": move.refit_percent,
-        "unit": move.unit,
+        "given": change.given,
+        "given_interval": list(change.interval) if change.interval else None,
+        "refitted": change.refitted,
+        "with_effect": change.after if adds else None,
+        "before": change.refitted,
+        "after": change.after,
+        "percent": change.percent,
+        "refit_percent": change.refit_percent,
+        "unit": change.unit,
     }
 
 
 def refit_document(refit: Refit) -> Document:
     """The refit with its text."""
     return {
-        "outside_intervals": [move.name for move in refit.outside],
+        "outside_intervals": [change.name for change in refit.outside],
         "intervals_known": refit.has_intervals,
         "given_fitted": refit.is_given_fitted,
         "recordings": refit.recordings,

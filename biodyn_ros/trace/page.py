@@ -16,15 +16,15 @@ from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import PROOF
 from biodyn_ros.trace.drawings import SHOWN, ranking, surface_map
 from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known, known, mean_errors
-from biodyn_ros.trace.refit import parameters_moved
+from biodyn_ros.trace.refit import parameter_changes
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.wording import (
-    belief,
-    diagnosed,
+    diagnostic_lines,
     effect_name,
     grouped,
     headline,
     parameters_of,
+    reliability,
     sensor_lines,
     subject_line,
     tone,
@@ -43,8 +43,8 @@ def trace_page(report: Report) -> str:
     trace, worst = report.trace, worst_event(report.trace)
     compared = [event for event in trace.events if worst is not None and event.use == worst.use]
     errors = {when: errors_by_use(trace, when) for when in WHEN}
-    moves = parameters_moved(trace)
-    changes = [abs(percent) for move in moves for percent in (move.refit_percent, move.percent) if percent]
+    changes = parameter_changes(trace)
+    percents = [abs(percent) for each in changes for percent in (each.refit_percent, each.percent) if percent]
     return render(
         "trace.html.j2",
         trace=trace,
@@ -53,11 +53,11 @@ def trace_page(report: Report) -> str:
         version=__version__,
         tone=tone(report),
         headline=headline(trace),
-        belief=belief(trace),
+        reliability=reliability(trace),
         subject_line=subject_line(trace),
         sensors=sensor_lines(trace),
         nuisance=[(one.name, finite(one.typical_multiple)) for one in trace.nuisance[:_NUISANCE]],
-        diagnosed=diagnosed(trace.diagnostics),
+        diagnostics=diagnostic_lines(trace.diagnostics),
         added=_effects(trace, trace.added),
         not_added=_effects(trace, trace.not_added),
         rivals=grouped(trace.ambiguous_with),
@@ -69,8 +69,8 @@ def trace_page(report: Report) -> str:
         scale=max((value for of in errors.values() for use in of.values() for value in use.values() if value),
                   default=1.0),
         events=[_event(event) for event in trace.events],
-        moves=moves,
-        largest_move=max(changes, default=0.0) or 1.0,
+        changes=changes,
+        largest_percent=max(percents, default=0.0) or 1.0,
         parameter_name=parameter_name,
         worst=worst,
         compared=len(compared),

@@ -60,7 +60,7 @@ def _found(trace: Trace, before: str, after: str) -> str:
     return f"{main} Also found, but not added: {others}." if others else main
 
 
-def belief(trace: Trace) -> str:
+def reliability(trace: Trace) -> str:
     """How reliable the verdict is."""
     if trace.verdict == "not_decidable":
         return "There is no verdict for or against any effect."
@@ -134,7 +134,7 @@ def parameters_of(applied: AppliedEffect, intervals: Sequence[Interval] = ()) ->
     return shown
 
 
-def diagnosed(found: Diagnostics | None) -> list[str]:
+def diagnostic_lines(found: Diagnostics | None) -> list[str]:
     """The diagnostics, a sentence each."""
     if found is None:
         return []
@@ -142,7 +142,7 @@ def diagnosed(found: Diagnostics | None) -> list[str]:
     return [sentence(line) for part in parts for line in part(found)]
 
 
-_SAID: Final = {
+_FAULT_TEXT: Final = {
     "tilt": "has a mean tilt of {size} in motion",
     "gain": "has a gain error of {size}",
     "clock": "has a clock offset of {size}",
@@ -154,7 +154,7 @@ _SHOWN: Final = {"tilt": (180.0 / math.pi, "deg"), "gain": (100.0, "%"), "clock"
 def _sensor_line(found: SensorFinding) -> str:
     name, (scale, unit) = found.fault.effect.name, _SHOWN[found.fault.effect.name]
     size, limit = LIMITS[name].size(found.fault.values), LIMITS[name].limit
-    what = _SAID[name].format(size=f"{number(scale * abs(size))} {unit}")
+    what = _FAULT_TEXT[name].format(size=f"{number(scale * abs(size))} {unit}")
     source = "by its gyro, which the recording corrects" if found.source == "gyro" else "by the fit"
     allowed = f"{'within' if within_limits(found.fault) else 'beyond'} the limit of {number(scale * abs(limit))} {unit}"
     gain = "" if found.gain is None else f" (gain {number(known(found.gain))})"
