@@ -15,7 +15,7 @@ from biodyn_core.body.parameters import LOWER, UPPER
 from biodyn_core.identification.identify import Task
 from biodyn_core.identification.phase1 import Search
 from biodyn_ros.fit.campaign_file import Entry
-from biodyn_ros.fit.campaign_results import Fits
+from biodyn_ros.fit.campaign_results import SubjectFit
 from biodyn_ros.fit.fitting import FitOptions
 from biodyn_ros.work.executors import executor_of
 from biodyn_ros.work.tasks import Work
@@ -57,17 +57,17 @@ def die(cases: list[str]) -> Search:
     os._exit(3)
 
 
-def fit_or_die(entry: Entry, options: FitOptions) -> Fits:
+def fit_or_die(entry: Entry, options: FitOptions, draw: bool) -> SubjectFit:
     """The result of a fit; the fit of Ben ends its process."""
     if entry.name == "ben":
         os._exit(3)
-    return fits(entry)
+    return fitted(entry)
 
 
-def fits(entry: Entry) -> Fits:
+def fitted(entry: Entry) -> SubjectFit:
     """The result of a fit."""
-    document = {"seconds": 1.0, "result": "joint", "cases": [{"joint": {"mean": 2.0}}]}
-    return Fits(f"{entry.name} 0", document, entry.subject.to_yaml())
+    document = {"seconds": 1.0, "cases": [{"joint": {"mean": 2.0}}]}
+    return SubjectFit(f"{entry.name} 0", document, entry.subject.to_yaml(), 1.0, 2.0)
 
 
 def main() -> int:

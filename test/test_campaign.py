@@ -25,6 +25,7 @@ from biodyn_ros.fit import campaign_results as results
 from biodyn_ros.fit.campaign import fit_campaign
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.fit.campaign_text import check_failed, text_of
+from biodyn_ros.fit.document import fitted_subject
 from biodyn_ros.fit.fitting import FitOptions, fit_bags
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.work.executors import executor_of
@@ -33,18 +34,9 @@ QUICK = FitOptions(
     settings=FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=100, refined_starts=1)
 )
 QUICKLY = [
-    "--particles",
-    "20",
-    "--iterations",
-    "20",
-    "--starts",
-    "2",
-    "--evaluations",
-    "100",
-    "--refined-starts",
-    "1",
+    "--particles", "20", "--iterations", "20", "--starts", "2", "--evaluations", "100", "--refined-starts", "1",
     "--no-report",
-]
+]  # fmt: skip
 PEOPLE = ("anna", "ben", "carl")
 
 
@@ -66,7 +58,7 @@ def field(tmp_path_factory) -> Path:
 def alone(field: Path) -> dict[str, str]:
     """The subject file of each, fitted by itself."""
     return {
-        name: fit_bags([field / f"{name}.mcap"], load_subject(field / f"{name}.yaml"), QUICK).subject.to_yaml()
+        name: fitted_subject(fit_bags([field / f"{name}.mcap"], load_subject(field / f"{name}.yaml"), QUICK)).to_yaml()
         for name in PEOPLE
     }
 
@@ -187,14 +179,14 @@ def refused(path: Path, fault: str) -> None:
 
 def test_a_campaign_fits_each_subject_as_if_it_were_alone(field: Path, tmp_path: Path, alone) -> None:
     heard = []
-    document = fit_campaign(
+    report = fit_campaign(
         load_campaign(field / "campaign.yaml"), tmp_path / "out", QUICK, progress=lambda *told: heard.append(told)
     )
     assert written(tmp_path / "out") == alone
-    assert document == json.loads((tmp_path / "out" / "campaign.json").read_text())
+    assert results.campaign_document(report) == json.loads((tmp_path / "out" / "campaign.json").read_text())
     assert heard == [(0, 3), (1, 3), (2, 3), (3, 3)]
-    check_failed(document, tmp_path / "out")
-    lines = text_of(document).splitlines()
+    check_failed(report, tmp_path / "out")
+    lines = text_of(report).splitlines()
     assert len(lines) == 4 and [line.split()[:2] for line in lines[1:]] == [[name, "done"] for name in PEOPLE]
 
 
@@ -239,20 +231,22 @@ def test_an_impossible_profile_is_refused_before_a_campaign_begins(field: Path, 
 def test_a_terminated_worker_fails_one_subject_only(field: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(campaigns, "fit_one", chores.fit_or_die)
     with executor_of("processes:1") as executor:
-        document = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)
+        report = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)
     assert set(written(tmp_path)) == {"anna", "carl"}
-    assert document["subjects"][1]["error"].startswith("ben: its worker process died, killed or out of memory")
+    assert report.rows[1].error.startswith("ben: its worker process died, killed or out of memory")
 
 
 def test_an_internal_error_does_not_stop_the_others(field: Path, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(campaigns, "fit_one", lambda entry, options: {}[entry.name])
-    document = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK)
-    assert [row["error"] for row in document["subjects"]] == [f"KeyError: '{name}'" for name in PEOPLE]
+    monkeypatch.setattr(campaigns, "fit_one", lambda entry, options, draw: {}[entry.name])
+    report = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK)
+    assert [row.error for row in report.rows] == [f"KeyError: '{name}'" for name in PEOPLE]
 
 
 def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path, monkeypatch) -> None:
     fitted = []
-    monkeypatch.setattr(campaigns, "fit_one", lambda entry, options: fitted.append(entry.name) or chores.fits(entry))
+    monkeypatch.setattr(
+        campaigns, "fit_one", lambda entry, options, draw: fitted.append(entry.name) or chores.fitted(entry)
+    )
     monkeypatch.setattr(results, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
     campaign = load_campaign(field / "campaign.yaml")
     fit_campaign(campaign, tmp_path, QUICK)
@@ -284,9 +278,9 @@ def test_results_do_not_overwrite_inputs(field: Path) -> None:
     ],
 )
 def test_a_damaged_campaign_json_is_one_line_and_stays(field: Path, tmp_path: Path, monkeypatch, change) -> None:
-    monkeypatch.setattr(campaigns, "fit_one", lambda entry, options: chores.fits(entry))
+    monkeypatch.setattr(campaigns, "fit_one", lambda entry, options, draw: chores.fitted(entry))
     campaign, path = load_campaign(field / "campaign.yaml"), tmp_path / "campaign.json"
-    document = fit_campaign(campaign, tmp_path, QUICK)
+    document = results.campaign_document(fit_campaign(campaign, tmp_path, QUICK))
     change(document)
     path.write_text(json.dumps(document))
     before = path.read_bytes()

@@ -20,27 +20,18 @@ from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
 from biodyn_ros.commands.cli import main
-from biodyn_ros.fit.document import not_new, provenance
-from biodyn_ros.fit.fitting import FitOptions, Fitted, check_output, fit_bags, parse_cases, write_fitted
+from biodyn_ros.fit.document import fit_document, fitted_subject, provenance
+from biodyn_ros.fit.fitting import FitOptions, check_output, fit_bags, parse_cases, write_fitted
+from biodyn_ros.fit.report import Report, reuse_warnings
 from biodyn_ros.fit.text import text_of
-from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import bag_sha256, role_of
 
 SUBJECT = subject()
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=200)
 SMALL = [
-    "--particles",
-    "30",
-    "--iterations",
-    "60",
-    "--starts",
-    "2",
-    "--refined-starts",
-    "2",
-    "--evaluations",
-    "200",
+    "--particles", "30", "--iterations", "60", "--starts", "2", "--refined-starts", "2", "--evaluations", "200",
     "--no-report",
-]
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +42,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="module")
-def fitted(bags: dict[str, Path]) -> Fitted:
+def fitted(bags: dict[str, Path]) -> Report:
     options = FitOptions(
         settings=QUICK, held_out=(str(bags["spare"]),), cases={str(bags["spare"]): "rail"},
         profiles=("natural_frequency_hz[head]",),
@@ -59,8 +50,8 @@ def fitted(bags: dict[str, Path]) -> Fitted:
     return fit_bags([bags["rail_1"], bags["rail_2"], bags["road"]], SUBJECT, options)
 
 
-def test_the_document_has_its_keys(fitted: Fitted) -> None:
-    document = json.loads(json.dumps(fitted.document, allow_nan=False))
+def test_the_document_has_its_keys(fitted: Report) -> None:
+    document = json.loads(json.dumps(fit_document(fitted), allow_nan=False))
     assert_listed("fit.json", document)
     least = {
         "subject", "cases", "idealized", "weights", "cv", "intervals", "identifiable", "evaluations", "seconds", "seed",
@@ -79,63 +70,66 @@ def test_the_document_has_its_keys(fitted: Fitted) -> None:
     assert {interval["unit"] for interval in document["intervals"].values()} == {"Hz", "-", "rad/s"}
 
 
-def test_intervals_contain_the_estimates_and_frequencies_the_truth(fitted: Fitted) -> None:
-    truth = SUBJECT.parameters.vector()
-    for (name, interval), true in zip(fitted.document["intervals"].items(), truth[:14], strict=True):
+def test_intervals_contain_the_estimates_and_frequencies_the_truth(fitted: Report) -> None:
+    truth, document = SUBJECT.parameters.vector(), fit_document(fitted)
+    for (name, interval), true in zip(document["intervals"].items(), truth[:14], strict=True):
         assert interval["lower"] <= interval["value"] <= interval["upper"], name
-        if name.startswith("natural_frequency_hz") and fitted.document["identifiable"][name] == "identifiable":
+        if name.startswith("natural_frequency_hz") and document["identifiable"][name] == "identifiable":
             assert interval["value"] == pytest.approx(true, rel=0.03)
-    assert fitted.document["identifiable"]["natural_frequency_hz[head]"] == "identifiable"
-    drawn, interval = (fitted.document[key]["natural_frequency_hz[head]"] for key in ("profiles", "intervals"))
+    assert document["identifiable"]["natural_frequency_hz[head]"] == "identifiable"
+    drawn, interval = (document[key]["natural_frequency_hz[head]"] for key in ("profiles", "intervals"))
     assert drawn["lower"] == pytest.approx(interval["lower"], rel=0.01)
     assert drawn["upper"] == pytest.approx(interval["upper"], rel=0.01)
 
 
-def test_one_repetition_is_fitted_and_the_other_predicted(fitted: Fitted, bags: dict[str, Path]) -> None:
-    fitted_to = [case["bag"] for case in fitted.document["cases"]]
-    others = {event["bag"]: event["why"] for event in fitted.document["held_out"]}
+def test_one_repetition_is_fitted_and_the_other_predicted(fitted: Report, bags: dict[str, Path]) -> None:
+    document = fit_document(fitted)
+    fitted_to = [case["bag"] for case in document["cases"]]
+    others = {event["bag"]: event["why"] for event in document["held_out"]}
     chosen = fitted_to[0]
     assert chosen in (str(bags["rail_1"]), str(bags["rail_2"])) and fitted_to[1] == str(bags["road"])
     unchosen = ({str(bags["rail_1"]), str(bags["rail_2"])} - {chosen}).pop()
     assert others == {unchosen: "another repetition", str(bags["spare"]): "held out"}
-    for event in fitted.document["held_out"]:
+    for event in document["held_out"]:
         assert 0.0 < event["joint"]["mean"] < 10.0
-    assert fitted.document["mass_matrix"]["better"] == "segment"
-    assert fitted.document["mass_matrix"]["judged_by"] == "held_out"
+    assert document["mass_matrix"]["better"] == "segment"
+    assert document["mass_matrix"]["judged_by"] == "held_out"
 
 
-def test_the_subject_file_has_the_provenance_of_its_bags(fitted: Fitted, bags: dict[str, Path], tmp_path: Path) -> None:
+def test_the_subject_file_has_the_provenance_of_its_bags(fitted: Report, bags: dict[str, Path], tmp_path: Path) -> None:
     write_fitted(fitted, tmp_path / "anna.yaml")
     written = load_subject(tmp_path / "anna.yaml")
-    assert written.parameters == fitted.subject.parameters
+    assert written.parameters == fitted_subject(fitted).parameters
     assert role_of(written, bag_sha256(bags["road"])) == "fitted"
     assert role_of(written, bag_sha256(bags["spare"])) == "held_out"
     moved = shutil.copy(bags["road"], tmp_path / "another_name.mcap")
     assert role_of(written, bag_sha256(moved)) == "fitted"
     assert role_of(SUBJECT, bag_sha256(bags["road"])) is None
-    assert json.loads((tmp_path / "anna.fit.json").read_text()) == fitted.document
+    assert json.loads((tmp_path / "anna.fit.json").read_text()) == fit_document(fitted)
     kept = yaml.safe_load((tmp_path / "anna.yaml").read_text())["provenance"]
     assert kept["intervals"]["natural_frequency_hz[head]"][0] < written.parameters.natural_frequency_hz[5]
     assert kept["seed"] == 0 and kept["result"] == "joint" and len(kept["held_out"]) == 2
 
 
-def test_recordings_of_a_given_effect_count_as_fitted(fitted: Fitted, bags: dict[str, Path]) -> None:
+def test_recordings_of_a_given_effect_count_as_fitted(fitted: Report, bags: dict[str, Path]) -> None:
     """The recordings to which a given effect was fitted are not held out, though theta is fitted to others."""
     of_old = {"bag": "old.mcap", "sha256": bag_sha256(bags["spare"])}
     known = {"fitted": [of_old, {"bag": "road.mcap", "sha256": bag_sha256(bags["road"])}]}
     given = Subject.from_dict(
         SUBJECT.to_dict() | {"effects": [{"name": "lift_off", "site": "pelvis"}], "provenance": known}
     )
-    kept = provenance(fitted.document, given)["fitted"]
+    kept = provenance(dataclasses.replace(fitted, given=given))["fitted"]
     assert [each["sha256"] for each in kept].count(of_old["sha256"]) == 1 and len(kept) == 3
-    assert len(provenance(fitted.document, dataclasses.replace(given, effects=()))["fitted"]) == 2
-    spare = BagEvent("spare.mcap", of_old["sha256"], fitted.held_out[0], True)
-    (said,) = not_new(given, [(spare, fitted.held_out[0])])
+    without = dataclasses.replace(fitted, given=dataclasses.replace(given, effects=()))
+    assert len(provenance(without)["fitted"]) == 2
+    event = fitted.held_out[0]
+    spare = dataclasses.replace(event.bag, bag="spare.mcap", sha256=of_old["sha256"], held_out=True)
+    (said,) = reuse_warnings(given, [(spare, event.case)])
     assert said == "spare.mcap: held out, but an effect of the given subject was fitted to it"
 
 
 def test_validation_on_a_fitted_bag_is_undecided(
-    fitted: Fitted, bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    fitted: Report, bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_fitted(fitted, tmp_path / "anna.yaml")
     for name, expected in (("road", True), ("spare", False)):
@@ -146,29 +140,30 @@ def test_validation_on_a_fitted_bag_is_undecided(
             assert document["verdict"] != "agrees"
 
 
-def test_the_text_has_errors_intervals_and_unknowns(fitted: Fitted) -> None:
-    text = text_of(fitted.document)
+def test_the_text_has_errors_intervals_and_unknowns(fitted: Report) -> None:
+    text = text_of(fitted)
     assert "rail (another repetition)" in text and "rail (held out)" in text
     assert "mass scale: fixed; accelerations do not determine it" in text
     assert "made by the model itself" in text
     (profile,) = (line for line in text.splitlines() if line.startswith("profile: natural frequency, head"))
     assert "10." in profile
-    pinned = dict(fitted.document, not_profiled=["rayleigh_rad_per_s"])
+    pinned = dataclasses.replace(fitted, not_profiled=("rayleigh_rad_per_s",))
     assert "profile: Rayleigh damping" in text_of(pinned) and "lies on its bound" in text_of(pinned)
     assert all(len(line) < 200 for line in text.splitlines() if not line.startswith("warning"))
-    alone = dict(fitted.document, held_out=[])
+    alone = dataclasses.replace(fitted, events=tuple(fitted.fitted))
     assert "nothing was held out" in text_of(alone)
 
 
 def test_a_missing_segment_is_excluded_with_a_warning(bags: dict[str, Path], tmp_path: Path) -> None:
     bag = only(bags["spare"], tmp_path / "rail.mcap", ("seat", "neck", "head"))
     found = fit_bags([bag], SUBJECT, FitOptions(settings=QUICK))
-    (case,) = found.document["cases"]
+    document = fit_document(found)
+    (case,) = document["cases"]
     assert case["error"]["nrmse_rms"]["pelvis"] is None and case["error"]["nrmse_rms"]["head"] > 0.0
     assert set(case["not_fitted"]) == {"pelvis", "lower_torso", "upper_torso"}
-    assert any("pelvis" in line for line in found.document["warnings"])
-    assert found.document["idealized"]["weighted_error_percent"] > 0.0
-    assert "–" in text_of(found.document)
+    assert any("pelvis" in line for line in document["warnings"])
+    assert document["idealized"]["weighted_error_percent"] > 0.0
+    assert "–" in text_of(found)
 
 
 def only(bag: Path, copy: Path, sensors: tuple[str, ...]) -> Path:
@@ -264,7 +259,7 @@ def test_cases_are_read_from_pairs() -> None:
         parse_cases(["a=rail", "a=road"])
 
 
-def test_bounds_of_table_1_hold_for_every_result(fitted: Fitted) -> None:
-    theta = fitted.subject.parameters.vector()
+def test_bounds_of_table_1_hold_for_every_result(fitted: Report) -> None:
+    theta = fitted_subject(fitted).parameters.vector()
     assert ((theta >= LOWER) & (theta <= UPPER)).all()
     assert np.isfinite(theta).all()

@@ -27,7 +27,9 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import PARAMETERS
 from biodyn_core.body.subject import load_subject
 from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.profiles import Profile
 from biodyn_core.identification.settings import FitSettings
+from biodyn_core.identification.uncertainty import Estimate
 from biodyn_core.pipeline.frames import NO_PREDICTED, Frames
 from biodyn_core.recording.recording import Recording
 from biodyn_ros.base.resources import subject_file
@@ -37,21 +39,24 @@ from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import page as fit_report
 from biodyn_ros.fit.campaign import fit_campaign
 from biodyn_ros.fit.campaign_file import load_campaign
-from biodyn_ros.fit.campaign_page import campaign_page, judge_campaign, write_campaign_page
+from biodyn_ros.fit.campaign_page import campaign_page, campaign_verdict, write_campaign_page
+from biodyn_ros.fit.campaign_results import CampaignReport, Row
+from biodyn_ros.fit.document import fit_document
 from biodyn_ros.fit.drawings import ESTIMATE_COLOUR, correlation, intervals, place, profiles, subjects
-from biodyn_ros.fit.fitting import FitOptions, Fitted, fit_bags, write_fitted
-from biodyn_ros.fit.page import fit_events, fit_page, judge_fit, limitations, write_fit_page
+from biodyn_ros.fit.fitting import FitOptions, fit_bags, write_fitted
+from biodyn_ros.fit.page import compared_events, fit_page, limitations, write_fit_page
+from biodyn_ros.fit.report import Report as FitReport
+from biodyn_ros.fit.summary import FitSummary, fit_verdict, read_summary, summary_of
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.replay.page import frequency_parts
 from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.frequency import driving_point, residual_channels, transmissibility, waterfall
 from biodyn_ros.reports.pages import render
 from biodyn_ros.validate import page as validate_report
-from biodyn_ros.validate import validating
 from biodyn_ros.validate.document import validation_document
 from biodyn_ros.validate.page import residual_waterfall, strongest_event, tone, validation_page
 from biodyn_ros.validate.report import Report
-from biodyn_ros.validate.validating import validate_recordings, validate_to_directory
+from biodyn_ros.validate.validating import validate_recordings, write_validated
 
 RATE_HZ = 400.0
 ODD = f"{NASTY}\udcff"
@@ -194,17 +199,15 @@ def test_the_event_that_is_drawn_is_the_strongest(validated: Report) -> None:
 def test_a_validation_is_written_first_and_drawn_after(
     validated: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(validating, "validate", lambda *given: validated)
-    who = load_subject(subject_file("subject_2"))
     monkeypatch.setattr(validate_report, "validation_page", lambda found: f"page of {ODD}")
-    validate_to_directory("bag", who, tmp_path / "with")
+    write_validated(validated, tmp_path / "with")
     assert (tmp_path / "with" / "validate.html").read_text() == f"page of {NASTY}\\udcff"
-    validate_to_directory("bag", who, tmp_path / "without", report=False)
+    write_validated(validated, tmp_path / "without", report=False)
     assert [path.name for path in (tmp_path / "without").iterdir()] == ["validate.json"]
 
     monkeypatch.setattr(validate_report, "validation_page", lambda found: {}["nothing"])
     with pytest.raises(InputError, match=r"validate\.html: cannot be drawn \(KeyError: 'nothing'\); all other results"):
-        validate_to_directory("bag", who, tmp_path / "with")
+        write_validated(validated, tmp_path / "with")
     assert [path.name for path in (tmp_path / "with").iterdir()] == ["validate.json"]
 
 
@@ -212,7 +215,7 @@ def test_a_validation_is_written_first_and_drawn_after(
 
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitReport:
     """Of a road and a rail, another road held out; names that are a nuisance."""
     cases = {"<script>road": "road", "rail": "rail", "spare": "road"}
     bags = simulated(tmp_path_factory.mktemp("bags"), 3.0, cases)
@@ -224,12 +227,12 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
 
 
 @pytest.fixture(scope="module")
-def page(fitted: Fitted) -> str:
+def page(fitted: FitReport) -> str:
     return fit_page(fitted)
 
 
-def test_a_fit_says_the_numbers_of_its_document(fitted: Fitted, page: str) -> None:
-    text, document = Page(page).text, fitted.document
+def test_a_fit_says_the_numbers_of_its_document(fitted: FitReport, page: str) -> None:
+    text, document = Page(page).text, fit_document(fitted)
     held_out = document["held_out"][0]["joint"]
     assert f"not fitted to with a mean error of {number(held_out['mean'])} % of their rms" in text
     assert " ".join(["joint", *map(number, held_out["nrmse_rms"].values()), number(held_out["mean"])]) in text
@@ -262,18 +265,25 @@ def test_every_drawing_of_a_fit_says_what_and_in_which_unit(page: str) -> None:
             assert text in told(drawing), text
 
 
-def test_a_fit_is_one_file_that_is_the_same_again(fitted: Fitted, page: str) -> None:
+def test_a_fit_is_one_file_that_is_the_same_again(fitted: FitReport, page: str) -> None:
     assert_self_contained(page)
     assert "script" not in Page(page).tags and f"Fit of {PERSON}" in Page(page).text
-    for draw in (intervals, correlation):
-        assert draw(fitted.document) in page
+    assert drawn_intervals(fitted) in page and correlation(fitted.uncertainty) in page
 
 
-def test_drawn_intervals_lie_where_the_document_has_them(fitted: Fitted) -> None:
-    document = copy.deepcopy(fitted.document)
-    for of in document["intervals"].values():
-        of["at_bound"] = False
-    drawn = [line.points[:, 0] for line in lines(intervals(document), ESTIMATE_COLOUR, 2.2) if len(line.points) == 2]
+def drawn_intervals(fitted: FitReport) -> str:
+    return intervals(fitted.uncertainty.estimates, [fit.subject.parameters for fit in fitted.identification.fits])
+
+
+def inside(fitted: FitReport) -> tuple[Estimate, ...]:
+    """The estimates as if all were identifiable and none lay on a bound."""
+    sure = {"at_bound": False, "identifiability": "identifiable"}
+    return tuple(dataclasses.replace(each, **sure) for each in fitted.uncertainty.estimates)
+
+
+def test_drawn_intervals_lie_where_the_document_has_them(fitted: FitReport) -> None:
+    svg, document = intervals(inside(fitted), []), fit_document(fitted)
+    drawn = [line.points[:, 0] for line in lines(svg, ESTIMATE_COLOUR, 2.2) if len(line.points) == 2]
     assert len(drawn) == len(document["intervals"]) == 14
     low, high = -0.11, 1.66
     bounds = {parameter.name: (parameter.lower, parameter.upper) for parameter in PARAMETERS}
@@ -284,47 +294,55 @@ def test_drawn_intervals_lie_where_the_document_has_them(fitted: Fitted) -> None
     assert place("natural_frequency_hz[pelvis]", math.sqrt(5.0 * 15.0)) == pytest.approx(0.5)
 
 
-def test_a_parameter_on_its_bound_has_no_interval_and_keeps_a_fit_from_green(fitted: Fitted) -> None:
-    document = copy.deepcopy(fitted.document)
-    name = "damping_ratio[head]"
-    document["identifiable"] = dict.fromkeys(document["identifiable"], "identifiable")
-    document["warnings"], document["joint"] = [], document["joint"] | {"at_bound": []}
-    document["joint"]["starts"] = {"objectives": [1.0], "reached": 1, "of": 1}
-    document["mass_matrix"]["better"] = None
-    document["held_out"][0]["joint"]["mean"] = 3.0
-    assert judge_fit(document).tone == "good"
-    assert judge_fit(document | {"warnings": [f"a: {MADE_BY_MODEL}"]}).tone == "none"
-    document["joint"]["at_bound"] = [name]
-    document["intervals"][name]["at_bound"] = True
-    found = judge_fit(document)
+def test_a_parameter_on_its_bound_has_no_interval_and_keeps_a_fit_from_green(fitted: FitReport) -> None:
+    good = FitSummary((2.0,), (3.0,), inside(fitted), "segment", None, 1, 1, is_made_by_model=False)
+    assert fit_verdict(good).tone == "good"
+    assert fit_verdict(dataclasses.replace(good, is_made_by_model=True)).tone == "none"
+    pinned = [dataclasses.replace(each, at_bound=each.name == "damping_ratio[head]") for each in good.estimates]
+    summary = dataclasses.replace(good, estimates=tuple(pinned))
+    found = fit_verdict(summary)
     assert found.tone == "warn" and any("On a bound of Table 1" in line for line in found.reasons)
     assert "damping ratio, head" in found.reasons[-1]
-    svg = intervals(document)
-    assert f"{number(document['intervals'][name]['value'])}, on its bound" in told(svg)
-    unknown = document | {"identifiable": dict.fromkeys(document["identifiable"], "not identifiable")}
-    unknown["joint"] = document["joint"] | {"at_bound": []}
-    assert "Not identifiable from these recordings: all 14 parameters." in judge_fit(unknown).reasons
-    document["held_out"][0]["joint"]["mean"] = 25.0
-    assert judge_fit(document).tone == "bad"
-    assert "not known" in judge_fit(document | {"held_out": []}).headline
-    assert judge_fit(document | {"held_out": []}).tone == "none"
+    (value,) = (each.value for each in pinned if each.at_bound)
+    assert f"{number(value)}, on its bound" in told(intervals(pinned, []))
+    unknown = [dataclasses.replace(each, identifiability="not identifiable") for each in good.estimates]
+    reasons = fit_verdict(dataclasses.replace(good, estimates=tuple(unknown))).reasons
+    assert "Not identifiable from these recordings: all 14 parameters." in reasons
+    assert fit_verdict(dataclasses.replace(summary, held_out=(25.0,))).tone == "bad"
+    alone = fit_verdict(dataclasses.replace(summary, held_out=()))
+    assert "not known" in alone.headline and alone.tone == "none"
 
 
-def test_one_case_and_what_was_not_measured_are_said(fitted: Fitted) -> None:
-    document = copy.deepcopy(fitted.document)
-    document["cases"] = document["cases"][:1]
-    document["cases"][0]["not_fitted"] = ["lower_torso"]
-    said = " ".join(limitations(document))
+def test_the_summary_of_a_fit_is_that_of_its_file(fitted: FitReport, tmp_path: Path) -> None:
+    write_fitted(fitted, tmp_path / "anna.yaml")
+    read, summary = read_summary(tmp_path / "anna.fit.json"), summary_of(fitted)
+    for one, other in zip(read.estimates, summary.estimates, strict=True):
+        assert one.half_width == pytest.approx(other.half_width, rel=1e-12)
+    estimates = tuple(
+        dataclasses.replace(one, half_width=other.half_width)
+        for one, other in zip(read.estimates, summary.estimates, strict=True)
+    )
+    assert dataclasses.replace(read, estimates=estimates) == summary
+    (tmp_path / "anna.fit.json").write_text("[3]")
+    with pytest.raises(InputError, match=r"^.*anna\.fit\.json: is not a fit\.json of biodyn; fit the subject again$"):
+        read_summary(tmp_path / "anna.fit.json")
+
+
+def test_one_case_and_what_was_not_measured_are_said(fitted: FitReport) -> None:
+    event = fitted.fitted[0]
+    energy = np.where(np.array(MEASURED_SEGMENTS) == "lower_torso", 0.0, event.case.energy)
+    one = dataclasses.replace(event, case=dataclasses.replace(event.case, energy=energy))
+    said = " ".join(limitations(dataclasses.replace(fitted, events=(one,))))
     assert "One case alone" in said and "lower torso" in said
-    assert len(lines(intervals(document), DARK, 0.9)) == 0
-    assert len(lines(intervals(fitted.document), DARK, 0.9)) == 2 * 14  # a tick for each case and parameter
+    assert len(lines(intervals(fitted.uncertainty.estimates, []), DARK, 0.9)) == 0
+    assert len(lines(drawn_intervals(fitted), DARK, 0.9)) == 2 * 14  # a tick for each case and parameter
 
 
-def test_profiles_show_the_mark_and_open_sides(fitted: Fitted) -> None:
+def test_profiles_show_the_mark_and_open_sides(fitted: FitReport) -> None:
     name = "natural_frequency_hz[head]"
-    profile = {"values": [8.0, 10.0, 11.0], "rise": [4e-5, 0.0, 1e-5], "threshold": 2e-5, "lower": 8.9, "upper": None}
-    assert profiles(fitted.document) is None
-    svg = profiles(fitted.document | {"profiles": {name: profile}})
+    profile = Profile(name, np.array([8.0, 10.0, 11.0]), np.array([4e-5, 0.0, 1e-5]), 2e-5, 8.9, None)
+    assert fitted.profiles == () and profiles(()) is None
+    svg = profiles([profile])
     assert svg is not None
     for text in ("natural frequency, head", "value, Hz", "over the 95 % limit, no unit", "open"):
         assert text in told(svg)
@@ -334,23 +352,24 @@ def test_profiles_show_the_mark_and_open_sides(fitted: Fitted) -> None:
     assert (y[0] - y[1]) / (y[2] - y[1]) == pytest.approx(4.0, rel=0.01)
 
 
-def test_the_correlation_is_that_of_the_covariance(fitted: Fitted) -> None:
-    found = np.array(fitted.document["correlation"]["matrix"])
-    names = fitted.document["correlation"]["names"]
-    assert found.shape == (len(names), len(names)) and set(names) <= set(fitted.document["intervals"])
+def test_the_correlation_is_that_of_the_covariance(fitted: FitReport) -> None:
+    document = fit_document(fitted)
+    found, names = np.array(document["correlation"]["matrix"]), document["correlation"]["names"]
+    assert found.shape == (len(names), len(names)) and set(names) <= set(document["intervals"])
     np.testing.assert_allclose(np.diag(found), 1.0)
     np.testing.assert_allclose(found, found.T)
-    half = {name: of["half_width_percent"] for name, of in fitted.document["intervals"].items()}
+    half = {name: of["half_width_percent"] for name, of in document["intervals"].items()}
     assert all(half[name] is not None for name in names)
-    pair = {"names": ["natural_frequency_hz[head]", "damping_ratio[head]"], "matrix": [[1.0, -0.873], [-0.873, 1.0]]}
-    assert "-0.87" in told(correlation(fitted.document | {"correlation": pair}))
-    alone = {"names": ["damping_ratio[head]"], "matrix": [[1.0]]}
-    assert correlation(fitted.document | {"correlation": alone}) is None
+    pair = np.array([[4.0, -0.873 * 6.0], [-0.873 * 6.0, 9.0]])
+    names = ("natural_frequency_hz[head]", "damping_ratio[head]")
+    assert "-0.87" in told(correlation(dataclasses.replace(fitted.uncertainty, names=names, covariance=pair)))
+    alone = dataclasses.replace(fitted.uncertainty, names=names[1:], covariance=np.ones((1, 1)))
+    assert correlation(alone) is None
 
 
-def test_what_a_fit_draws_is_what_its_document_counts(fitted: Fitted) -> None:
-    events = {event.name: event for event in fit_events(fitted)}
-    for told_of in (*fitted.document["cases"], *fitted.document["held_out"]):
+def test_what_a_fit_draws_is_what_its_document_counts(fitted: FitReport) -> None:
+    events, document = {event.name: event for event in compared_events(fitted, fitted.events)}, fit_document(fitted)
+    for told_of in (*document["cases"], *document["held_out"]):
         event = events[Path(told_of["bag"]).name] if Path(told_of["bag"]).name in events else events[told_of["bag"]]
         for column, percent in enumerate(told_of["joint"]["nrmse_rms"].values()):
             here = np.isfinite(event.measured_mps2[:, column])
@@ -359,7 +378,7 @@ def test_what_a_fit_draws_is_what_its_document_counts(fitted: Fitted) -> None:
         assert event.before.mean_percent > event.after.mean_percent
 
 
-def test_a_drawing_that_fails_costs_no_fit(fitted: Fitted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_drawing_that_fails_costs_no_fit(fitted: FitReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     output = tmp_path / "anna.yaml"
     (tmp_path / "anna.fit.html").write_text("the page of yesterday")
     write_fitted(fitted, output)
@@ -402,28 +421,27 @@ def test_a_missing_library_is_told_before_the_work(
 # --- campaign --------------------------------------------------------------------------------------------------------
 
 
-def row(name: str, **more: Any) -> Document:
-    blank = dict.fromkeys(("error", "seconds", "mean_error_percent", "result", "fingerprint", "page"))
-    return {"name": name, "subject": PERSON, "bags": ["a"], "held_out": [], "state": "waiting"} | blank | more
+def row(name: str, **more: Any) -> Row:
+    return Row(name, PERSON, ["a"], [], **more)
 
 
-def test_the_page_of_a_campaign_has_every_subject(fitted: Fitted, tmp_path: Path) -> None:
-    alone = copy.deepcopy(fitted.document) | {"held_out": []}
-    for name, of in (("anna+1", fitted.document), ("ben", alone)):
+def test_the_page_of_a_campaign_has_every_subject(fitted: FitReport, tmp_path: Path) -> None:
+    document = fit_document(fitted)
+    for name, of in (("anna+1", document), ("ben", document | {"held_out": []})):
         (tmp_path / f"{name}.fit.json").write_text(json.dumps(of))
     done = {"state": "done", "seconds": 3.0}
-    rows = [
+    rows = (
         row("anna+1", result="anna+1.yaml", page="anna+1.fit.html", mean_error_percent=2.5, **done),
         row("ben", result="ben.yaml", mean_error_percent=4.5, error="the page cannot be drawn <b>", **done),
         row("carl", state="failed", error=f"{ODD}: cannot be read"),
         row("dora"),
-    ]
-    document = {"schema": 1, "campaign": ODD, "version": "0.1.0", "subjects": rows}
-    write_campaign_page(document, tmp_path)
+    )
+    campaign = CampaignReport(ODD, rows)
+    write_campaign_page(campaign, tmp_path)
     source = (tmp_path / "campaign.html").read_text()
     text = Page(source).text
     assert_self_contained(source)
-    unseen = number(fitted.document["held_out"][0]["joint"]["mean"])
+    unseen = number(document["held_out"][0]["joint"]["mean"])
     for expected in (
         "2 of 4 subjects fitted", "Failed, --resume tries them again: carl.", "Not begun, or not finished: dora.",
         "Error on the events fitted to: 2.50 to 4.50 %", f"On events not fitted to: {unseen} %",
@@ -433,10 +451,10 @@ def test_the_page_of_a_campaign_has_every_subject(fitted: Fitted, tmp_path: Path
         assert expected in text, expected
     assert 'href="anna%2B1.fit.html"' in source and "script" not in Page(source).tags
     assert "place between the bounds of Table 1, logarithmic, no unit" in told(source)
-    assert campaign_page(document, tmp_path).encode("utf-8", "backslashreplace") == source.encode()
+    assert campaign_page(campaign, tmp_path).encode("utf-8", "backslashreplace") == source.encode()
     (tmp_path / "ben.fit.json").write_text("{}")
     with pytest.raises(InputError, match=r"ben\.fit\.json: is not a fit\.json of biodyn"):
-        campaign_page(document, tmp_path)
+        campaign_page(campaign, tmp_path)
     assert subjects([]) is not None
 
 
@@ -445,19 +463,25 @@ def test_the_page_of_a_campaign_has_every_subject(fitted: Fitted, tmp_path: Path
     [(("good", "good"), "good"), (("good", "none"), "none"), (("warn", "none"), "warn"), (("bad", "good"), "bad")],
 )
 def test_a_campaign_is_no_greener_than_its_subjects(tones: tuple[str, str], tone: str) -> None:
-    done = {"state": "done", "mean_error_percent": 2.5}
-    names = ("anna", "ben")
-    document = {"subjects": [row(name, **done) for name in names]}
-    of = dict(zip(names, tones, strict=True))
-    found = judge_campaign(document, dict.fromkeys(names, 3.0), of)
+    good = FitSummary((2.5,), (3.0,), (), "segment", None, 1, 1, is_made_by_model=False)
+    of_tone = {
+        "good": good,
+        "none": dataclasses.replace(good, is_made_by_model=True),
+        "warn": dataclasses.replace(good, better_mass_matrix="cascade"),
+        "bad": dataclasses.replace(good, held_out=(25.0,)),
+    }
+    fits = {name: of_tone[each] for name, each in zip(("anna", "ben"), tones, strict=True)}
+    assert [fit_verdict(fit).tone for fit in fits.values()] == list(tones)
+    rows = tuple(row(name, state="done", mean_error_percent=2.5) for name in fits)
+    found = campaign_verdict(CampaignReport("", rows), fits)
     assert found.tone == tone
     assert any("not fitted to: anna" in line for line in found.reasons) == ("bad" in tones)
-    document["subjects"].append(row("carl", state="failed"))
-    assert judge_campaign(document, dict.fromkeys(names, 3.0), of).tone == "bad"
+    failed = CampaignReport("", (*rows, row("carl", state="failed")))
+    assert campaign_verdict(failed, fits).tone == "bad"
 
 
 def test_a_page_that_cannot_be_drawn_costs_no_subject(
-    fitted: Fitted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    fitted: FitReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "a.mcap").write_bytes(b"")
     (tmp_path / "campaign.yaml").write_text(
@@ -468,11 +492,10 @@ def test_a_page_that_cannot_be_drawn_costs_no_subject(
     monkeypatch.setattr(campaigns, "fingerprint", lambda entry, options: entry.name)
     monkeypatch.setattr(campaigns, "fit_bags", lambda *given: fitted)
     monkeypatch.setattr(fit_report, "fit_page", lambda found: pages[next(names)])
-    document = fit_campaign(load_campaign(tmp_path / "campaign.yaml"), tmp_path / "out", report=True)
-    first, second = document["subjects"]
-    assert [each["state"] for each in (first, second)] == ["done", "done"]
-    assert (first["page"], first["error"]) == ("subject_1.fit.html", None)
-    assert second["page"] is None and "the page cannot be drawn (KeyError: 'nothing')" in second["error"]
+    first, second = fit_campaign(load_campaign(tmp_path / "campaign.yaml"), tmp_path / "out", report=True).rows
+    assert [each.state for each in (first, second)] == ["done", "done"]
+    assert (first.page, first.error) == ("subject_1.fit.html", None)
+    assert second.page is None and "the page cannot be drawn (KeyError: 'nothing')" in second.error
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "campaign.json", "subject_1.fit.html", "subject_1.fit.json", "subject_1.yaml", "subject_2.fit.json",
         "subject_2.yaml",

@@ -45,13 +45,21 @@ from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import MADE_BY_MODEL, bag_sha256, role_of
 from biodyn_ros.reports.residuals import residual_spectra, windowed
 from biodyn_ros.trace import tracing
-from biodyn_ros.trace.document import PROOF, refit_document, trace_document
+from biodyn_ros.trace.document import PROOF, refit_document, trace_document, traced_subject
 from biodyn_ros.trace.page import trace_page, worst_event
 from biodyn_ros.trace.refit import Refit, refit_of
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.text import text_of
-from biodyn_ros.trace.tracing import Stages, Traced, TraceOptions, deal, trace_bags, write_traced
-from biodyn_ros.trace.wording import belief, diagnosed, effect_name, headline, parameters_of, sensor_lines, tone
+from biodyn_ros.trace.tracing import TraceOptions, deal, stage_lines, trace_bags, write_traced
+from biodyn_ros.trace.wording import (
+    diagnostic_lines,
+    effect_name,
+    headline,
+    parameters_of,
+    reliability,
+    sensor_lines,
+    tone,
+)
 
 SUBJECT = subject()
 RATE_HZ = 200.0
@@ -215,7 +223,7 @@ def drawn(verdict: Verdict) -> tuple[str, Page]:
 
 
 def test_the_document_has_its_keys() -> None:
-    document = json.loads(json.dumps(trace_document(found()), allow_nan=False))
+    document = json.loads(json.dumps(trace_document(Report(found())), allow_nan=False))
     least = {
         "verdict", "effects", "ambiguous_with", "separating_experiment", "error", "floor", "p_value", "threshold",
         "candidates", "diagnostics", "parameters_moved", "seed", "version",
@@ -231,7 +239,7 @@ def test_the_document_has_its_keys() -> None:
 
 
 def test_errors_are_means_over_the_events_of_a_use() -> None:
-    error = trace_document(found())["error"]
+    error = trace_document(Report(found()))["error"]
     assert error["before"]["train"] == {
         "pelvis": 15.0, "lower_torso": 17.0, "upper_torso": 19.0, "neck": None, "head": 25.0, "all": 19.0,
     }  # fmt: skip
@@ -240,30 +248,30 @@ def test_errors_are_means_over_the_events_of_a_use() -> None:
         "pelvis": 3.0, "lower_torso": 3.0, "upper_torso": 3.0, "neck": None, "head": 5.0, "all": 3.5,
     }  # fmt: skip
     assert error["after"]["choose"]["all"] == 5.0
-    without = trace_document(nothing())["error"]["before"]
+    without = trace_document(Report(nothing()))["error"]["before"]
     assert list(without) == ["train", "held_out"]
     assert set(without["held_out"]) == {*MEASURED_SEGMENTS, "all"} and set(without["held_out"].values()) == {None}
 
 
 def test_scores_and_parameter_changes() -> None:
-    document = trace_document(found())
+    document = trace_document(Report(found()))
     assert [each["score"] for each in document["candidates"]] == pytest.approx([3.0, 2.0, -math.log10(0.7), 0.0])
     assert document["candidates"][3]["gain"] is None
     impossible = dataclasses.replace(found().rounds[0].ranking[0], p_value=0.0)
-    (only,) = trace_document(found(rounds=(Round((impossible,), NAN, None, ()),)))["candidates"]
+    (only,) = trace_document(Report(found(rounds=(Round((impossible,), NAN, None, ()),))))["candidates"]
     assert only["score"] is None
-    moves = document["parameters_moved"]
-    assert list(moves) == [parameter.name for parameter in PARAMETERS]
-    assert moves["natural_frequency_hz[pelvis]"]["percent"] == pytest.approx(-10.0)
-    assert moves["damping_ratio[head]"]["percent"] == pytest.approx(-25.0)
-    assert moves["mass_scale"]["percent"] == 0.0
+    changes = document["parameters_moved"]
+    assert list(changes) == [parameter.name for parameter in PARAMETERS]
+    assert changes["natural_frequency_hz[pelvis]"]["percent"] == pytest.approx(-10.0)
+    assert changes["damping_ratio[head]"]["percent"] == pytest.approx(-25.0)
+    assert changes["mass_scale"]["percent"] == 0.0
 
 
 def test_a_parameter_that_was_zero_has_no_percent() -> None:
     theta = SUBJECT.parameters.vector().copy()
     theta[13] = 0.0
     linear = dataclasses.replace(SUBJECT, parameters=Parameters.from_vector(theta))
-    assert trace_document(found(before=linear))["parameters_moved"]["stiffening_scale"]["percent"] is None
+    assert trace_document(Report(found(before=linear)))["parameters_moved"]["stiffening_scale"]["percent"] is None
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -273,7 +281,7 @@ def test_documents_have_no_nan(verdict: Verdict) -> None:
         peeling={"head": NAN}, level_slope=NAN, jump=("rail_1", NAN), drift={"mass_scale": math.inf}, pulled_down=NAN,
     )  # fmt: skip
     for trace in (found(verdict), found(verdict, diagnostics=lost, floor_percent=NAN, p_value=NAN, threshold=NAN)):
-        document = trace_document(trace)
+        document = trace_document(Report(trace))
         json.dumps(document, allow_nan=False)
         text_of(Report(trace))
     if verdict == "unexplained":  # the one page with every drawing
@@ -298,7 +306,7 @@ def test_every_effect_has_a_name_at_each_of_its_sites() -> None:
 def test_each_verdict_has_its_own_sentences() -> None:
     traces = [found(verdict) for verdict in VERDICTS]
     assert len({headline(trace) for trace in traces}) == len(VERDICTS) == 5
-    assert len({belief(trace) for trace in traces}) == 5
+    assert len({reliability(trace) for trace in traces}) == 5
     by_verdict = dict(zip(VERDICTS, map(headline, traces), strict=True))
     assert by_verdict["effect"] == (
         "Missing in the model: stop in the joint between seat and pelvis."
@@ -313,7 +321,7 @@ def test_each_verdict_has_its_own_sentences() -> None:
 
 
 def test_diagnostics_are_sentences_with_numbers() -> None:
-    lines = diagnosed(found().diagnostics)
+    lines = diagnostic_lines(found().diagnostics)
     assert all(line.endswith(".") and line[0].isupper() for line in lines) and len(lines) == 8
     said = " ".join(lines)
     for expected in (
@@ -325,7 +333,7 @@ def test_diagnostics_are_sentences_with_numbers() -> None:
         "damping ratio, neck 0.900",
     ):  # fmt: skip
         assert expected in said, expected
-    assert diagnosed(None) == []
+    assert diagnostic_lines(None) == []
 
 
 def test_the_terminal_has_the_verdict_first() -> None:
@@ -350,7 +358,7 @@ def test_the_terminal_has_the_verdict_first() -> None:
 def test_without_a_verdict_one_list_has_the_missing_recordings() -> None:
     """The list appears once, its parts are the reasons, and empty sections are left out."""
     undecided = found("not_decidable", reasons=("too little", *found("not_decidable").lacking))
-    document = trace_document(undecided)
+    document = trace_document(Report(undecided))
     assert (
         document["to_record"] == [{"use": "to fit", "road_s": 18.0, "shocks": 2, "hard_shocks": 1, "how": ()}]
         and json.loads(json.dumps(document))["to_record"][0]["how"] == []
@@ -372,7 +380,7 @@ def test_every_verdict_has_a_page(verdict: Verdict) -> None:
     source, page = drawn(verdict)
     trace = found(verdict)
     for expected in (
-        headline(trace), belief(trace), *MEASURED_SEGMENTS, *(each.name for each in EVENTS), PROOF,
+        headline(trace), reliability(trace), *MEASURED_SEGMENTS, *(each.name for each in EVENTS), PROOF,
         "The gain exceeds the threshold.", "clock of the neck's sensor +3.10", "bending at neck", "sensor was loose",
         "m/s²", "(m/s²)²/Hz", "Hz", "no unit", "damping ratio, head",
     ):  # fmt: skip
@@ -387,17 +395,17 @@ def test_an_unsteady_effect_is_found_and_not_added() -> None:
     """A wandering line varies with time."""
     line = applied("periodic", "head")
     alone = found(effects=(line,), intervals=((),), after=SUBJECT)
-    document = trace_document(alone)
+    document = trace_document(Report(alone))
     assert [effect["added"] for effect in document["effects"]] == [False]
     assert headline(alone) == (
         "Found: periodic on the head. A subject cannot store it, so nothing is added. Held-out error 20.0 %."
     )
     assert "found, not added: periodic on the head" in " ".join(text_of(Report(alone)).split())
-    assert "events for choosing" in belief(alone) and "random" not in belief(alone)
+    assert "events for choosing" in reliability(alone) and "random" not in reliability(alone)
     _, page = page_of(alone)
     assert "Effects found but not added" in page.text and "Added effects" not in page.text
     beside = found(effects=(line, STOP), intervals=((), found().intervals[0]))
-    assert [effect["added"] for effect in trace_document(beside)["effects"]] == [False, True]
+    assert [effect["added"] for effect in trace_document(Report(beside))["effects"]] == [False, True]
     assert headline(beside) == (
         "Missing in the model: stop in the joint between seat and pelvis."
         " With it, the held-out error goes from 20.0 % to 3.50 %."
@@ -414,7 +422,7 @@ LOUD = SensorFinding(AppliedEffect(CATALOGUE["gain"], "neck", {"gain": 0.01}), "
 
 def test_sensor_findings_are_independent_of_the_verdict() -> None:
     quiet = found("none", sensors=(LEAN, LATE))
-    document = trace_document(quiet)
+    document = trace_document(Report(quiet))
     assert headline(quiet) == headline(found("none")) and document["effects"] == []
     lean, late = document["sensors"]
     assert (lean["name"], lean["site"], lean["told_by"], lean["gain"]) == ("tilt", "head", "gyro", None)
@@ -441,9 +449,8 @@ def test_sensor_findings_are_independent_of_the_verdict() -> None:
 
 def test_an_unsteady_candidate_has_no_p_value() -> None:
     anew = RankedCandidate(applied("clock", "head"), 0.8, True, 0.005, 0.2, 6, steady=False)
-    document = trace_document(
-        found(rounds=(Round((anew, RankedCandidate(STOP, 0.3, True, 0.01, 0.2, 6)), 0.1, anew, ()),))
-    )
+    ranking = (anew, RankedCandidate(STOP, 0.3, True, 0.01, 0.2, 6))
+    document = trace_document(Report(found(rounds=(Round(ranking, 0.1, anew, ()),))))
     (first, second) = document["candidates"]
     assert (first["p_value"], first["score"], first["steady"]) == (None, None, False)
     assert second["p_value"] == 0.01 and second["steady"]
@@ -459,7 +466,7 @@ def test_ambiguous_names_the_chosen_effect_and_its_rivals() -> None:
 def test_none_names_the_largest_gain() -> None:
     trace = found("none")
     assert "exceeds the required gain and the typical deviations of bodies" in headline(trace)
-    assert "a gain of 0.810 (stop in the joint between seat and pelvis) in 0.1 % of random draws" in belief(trace)
+    assert "a gain of 0.810 (stop in the joint between seat and pelvis) in 0.1 % of random draws" in reliability(trace)
 
 
 def test_green_needs_a_smaller_held_out_error() -> None:
@@ -482,7 +489,7 @@ def test_the_page_has_numbers_before_and_after() -> None:
 
 def test_parameters_are_shown_as_given_refitted_and_with_the_effect() -> None:
     for verdict, adds in (("effect", True), ("not_decidable", False)):
-        of = trace_document(found(verdict))["parameters_moved"]["stiffening_scale"]
+        of = trace_document(Report(found(verdict)))["parameters_moved"]["stiffening_scale"]
         assert (of["given"], of["refitted"]) == (pytest.approx(0.434), pytest.approx(0.217))
         assert of["with_effect"] == (pytest.approx(0.217) if adds else None)
         assert of["refit_percent"] == pytest.approx(-50.0) and of["percent"] == 0.0
@@ -493,7 +500,7 @@ def test_parameters_are_shown_as_given_refitted_and_with_the_effect() -> None:
         assert ("subject.yaml: equals the given subject" in page.text) is not adds
         assert ("effect, %" in page.text) is adds
     unfitted = dataclasses.replace(SUBJECT, parameters=UNFITTED)
-    of = trace_document(found("none", given=unfitted))["parameters_moved"]["stiffening_scale"]
+    of = trace_document(Report(found("none", given=unfitted)))["parameters_moved"]["stiffening_scale"]
     assert of["given"] is None and of["refit_percent"] is None and of["refitted"] == pytest.approx(0.217)
 
 
@@ -519,7 +526,7 @@ def test_a_refit_outside_the_given_intervals_has_its_reason() -> None:
         " there the error is 38.0 % of the measured rms with the given parameters, 19.0 % with the refitted ones"
     )
     trace = found("not_decidable", given=given(SUBJECT))
-    whole = Report(trace, refit_of(trace, ("a", "b", "x", "y", "z", "z")))
+    whole = Report(trace, refit=refit_of(trace, ("a", "b", "x", "y", "z", "z")))
     assert document["text"] in " ".join(text_of(whole).split())
     page = Page(trace_page(whole)).text
     assert document["text"][1:] in page and "outside, 0.217" in page
@@ -649,22 +656,23 @@ def test_bags_become_cases_with_channels_and_their_roles(bags: dict[str, Path], 
     assert [case.case for case in calls["train"]] == ["rail", "road"]
     assert [case.name for case in calls["held_out"]] == [str(bags["rail_2"])]
     assert "seat.x" in calls["train"][0].channels and calls["seed"] == 3
-    assert [(Path(of["bag"]).name, of["use"]) for of in traced.document["bags"]] == [
+    document = trace_document(traced)
+    assert [(Path(of["bag"]).name, of["use"]) for of in document["bags"]] == [
         ("rail_1.mcap", "train"), ("road.mcap", "train"), ("rail_2.mcap", "held_out"),
     ]  # fmt: skip
-    assert "held out rail_2.mcap" in traced.document["dealt"] and traced.document["seconds"] > 0.0
-    assert [line for line in traced.document["warnings"] if "made by the model" in line] == [
+    assert "held out rail_2.mcap" in document["dealt"] and document["seconds"] > 0.0
+    assert [line for line in document["warnings"] if "made by the model" in line] == [
         f"3 of 3 recordings: {MADE_BY_MODEL}"
     ]
     none, unexplained = (dataclasses.replace(traced.trace, verdict=verdict) for verdict in ("none", "unexplained"))
-    assert tone(dataclasses.replace(traced.report, trace=none)) == "none"  # no green for recordings of the model itself
+    assert tone(dataclasses.replace(traced, trace=none)) == "none"  # no green for recordings of the model itself
     assert tone(Report(none)) == "good"
-    assert tone(dataclasses.replace(traced.report, trace=unexplained)) == "bad"
-    assert_listed("trace.json", traced.document)
+    assert tone(dataclasses.replace(traced, trace=unexplained)) == "bad"
+    assert_listed("trace.json", document)
     alone = trace_bags([bags["road"]], SUBJECT)
-    assert "nothing is held out" in alone.document["dealt"] and calls["held_out"] == []
+    assert "nothing is held out" in (alone.dealt or "") and calls["held_out"] == []
     named = trace_bags([bags["rail_1"]], SUBJECT, TraceOptions(held_out=(str(bags["road"]),)))
-    assert named.document["dealt"] is None and len(calls["held_out"]) == 1
+    assert named.dealt is None and len(calls["held_out"]) == 1
 
 
 def test_written_files_are_complete_and_have_the_bags(
@@ -674,7 +682,7 @@ def test_written_files_are_complete_and_have_the_bags(
     out = tmp_path / "new" / "out"
     write_traced(traced, out)
     assert sorted(path.name for path in out.iterdir()) == ["subject.yaml", "trace.html", "trace.json"]
-    assert json.loads((out / "trace.json").read_text()) == json.loads(json.dumps(traced.document))
+    assert json.loads((out / "trace.json").read_text()) == json.loads(json.dumps(trace_document(traced)))
     written = load_subject(out / "subject.yaml")
     assert written.effects[0].effect.name == "stop" and written.provenance["made_by"] == "biodyn trace"
     assert role_of(written, bag_sha256(bags["rail_1"])) == role_of(written, bag_sha256(bags["road"])) == "fitted"
@@ -684,8 +692,8 @@ def test_written_files_are_complete_and_have_the_bags(
     assert written.provenance["effects"] == {"stop at pelvis": {"gap_m": [0.0115, 0.0126]}}
     # These bags are not new for a further trace, and the origin of the first effect stays in the file.
     again = trace_bags([bags["rail_2"]], written, TraceOptions(held_out=(str(bags["road"]),)))
-    assert any("had been fitted to it" in line for line in again.document["warnings"])
-    assert role_of(again.subject, bag_sha256(bags["rail_1"])) == "fitted"
+    assert any("had been fitted to it" in line for line in again.warnings)
+    assert role_of(traced_subject(again), bag_sha256(bags["rail_1"])) == "fitted"
 
 
 @pytest.mark.parametrize("verdict", ["none", "unexplained", "not_decidable"])
@@ -709,7 +717,7 @@ def test_without_an_added_effect_the_subject_is_the_given_one(
         assert json.loads((out / "trace.json").read_text())["subject_written"] == "as_given"
         assert "subject.yaml: equals the given subject" in capsys.readouterr().out
     traced = trace_bags(list(bags.values()), SUBJECT)
-    assert traced.subject is SUBJECT
+    assert traced_subject(traced) is SUBJECT
 
 
 def test_the_subject_is_written_before_the_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -717,7 +725,7 @@ def test_the_subject_is_written_before_the_verdict(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(tracing, "write_json", lambda path, document: {}["interrupted"])
     (tmp_path / "subject.yaml").write_text("of the trace before")
     with pytest.raises(KeyError, match="interrupted"):
-        write_traced(Traced({}, SUBJECT, Report(found("none"))), tmp_path)
+        write_traced(Report(found("none")), tmp_path)
     assert load_subject(tmp_path / "subject.yaml").name == SUBJECT.name
 
 
@@ -752,9 +760,9 @@ def test_the_use_of_each_bag_is_printed_before_the_computation(
 def test_a_bag_for_choosing_counts_as_fitted(bags: dict[str, Path], calls: dict[str, Any]) -> None:
     spare = (str(bags["rail_2"]), str(bags["road"]))
     traced = trace_bags([bags["rail_1"]], SUBJECT, TraceOptions(held_out=spare))
-    assert [of["use"] for of in traced.document["bags"]] == ["train", "choose", "held_out"]
-    assert role_of(traced.subject, bag_sha256(bags["rail_2"])) == "fitted"
-    assert role_of(traced.subject, bag_sha256(bags["road"])) == "held_out"
+    assert [of["use"] for of in trace_document(traced)["bags"]] == ["train", "choose", "held_out"]
+    assert role_of(traced_subject(traced), bag_sha256(bags["rail_2"])) == "fitted"
+    assert role_of(traced_subject(traced), bag_sha256(bags["road"])) == "held_out"
 
 
 def test_validate_reports_a_bag_that_the_trace_was_fitted_to(
@@ -769,10 +777,10 @@ def test_validate_reports_a_bag_that_the_trace_was_fitted_to(
 
 
 def test_a_failing_page_keeps_the_other_files(tmp_path: Path) -> None:
-    trace = found(verdict="uncalls of")
+    trace = found(verdict="unknown")
     (tmp_path / "trace.html").write_text("of the trace before")
     with pytest.raises(InputError, match=r"trace\.html: cannot be drawn \(KeyError"):
-        write_traced(Traced({"verdict": "effect"}, trace.after, Report(trace)), tmp_path)
+        write_traced(Report(trace), tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["subject.yaml", "trace.json"]
 
 
@@ -789,7 +797,7 @@ def test_each_stage_has_its_line() -> None:
         def __exit__(self, *_: object) -> None:
             seen.append(f"{self.what} ends")
 
-    with Stages(Line) as on_stage:
+    with stage_lines(Line) as on_stage:
         on_stage("screening", 0.5)
         on_stage("refitting", 0.0)
         on_stage("refitting", 1.0)

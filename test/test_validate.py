@@ -21,13 +21,14 @@ from biodyn_core.recording.recording import WARM_UP_S, Recorder, Recording
 from biodyn_core.signals.response import Peak, SpectrumSettings, cross_spectra
 from biodyn_core.validation.validation import HeadPeaks, PeakRatio
 from biodyn_ros.base.resources import subject_file
+from biodyn_ros.commands.cli import main
 from biodyn_ros.simulate import simulate_bag
 from biodyn_ros.validate.document import validation_document
 from biodyn_ros.validate.findings import head_findings, verdict
 from biodyn_ros.validate.report import Report
 from biodyn_ros.validate.settings import ValidationSettings
 from biodyn_ros.validate.text import text_of
-from biodyn_ros.validate.validating import ValidateOptions, validate_recordings, validate_to_directory
+from biodyn_ros.validate.validating import ValidateOptions, validate, validate_recordings, write_validated
 
 RATE_HZ = 1000.0
 BEHIND = round(WARM_UP_S * RATE_HZ)
@@ -421,7 +422,8 @@ def test_a_model_that_diverges_is_refused():
 def test_a_bag_becomes_a_document(tmp_path):
     bag = tmp_path / "rail_1.mcap"
     simulate_bag(bag, subject(), load_case("rail", 8.0, np.random.default_rng(3)), 3, SensorSettings())
-    validated = validate_to_directory(bag, subject(), tmp_path / "out" / "deep")
+    validated = validate(bag, subject())
+    write_validated(validated, tmp_path / "out" / "deep")
     written = json.loads((tmp_path / "out" / "deep" / "validate.json").read_text(encoding="utf-8"))
     assert written == json.loads(json.dumps(validation_document(validated), allow_nan=False))
     assert_listed("validate.json", written)
@@ -437,15 +439,17 @@ def test_a_bag_becomes_a_document(tmp_path):
         assert doses["predicted"]["vdv_mps175"] == pytest.approx(doses["measured"]["vdv_mps175"], rel=0.02)
 
 
-def test_an_invalid_directory_is_refused_in_one_line(tmp_path):
+def test_an_invalid_directory_is_refused_in_one_line(tmp_path, capsys):
     (tmp_path / "file").touch()
     bag = tmp_path / "road.mcap"
     simulate_bag(bag, subject(), load_case("road", 6.0, np.random.default_rng(3)), 3, SensorSettings())
-    with pytest.raises(InputError, match="is a file; the results need a directory"):
-        validate_to_directory(bag, subject(), tmp_path / "file")
+    assert main(["validate", str(bag), "--subject", "subject_1", "-o", str(tmp_path / "file")]) == 2
+    refused = capsys.readouterr().err
+    assert "is a file; the results need a directory" in refused and refused.count("\n") == 1
 
 
-def test_a_refused_bag_leaves_no_directory(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
-        validate_to_directory(tmp_path / "none.mcap", subject(), tmp_path / "out")
+def test_a_refused_bag_leaves_no_directory(tmp_path, capsys):
+    bag, out = tmp_path / "none.mcap", tmp_path / "out"
+    assert main(["validate", str(bag), "--subject", "subject_1", "-o", str(out)]) == 2
+    assert "cannot be read" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

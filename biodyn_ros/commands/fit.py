@@ -86,6 +86,7 @@ def _subject(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_ros.base.files import remove
     from biodyn_ros.base.resources import subject_file
+    from biodyn_ros.fit.document import fit_document
     from biodyn_ros.fit.fitting import check_output, fit_bags, page_beside, write_fitted
     from biodyn_ros.fit.text import text_of
     from biodyn_ros.work.executors import executor_of
@@ -102,18 +103,18 @@ def _subject(options: argparse.Namespace) -> None:
     try:
         with executor_of(options.executor) as executor:
             work = Work(executor, checkpoint, options.resume)
-            fitted = fit_bags(options.bag, subject, how, work)
+            report = fit_bags(options.bag, subject, how, work)
     except KeyboardInterrupt:
         if checkpoint.exists():
             print(f"biodyn fit: {checkpoint} stores the finished part; --resume continues from it", file=sys.stderr)
         raise
-    write_fitted(fitted, output)
+    write_fitted(report, output)
     work.finish()
-    show(options, fitted.document, text_of(fitted.document))
+    show(options, fit_document(report), text_of(report))
     if not options.no_report:
         from biodyn_ros.fit.page import write_fit_page  # needs the extra `reports`
 
-        write_fit_page(fitted, output)
+        write_fit_page(report, output)
     else:
         remove(page_beside(output))
 
@@ -122,7 +123,7 @@ def _campaign(options: argparse.Namespace) -> None:
     from biodyn_ros.base.files import remove
     from biodyn_ros.fit.campaign import fit_campaign
     from biodyn_ros.fit.campaign_file import load_campaign
-    from biodyn_ros.fit.campaign_results import page_of
+    from biodyn_ros.fit.campaign_results import campaign_document, page_of
     from biodyn_ros.fit.campaign_text import check_failed, text_of
     from biodyn_ros.work.executors import executor_of
 
@@ -131,17 +132,17 @@ def _campaign(options: argparse.Namespace) -> None:
     campaign, directory = load_campaign(options.campaign), Path(options.output)
     check_reports(options)
     with executor_of(options.executor) as executor, Progress("fitting") as progress:
-        document = fit_campaign(
+        report = fit_campaign(
             campaign, directory, how_of(options), executor, options.resume, progress, not options.no_report
         )
-    show(options, document, text_of(document))
+    show(options, campaign_document(report), text_of(report))
     if not options.no_report:
         from biodyn_ros.fit.campaign_page import write_campaign_page  # needs the extra `reports`
 
-        write_campaign_page(document, directory)
+        write_campaign_page(report, directory)
     else:
         remove(page_of(directory))
-    check_failed(document, directory)
+    check_failed(report, directory)
 
 
 def how_of(options: argparse.Namespace) -> FitOptions:

@@ -69,6 +69,7 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_ros.base.files import check_directory
     from biodyn_ros.base.resources import subject_file
+    from biodyn_ros.trace.document import trace_document
     from biodyn_ros.trace.text import text_of
     from biodyn_ros.trace.tracing import trace_bags, write_traced
     from biodyn_ros.work.part_store import PartStore
@@ -88,7 +89,7 @@ def _run(options: argparse.Namespace) -> None:
             )
         raise
     write_traced(traced, directory, not options.no_report, given_yaml)
-    show(options, traced.document, text_of(traced.report))
+    show(options, trace_document(traced), text_of(traced))
 
 
 def _kept_beside(directory: Path) -> Path:

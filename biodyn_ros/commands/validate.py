@@ -11,6 +11,7 @@ from biodyn_ros.commands.arguments import (
     add_reading,
     add_settings,
     add_subject,
+    check_reports,
     reading_of,
     settings_of,
     show,
@@ -40,11 +41,12 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.signals.spectrum_settings import SpectrumSettings
+    from biodyn_ros.base.files import check_directory
     from biodyn_ros.base.resources import subject_file
     from biodyn_ros.validate.document import validation_document
     from biodyn_ros.validate.settings import ValidationSettings
     from biodyn_ros.validate.text import text_of
-    from biodyn_ros.validate.validating import ValidateOptions, validate, validate_to_directory
+    from biodyn_ros.validate.validating import ValidateOptions, validate, write_validated
 
     how = ValidateOptions(
         case=options.case,
@@ -55,13 +57,14 @@ def _run(options: argparse.Namespace) -> None:
         as_printed=options.as_printed,
     )
     subject = load_subject(subject_file(options.subject))
+    directory = Path(options.output) if options.output else None
+    if directory:
+        check_directory(directory)
+        check_reports(options)
     with Progress("validating") as progress:
-        if options.output:
-            validated = validate_to_directory(
-                options.bag, subject, Path(options.output), how, progress, report=not options.no_report
-            )
-        else:
-            validated = validate(options.bag, subject, how, progress)
+        validated = validate(options.bag, subject, how, progress)
+    if directory:
+        write_validated(validated, directory, not options.no_report)
     show(options, validation_document(validated), text_of(validated))
 
 

@@ -13,8 +13,10 @@ from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros.base.files import make_directory
 from biodyn_ros.base.progress import OnProgress, ignore_progress, silent
 from biodyn_ros.fit.campaign_file import Campaign, Entry
-from biodyn_ros.fit.campaign_results import Document, Fits, Results, fingerprint
-from biodyn_ros.fit.fitting import FitOptions, Fitted, check_profiles, fit_bags
+from biodyn_ros.fit.campaign_results import CampaignReport, Results, SubjectFit, fingerprint
+from biodyn_ros.fit.document import fit_document, fitted_subject
+from biodyn_ros.fit.fitting import FitOptions, check_profiles, fit_bags
+from biodyn_ros.fit.summary import summary_of
 from biodyn_ros.work.executors import as_done
 from biodyn_ros.work.tasks import Work
 
@@ -27,8 +29,8 @@ def fit_campaign(
     resume: bool = False,
     progress: OnProgress = ignore_progress,
     report: bool = False,
-) -> Document:
-    """Fit all subjects into a directory; the document of campaign.json, which is rewritten after each.
+) -> CampaignReport:
+    """Fit all subjects into a directory with their campaign.json, which is rewritten after each.
 
     Each subject has its own held-out bags and cases. A subject that fails is `failed`; the others continue. With resume
     a subject with a result is not fitted again. progress receives (bags of finished subjects, bags in all).
@@ -47,31 +49,25 @@ def fit_campaign(
     results.write()
     waiting = results.waiting
     progress(*results.progress)
-    fit = fit_and_draw if report else fit_one
-    for index, future in as_done(executor, [(fit, (entry, o)) for entry in waiting]):
+    for index, future in as_done(executor, [(fit_one, (entry, o, report)) for entry in waiting]):
         results.add(waiting[index], future)
         progress(*results.progress)
-    return results.document
+    return results.report
 
 
-def fit_one(entry: Entry, options: FitOptions) -> Fits:
-    """Fit one subject, reading its bags; raises InputError as `fit_bags`."""
-    return _fit(entry, options)[0]
-
-
-def fit_and_draw(entry: Entry, options: FitOptions) -> Fits:
-    """Fit one subject and draw its page on the worker."""
-    fits, fitted = _fit(entry, options)
+def fit_one(entry: Entry, options: FitOptions, draw: bool) -> SubjectFit:
+    """Fit one subject on the worker, reading its bags, and draw its page; raises InputError as `fit_bags`."""
+    own = dataclasses.replace(options, held_out=entry.held_out, cases=entry.cases)
+    key = fingerprint(entry, options)  # of the bags as they are before the fit
+    report = fit_bags(entry.bags, entry.subject, own, Work(monitor=silent))
+    mean_error_percent = summary_of(report).fitted_percent
+    subject = fitted_subject(report).to_yaml()
+    fit = SubjectFit(key, fit_document(report), subject, report.seconds, mean_error_percent)
+    if not draw:
+        return fit
     try:
         from biodyn_ros.fit.page import fit_page  # an extra of its own
 
-        return dataclasses.replace(fits, page=fit_page(fitted))
+        return dataclasses.replace(fit, page=fit_page(report))
     except Exception as error:  # noqa: BLE001 - a fault in a drawing must not discard the fit
-        return dataclasses.replace(fits, page_fault=f"the page cannot be drawn ({one_line(error)})")
-
-
-def _fit(entry: Entry, options: FitOptions) -> tuple[Fits, Fitted]:
-    own = dataclasses.replace(options, held_out=entry.held_out, cases=entry.cases)
-    key = fingerprint(entry, options)  # of the bags as they are before the fit
-    fitted = fit_bags(entry.bags, entry.subject, own, Work(monitor=silent))
-    return Fits(key, fitted.document, fitted.subject.to_yaml()), fitted
+        return dataclasses.replace(fit, page_fault=f"the page cannot be drawn ({one_line(error)})")

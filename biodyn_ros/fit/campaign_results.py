@@ -25,8 +25,8 @@ SCHEMA: Final = 1
 
 
 @dataclass(frozen=True)
-class Fits:
-    """The results of one subject: the fingerprint of its fit, fit.json, and the subject's file.
+class SubjectFit:
+    """The results of one subject: the fingerprint of its fit, fit.json, the subject's file, and its row's numbers.
 
     page: fit.html, None if not requested or not drawn; page_fault is the reason in the latter case.
     """
@@ -34,6 +34,8 @@ class Fits:
     fingerprint: str
     document: Document
     subject: str
+    seconds: float
+    mean_error_percent: float | None
     page: str | None = None
     page_fault: str | None = None
 
@@ -53,6 +55,24 @@ class Row:
     result: str | None = None
     fingerprint: str | None = None
     page: str | None = None
+
+
+@dataclass(frozen=True)
+class CampaignReport:
+    """The path of a campaign's file, and its subjects."""
+
+    campaign: str
+    rows: tuple[Row, ...]
+
+    def named(self, state: str) -> list[str]:
+        """The names of the subjects in a state."""
+        return [row.name for row in self.rows if row.state == state]
+
+
+def campaign_document(report: CampaignReport) -> Document:
+    """The mapping of campaign.json."""
+    rows = [dataclasses.asdict(row) for row in report.rows]
+    return {"schema": SCHEMA, "campaign": report.campaign, "version": __version__, "subjects": rows}
 
 
 class Results:
@@ -81,14 +101,13 @@ class Results:
         return sum(bags.values()) - sum(bags[entry.name] for entry in self.waiting), sum(bags.values())
 
     @property
-    def document(self) -> Document:
-        """The mapping of campaign.json."""
-        rows = [dataclasses.asdict(row) for row in self._rows.values()]
-        return {"schema": SCHEMA, "campaign": str(self._campaign.path), "version": __version__, "subjects": rows}
+    def report(self) -> CampaignReport:
+        """The campaign with the current state of its subjects."""
+        return CampaignReport(str(self._campaign.path), tuple(self._rows.values()))
 
     def write(self) -> None:
         """Write campaign.json."""
-        write_json(self.path, self.document)
+        write_json(self.path, campaign_document(self.report))
 
     def resume(self, options: FitOptions) -> None:
         """Load the finished subjects of campaign.json; raises InputError for one of another fit."""
@@ -109,31 +128,31 @@ class Results:
                     )
                 self._rows[entry.name] = row
 
-    def add(self, entry: Entry, future: Future[Fits]) -> None:
+    def add(self, entry: Entry, future: Future[SubjectFit]) -> None:
         """Write a subject's results, or the reason for their absence."""
         row = self._rows[entry.name]
         try:
-            fits = result_of(future, entry.name)
+            fit = result_of(future, entry.name)
         except Exception as error:  # noqa: BLE001 - a fault in one fit must not stop the others
             self._rows[entry.name] = dataclasses.replace(row, state="failed", error=one_line(error))
         else:
             output = self._output(entry)
-            write_json(json_beside(output), fits.document)
-            write_text(output, fits.subject)
-            page = self._page(output, fits)
+            write_json(json_beside(output), fit.document)
+            write_text(output, fit.subject)
+            page = self._page(output, fit)
             self._rows[entry.name] = dataclasses.replace(
-                row, state="done", seconds=fits.document["seconds"], mean_error_percent=_mean_error(fits.document),
-                result=output.name, fingerprint=fits.fingerprint, error=fits.page_fault, page=page,
+                row, state="done", seconds=fit.seconds, mean_error_percent=fit.mean_error_percent,
+                result=output.name, fingerprint=fit.fingerprint, error=fit.page_fault, page=page,
             )  # fmt: skip
         self.write()
 
-    def _page(self, output: Path, fits: Fits) -> str | None:
+    def _page(self, output: Path, fit: SubjectFit) -> str | None:
         """Write a subject's page; without one, remove that of an earlier fit."""
         path = page_beside(output)
-        if fits.page is None:
+        if fit.page is None:
             path.unlink(missing_ok=True)
             return None
-        write_text(path, fits.page, errors="backslashreplace")
+        write_text(path, fit.page, errors="backslashreplace")
         return path.name
 
     def _output(self, entry: Entry) -> Path:
@@ -154,12 +173,6 @@ def fingerprint(entry: Entry, options: FitOptions) -> str:
 def page_of(directory: Path) -> Path:
     """The path of a campaign's page."""
     return directory / "campaign.html"
-
-
-def _mean_error(document: Document) -> float | None:
-    """Mean error of the resulting subject over the cases it was fitted to."""
-    errors = [case[document["result"]]["mean"] for case in document["cases"]]
-    return None if None in errors else sum(errors) / len(errors)
 
 
 def _row(value: object) -> Row:

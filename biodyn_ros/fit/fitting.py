@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean
@@ -20,22 +19,19 @@ from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.identification.fit import prediction_errors
 from biodyn_core.identification.identify import Identification, fingerprint, identify
-from biodyn_core.identification.problem import Case
 from biodyn_core.identification.profiles import profile
 from biodyn_core.identification.residuals import residual_checks
 from biodyn_core.identification.settings import CaseSettings, FitSettings, UncertaintySettings
 from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.recording.recording import representative
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_ros import __version__
 from biodyn_ros.base.files import check_directory, make_directory, write_text
 from biodyn_ros.base.json_files import write_json
-from biodyn_ros.fit.document import Findings, fit_document, provenance
+from biodyn_ros.fit.document import fit_document, fitted_subject
+from biodyn_ros.fit.report import FITS, FitEvent, Report, Use, reuse_warnings, warnings_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.work.tasks import Work
-
-Document = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -57,26 +53,12 @@ class FitOptions:
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
 
 
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """The document of fit.json, the subject with its provenance, and the identification.
-
-    given: the subject before the fit; held_out: events that are only predicted, prepared like the cases.
-    """
-
-    document: Document
-    subject: Subject
-    identification: Identification
-    given: Subject
-    held_out: tuple[Case, ...]
-
-
 def fit_bags(
     bags: Sequence[str | Path],
     subject: Subject,
     options: FitOptions | None = None,
     work: Work | None = None,
-) -> Fitted:
+) -> Report:
     """Fit a subject to bags; raises InputError for bags without an event to fit to."""
     o, work, begin = options or FitOptions(), work or Work(), time.monotonic()
     check_bags(bags, o.held_out, o.cases)
@@ -88,20 +70,44 @@ def fit_bags(
     fitted, spare = choose(events.prepared)
     cases, held_out = [case for _, case in fitted], [case for _, case in spare]
     problem = fingerprint(cases, subject, o.seed, o.settings)
-    identification = identify(cases, subject, o.seed, o.settings, work.run(problem))
-    findings = _findings(identification, held_out, o)
-    document = fit_document(subject, identification, findings, fitted, spare, o.seed)
-    document["warnings"] = [*events.left_out, *document["warnings"]]
-    document |= {"seconds": time.monotonic() - begin, "version": __version__}
-    fitted_subject = dataclasses.replace(identification.subject, provenance=provenance(document, subject))
-    return Fitted(document, fitted_subject, identification, subject, tuple(held_out))
+    found = identify(cases, subject, o.seed, o.settings, work.run(problem))
+    cutoff_hz = (o.reading.conditioning or ConditioningSettings()).cutoff_hz
+    sure = uncertainty(found.joint, cases, o.uncertainty)
+    requested = [estimate for estimate in sure.estimates if {estimate.name, "all"} & set(o.profiles)]
+    better, mass_matrix_percent = found.better_mass_matrix(held_out)
+    return Report(
+        given=subject,
+        identification=found,
+        events=tuple(_predicted(found, fitted, spare)),
+        uncertainty=sure,
+        profiles=tuple(profile(found.joint, cases, of.name, o.uncertainty) for of in requested if not of.at_bound),
+        not_profiled=tuple(of.name for of in requested if of.at_bound),
+        residual_checks=tuple(residual_checks(found.joint, cases, o.spectra, cutoff_hz)),
+        better_mass_matrix=better,
+        mass_matrix_percent=mass_matrix_percent,
+        seed=o.seed,
+        warnings=(*events.left_out, *warnings_of([*fitted, *spare]), *reuse_warnings(subject, spare)),
+        seconds=time.monotonic() - begin,
+    )
 
 
-def write_fitted(fitted: Fitted, output: Path) -> None:
+def _predicted(found: Identification, fitted: Sequence[Prepared], spare: Sequence[Prepared]) -> Iterator[FitEvent]:
+    """The events with the errors of both resulting subjects, and of the fits to a case alone."""
+    cases = [case for _, case in (*fitted, *spare)]
+    joint, idealized = (prediction_errors(fit.subject, cases) for fit in (found.joint, found.idealized))
+    for (event, case), fit, *both in zip(fitted, found.fits, joint, idealized, strict=False):
+        yield FitEvent(event, case, "fitted", dict(zip(FITS, (fit.errors[0], *both), strict=True)))
+    first = len(fitted)
+    for (event, case), *both in zip(spare, joint[first:], idealized[first:], strict=True):
+        use: Use = "held out" if event.held_out else "another repetition"
+        yield FitEvent(event, case, use, dict(zip(FITS[1:], both, strict=True)))
+
+
+def write_fitted(report: Report, output: Path) -> None:
     """Write the subject file and its fit.json."""
     make_directory(output.parent)
-    subject = fitted.subject.to_yaml()
-    write_json(json_beside(output), fitted.document)
+    subject = fitted_subject(report).to_yaml()
+    write_json(json_beside(output), fit_document(report))
     write_text(output, subject)
 
 
@@ -165,23 +171,3 @@ def check_profiles(options: FitOptions) -> None:
         if name != "all" and name not in known:
             near = did_you_mean(name, ["all", *known])
             raise InputError(f"profile: {name!r} is not a fitted parameter, known are all, {', '.join(known)}{near}")
-
-
-def _findings(found: Identification, held_out: Sequence[Case], options: FitOptions) -> Findings:
-    joint, cases = found.joint, found.cases
-    cutoff_hz = (options.reading.conditioning or ConditioningSettings()).cutoff_hz
-    events = [*cases, *held_out]
-    sure = uncertainty(joint, cases, options.uncertainty)
-    asked = [estimate for estimate in sure.estimates if {estimate.name, "all"} & set(options.profiles)]
-    names = [estimate.name for estimate in asked if not estimate.at_bound]
-    return Findings(
-        not_profiled=tuple(estimate.name for estimate in asked if estimate.at_bound),
-        uncertainty=sure,
-        profiles=tuple(profile(joint, cases, name, options.uncertainty) for name in names),
-        residual_checks=residual_checks(joint, cases, options.spectra, cutoff_hz),
-        errors={
-            "joint": prediction_errors(joint.subject, events),
-            "idealized": prediction_errors(found.idealized.subject, events),
-        },
-        mass_matrix=found.better_mass_matrix(held_out),
-    )

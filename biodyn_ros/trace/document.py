@@ -23,10 +23,10 @@ from biodyn_core.tracing.findings import (
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.reading.events import BagEvent, Prepared
+from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import rests_on
-from biodyn_ros.trace.errors import WHEN, errors_by_use, mean_errors
-from biodyn_ros.trace.refit import Move, Refit, parameters_moved
+from biodyn_ros.trace.errors import WHEN, errors_by_use, known, mean_errors
+from biodyn_ros.trace.refit import ParameterChange, Refit, parameter_changes
 from biodyn_ros.trace.report import Report
 
 Document = dict[str, Any]
@@ -37,19 +37,9 @@ PROOF: Final = (
 )
 
 
-def report_document(report: Report, bags: Sequence[Document], seconds: float) -> Document:
-    """The whole mapping of trace.json; bags are their `origin`."""
-    return trace_document(report.trace) | {
-        "bags": list(bags),
-        "dealt": report.dealt,
-        "warnings": list(report.warnings),
-        "seconds": seconds,
-        "refit": refit_document(report.refit) if report.refit else None,
-    }
-
-
-def trace_document(trace: Trace) -> Document:
-    """The part of trace.json that does not depend on bags."""
+def trace_document(report: Report) -> Document:
+    """The whole mapping of trace.json."""
+    trace = report.trace
     first = trace.rounds[0].ranking if trace.rounds else ()
     return {
         "subject": trace.before.name,
@@ -65,15 +55,15 @@ def trace_document(trace: Trace) -> Document:
         "separating_experiment": trace.experiment,
         "to_record": [dataclasses.asdict(need) for need in trace.needs],
         "error": {when: errors_by_use(trace, when) for when in WHEN},
-        "floor": _known(trace.floor_percent),
-        "p_value": _known(trace.p_value),
-        "threshold": _known(trace.threshold),
+        "floor": known(trace.floor_percent),
+        "p_value": known(trace.p_value),
+        "threshold": known(trace.threshold),
         "calibrated": trace.calibrated,
         "candidates": [_candidate(candidate) for candidate in first],
         "rounds": [_round(each) for each in trace.rounds],
         "diagnostics": _diagnostics(trace.diagnostics) if trace.diagnostics else {},
         "departures": [{"name": each.name, "times_usual": finite(each.typical_multiple)} for each in trace.nuisance],
-        "parameters_moved": {move.name: _move(move, adds=trace.adds) for move in parameters_moved(trace)},
+        "parameters_moved": {each.name: _change(each, adds=trace.adds) for each in parameter_changes(trace)},
         "subject_written": "with_effect" if trace.adds else "as_given",
         "surface": _surface(trace.surface) if trace.surface else None,
         "events": [event_document(event) for event in trace.events],
@@ -83,16 +73,28 @@ def trace_document(trace: Trace) -> Document:
         "proof": PROOF,
         "seed": trace.seed,
         "version": __version__,
+        "bags": [_origin(event, case, trace) for event, case in report.events],
+        "dealt": report.dealt,
+        "warnings": list(report.warnings),
+        "seconds": report.seconds,
+        "refit": refit_document(report.refit) if report.refit else None,
     }
 
 
-def provenance(trace: Trace, bags: Sequence[Prepared], subject: Subject) -> Document:
+def traced_subject(report: Report) -> Subject:
+    """The subject with the added effects and its provenance, or the given one if none is added."""
+    trace = report.trace
+    return dataclasses.replace(trace.after, provenance=provenance(report)) if trace.adds else trace.given
+
+
+def provenance(report: Report) -> Document:
     """The provenance of a trace in the subject's file.
 
     Bags for choosing the effect count as fitted. So do those of an effect that the given file already has.
     """
-    origins = [origin(event, case, trace) for event, case in bags]
-    earlier = rests_on(subject, besides={each["sha256"] for each in origins})
+    trace = report.trace
+    origins = [_origin(event, case, trace) for event, case in report.events]
+    earlier = rests_on(trace.given, besides={each["sha256"] for each in origins})
     return {
         "made_by": "biodyn trace",
         "version": __version__,
@@ -101,7 +103,7 @@ def provenance(trace: Trace, bags: Sequence[Prepared], subject: Subject) -> Docu
         "fitted": [each for each in origins if each["use"] != "held_out"] + earlier,
         "held_out": [each for each in origins if each["use"] == "held_out"],
         "error": {when: {use: errors["all"] for use, errors in errors_by_use(trace, when).items()} for when in WHEN},
-        "seat_peak_mps2": max(case.seat_peak_mps2 for event, case in bags if not event.held_out),
+        "seat_peak_mps2": max(case.seat_peak_mps2 for event, case in report.events if not event.held_out),
         "effects": {
             f"{applied.effect.name} at {applied.site}": {
                 each.name: [finite(each.lower), finite(each.upper)] for each in intervals
@@ -111,7 +113,7 @@ def provenance(trace: Trace, bags: Sequence[Prepared], subject: Subject) -> Docu
     }
 
 
-def origin(event: BagEvent, case: Case, trace: Trace) -> Document:
+def _origin(event: BagEvent, case: Case, trace: Trace) -> Document:
     """One bag with its use, and its error after, None if the event was left out."""
     found = [each for each in trace.events if each.name == case.name]
     return {
@@ -154,7 +156,7 @@ def _sensor(found: SensorFinding) -> Document:
         "limit_source": limit.source,
         "within_limit": within_limits(found.fault),
         "told_by": found.source,
-        "gain": _known(found.gain),
+        "gain": known(found.gain),
         "explains": found.explains,
     }
 
@@ -208,24 +210,24 @@ def event_document(event: ComparedEvent) -> Document:
     }
 
 
-def _move(move: Move, adds: bool) -> Document:
+def _change(change: ParameterChange, adds: bool) -> Document:
     return {
-        "given": move.given,
-        "given_interval": list(move.interval) if move.interval else None,
-        "refitted": move.refitted,
-        "with_effect": move.after if adds else None,
-        "before": move.refitted,
-        "after": move.after,
-        "percent": move.percent,
-        "refit_percent": move.refit_percent,
-        "unit": move.unit,
+        "given": change.given,
+        "given_interval": list(change.interval) if change.interval else None,
+        "refitted": change.refitted,
+        "with_effect": change.after if adds else None,
+        "before": change.refitted,
+        "after": change.after,
+        "percent": change.percent,
+        "refit_percent": change.refit_percent,
+        "unit": change.unit,
     }
 
 
 def refit_document(refit: Refit) -> Document:
     """The refit with its text."""
     return {
-        "outside_intervals": [move.name for move in refit.outside],
+        "outside_intervals": [change.name for change in refit.outside],
         "intervals_known": refit.has_intervals,
         "given_fitted": refit.is_given_fitted,
         "recordings": refit.recordings,
@@ -251,7 +253,7 @@ def _diagnostics(found: Diagnostics) -> Document:
         },
         "peeling": {chain: finite(percent) for chain, percent in found.peeling.items()},
         "bracket": list(found.bracket),
-        "level_slope": _known(found.level_slope),
+        "level_slope": known(found.level_slope),
         "jump": {"event": found.jump[0], "p_value": finite(found.jump[1])} if found.jump else None,
         "pinned": list(found.pinned),
         "drift": {name: finite(spread) for name, spread in found.drift.items()},
@@ -267,7 +269,3 @@ def _surface(surface: Surface) -> Document:
         "force_n": [[finite(force) for force in row] for row in surface.force_n.tolist()],
         "gain": finite(surface.gain),
     }
-
-
-def _known(value: float | None) -> float | None:
-    return None if value is None else finite(value)

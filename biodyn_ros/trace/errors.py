@@ -44,6 +44,11 @@ def mean_errors(errors: Sequence[Errors]) -> MeanErrors:
     }
 
 
+def known(value: float | None) -> float | None:
+    """The value, or None if it is not finite."""
+    return None if value is None else finite(value)
+
+
 def _mean(values: Floats) -> float:
     """The mean of the finite values, NaN if there are none."""
     known = values[np.isfinite(values)]

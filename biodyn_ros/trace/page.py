@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
@@ -9,21 +10,21 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.findings import ComparedEvent, Round, Trace
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import number, parameter_name
+from biodyn_ros.base.wording import parameter_name
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import PROOF
 from biodyn_ros.trace.drawings import SHOWN, ranking, surface_map
-from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known, mean_errors
-from biodyn_ros.trace.refit import Move, parameters_moved
+from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known, known, mean_errors
+from biodyn_ros.trace.refit import parameter_changes
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.wording import (
-    belief,
-    diagnosed,
+    diagnostic_lines,
     effect_name,
     grouped,
     headline,
     parameters_of,
+    reliability,
     sensor_lines,
     subject_line,
     tone,
@@ -42,6 +43,8 @@ def trace_page(report: Report) -> str:
     trace, worst = report.trace, worst_event(report.trace)
     compared = [event for event in trace.events if worst is not None and event.use == worst.use]
     errors = {when: errors_by_use(trace, when) for when in WHEN}
+    changes = parameter_changes(trace)
+    percents = [abs(percent) for each in changes for percent in (each.refit_percent, each.percent) if percent]
     return render(
         "trace.html.j2",
         trace=trace,
@@ -50,11 +53,11 @@ def trace_page(report: Report) -> str:
         version=__version__,
         tone=tone(report),
         headline=headline(trace),
-        belief=belief(trace),
+        reliability=reliability(trace),
         subject_line=subject_line(trace),
         sensors=sensor_lines(trace),
         nuisance=[(one.name, finite(one.typical_multiple)) for one in trace.nuisance[:_NUISANCE]],
-        diagnosed=diagnosed(trace.diagnostics),
+        diagnostics=diagnostic_lines(trace.diagnostics),
         added=_effects(trace, trace.added),
         not_added=_effects(trace, trace.not_added),
         rivals=grouped(trace.ambiguous_with),
@@ -62,11 +65,13 @@ def trace_page(report: Report) -> str:
         uses={use: title for use, title in USES.items() if use in errors["before"]},
         known_uses={use: title for use, title in USES.items() if is_known(trace, use)},
         errors=errors,
-        floor=None if trace.floor_percent is None else finite(trace.floor_percent),
+        floor=known(trace.floor_percent),
         scale=max((value for of in errors.values() for use in of.values() for value in use.values() if value),
                   default=1.0),
         events=[_event(event) for event in trace.events],
-        moves=_moves(trace),
+        changes=changes,
+        largest_percent=max(percents, default=0.0) or 1.0,
+        parameter_name=parameter_name,
         worst=worst,
         compared=len(compared),
         drawn=len(of_one_rate(compared)),
@@ -81,22 +86,16 @@ def worst_event(trace: Trace) -> ComparedEvent | None:
     """The event with the largest error after, of those held out if there are any; None without a compared event."""
     for use in _ORDER:
         errors = {event: mean_errors([event.after])["all"] for event in trace.events if event.use == use}
-        known = {event: error for event, error in errors.items() if error is not None}
-        if known:
-            return max(known, key=known.__getitem__)
+        finite_errors = {event: error for event, error in errors.items() if error is not None}
+        if finite_errors:
+            return max(finite_errors, key=finite_errors.__getitem__)
     return None
 
 
-def _effects(trace: Trace, effects: tuple[AppliedEffect, ...]) -> list[dict[str, Any]]:
-    """Effects as the page shows them, with equation and signature from the catalogue."""
+def _effects(trace: Trace, effects: Sequence[AppliedEffect]) -> list[tuple[str, Any, list[tuple[str, str]]]]:
+    """Effects as the page shows them: title, effect of the catalogue, and parameters as text."""
     return [
-        {
-            "name": effect_name(applied.effect.name, applied.site),
-            "family": applied.effect.family,
-            "equation": applied.effect.equation,
-            "signature": applied.effect.signature,
-            "parameters": parameters_of(applied, intervals),
-        }
+        (effect_name(applied.effect.name, applied.site), applied.effect, parameters_of(applied, intervals))
         for applied, intervals in zip(trace.effects, trace.intervals, strict=True)
         if applied in effects
     ]
@@ -112,14 +111,3 @@ def _event(event: ComparedEvent) -> tuple[ComparedEvent, float, list[float | Non
 def _objections(found: Round) -> list[str]:
     """The objections to each drawn candidate."""
     return [f"{effect_name(*row.key)}: {', '.join(row.against)}" for row in found.ranking[:SHOWN] if row.against]
-
-
-def _moves(trace: Trace) -> list[tuple[str, Move, str, list[float]]]:
-    """Every parameter: its name, its move, its value with the effect as text, and the lengths of both bars, percent."""
-    moves = parameters_moved(trace)
-    changes = [(abs(move.refit_percent or 0.0), abs(move.percent or 0.0)) for move in moves]
-    most = max((max(both) for both in changes), default=0.0) or 1.0
-    return [
-        (parameter_name(move.name), move, number(move.after if trace.adds else None), [100.0 * x / most for x in both])
-        for move, both in zip(moves, changes, strict=True)
-    ]

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from biodyn_core.body.parameters import PARAMETERS, is_fitted
 from biodyn_core.body.subject import Subject
 from biodyn_core.tracing.findings import Trace
-from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import counted, number, parameter_name, with_interval
+from biodyn_ros.trace.errors import mean_errors
 
 
 @dataclass(frozen=True)
-class Move:
+class ParameterChange:
     """One parameter: given (None if unfitted) with its 95 % interval, refitted, and of the subject in the end."""
 
     name: str
@@ -62,7 +60,7 @@ class Move:
 class Refit:
     """The refit of theta: its parameters, the recordings of both fits, and the errors in the events for fitting."""
 
-    moves: tuple[Move, ...]
+    changes: tuple[ParameterChange, ...]
     is_given_fitted: bool
     recordings: int
     given_recordings: int | None
@@ -71,14 +69,14 @@ class Refit:
     refitted_percent: float | None
 
     @property
-    def outside(self) -> list[Move]:
+    def outside(self) -> list[ParameterChange]:
         """The parameters outside their given intervals."""
-        return [move for move in self.moves if move.is_outside]
+        return [change for change in self.changes if change.is_outside]
 
     @property
     def has_intervals(self) -> bool:
         """Whether the given subject has intervals."""
-        return any(move.interval for move in self.moves)
+        return any(change.interval for change in self.changes)
 
     @property
     def text(self) -> str:
@@ -96,7 +94,7 @@ class Refit:
             )
         if not self.outside:
             return f"refitted to the {here} given here, every parameter stays in the given subject's interval; {error}"
-        far = max(self.outside, key=lambda move: abs(move.refit_percent or 0.0))
+        far = max(self.outside, key=lambda change: abs(change.refit_percent or 0.0))
         others = len(self.outside) - 1
         more = f", and {others} more {'leaves its own' if others == 1 else 'leave theirs'}" if others else ""
         return (
@@ -116,13 +114,13 @@ class Refit:
         return f"these intervals hold only for the {counted(given, 'recording')} of that fit, of which {used} used here"
 
 
-def parameters_moved(trace: Trace) -> tuple[Move, ...]:
+def parameter_changes(trace: Trace) -> tuple[ParameterChange, ...]:
     """Every parameter as given, refitted, and of the subject in the end."""
     subjects = (trace.given, trace.before, trace.after)
     known, intervals = is_fitted(trace.given.parameters), given_intervals(trace.given)
     columns = zip(PARAMETERS, *(subject.parameters.vector().tolist() for subject in subjects), strict=True)
     return tuple(
-        Move(of.name, of.unit, given if known else None, intervals.get(of.name), refitted, after)
+        ParameterChange(of.name, of.unit, given if known else None, intervals.get(of.name), refitted, after)
         for of, given, refitted, after in columns
     )
 
@@ -133,7 +131,7 @@ def refit_of(trace: Trace, hashes: Sequence[str]) -> Refit | None:
         return None
     recordings, given = set(hashes), _given_recordings(trace.given)
     return Refit(
-        moves=parameters_moved(trace),
+        changes=parameter_changes(trace),
         is_given_fitted=is_fitted(trace.given.parameters),
         recordings=len(recordings),
         given_recordings=len(given) or None,
@@ -168,5 +166,4 @@ def _percent(before: float, after: float) -> float | None:
 def _mean(trace: Trace, when: str) -> float | None:
     """The mean error of a subject over the events for fitting."""
     found = [getattr(event, when) for event in trace.events if event.use == "train"]
-    percents = [error.mean_percent for error in found if error is not None]
-    return finite(float(np.mean(percents))) if percents else None
+    return mean_errors([error for error in found if error is not None])["all"]

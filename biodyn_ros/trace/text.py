@@ -11,15 +11,15 @@ from biodyn_core.tracing.findings import RankedCandidate, Trace
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import number, parameter_name, words
 from biodyn_ros.trace.document import PROOF
-from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known
-from biodyn_ros.trace.refit import Move, parameters_moved
+from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known, known
+from biodyn_ros.trace.refit import ParameterChange, parameter_changes
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.wording import (
-    belief,
     effect_name,
     grouped,
     headline,
     parameters_of,
+    reliability,
     sensor_lines,
     short_name,
     subject_line,
@@ -27,7 +27,7 @@ from biodyn_ros.trace.wording import (
 
 _COLUMNS: Final = 120
 _CANDIDATES: Final = 3
-_MOVED: Final = 3
+_CHANGED: Final = 3
 _LISTED: Final = 4
 """Largest number of each in the text; trace.json and the page have all."""
 
@@ -37,7 +37,7 @@ def text_of(report: Report) -> str:
     trace = report.trace
     lines = [
         headline(trace),
-        belief(trace),
+        reliability(trace),
         *(f"because: {reason}" for reason in trace.reasons[:_LISTED]),
         "",
         "error, % of measured rms " + "".join(f"{words(name):>12}" for name in MEASURED_SEGMENTS) + f"{'all':>9}",
@@ -48,7 +48,7 @@ def text_of(report: Report) -> str:
         *_candidate_lines(trace.rounds[0].ranking if trace.rounds else ()),
         *(f"sensor: {line}" for line in sensor_lines(trace)),
         *([f"refit: {report.refit.text}"] if report.refit else []),
-        *_moved_lines(trace),
+        *_change_lines(trace),
         subject_line(trace),
         *_titled("about as good", grouped(trace.ambiguous_with)),
         *_titled("record next", [trace.experiment] if trace.experiment and not trace.needs else []),
@@ -79,7 +79,7 @@ def _error_rows(trace: Trace) -> Iterator[str]:
 
 
 def _floor_line(trace: Trace) -> Iterator[str]:
-    floor = None if trace.floor_percent is None else finite(trace.floor_percent)
+    floor = known(trace.floor_percent)
     if floor is not None:
         yield f"floor, error by sensor noise alone: {number(floor)} %"
 
@@ -98,20 +98,20 @@ def _candidate_lines(ranking: Sequence[RankedCandidate]) -> Iterator[str]:
         yield f"best of {len(ranking)} candidates: {'; '.join(shown)}"
 
 
-def _moved_lines(trace: Trace) -> Iterator[str]:
+def _change_lines(trace: Trace) -> Iterator[str]:
     """The parameters that change most by the refit, then by the effect."""
-    moves = parameters_moved(trace)
-    by_refit = [(move, move.given, move.refitted, move.refit_percent) for move in moves]
-    by_effect = [(move, move.refitted, move.after if trace.adds else None, move.percent) for move in moves]
-    for title, changes in (("largest changes by the refit", by_refit), ("largest changes by the effect", by_effect)):
-        known = [(move, old, new, percent) for move, old, new, percent in changes if percent]
-        largest = sorted(known, key=lambda change: -abs(change[3]))[:_MOVED]
+    changes = parameter_changes(trace)
+    by_refit = [(each, each.given, each.refitted, each.refit_percent) for each in changes]
+    by_effect = [(each, each.refitted, each.after if trace.adds else None, each.percent) for each in changes]
+    for title, rows in (("largest changes by the refit", by_refit), ("largest changes by the effect", by_effect)):
+        nonzero = [(each, old, new, percent) for each, old, new, percent in rows if percent]
+        largest = sorted(nonzero, key=lambda row: -abs(row[3]))[:_CHANGED]
         if largest:
-            yield f"{title}: " + ", ".join(_change(*change) for change in largest)
+            yield f"{title}: " + ", ".join(_change(*row) for row in largest)
 
 
-def _change(move: Move, before: float | None, after: float | None, percent: float) -> str:
-    return f"{parameter_name(move.name)} {number(before)} to {number(after)} ({percent:+.1f} %)"
+def _change(change: ParameterChange, before: float | None, after: float | None, percent: float) -> str:
+    return f"{parameter_name(change.name)} {number(before)} to {number(after)} ({percent:+.1f} %)"
 
 
 def _titled(title: str, lines: Sequence[str]) -> Iterator[str]:

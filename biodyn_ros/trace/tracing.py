@@ -9,32 +9,29 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final
 
 from biodyn_core.body.subject import Subject
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.gate import dealt, usable
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.base.files import make_directory, remove, write_text
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, Progress, ignore_progress
-from biodyn_ros.fit.document import warnings_of
+from biodyn_ros.fit.report import warnings_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.provenance import role_of
 from biodyn_ros.reading.recordings import RecordingOptions
-from biodyn_ros.trace.document import origin, provenance, report_document, use_of
+from biodyn_ros.trace.document import trace_document, traced_subject, use_of
 from biodyn_ros.trace.refit import refit_of
 from biodyn_ros.trace.report import Report
 from biodyn_ros.work.tasks import Monitor
 
-Document = dict[str, Any]
 Bag = str | Path
 
 PAGE: Final = "trace.html"
@@ -56,27 +53,13 @@ class TraceOptions:
     settings: TraceSettings = field(default_factory=TraceSettings)
 
 
-@dataclass(frozen=True, eq=False)
-class Traced:
-    """The document of trace.json, its report, and the subject: with added effects, or the given one unchanged."""
-
-    document: Document
-    subject: Subject
-    report: Report
-
-    @property
-    def trace(self) -> Trace:
-        """The trace of the report."""
-        return self.report.trace
-
-
 def trace_bags(
     bags: Sequence[Bag],
     subject: Subject,
     options: TraceOptions | None = None,
     kept: MutableMapping[str, Any] | None = None,
     say: Callable[[str], None] = lambda line: None,
-) -> Traced:
+) -> Report:
     """Trace bags; raises InputError, one line, for bags that cannot be read or compared.
 
     kept: the checkpoint of earlier traces, such as a `PartStore`. say: gets the use of each bag before the long work.
@@ -93,19 +76,17 @@ def trace_bags(
     fitted, spare = ([case for event, case in prepared if event.held_out is out] for out in (False, True))
     for line in _uses(fitted, spare, by_name=bool(o.held_out)):
         say(line)
-    with Stages(Progress) as stages:
-        found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, on_stage=stages, checkpoint=kept)
+    with stage_lines(Progress) as on_stage:
+        found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, on_stage=on_stage, checkpoint=kept)
     hashes = [event.sha256 for event, case in prepared if use_of(event, case, found) == "train"]
-    report = Report(
+    return Report(
         trace=found,
+        events=tuple(prepared),
         refit=refit_of(found, hashes),
         dealt=None if o.held_out else _dealt(prepared),
         warnings=(*events.left_out, *warnings_of(prepared), *_seen_before(subject, prepared)),
+        seconds=time.monotonic() - begin,
     )
-    bags_used = [origin(event, case, found) for event, case in prepared]
-    document = report_document(report, bags_used, time.monotonic() - begin)
-    with_effect = dataclasses.replace(found.after, provenance=provenance(found, prepared, subject))
-    return Traced(document, with_effect if found.adds else subject, report)
 
 
 def deal(events: Sequence[Prepared]) -> list[Prepared]:
@@ -119,7 +100,7 @@ def deal(events: Sequence[Prepared]) -> list[Prepared]:
     return sorted(dealt, key=lambda each: each[0].held_out)
 
 
-def write_traced(traced: Traced, directory: Path, report: bool = True, given_yaml: str | None = None) -> None:
+def write_traced(traced: Report, directory: Path, report: bool = True, given_yaml: str | None = None) -> None:
     """Write subject.yaml, trace.json and trace.html; raises InputError, of the page as `write_drawn`.
 
     given_yaml: the file of the given subject, which is copied if nothing is added. The subject is written first, so
@@ -127,39 +108,32 @@ def write_traced(traced: Traced, directory: Path, report: bool = True, given_yam
     """
     make_directory(directory)
     as_given = None if traced.trace.adds else given_yaml
-    write_text(directory / "subject.yaml", as_given or traced.subject.to_yaml())
-    write_json(directory / "trace.json", traced.document)
+    write_text(directory / "subject.yaml", as_given or traced_subject(traced).to_yaml())
+    write_json(directory / "trace.json", trace_document(traced))
     if report:
         from biodyn_ros.reports.pages import write_drawn  # an extra of its own
         from biodyn_ros.trace.page import trace_page
 
-        write_drawn(directory / PAGE, lambda: trace_page(traced.report))
+        write_drawn(directory / PAGE, lambda: trace_page(traced))
     else:
         remove(directory / PAGE)
 
 
-class Stages:
-    """Shows each stage of long work on a separate line: `with Stages(watch) as stages: work(stages)`.
+@contextmanager
+def stage_lines(monitor: Monitor) -> Iterator[Callable[[str, float], None]]:
+    """Show each stage of long work on a separate line; yields the function of a stage and the share of it done."""
+    stage = ""
+    progress: OnProgress = ignore_progress
+    with ExitStack() as line:
 
-    Called with the stage and the share of it that is done.
-    """
+        def show(name: str, share: float) -> None:
+            nonlocal stage, progress
+            if name != stage:
+                line.close()
+                stage, progress = name, line.enter_context(monitor(name))
+            progress(round(1000 * share), 1000)
 
-    def __init__(self, watch: Monitor) -> None:
-        self._watch, self._open, self._stage = watch, ExitStack(), ""
-        self._progress: OnProgress = ignore_progress
-
-    def __enter__(self) -> Stages:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._open.close()
-
-    def __call__(self, stage: str, share: float) -> None:
-        """Show that this share of a stage is done."""
-        if stage != self._stage:
-            self._open.close()
-            self._stage, self._progress = stage, self._open.enter_context(self._watch(stage))
-        self._progress(round(1000 * share), 1000)
+        yield show
 
 
 def _dealt(prepared: Sequence[Prepared]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from biodyn_core.base.segments import SEAT, SEGMENTS
@@ -14,11 +14,14 @@ from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import number, parameter_name, sentence, with_interval, words
 from biodyn_ros.reading.provenance import without_note
-from biodyn_ros.trace.errors import WHEN, When, errors_by_use
+from biodyn_ros.trace.errors import WHEN, When, errors_by_use, known
 from biodyn_ros.trace.report import Report
 
 _UNIT: Final = re.compile(r"(_n|_m|_s)?_(per_m2|per_m|per_n|s_per_m|mps2|mps|hz|kg|m|s|n)$")
 """The unit at the end of a parameter's name."""
+
+_RANKED: Final = 3
+"""Number of channels or parameters in a ranking."""
 
 CALIBRATED: Final = {
     "anew": "computed for these recordings",
@@ -57,7 +60,7 @@ def _found(trace: Trace, before: str, after: str) -> str:
     return f"{main} Also found, but not added: {others}." if others else main
 
 
-def belief(trace: Trace) -> str:
+def reliability(trace: Trace) -> str:
     """How reliable the verdict is."""
     if trace.verdict == "not_decidable":
         return "There is no verdict for or against any effect."
@@ -131,15 +134,15 @@ def parameters_of(applied: AppliedEffect, intervals: Sequence[Interval] = ()) ->
     return shown
 
 
-def diagnosed(found: Diagnostics | None) -> list[str]:
+def diagnostic_lines(found: Diagnostics | None) -> list[str]:
     """The diagnostics, a sentence each."""
     if found is None:
         return []
-    lines = [*_transfer(found), *_coherent(found), *_peeled(found), *_level(found), *_jump(found), *_seat(found)]
-    return [sentence(line) for line in (*lines, *_theta(found))]
+    parts = (_transfer, _coherent, _peeled, _level, _jump, _seat, _theta)
+    return [sentence(line) for part in parts for line in part(found)]
 
 
-_SAID: Final = {
+_FAULT_TEXT: Final = {
     "tilt": "has a mean tilt of {size} in motion",
     "gain": "has a gain error of {size}",
     "clock": "has a clock offset of {size}",
@@ -151,10 +154,10 @@ _SHOWN: Final = {"tilt": (180.0 / math.pi, "deg"), "gain": (100.0, "%"), "clock"
 def _sensor_line(found: SensorFinding) -> str:
     name, (scale, unit) = found.fault.effect.name, _SHOWN[found.fault.effect.name]
     size, limit = LIMITS[name].size(found.fault.values), LIMITS[name].limit
-    what = _SAID[name].format(size=f"{number(scale * abs(size))} {unit}")
+    what = _FAULT_TEXT[name].format(size=f"{number(scale * abs(size))} {unit}")
     source = "by its gyro, which the recording corrects" if found.source == "gyro" else "by the fit"
     allowed = f"{'within' if within_limits(found.fault) else 'beyond'} the limit of {number(scale * abs(limit))} {unit}"
-    gain = "" if found.gain is None else f" (gain {number(finite(found.gain))})"
+    gain = "" if found.gain is None else f" (gain {number(known(found.gain))})"
     explains = f"it {'explains' if found.explains else 'does not explain'} the residual{gain}"
     return f"the sensor on the {words(found.fault.site)} {what}, {source}; {allowed}; {explains}"
 
@@ -212,7 +215,7 @@ def _first_reason(trace: Trace) -> str:
 
 
 def _chance(trace: Trace) -> str:
-    p_value, threshold = (None if value is None else finite(value) for value in (trace.p_value, trace.threshold))
+    p_value, threshold = known(trace.p_value), known(trace.threshold)
     if p_value is None or threshold is None:
         return "the probability of this gain by chance is not known"
     tried = trace.rounds[0].ranking if trace.rounds else ()
@@ -233,72 +236,63 @@ def _percent(share: float) -> str:
 # --- diagnostics -----------------------------------------------------------------------------------------------------
 
 
-def _transfer(found: Diagnostics) -> list[str]:
-    if not found.amplitude_transfer:
-        return []
+def _transfer(found: Diagnostics) -> Iterator[str]:
     shown = ", ".join(
         f"{case} {number(finite(alone))} ({number(finite(together))})"
         for case, (alone, together) in found.amplitude_transfer.items()
     )
-    line = (
-        "residual with parameters fitted to the quietest condition alone, in multiples of a good model's:"
-        f" {shown}; in brackets, fitted to all conditions. A much larger residual in louder conditions means that the"
-        " missing effect depends on amplitude"
-    )
-    return [line]
+    if shown:
+        yield (
+            "residual with parameters fitted to the quietest condition alone, in multiples of a good model's:"
+            f" {shown}; in brackets, fitted to all conditions. A much larger residual in louder conditions means that"
+            " the missing effect depends on amplitude"
+        )
 
 
-def _coherent(found: Diagnostics) -> list[str]:
-    known = {channel: of for channel, of in found.coherent.items() if finite(of[1]) is not None}
-    if not known:
-        return []
-    ranked = sorted(known.items(), key=lambda item: -item[1][1])[:3]
+def _coherent(found: Diagnostics) -> Iterator[str]:
+    shares = {channel: of for channel, of in found.coherent.items() if finite(of[1]) is not None}
+    ranked = sorted(shares.items(), key=lambda item: -item[1][1])[:_RANKED]
     shown = ", ".join(f"{channel} {100 * share:.0f} % ({words(segment)})" for channel, (segment, share) in ranked)
-    return [f"share of the residual's power that is coherent with a channel, above chance: {shown}"]
+    if shown:
+        yield f"share of the residual's power that is coherent with a channel, above chance: {shown}"
 
 
-def _peeled(found: Diagnostics) -> list[str]:
-    if not found.peeling:
-        return []
+def _peeled(found: Diagnostics) -> Iterator[str]:
     shown = ", ".join(f"{words(node)} {number(finite(percent))} %" for node, percent in found.peeling.items())
-    where = ", ".join(words(name) for name in found.bracket)
-    line = f"error of the body above each sensor, driven by that sensor's measurement: {shown}"
-    return [f"{line}; the fault then lies in the joint below {where}" if where else f"{line}; no joint is conspicuous"]
+    where = ", ".join(map(words, found.bracket))
+    if shown:
+        fault = f"the fault then lies in the joint below {where}" if where else "no joint is conspicuous"
+        yield f"error of the body above each sensor, driven by that sensor's measurement: {shown}; {fault}"
 
 
-def _level(found: Diagnostics) -> list[str]:
-    slope = None if found.level_slope is None else finite(found.level_slope)
-    if slope is None:
-        return []
-    how = "in proportion to" if abs(slope) < 0.15 else "faster than" if slope > 0.0 else "slower than"
-    line = f"from event to event the residual grows {how} the peak"
-    return [f"{line} (slope of the relative residual {slope:.2f}; 0 is a linear effect)"]
+def _level(found: Diagnostics) -> Iterator[str]:
+    slope = known(found.level_slope)
+    if slope is not None:
+        how = "in proportion to" if abs(slope) < 0.15 else "faster than" if slope > 0.0 else "slower than"
+        line = f"from event to event the residual grows {how} the peak"
+        yield f"{line} (slope of the relative residual {slope:.2f}; 0 is a linear effect)"
 
 
-def _jump(found: Diagnostics) -> list[str]:
-    if found.jump is None or finite(found.jump[1]) is None:
-        return []
-    event, p_value = found.jump
-    line = f"in the given order the residual changes most at {event}"
-    return [f"{line}; by chance such a change occurs in {_percent(p_value)} of shuffled orders"]
+def _jump(found: Diagnostics) -> Iterator[str]:
+    if found.jump is not None and finite(found.jump[1]) is not None:
+        event, p_value = found.jump
+        line = f"in the given order the residual changes most at {event}"
+        yield f"{line}; by chance such a change occurs in {_percent(p_value)} of shuffled orders"
 
 
-def _seat(found: Diagnostics) -> list[str]:
+def _seat(found: Diagnostics) -> Iterator[str]:
     share = finite(found.pulled_down)
-    if share is None or share <= 0.0:
-        return []
-    beyond = "more than the weight: a seat carries no tension, so the body must lift off"
-    limit = beyond if share > 1.0 else "less than the weight, so the body does not lift off"
-    return [f"the largest tension between seat and body is {number(share)} times the weight above it, {limit}"]
+    if share is not None and share > 0.0:
+        beyond = "more than the weight: a seat carries no tension, so the body must lift off"
+        limit = beyond if share > 1.0 else "less than the weight, so the body does not lift off"
+        yield f"the largest tension between seat and body is {number(share)} times the weight above it, {limit}"
 
 
-def _theta(found: Diagnostics) -> list[str]:
-    lines = []
+def _theta(found: Diagnostics) -> Iterator[str]:
     if found.pinned:
-        lines.append(f"on a bound of Table 1: {', '.join(parameter_name(name) for name in found.pinned)}")
-    known = {name: spread for name, spread in found.drift.items() if finite(spread) is not None}
-    if known:
-        ranked = sorted(known.items(), key=lambda item: -item[1])[:3]
+        yield f"on a bound of Table 1: {', '.join(map(parameter_name, found.pinned))}"
+    spreads = {name: spread for name, spread in found.drift.items() if finite(spread) is not None}
+    ranked = sorted(spreads.items(), key=lambda item: -item[1])[:_RANKED]
+    if ranked:
         shown = ", ".join(f"{parameter_name(name)} {number(spread)}" for name, spread in ranked)
-        lines.append(f"largest drift between fits of single conditions (ln of largest over smallest): {shown}")
-    return lines
+        yield f"largest drift between fits of single conditions (ln of largest over smallest): {shown}"

@@ -14,7 +14,7 @@ from biodyn_core.effects import needs_channels
 from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation import validation
-from biodyn_ros.base.files import check_directory, make_directory, remove
+from biodyn_ros.base.files import make_directory, remove
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.reading.provenance import Role, bag_sha256, role_of
@@ -51,32 +51,17 @@ def validate(
     return validate_recordings(recordings, subject, options, str(bag), role_of(subject, bag_sha256(bag)))
 
 
-def validate_to_directory(
-    bag: str | Path,
-    subject: Subject,
-    directory: Path,
-    options: ValidateOptions | None = None,
-    progress: OnProgress = ignore_progress,
-    report: bool = True,
-) -> Report:
-    """Validate and write `validate.json` and `validate.html`; a refused bag leaves no directory.
-
-    Without report, the page of an earlier run is removed.
-    """
-    check_directory(directory)
-    if report:
-        from biodyn_ros.reports.pages import check_reports, write_drawn  # an extra of its own
-        from biodyn_ros.validate.page import validation_page
-
-        check_reports()
-    validated = validate(bag, subject, options, progress)
+def write_validated(validated: Report, directory: Path, report: bool = True) -> None:
+    """Write validate.json and validate.html; without a report, the page of an earlier run is removed."""
     make_directory(directory)
     write_json(directory / "validate.json", validation_document(validated))
     if report:
+        from biodyn_ros.reports.pages import write_drawn  # an extra of its own
+        from biodyn_ros.validate.page import validation_page
+
         write_drawn(directory / PAGE, lambda: validation_page(validated))
     else:
         remove(directory / PAGE)
-    return validated
 
 
 def validate_recordings(
