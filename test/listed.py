@@ -33,10 +33,10 @@ def keys(value: Any) -> Iterator[str]:
 def assert_listed(name: str, document: dict[str, Any], absent: frozenset[str] = frozenset()) -> None:
     """The section of that name lists all keys of a document; the document has all of its first column but `absent`."""
     section = re.split(r"^## ", PAGE.split(f"## {name}\n")[1], flags=re.MULTILINE)[0]
-    told = set(re.findall(r"`([^`]+)`", section))
+    documented = set(re.findall(r"`([^`]+)`", section))
     top = {
         key for row in re.findall(r"^\| (`[^|]*) \|", section, re.MULTILINE) for key in re.findall(r"`([^`]+)`", row)
     }
-    missing, listed = sorted(set(keys(document)) - told), sorted(top - absent)
+    missing, listed = sorted(set(keys(document)) - documented), sorted(top - absent)
     assert not missing, f"{name}: docs/files.md does not list {missing}"
     assert listed == sorted(set(document) - absent), f"{name}: first column of docs/files.md"

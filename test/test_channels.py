@@ -393,7 +393,7 @@ NONE, NO_BIAS = "head: no angular rates in the record", "head: no angular rates 
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "warning"),
     [
         (lambda rates: None, NONE),
         (np.zeros_like, NONE),
@@ -404,12 +404,12 @@ NONE, NO_BIAS = "head: no angular rates in the record", "head: no angular rates 
         (silent_at_rest, NO_BIAS),
     ],
 )
-def test_without_a_gyro_there_are_no_rates(change, said: str) -> None:
+def test_without_a_gyro_there_are_no_rates(change, warning: str) -> None:
     streams = everywhere(mounted(turned("Z", 0.0)))
     good = recorded(streams)
     recording = recorded(changed(streams, "head", lambda t, x, rates: (t, x, change(rates))))
     assert recording.channels["head"].rates_radps is None
-    assert [line for line in recording.warnings if line.startswith(said)]
+    assert [line for line in recording.warnings if line.startswith(warning)]
     np.testing.assert_array_equal(recording.channels["head"].horizontal_mps2, good.channels["head"].horizontal_mps2)
     assert recording.channels["neck"].rates_radps is not None
 
@@ -490,10 +490,10 @@ RATES_PER_UNIT = 25.0
 def worn(imu: sensors.Imu, accel: Floats, rates: Floats, seed: int) -> Stream:
     """A sensor of that world, accelerations and rates on one clock: the same draws, twice."""
     stamps, force = imu.stream(accel, seats.RATE_HZ, np.random.default_rng(seed))
-    again, said = imu.stream(RATES_PER_UNIT * rates, seats.RATE_HZ, np.random.default_rng(seed))
+    again, reading = imu.stream(RATES_PER_UNIT * rates, seats.RATE_HZ, np.random.default_rng(seed))
     np.testing.assert_array_equal(stamps, again)
     gravity = imu.axes @ [0.0, 0.0, sensors.GRAVITY_MPS2]
-    return Stream(START_NS + stamps, force, (said - gravity) / RATES_PER_UNIT)
+    return Stream(START_NS + stamps, force, (reading - gravity) / RATES_PER_UNIT)
 
 
 @pytest.mark.parametrize("case", ["road", "pothole", "rail"])
@@ -548,6 +548,6 @@ def test_turns_and_braking_of_a_real_car_match_its_speed(shared_data: Path) -> N
     ahead, left = signal.sosfiltfilt(slow, seat.horizontal_mps2, axis=0).T
     yaw = signal.sosfiltfilt(slow, seat.rates_radps[:, 2])
     speed = signal.sosfiltfilt(slow, np.interp(at_s, np.arange(len(speed_mps)) / rate_hz, speed_mps))
-    for said, found in ((speed * yaw, left), (np.gradient(speed, at_s), ahead)):
-        assert np.corrcoef(said, found)[0, 1] > 0.65
-        assert np.polyfit(said, found, 1)[0] == pytest.approx(1.0, abs=0.2)
+    for expected, found in ((speed * yaw, left), (np.gradient(speed, at_s), ahead)):
+        assert np.corrcoef(expected, found)[0, 1] > 0.65
+        assert np.polyfit(expected, found, 1)[0] == pytest.approx(1.0, abs=0.2)

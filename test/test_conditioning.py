@@ -109,19 +109,19 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(
-    ("stamps_ns", "samples", "told"), FAULTS, ids=lambda value: value if type(value) is str else ""
+    ("stamps_ns", "samples", "cause"), FAULTS, ids=lambda value: value if type(value) is str else ""
 )
-def test_a_faulty_sensor_has_a_one_line_fault_and_no_blocks(stamps_ns, samples, told):
+def test_a_faulty_sensor_has_a_one_line_fault_and_no_blocks(stamps_ns, samples, cause):
     found = Conditioned(stamps_ns, samples)
     assert found.blocks == []
-    assert found.status.fault.startswith("seat: ") and told in found.status.fault
+    assert found.status.fault.startswith("seat: ") and cause in found.status.fault
     assert "\n" not in found.status.fault
 
 
 @pytest.mark.parametrize(
-    ("stamps_ns", "samples", "told"), FAULTS, ids=lambda value: value if type(value) is str else ""
+    ("stamps_ns", "samples", "cause"), FAULTS, ids=lambda value: value if type(value) is str else ""
 )
-def test_a_repaired_sensor_is_used(stamps_ns, samples, told):
+def test_a_repaired_sensor_is_used(stamps_ns, samples, cause):
     found = Conditioned(stamps_ns, samples)
     later = int(stamps_ns[-1]) - START_NS + 10**9
     accel = ride(3.0)

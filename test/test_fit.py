@@ -130,8 +130,8 @@ def test_recordings_of_a_given_effect_count_as_fitted(fitted: Fitted, bags: dict
     assert [each["sha256"] for each in kept].count(of_old["sha256"]) == 1 and len(kept) == 3
     assert len(provenance(fitted.document, dataclasses.replace(given, effects=()))["fitted"]) == 2
     spare = BagEvent("spare.mcap", of_old["sha256"], fitted.held_out[0], True)
-    (said,) = not_new(given, [(spare, fitted.held_out[0])])
-    assert said == "spare.mcap: held out, but an effect of the given subject was fitted to it"
+    (warning,) = not_new(given, [(spare, fitted.held_out[0])])
+    assert warning == "spare.mcap: held out, but an effect of the given subject was fitted to it"
 
 
 def test_validation_on_a_fitted_bag_is_undecided(
@@ -214,7 +214,7 @@ def test_settings_of_the_paper_are_an_option(bags: dict[str, Path], tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--subject", "subject_1"], "BAG... and --subject are needed"),
         (["{rail_1}"], "BAG... and --subject are needed"),
@@ -230,22 +230,22 @@ def test_settings_of_the_paper_are_an_option(bags: dict[str, Path], tmp_path: Pa
     ],
 )
 def test_bad_input_is_one_line(
-    arguments: list[str], said: str, bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = [text.format(**{name: str(path) for name, path in bags.items()}) for text in arguments]
     assert main(["fit", *given, "-o", str(tmp_path / "out.yaml")]) == 2
     error = capsys.readouterr().err
-    assert said in error and error.count("\n") == 1
+    assert message in error and error.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 
 def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    for output, said in (
+    for output, message in (
         (tmp_path / "out.txt", "ends in .yaml"),
         (tmp_path / "file" / "out.yaml", "file: is a file; the results need a directory"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             check_output(output)
     (tmp_path / "dir.yaml").mkdir()
     with pytest.raises(InputError, match="is a directory"):

@@ -345,7 +345,7 @@ def test_reset_and_mark_respond(graph: Graph) -> None:
         assert future.result().success
         assert text in future.result().message
     assert node.pipeline.exposure().sensors[SEAT].vdv_mps175 < 0.1
-    graph.wait(lambda: [message.data for message in marks] == ["mark 1"], "the mark is told")
+    graph.wait(lambda: [message.data for message in marks] == ["mark 1"], "the mark is published")
 
 
 def test_the_node_subscribes_only_while_active(graph: Graph) -> None:

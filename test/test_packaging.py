@@ -253,9 +253,9 @@ def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Calla
     (entities,) = launch["generate_launch_description"]().places
     arguments = {entity.places[0] for entity in entities if type(entity).__name__ == "DeclareLaunchArgument"}
     assert arguments == {"params_file", "namespace", *launch["TEXTS"], *launch["VALUES"]}
-    told = {**launch["TEXTS"], **launch["VALUES"]}
-    assert told.pop("use_sim_time")
-    assert told == {name: declared()[name] for name in told}
+    arguments_by_name = {**launch["TEXTS"], **launch["VALUES"]}
+    assert arguments_by_name.pop("use_sim_time")
+    assert arguments_by_name == {name: declared()[name] for name in arguments_by_name}
 
 
 def declared() -> dict[str, str]:

@@ -84,7 +84,9 @@ class Browser:
     requests: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
+        self.page.on(
+            "console", lambda message: self.complaints.append(message.text) if message.type == "error" else None
+        )
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
 
@@ -122,7 +124,7 @@ def link(process: subprocess.Popen[str]) -> str:
     for line in process.stderr:
         if found := re.search(r"the page: (http\S+)", line):
             return found.group(1)
-    raise AssertionError("the node told no link")
+    raise AssertionError("the node reports no link")
 
 
 def reached(browser: Browser, address: str) -> None:
@@ -162,7 +164,9 @@ def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
     assert leaving == []
     # Without the node the browser reports that the stream of events cannot be opened; there is no other error.
     assert [
-        said for said in browser.complaints if "ERR_CONNECTION_REFUSED" not in said and "INCOMPLETE" not in said
+        complaint
+        for complaint in browser.complaints
+        if "ERR_CONNECTION_REFUSED" not in complaint and "INCOMPLETE" not in complaint
     ] == []
 
 
@@ -171,8 +175,8 @@ def it_updates(browser: Browser) -> None:
     browser.until("snapshot.rows[0].predicted_mps2 > 0 && snapshot.rows[0].measured_mps2 > 0")
     before = browser.page.evaluate("snapshot.seconds")
     browser.until(f"snapshot.seconds > {before} + 0.9", 10.0)
-    told = browser.page.evaluate("snapshot")
-    head = told["rows"][0]
+    reported = browser.page.evaluate("snapshot")
+    head = reported["rows"][0]
     # The page shows the reported text.
     browser.until(
         "document.querySelector('.row .values').innerText.startsWith(snapshot.rows[0].measured_mps2.toFixed(2))"
@@ -187,10 +191,12 @@ def it_updates(browser: Browser) -> None:
 def it_shows_what_a_vibration_meter_shows(browser: Browser) -> None:
     """Between the band and all else, in the words and numbers of one snapshot."""
     browser.until("snapshot.meter && snapshot.meter.axes[0].aw_mps2 !== null")
-    told, shown = browser.page.evaluate("show(snapshot), [snapshot.meter, document.getElementById('meter').innerText]")
-    values = [told["counted_s"], told["mtvv_mps2"], told["peak_mps2"]]
-    values += [each[figure] for each in told["axes"] for figure in ("aw_mps2", "vdv_mps175")]
-    assert [each["axis"] for each in told["axes"]] == ["x", "y", "z"]
+    meter_values, shown = browser.page.evaluate(
+        "show(snapshot), [snapshot.meter, document.getElementById('meter').innerText]"
+    )
+    values = [meter_values["counted_s"], meter_values["mtvv_mps2"], meter_values["peak_mps2"]]
+    values += [each[figure] for each in meter_values["axes"] for figure in ("aw_mps2", "vdv_mps175")]
+    assert [each["axis"] for each in meter_values["axes"]] == ["x", "y", "z"]
     for value in values:
         assert f"{value:#.3g}".rstrip(".") in shown, (value, shown)
     for name in ("counted", "aw", "VDV", "MTVV", "peak"):
@@ -206,11 +212,11 @@ def it_is_green_and_says_whose_it_is(browser: Browser) -> None:
     assert browser.text("#headline") == "Below the action values so far"
     assert browser.page.evaluate("getComputedStyle($('band')).backgroundColor") == "rgb(23, 102, 58)"
     terms = browser.text("#terms")
-    for said in (
+    for term in (
         f"Subject {EVIL}", "Rolling window 10 s", "2002/44/EC", "A(8) 0.5 / 1.15 m/s²", "VDV 9.1 / 21 m/s¹·⁷⁵",
         "Predictions come from a model and are not measurements", "not validated",
     ):  # fmt: skip
-        assert said in terms
+        assert term in terms
     assert "governs" in browser.text("#figures")
     assert "left" in browser.text("#left-action")
 
@@ -368,6 +374,6 @@ def test_the_page_ends_with_its_input_and_a_taken_port_is_one_line(graph):
         taken.listen()
         with child(graph, "page", "--page-port", str(port)) as second:
             assert second.wait(30) == 2
-            said = second.stderr.read()
-    assert said.count("\n") == 1
-    assert f"cannot be served at 127.0.0.1:{port} (" in said
+            errors = second.stderr.read()
+    assert errors.count("\n") == 1
+    assert f"cannot be served at 127.0.0.1:{port} (" in errors

@@ -209,9 +209,9 @@ def test_any_cut_gives_the_envelope_and_event_of_the_whole(cuts, late, digest, b
         assert envelope.begins_ns.size <= bins
         assert envelope.width_ns % BIN_NS == 0
         assert_envelope(envelope, stamps, values)
-    felt = np.nan_to_num(np.abs(measured[:, [0, 5]]))
-    row, column = np.unravel_index(felt.argmax(), felt.shape)
-    assert (event.peak_ns, event.peak_mps2, event.sensor) == (stamps[row], felt.max(), ("seat", "head")[column])
+    absolute = np.nan_to_num(np.abs(measured[:, [0, 5]]))
+    row, column = np.unravel_index(absolute.argmax(), absolute.shape)
+    assert (event.peak_ns, event.peak_mps2, event.sensor) == (stamps[row], absolute.max(), ("seat", "head")[column])
     near = np.abs(stamps - stamps[row]) <= 150_000_000
     for found, expected in (
         (event.measured_ns, stamps[near]),
@@ -376,10 +376,10 @@ def test_page_and_terminal_show_the_zone_in_words_and_green_for_one_alone(tmp_pa
     page_of(tmp_path, changed)
     source = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert re.findall(r'class="strip (\w+)"', source) == [tone, "none"]
-    said = summary(changed)
-    assert f"SEAT: {headline.upper()}" in said
-    assert f"Because of {zone}." in said
-    assert "beside, ISO 2631-1 caution zone: below the action values so far" in said
+    text = summary(changed)
+    assert f"SEAT: {headline.upper()}" in text
+    assert f"Because of {zone}." in text
+    assert "beside, ISO 2631-1 caution zone: below the action values so far" in text
 
 
 def test_without_a_seat_there_is_no_verdict():
@@ -426,13 +426,13 @@ def test_shocks_that_need_additional_evaluation_are_flagged(tmp_path):
     page_of(tmp_path, changed)
     assert '<p class="flag">' not in (tmp_path / "report.html").read_text(encoding="utf-8")
     changed["seat"]["shock_ratios"] = ratios(crest=11.2, mtvv=1.6)
-    said = (
+    warning = (
         "Shocks: additional evaluation required (ISO 2631-1:1997, axis z): crest factor 11.2 > 9 (6.2.2),"
         " MTVV/aw 1.60 > 1.5 (6.3.3)."
     )
-    assert said in page_of(tmp_path, changed).text
+    assert warning in page_of(tmp_path, changed).text
     assert '<p class="flag">' in (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert said in summary(changed)
+    assert warning in summary(changed)
 
 
 def test_unmeasured_ratios_do_not_exclude_shocks():

@@ -43,9 +43,9 @@ class Imu:
         true_s = (own_s - offset_s) / (1.0 + self.drift)
         motion = interpolate.CubicSpline(np.arange(len(truth)) / truth_rate_hz, truth)(true_s)
         force = (motion + np.array([0.0, 0.0, GRAVITY_MPS2])) @ self.axes.T
-        said = force + self.bias_mps2 + NOISE_MPS2 * rng.standard_normal(force.shape)
+        reading = force + self.bias_mps2 + NOISE_MPS2 * rng.standard_normal(force.shape)
         stamps_s = np.sort(own_s + JITTER_S * rng.standard_normal(own_s.size))
-        return np.rint(stamps_s * 1e9).astype(np.int64), digits(said)
+        return np.rint(stamps_s * 1e9).astype(np.int64), digits(reading)
 
 
 def drawn(rng: np.random.Generator) -> Imu:

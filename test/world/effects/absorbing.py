@@ -113,11 +113,11 @@ def _heard(one: Sitting, accel_mps2: Sequence[Floats], effects: Sequence[Effect]
     for planned, accel in zip(one.events, accel_mps2, strict=True):
         time_s = np.arange(len(accel)) / event.HELD_HZ
         for at in WORN:
-            force, _ = wearing.felt(at, planned.event, accel[:, at - 1], effects, one.background)
+            force, _ = wearing.sensed(at, planned.event, accel[:, at - 1], effects, one.background)
             late_s = one.background.late_s[at] + sum(e.clock_late_s(at, planned.event, time_s) for e in effects)
             up = np.interp(time_s - late_s, time_s, force[:, 2])
             for effect in effects:
-                up = effect.said(at, up)
+                up = effect.reading(at, up)
             parts.append(_thinned(up - sensors.GRAVITY_MPS2))
     return np.concatenate(parts)
 

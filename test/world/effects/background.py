@@ -46,7 +46,7 @@ class Background:
     lean_rad: Floats
     skin_hz: Floats
 
-    def felt(self, sensor: int, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, accel_mps2: Floats) -> Floats:
         """What moves a sensor where accelerations (n, 3) move its segment."""
         through = (1.0 + self.gain[sensor]) * accel_mps2
         if np.isinf(self.skin_hz[sensor]):

@@ -170,7 +170,7 @@ class Effect:
         """By how much a sensor rolls and pitches beyond its segment, (n, 2) on the grid of the event."""
         return None
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """What moves the sensor where accelerations (m, 3) at `HELD_HZ` move the segment."""
         return accel_mps2
 
@@ -178,7 +178,7 @@ class Effect:
         """By how much the sensor's clock is late at its own time_s (m,) within the event."""
         return 0.0
 
-    def said(self, sensor: int, force_mps2: Floats) -> Floats:
+    def reading(self, sensor: int, force_mps2: Floats) -> Floats:
         """What the sensor makes of the specific force (m, 3) in its own axes."""
         return force_mps2
 

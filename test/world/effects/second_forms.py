@@ -466,7 +466,7 @@ class ScottBlairTissue(Effect):
 
     kind, family, unit, strengths, sites = "skin", "sensor", "share that rides on the skin", (0.25, 1.0), WORN
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """(1 + c) / (1 + c - (f / f0)^2), c = 2 zeta (i f / f0)^order, mixed with the bone."""
         if sensor != self.site:
             return accel_mps2
@@ -520,7 +520,7 @@ class ShelvingGain(Effect):
 
     kind, family, unit, strengths, sites = "gain", "sensor", "share", (0.04, 0.12), WORN
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """By 1 + e s / (s + w)."""
         if sensor != self.site:
             return accel_mps2
@@ -536,7 +536,7 @@ class RappKnee(Effect):
 
     kind, family, unit, strengths, sites = "saturation", "saturation", "1 / range in 20 m/s^2", (0.6, 1.0), WORN
 
-    def said(self, sensor: int, force_mps2: Floats) -> Floats:
+    def reading(self, sensor: int, force_mps2: Floats) -> Floats:
         """Every axis reads a / (1 + |a / range|^2p)^(1 / 2p)."""
         if sensor != self.site or not self.strength:
             return force_mps2

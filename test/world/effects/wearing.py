@@ -23,7 +23,7 @@ GYRO_BIAS_RADPS: Final = 0.003
 GYRO_STEP_RADPS: Final = np.deg2rad(2000.0) / 2**15
 
 
-def felt(
+def sensed(
     sensor: int, event: Event, up_mps2: Floats, effects: Sequence[Effect], background: Background
 ) -> tuple[Floats, Floats]:
     """Specific force (m, 3) and angular velocity (m, 3) at `HELD_HZ` in the axes of an upright, faultless sensor.
@@ -33,10 +33,10 @@ def felt(
     accel = np.column_stack([event.aside_mps2(sensor)[::2], up_mps2])
     lean = event.leaning_rad(sensor)[::2]
     if sensor:
-        accel = background.felt(sensor, accel)
+        accel = background.sensor_acceleration(sensor, accel)
         lean = lean + background.leaning_rad(sensor, event)[::2]
     for effect in effects:
-        accel = effect.felt(sensor, event, accel)
+        accel = effect.sensor_acceleration(sensor, event, accel)
         beyond = effect.lean_rad(sensor, event)
         lean = lean if beyond is None else lean + beyond[::2]
     spin = np.gradient(lean, 1.0 / HELD_HZ, axis=0)
@@ -57,7 +57,7 @@ def stream(
     rng: np.random.Generator,
 ) -> Stream:
     """What one sensor sends."""
-    force, spin = felt(sensor, event, up_mps2, effects, background)
+    force, spin = sensed(sensor, event, up_mps2, effects, background)
     offset_s = sensors.OFFSET_S * rng.standard_normal()
     end_s = (len(force) - 1) / HELD_HZ
     own_s = np.arange(1, int((end_s - 0.02) * sensors.RATE_HZ)) / sensors.RATE_HZ + 0.01
@@ -65,15 +65,15 @@ def stream(
     late_s = late_s + (background.late_s[sensor] if sensor else 0.0)
     true_s = np.clip((own_s - offset_s - late_s) / (1.0 + imu.drift), 0.0, end_s)
     sampled = interpolate.CubicSpline(np.arange(len(force)) / HELD_HZ, np.hstack([force, spin]))(true_s)
-    said = sampled[:, :3] @ imu.axes.T
+    reading = sampled[:, :3] @ imu.axes.T
     for effect in effects:
-        said = effect.said(sensor, said)
-    said = said + imu.bias_mps2 + sensors.NOISE_MPS2 * rng.standard_normal(said.shape)
+        reading = effect.reading(sensor, reading)
+    reading = reading + imu.bias_mps2 + sensors.NOISE_MPS2 * rng.standard_normal(reading.shape)
     gyro = sampled[:, 3:] @ imu.axes.T + GYRO_BIAS_RADPS * rng.standard_normal(3)
     gyro = gyro + GYRO_NOISE_RADPS * rng.standard_normal(gyro.shape)
     stamps_s = np.sort(own_s + sensors.JITTER_S * rng.standard_normal(own_s.size))
     return (
         np.rint(stamps_s * 1e9).astype(np.int64),
-        sensors.digits(said),
+        sensors.digits(reading),
         np.rint(gyro / GYRO_STEP_RADPS) * GYRO_STEP_RADPS,
     )
