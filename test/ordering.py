@@ -14,7 +14,6 @@ SLOW: Final = (
 )  # fmt: skip
 """Slow files in their order: long computations first, short ones where the workers meet, long processes last."""
 
-
 SHARED: Final = (
     "test_diagnose", "test_effects", "test_gate", "test_joint_refit", "test_local_fit", "test_nuisance_parameters",
     "test_preliminary_fit", "test_screen", "test_surface", "test_trace", "test_unsteady",
