@@ -15,7 +15,7 @@ from biodyn_core.signals.weighting import CURVES
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
 OF_EFFECTS = {parameter.name for effect in CATALOGUE.values() for parameter in effect.parameters}
 NAMES = {*SENSORS, *SEGMENTS, *CURVES, *CASES, *OF_EFFECTS}
-"""Keys that name what is measured, and stand for each other."""
+"""Keys that name measured quantities and stand for each other."""
 
 
 def keys(value: Any) -> Iterator[str]:

@@ -48,7 +48,7 @@ class Page(HTMLParser):
             self.pieces.append(" ")
 
     def handle_data(self, data: str) -> None:
-        """Keep what a reader sees."""
+        """Keep the visible text."""
         if not self.open or self.open[-1] != "style":
             self.pieces.append(data)
 

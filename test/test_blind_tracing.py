@@ -1,4 +1,4 @@
-"""The blind tracing study: scores, runs behind a seal, and what is published of them."""
+"""The blind tracing study: scores, sealed runs, and their published tables."""
 
 from __future__ import annotations
 

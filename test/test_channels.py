@@ -367,7 +367,7 @@ def holes(stamps, samples):
 
 @pytest.mark.parametrize("change", [repeat, out_of_order, quantised, unset_first, another_lap, holes])
 def test_rates_stay_with_the_samples_they_came_with(change) -> None:
-    """A gyro that reads what the accelerometer does must end where that does, whatever the stamps are."""
+    """A gyro with the samples of the accelerometer ends where that ends, for any stamps."""
     streams = of_model()
     stamps, samples = change(streams["head"].stamps_ns.copy(), streams["head"].accel_mps2.copy())
     streams["head"] = Stream(stamps, samples, samples)
@@ -498,7 +498,7 @@ def worn(imu: sensors.Imu, accel: Floats, rates: Floats, seed: int) -> Stream:
 
 @pytest.mark.parametrize("case", ["road", "pothole", "rail"])
 def test_the_seat_of_the_independent_simulation_is_recovered(case: seats.Case) -> None:
-    """Low-passed truth of the seat against what is recovered, each sensor turned by its own unknown yaw."""
+    """Low-passed truth of the seat against the recovered motion, each sensor turned by its own unknown yaw."""
     rng = np.random.default_rng(11)
     quiet = np.zeros((round(2.5 * seats.RATE_HZ), 3))
     accel = np.concatenate([quiet, seats.motion(case, "synthetic", 6.0, rng).accel_mps2, quiet])

@@ -156,7 +156,7 @@ def write_bag(path: Path) -> None:
 
 
 def words_of(example: str) -> list[str]:
-    """The arguments of an example, without where a shell would send what it prints."""
+    """The arguments of an example, without redirections."""
     words = shlex.split(example.partition(" > ")[0])
     assert words[0] == "biodyn"
     return words[1:]

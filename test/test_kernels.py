@@ -215,7 +215,7 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "follow_attitude": _follow_up,
 }
 ELSEWHERE = ("biodyn_core.kernels.cost", "biodyn_core.kernels.surrogate")
-"""Compared in test_objectives, which knows what goes into them."""
+"""Compared in test_objectives, which has their inputs."""
 
 
 def test_every_kernel_is_compared():

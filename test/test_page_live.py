@@ -1,4 +1,4 @@
-"""The page as a person sees it: a bag played over DDS, the live node, its page, and a real Chromium that looks on."""
+"""The page as a person sees it: a bag played over DDS, the live node, its page, and a real Chromium."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def subject_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Somebody whose name is markup."""
+    """A subject whose name is markup."""
     path: Path = tmp_path_factory.mktemp("subject") / "evil.yaml"
     path.write_text(yaml.safe_dump(subject().to_dict() | {"name": EVIL}))
     return path
@@ -77,7 +77,7 @@ def free_port() -> int:
 
 @dataclass
 class Browser:
-    """A page in Chromium, what it printed, and where it wanted to go."""
+    """A page in Chromium with its console errors and its requests."""
 
     page: Any
     complaints: list[str] = field(default_factory=list)
@@ -147,17 +147,17 @@ def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
         assert browser.text("#headline") == "Waiting for the node" or "Undecided" in browser.text("#headline")
         with child(graph, "play", str(bag)):
             it_updates(browser)
-            it_shows_what_a_vibration_meter_shows(browser)
-            it_is_green_and_says_whose_it_is(browser)
+            it_shows_the_values_of_a_vibration_meter(browser)
+            it_is_green_and_names_the_subject(browser)
             for name, (width, height) in SIZES.items():
                 it_fits(browser, width, height, tmp_path / f"{name}.png")
             it_survives_a_reload(browser)
             it_shows_a_dead_sensor(browser)
             marks_and_resets(browser)
-        it_says_that_the_seat_is_silent(browser)
+        it_reports_a_silent_seat(browser)
         it_goes_stale_when_the_node_is_killed(browser, node)
     with child(graph, *node_arguments(port, subject_file)) as node:
-        assert link(node) == address, "the link goes on being good"
+        assert link(node) == address, "the link stays valid"
         it_comes_back(browser)
     assert browser.page.title() == "biodyn live", "names are text"
     leaving = [url for url in browser.requests if not url.startswith((f"http://127.0.0.1:{port}/", "data:"))]
@@ -188,7 +188,7 @@ def it_updates(browser: Browser) -> None:
     assert browser.page.evaluate(f"[...{pixels}].filter(value => value).length") > 2000, "the strip is drawn"
 
 
-def it_shows_what_a_vibration_meter_shows(browser: Browser) -> None:
+def it_shows_the_values_of_a_vibration_meter(browser: Browser) -> None:
     """Between the band and all else, in the words and numbers of one snapshot."""
     browser.until("snapshot.meter && snapshot.meter.axes[0].aw_mps2 !== null")
     meter_values, shown = browser.page.evaluate(
@@ -207,7 +207,7 @@ def it_shows_what_a_vibration_meter_shows(browser: Browser) -> None:
     assert band < meter < min(body, ride)
 
 
-def it_is_green_and_says_whose_it_is(browser: Browser) -> None:
+def it_is_green_and_names_the_subject(browser: Browser) -> None:
     browser.until("document.body.dataset.tone == 'good'")
     assert browser.text("#headline") == "Below the action values so far"
     assert browser.page.evaluate("getComputedStyle($('band')).backgroundColor") == "rgb(23, 102, 58)"
@@ -262,8 +262,8 @@ def it_shows_a_dead_sensor(browser: Browser) -> None:
     assert browser.page.evaluate("document.querySelector('.row[data-name=\"head\"] .dot').dataset.level") == "1"
     assert browser.page.evaluate("document.querySelector('.part[data-row=\"head\"]').dataset.level") == "1"
     silent = "[...document.querySelectorAll('.row')].filter(row => row.innerText.includes('silent for'))"
-    assert browser.page.evaluate(f"{silent}.map(row => row.dataset.name)") == ["head"], "nobody else is blamed"
-    assert browser.page.evaluate("document.body.dataset.tone") == "good", "the seat is judged by itself"
+    assert browser.page.evaluate(f"{silent}.map(row => row.dataset.name)") == ["head"], "no other sensor is reported"
+    assert browser.page.evaluate("document.body.dataset.tone") == "good", "the assessment uses the seat alone"
 
 
 def marks_and_resets(browser: Browser) -> None:
@@ -280,7 +280,7 @@ def marks_and_resets(browser: Browser) -> None:
     assert "is set to zero" in browser.text("#reply")
 
 
-def it_says_that_the_seat_is_silent(browser: Browser) -> None:
+def it_reports_a_silent_seat(browser: Browser) -> None:
     browser.until("document.body.dataset.tone == 'none' && $('reason').innerText.includes('silent for')", 60.0)
     assert browser.text("#headline") == "Undecided: no assessment of the seat"
     assert browser.text("#left-action") == "withheld"

@@ -1,6 +1,6 @@
 """The pages of validations, fits, campaigns and replays: their numbers and curves are those of the documents.
 
-What is missing is said, and nothing from outside is more than text.
+Missing values are reported; names from outside stay text.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ Document = dict[str, Any]
 
 
 def recording(seconds: float = 12.0) -> Recording:
-    """What perfect sensors would see of subject 1 in a noise of 1 to 40 Hz with one blow; the neck has no sensor."""
+    """Output of perfect sensors on subject 1 in a noise of 1 to 40 Hz with one blow; the neck has no sensor."""
     rng = np.random.default_rng(5)
     frequency = np.fft.rfftfreq(round(seconds * RATE_HZ), 1.0 / RATE_HZ)
     spectrum = ((frequency > 1.0) & (frequency < 40.0)) * np.exp(2j * np.pi * rng.random(frequency.size))
@@ -89,7 +89,7 @@ def validation(validated: Report) -> str:
     return validation_page(validated)
 
 
-def test_a_validation_says_the_numbers_of_its_document(validated: Report, validation: str) -> None:
+def test_the_page_of_a_validation_has_the_numbers_of_its_document(validated: Report, validation: str) -> None:
     text, document = Page(validation.encode("utf-8", "backslashreplace").decode()).text, validation_document(validated)
     assert "Disagrees with the measurement" in text and '<section class="strip bad"' in validation
     for finding in document["findings"]:
@@ -117,7 +117,7 @@ def test_a_validation_says_the_numbers_of_its_document(validated: Report, valida
     assert "Limitations" in text and "No force was measured" in text
 
 
-def test_every_drawing_of_a_validation_says_what_and_in_which_unit(validation: str) -> None:
+def test_every_drawing_of_a_validation_names_quantity_and_unit(validation: str) -> None:
     drawings = re.findall(r"<svg.*?</svg>", validation, flags=re.DOTALL)
     expected = (
         ("vertical acceleration, m/s²", "seconds since the first predicted instant", "not measured"),
@@ -167,13 +167,13 @@ def test_the_drawn_transmissibility_is_the_documents(validated: Report) -> None:
     assert all(line.dashed for line in lines(svg, ORANGE, 1.3))
 
 
-def test_what_cannot_be_told_is_thin(validated: Report) -> None:
+def test_incoherent_lines_are_thin(validated: Report) -> None:
     document = copy.deepcopy(validation_document(validated))
-    told_lines = len(lines(transmissibility(document, 0.5), DARK, 1.7))
+    known_lines = len(lines(transmissibility(document, 0.5), DARK, 1.7))
     document["transmissibility"]["head"]["measured"]["coherence"] = [0.1] * len(document["spectra"]["frequency_hz"])
     svg = transmissibility(document, 0.5)
     assert len(lines(svg, DARK, 0.6)) == 4  # of four measured segments
-    assert len(lines(svg, DARK, 1.7)) == told_lines - 1  # the coherence beneath stays
+    assert len(lines(svg, DARK, 1.7)) == known_lines - 1  # the coherence beneath stays
     refused = document | {"driving_point": {"refused": "ask for as_printed"}}
     assert drawing_text(driving_point(refused)).count("refused, see below") == 4
 
@@ -228,7 +228,7 @@ def page(fitted: Fitted) -> str:
     return fit_page(fitted)
 
 
-def test_a_fit_says_the_numbers_of_its_document(fitted: Fitted, page: str) -> None:
+def test_the_page_of_a_fit_has_the_numbers_of_its_document(fitted: Fitted, page: str) -> None:
     text, document = Page(page).text, fitted.document
     held_out = document["held_out"][0]["joint"]
     assert f"not fitted to with a mean error of {number(held_out['mean'])} % of their rms" in text
@@ -244,7 +244,7 @@ def test_a_fit_says_the_numbers_of_its_document(fitted: Fitted, page: str) -> No
     assert text.count(MADE_BY_MODEL) == 1 and "3 of 3 recordings: " in text
 
 
-def test_every_drawing_of_a_fit_says_what_and_in_which_unit(page: str) -> None:
+def test_every_drawing_of_a_fit_names_quantity_and_unit(page: str) -> None:
     drawings = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
     expected = (
         ("place between the bounds of Table 1, logarithmic, no unit", "natural frequency, head", "stiffening scale"),
@@ -310,7 +310,7 @@ def test_a_parameter_on_its_bound_has_no_interval_and_keeps_a_fit_from_green(fit
     assert judge_fit(document | {"held_out": []}).tone == "none"
 
 
-def test_one_case_and_what_was_not_measured_are_said(fitted: Fitted) -> None:
+def test_one_case_and_unmeasured_segments_are_limitations(fitted: Fitted) -> None:
     document = copy.deepcopy(fitted.document)
     document["cases"] = document["cases"][:1]
     document["cases"][0]["not_fitted"] = ["lower_torso"]
@@ -348,11 +348,13 @@ def test_the_correlation_is_that_of_the_covariance(fitted: Fitted) -> None:
     assert correlation(fitted.document | {"correlation": alone}) is None
 
 
-def test_what_a_fit_draws_is_what_its_document_counts(fitted: Fitted) -> None:
+def test_a_fit_draws_the_recordings_that_its_document_counts(fitted: Fitted) -> None:
     events = {event.name: event for event in fit_events(fitted)}
-    for told_of in (*fitted.document["cases"], *fitted.document["held_out"]):
-        event = events[Path(told_of["bag"]).name] if Path(told_of["bag"]).name in events else events[told_of["bag"]]
-        for column, percent in enumerate(told_of["joint"]["nrmse_rms"].values()):
+    for recording in (*fitted.document["cases"], *fitted.document["held_out"]):
+        event = (
+            events[Path(recording["bag"]).name] if Path(recording["bag"]).name in events else events[recording["bag"]]
+        )
+        for column, percent in enumerate(recording["joint"]["nrmse_rms"].values()):
             here = np.isfinite(event.measured_mps2[:, column])
             measured, after = (values[here, column] for values in (event.measured_mps2, event.after_mps2))
             assert 100.0 * np.linalg.norm(after - measured) / np.linalg.norm(measured) == pytest.approx(percent)
@@ -381,7 +383,7 @@ def test_a_drawing_that_fails_costs_no_fit(fitted: Fitted, tmp_path: Path, monke
         ["validate", "no.mcap", "--subject", "subject_1", "-o", "{}/out"],
     ],
 )
-def test_a_missing_library_is_told_before_the_work(
+def test_a_missing_library_is_reported_before_the_work(
     command: list[str],
     missing: str,
     tmp_path: Path,
@@ -482,7 +484,7 @@ def test_a_page_that_cannot_be_drawn_costs_no_subject(
 # --- replay ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_replay_shows_what_was_gathered_over_frequency() -> None:
+def test_a_replay_shows_its_spectra() -> None:
     traces = Traces()
     traces.add(Frames(NO_PREDICTED, streamed.frames()))
     document = test_report.document()

@@ -109,7 +109,7 @@ def test_a_known_filter_is_found_within_its_statistical_error():
     assert (np.abs(np.mean(errors, axis=0)) < 0.03 + 4.0 * theory / np.sqrt(40))[tells].all()
 
 
-def test_coherence_falls_with_noise_as_the_formula_says():
+def test_coherence_falls_with_noise_by_the_formula():
     found, _, coherence = noisy_answer(2000.0, 3, 0.5)
     np.testing.assert_allclose(found.coherence[:, 0], coherence, atol=0.03)
     assert coherence.max() > 0.95

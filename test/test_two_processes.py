@@ -207,7 +207,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_says_how_fast(tmp_path: Path) -> None:
+def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_warns(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "short.mcap", noisy_streams())
     with ros_graph() as graph:
         tester = graph.node()

@@ -278,7 +278,7 @@ JSON = st.recursive(
 
 
 @given(st.sampled_from([encoded(chores.found(1))]), st.data())
-def test_whatever_a_result_holds_is_read_or_refused(good, data) -> None:
+def test_any_stored_value_is_read_or_refused(good, data) -> None:
     key = data.draw(st.sampled_from(list(good)))
     bad = good | {key: data.draw(JSON)}
     with contextlib.suppress(InputError):

@@ -431,7 +431,7 @@ def test_pitching_seats_accelerate_by_their_lever_arm() -> None:
         assert found[t > 1.0] == pytest.approx(one.strength * expected[t > 1.0], abs=0.06 * one.strength * 1e-3 * w**2)
 
 
-def test_necks_shorten_by_their_chord_and_spines_press_by_what_pushes_them() -> None:
+def test_necks_shorten_by_their_chord_and_spines_press_by_the_horizontal_acceleration() -> None:
     now = moment()
     now.signal = np.array([[0.2, 0.5]])
     nod = made(development_forms.NoddingNeck)

@@ -253,7 +253,7 @@ class TiringReflex(Effect):
         return np.column_stack([rate, (t * now.rate[:, self.site] - z - 2.0 * t * rate) / t**2])
 
 
-# --- what the person sits on and leans against -----------------------------------------------------------------------
+# --- seat, backrest and belts ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -389,7 +389,7 @@ class HeldArms(Effect):
         return np.column_stack([rate, by_shoulder + by_thigh - now.base_mps2])
 
 
-# --- what else moves the body ----------------------------------------------------------------------------------------
+# --- further inputs to the body --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

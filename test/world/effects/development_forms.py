@@ -234,7 +234,7 @@ class LatePull(Effect):
         return (now.stretch[:, self.site, None] - own) / self.twitch_s
 
 
-# --- what the person sits on and leans against -----------------------------------------------------------------------
+# --- seat, backrest and belts ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -368,7 +368,7 @@ def _carried(now: Moment, own: Floats, site: int, mass_kg: float, frequency_hz: 
     return np.column_stack([own[:, 1], per_kg - now.base_mps2])
 
 
-# --- what else moves the body ----------------------------------------------------------------------------------------
+# --- further inputs to the body --------------------------------------------------------------------------------------
 
 WHOLE: Final = (-1,)
 

@@ -1,4 +1,4 @@
-"""What six IMUs on a person say of an event, turning with their segments; noise comes again from its seed."""
+"""Output of six IMUs on a person in an event; they rotate with their segments, and noise repeats with its seed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def sensed(
 ) -> tuple[Floats, Floats]:
     """Specific force (m, 3) and angular velocity (m, 3) at `HELD_HZ` in the axes of an upright, faultless sensor.
 
-    up_mps2 (m,) is the vertical acceleration of what it is on, 0 the seat and 1-6 the segments.
+    up_mps2 (m,) is the vertical acceleration at the sensor: 0 is the seat, 1-6 are the segments.
     """
     accel = np.column_stack([event.aside_mps2(sensor)[::2], up_mps2])
     lean = event.leaning_rad(sensor)[::2]
@@ -42,7 +42,7 @@ def sensed(
     spin = np.gradient(lean, 1.0 / HELD_HZ, axis=0)
     angle = np.column_stack([lean, np.zeros(len(lean))])
     force = accel + np.array([0.0, 0.0, sensors.GRAVITY_MPS2])
-    # What stands still turns the other way in axes that turn; to the second order, angles being some hundredths.
+    # Rotation of the axes by small angles (some hundredths), to second order.
     turned = np.cross(angle, force)
     return force - turned + 0.5 * np.cross(angle, turned), np.column_stack([spin, np.zeros(len(spin))])
 
@@ -56,7 +56,7 @@ def stream(
     background: Background,
     rng: np.random.Generator,
 ) -> Stream:
-    """What one sensor sends."""
+    """Output of one sensor."""
     force, spin = sensed(sensor, event, up_mps2, effects, background)
     offset_s = sensors.OFFSET_S * rng.standard_normal()
     end_s = (len(force) - 1) / HELD_HZ
