@@ -236,7 +236,7 @@ def loaded(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..
     return runpy.run_path(str(path))
 
 
-def test_the_launch_file_starts_our_node_with_the_given_arguments(
+def test_the_launch_file_starts_our_node_with_given_arguments(
     launch: dict[str, Callable[..., list[Stated]]],
 ) -> None:
     nothing = dict.fromkeys([*launch["TEXTS"], *launch["VALUES"]], "")
