@@ -96,7 +96,7 @@ def assert_self_contained(source: str) -> None:
     assert len(source) < 1_500_000
 
 
-def drawing_text(svg: str) -> str:
+def svg_text(svg: str) -> str:
     """The texts of a drawing."""
     return " | ".join(html.unescape(text) for text in re.findall(r"<text[^>]*>([^<]*)</text>", svg))
 

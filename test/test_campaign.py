@@ -186,16 +186,13 @@ def refused(path: Path, fault: str) -> None:
 
 
 def test_a_campaign_fits_each_subject_as_if_it_were_alone(field: Path, tmp_path: Path, alone) -> None:
-    reported = []
+    calls = []
     document = fit_campaign(
-        load_campaign(field / "campaign.yaml"),
-        tmp_path / "out",
-        QUICK,
-        progress=lambda *counts: reported.append(counts),
+        load_campaign(field / "campaign.yaml"), tmp_path / "out", QUICK, progress=lambda *done: calls.append(done)
     )
     assert written(tmp_path / "out") == alone
     assert document == json.loads((tmp_path / "out" / "campaign.json").read_text())
-    assert reported == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert calls == [(0, 3), (1, 3), (2, 3), (3, 3)]
     check_failed(document, tmp_path / "out")
     lines = text_of(document).splitlines()
     assert len(lines) == 4 and [line.split()[:2] for line in lines[1:]] == [[name, "done"] for name in PEOPLE]

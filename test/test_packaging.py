@@ -200,7 +200,7 @@ def test_entry_points_name_functions_that_exist(tmp_path: Path) -> None:
         assert function in {node.name for node in source.body if isinstance(node, ast.FunctionDef)}, target
 
 
-class Stated:
+class Stub:
     """An action or a substitution of the launch file; LaunchConfiguration reads from a dict."""
 
     def __init__(self, *places: object, **words: object) -> None:
@@ -211,7 +211,7 @@ class Stated:
         return context[str(self.places[0])]
 
 
-Loader = Callable[[str], dict[str, Callable[..., list[Stated]]]]
+Loader = Callable[[str], dict[str, Callable[..., list[Stub]]]]
 
 
 @pytest.fixture
@@ -221,24 +221,22 @@ def load(monkeypatch: pytest.MonkeyPatch) -> Loader:
 
 
 @pytest.fixture
-def launch(load: Loader) -> dict[str, Callable[..., list[Stated]]]:
+def launch(load: Loader) -> dict[str, Callable[..., list[Stub]]]:
     """The definitions of the launch file of the live node."""
     return load("biodyn.launch.py")
 
 
-def loaded(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..., list[Stated]]]:
+def loaded(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..., list[Stub]]]:
     """The definitions of a launch file, with every import of it replaced."""
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             assert node.module.split(".")[0] in {"launch", "launch_ros"}
-            names = SimpleNamespace(**{alias.name: type(alias.name, (Stated,), {}) for alias in node.names})
+            names = SimpleNamespace(**{alias.name: type(alias.name, (Stub,), {}) for alias in node.names})
             monkeypatch.setitem(sys.modules, node.module, names)
     return runpy.run_path(str(path))
 
 
-def test_the_launch_file_starts_our_node_with_given_arguments(
-    launch: dict[str, Callable[..., list[Stated]]],
-) -> None:
+def test_the_launch_file_starts_our_node_with_given_arguments(launch: dict[str, Callable[..., list[Stub]]]) -> None:
     nothing = dict.fromkeys([*launch["TEXTS"], *launch["VALUES"]], "")
     (node,) = launch["live_node"]({**nothing, "subject_file": "1", "yaw_deg": "90.0"})
     words = {name: word for name, word in node.words.items() if isinstance(word, str)}
@@ -251,7 +249,7 @@ def test_the_launch_file_starts_our_node_with_given_arguments(
     assert (given["subject_file"].places, given["subject_file"].words) == (("1",), {"value_type": str})
 
 
-def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Callable[..., list[Stated]]]) -> None:
+def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Callable[..., list[Stub]]]) -> None:
     (entities,) = launch["generate_launch_description"]().places
     arguments = {entity.places[0] for entity in entities if type(entity).__name__ == "DeclareLaunchArgument"}
     assert arguments == {"params_file", "namespace", *launch["TEXTS"], *launch["VALUES"]}

@@ -84,9 +84,7 @@ class Browser:
     requests: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.page.on(
-            "console", lambda message: self.complaints.append(message.text) if message.type == "error" else None
-        )
+        self.page.on("console", lambda line: self.complaints.append(line.text) if line.type == "error" else None)
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
 
@@ -164,9 +162,7 @@ def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
     assert leaving == []
     # Without the node the browser reports that the stream of events cannot be opened; there is no other error.
     assert [
-        complaint
-        for complaint in browser.complaints
-        if "ERR_CONNECTION_REFUSED" not in complaint and "INCOMPLETE" not in complaint
+        line for line in browser.complaints if "ERR_CONNECTION_REFUSED" not in line and "INCOMPLETE" not in line
     ] == []
 
 
@@ -191,20 +187,18 @@ def it_updates(browser: Browser) -> None:
 def it_shows_the_values_of_a_vibration_meter(browser: Browser) -> None:
     """Between the band and all else, in the words and numbers of one snapshot."""
     browser.until("snapshot.meter && snapshot.meter.axes[0].aw_mps2 !== null")
-    meter_values, shown = browser.page.evaluate(
-        "show(snapshot), [snapshot.meter, document.getElementById('meter').innerText]"
-    )
-    values = [meter_values["counted_s"], meter_values["mtvv_mps2"], meter_values["peak_mps2"]]
-    values += [each[figure] for each in meter_values["axes"] for figure in ("aw_mps2", "vdv_mps175")]
-    assert [each["axis"] for each in meter_values["axes"]] == ["x", "y", "z"]
+    meter, shown = browser.page.evaluate("show(snapshot), [snapshot.meter, document.getElementById('meter').innerText]")
+    values = [meter["counted_s"], meter["mtvv_mps2"], meter["peak_mps2"]]
+    values += [each[figure] for each in meter["axes"] for figure in ("aw_mps2", "vdv_mps175")]
+    assert [each["axis"] for each in meter["axes"]] == ["x", "y", "z"]
     for value in values:
         assert f"{value:#.3g}".rstrip(".") in shown, (value, shown)
     for name in ("counted", "aw", "VDV", "MTVV", "peak"):
         assert name in shown
     assert "Horizontal axes from the yaw given." in shown
     top = "['band', 'meter', 'body', 'ride'].map((id) => document.getElementById(id).getBoundingClientRect().top)"
-    band, meter, body, ride = browser.page.evaluate(top)
-    assert band < meter < min(body, ride)
+    band_top, meter_top, body_top, ride_top = browser.page.evaluate(top)
+    assert band_top < meter_top < min(body_top, ride_top)
 
 
 def it_is_green_and_names_the_subject(browser: Browser) -> None:

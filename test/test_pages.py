@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import test_report
 import test_streamed_spectra as streamed
-from pages import NASTY, Page, assert_self_contained, drawing_text, lines
+from pages import NASTY, Page, assert_self_contained, lines, svg_text
 from streams import simulated, subject
 
 from biodyn_core.base.errors import InputError
@@ -112,8 +112,8 @@ def test_the_page_of_a_validation_has_the_numbers_of_its_document(validated: Rep
     for segment, of in document["exposure"]["segments"].items():
         for side in ("measured", "predicted"):
             if of[side]:
-                assert f"{number(of[side]['vdv_mps175'])} {side}" in drawing_text(validation), segment
-    assert number(document["exposure"]["dri"]["compression"]) in drawing_text(validation)
+                assert f"{number(of[side]['vdv_mps175'])} {side}" in svg_text(validation), segment
+    assert number(document["exposure"]["dri"]["compression"]) in svg_text(validation)
     assert "Limitations" in text and "No force was measured" in text
 
 
@@ -132,7 +132,7 @@ def test_every_drawing_of_a_validation_names_quantity_and_unit(validation: str) 
     assert len(drawings) == len(expected)
     for drawing, texts in zip(drawings, expected, strict=True):
         for text in texts:
-            assert text in drawing_text(drawing), text
+            assert text in svg_text(drawing), text
 
 
 def test_a_validation_is_one_file_that_is_the_same_again(validated: Report, validation: str) -> None:
@@ -175,7 +175,7 @@ def test_incoherent_lines_are_thin(validated: Report) -> None:
     assert len(lines(svg, DARK, 0.6)) == 4  # of four measured segments
     assert len(lines(svg, DARK, 1.7)) == known_lines - 1  # the coherence beneath stays
     refused = document | {"driving_point": {"refused": "ask for as_printed"}}
-    assert drawing_text(driving_point(refused)).count("refused, see below") == 4
+    assert svg_text(driving_point(refused)).count("refused, see below") == 4
 
 
 def test_a_recording_made_by_the_model_is_never_green() -> None:
@@ -239,7 +239,7 @@ def test_the_page_of_a_fit_has_the_numbers_of_its_document(fitted: Fitted, page:
             value, lower, upper = with_interval(of["value"], of["lower"], of["upper"])
             assert lower != upper, name
             expected = f"{value} ({lower} to {upper}){unit}, "
-            assert expected + document["identifiable"][name] in drawing_text(page), name
+            assert expected + document["identifiable"][name] in svg_text(page), name
     assert "None requested: use --profile NAME" in text and "The mass scale was fixed" in text
     assert text.count(MADE_BY_MODEL) == 1 and "3 of 3 recordings: " in text
 
@@ -259,7 +259,7 @@ def test_every_drawing_of_a_fit_names_quantity_and_unit(page: str) -> None:
     assert len(drawings) == len(expected)
     for drawing, texts in zip(drawings, expected, strict=True):
         for text in texts:
-            assert text in drawing_text(drawing), text
+            assert text in svg_text(drawing), text
 
 
 def test_a_fit_is_one_file_that_is_the_same_again(fitted: Fitted, page: str) -> None:
@@ -300,7 +300,7 @@ def test_a_parameter_on_its_bound_has_no_interval_and_keeps_a_fit_from_green(fit
     assert found.tone == "warn" and any("On a bound of Table 1" in line for line in found.reasons)
     assert "damping ratio, head" in found.reasons[-1]
     svg = intervals(document)
-    assert f"{number(document['intervals'][name]['value'])}, on its bound" in drawing_text(svg)
+    assert f"{number(document['intervals'][name]['value'])}, on its bound" in svg_text(svg)
     unknown = document | {"identifiable": dict.fromkeys(document["identifiable"], "not identifiable")}
     unknown["joint"] = document["joint"] | {"at_bound": []}
     assert "Not identifiable from these recordings: all 14 parameters." in judge_fit(unknown).reasons
@@ -327,7 +327,7 @@ def test_profiles_show_the_mark_and_open_sides(fitted: Fitted) -> None:
     svg = profiles(fitted.document | {"profiles": {name: profile}})
     assert svg is not None
     for text in ("natural frequency, head", "value, Hz", "over the 95 % limit, no unit", "open"):
-        assert text in drawing_text(svg)
+        assert text in svg_text(svg)
     (curve,) = lines(svg, ESTIMATE_COLOUR, 1.3)
     x, y = curve.points.T
     assert (x[1] - x[0]) / (x[2] - x[1]) == pytest.approx(2.0, rel=0.01)
@@ -343,7 +343,7 @@ def test_the_correlation_is_that_of_the_covariance(fitted: Fitted) -> None:
     half = {name: of["half_width_percent"] for name, of in fitted.document["intervals"].items()}
     assert all(half[name] is not None for name in names)
     pair = {"names": ["natural_frequency_hz[head]", "damping_ratio[head]"], "matrix": [[1.0, -0.873], [-0.873, 1.0]]}
-    assert "-0.87" in drawing_text(correlation(fitted.document | {"correlation": pair}))
+    assert "-0.87" in svg_text(correlation(fitted.document | {"correlation": pair}))
     alone = {"names": ["damping_ratio[head]"], "matrix": [[1.0]]}
     assert correlation(fitted.document | {"correlation": alone}) is None
 
@@ -351,9 +351,8 @@ def test_the_correlation_is_that_of_the_covariance(fitted: Fitted) -> None:
 def test_a_fit_draws_the_recordings_that_its_document_counts(fitted: Fitted) -> None:
     events = {event.name: event for event in fit_events(fitted)}
     for recording in (*fitted.document["cases"], *fitted.document["held_out"]):
-        event = (
-            events[Path(recording["bag"]).name] if Path(recording["bag"]).name in events else events[recording["bag"]]
-        )
+        path = recording["bag"]
+        event = events[Path(path).name if Path(path).name in events else path]
         for column, percent in enumerate(recording["joint"]["nrmse_rms"].values()):
             here = np.isfinite(event.measured_mps2[:, column])
             measured, after = (values[here, column] for values in (event.measured_mps2, event.after_mps2))
@@ -434,7 +433,7 @@ def test_the_page_of_a_campaign_has_every_subject(fitted: Fitted, tmp_path: Path
     ):  # fmt: skip
         assert expected in text, expected
     assert 'href="anna%2B1.fit.html"' in source and "script" not in Page(source).tags
-    assert "place between the bounds of Table 1, logarithmic, no unit" in drawing_text(source)
+    assert "place between the bounds of Table 1, logarithmic, no unit" in svg_text(source)
     assert campaign_page(document, tmp_path).encode("utf-8", "backslashreplace") == source.encode()
     (tmp_path / "ben.fit.json").write_text("{}")
     with pytest.raises(InputError, match=r"ben\.fit\.json: is not a fit\.json of biodyn"):
@@ -494,13 +493,12 @@ def test_a_replay_shows_its_spectra() -> None:
     heights = {round(float(line.points[:, 1].mean()), 2) for line in measured}
     # Decades 0.1 to 10 hold gains of 3, 1, 0.25 and 2; the coherences beneath are 1 of 1.08.
     assert heights == {round((math.log10(gain) + 1.0) / 2.0, 2) for gain in streamed.GAIN.values()} | {0.93}
-    assert drawing_text(svg).count("not measured") == 1  # the lower torso
-    assert "amplitude, m/s²" in drawing_text(parts["powers_svg"]) and "head, measured" in drawing_text(
-        parts["waterfall_svg"]
-    )
+    assert svg_text(svg).count("not measured") == 1  # the lower torso
+    assert "amplitude, m/s²" in svg_text(parts["powers_svg"])
+    assert "head, measured" in svg_text(parts["waterfall_svg"])
     assert "data:image/png;base64," in parts["waterfall_svg"]
     for name, of in document["predicted"].items():
-        assert f"{number(of['vdv_mps175'])} predicted" in drawing_text(parts["doses_svg"]), name
+        assert f"{number(of['vdv_mps175'])} predicted" in svg_text(parts["doses_svg"]), name
     document["predicted"] = {}
     assert frequency_parts(document, Traces(), 0)["doses_svg"] is None
 
