@@ -48,12 +48,12 @@ def searches(journal: Path) -> list[Task]:
 
 
 def refuse(cases: list[str]) -> Search:
-    """A search that does not like its input."""
+    """A search that refuses its input."""
     raise InputError(f"{cases[0]}: not this one")
 
 
 def die(cases: list[str]) -> Search:
-    """A search that takes its process with it."""
+    """A search that ends its process."""
     os._exit(3)
 
 

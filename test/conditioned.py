@@ -1,4 +1,4 @@
-"""Raw streams of one sensor for tests of conditioning, and what comes out of it, joined."""
+"""Raw streams of one sensor for tests of conditioning, and the joined output."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ TRUTH = fitting.true_subjects()["segment"]
 SECONDS = 5.0
 NOISE_MPS2 = 0.02
 NECK, HEAD = 3, 4
-"""Columns of what is measured."""
+"""Columns of the measured segments."""
 
 
 def applied(name: str, site: str | None = None, **values: float) -> AppliedEffect:

@@ -15,7 +15,7 @@ from biodyn_core.signals.weighting import CURVES
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
 OF_EFFECTS = {parameter.name for effect in CATALOGUE.values() for parameter in effect.parameters}
 NAMES = {*SENSORS, *SEGMENTS, *CURVES, *CASES, *OF_EFFECTS}
-"""Keys that name what is measured, and stand for each other."""
+"""Keys that name measured quantities and stand for each other."""
 
 
 def keys(value: Any) -> Iterator[str]:
@@ -33,10 +33,10 @@ def keys(value: Any) -> Iterator[str]:
 def assert_listed(name: str, document: dict[str, Any], absent: frozenset[str] = frozenset()) -> None:
     """The section of that name lists all keys of a document; the document has all of its first column but `absent`."""
     section = re.split(r"^## ", PAGE.split(f"## {name}\n")[1], flags=re.MULTILINE)[0]
-    told = set(re.findall(r"`([^`]+)`", section))
+    documented = set(re.findall(r"`([^`]+)`", section))
     top = {
         key for row in re.findall(r"^\| (`[^|]*) \|", section, re.MULTILINE) for key in re.findall(r"`([^`]+)`", row)
     }
-    missing, listed = sorted(set(keys(document)) - told), sorted(top - absent)
+    missing, listed = sorted(set(keys(document)) - documented), sorted(top - absent)
     assert not missing, f"{name}: docs/files.md does not list {missing}"
     assert listed == sorted(set(document) - absent), f"{name}: first column of docs/files.md"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Any, Final
 
 import pytest
@@ -13,6 +14,12 @@ SLOW: Final = (
 )  # fmt: skip
 """Slow files in their order: long computations first, short ones where the workers meet, long processes last."""
 
+SHARED: Final = (
+    "test_diagnose", "test_effects", "test_gate", "test_joint_refit", "test_local_fit", "test_nuisance_parameters",
+    "test_preliminary_fit", "test_screen", "test_surface", "test_trace", "test_unsteady",
+)  # fmt: skip
+"""Files whose tests use the simulated events of hiding.py: one worker runs them all and simulates these once."""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Slow files come last; the others stay in their order."""
@@ -22,10 +29,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Several workers take whole files: the first begins with the slowest file, the others with the fastest ones."""
+    """Several workers take whole files, `SHARED` as one: the first begins with the slowest, others with the fastest."""
     from xdist.scheduler import LoadFileScheduling
 
     class FromBothEnds(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return "hiding" if PurePath(file).stem in SHARED else file
+
         def _assign_work_unit(self, node: Any) -> None:
             if node is self.nodes[0] and len(self.nodes) > 1:
                 self.workqueue.move_to_end(next(reversed(self.workqueue)), last=False)

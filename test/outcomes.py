@@ -15,9 +15,9 @@ STOP = Cause("stop", "pelvis", "stiffening")
 
 
 def outcome(
-    row: str, verdict: str, said: Sequence[Cause] = (), true: Sequence[Cause] = (), beside: Sequence[Cause] = (),
+    row: str, verdict: str, effects: Sequence[Cause] = (), true: Sequence[Cause] = (), beside: Sequence[Cause] = (),
     number: int = 0, applied: bool = True, **score: Any,
 ) -> Outcome:  # fmt: skip
-    added = ({"name": said[0].name},) if said and applied else ()
-    answer = Answer(row, number, verdict, tuple(said), tuple(beside), applied=added)
+    added = ({"name": effects[0].name},) if effects and applied else ()
+    answer = Answer(row, number, verdict, tuple(effects), tuple(beside), applied=added)
     return Outcome(answer, Score(row, number, tuple(true), **score))

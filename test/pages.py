@@ -48,7 +48,7 @@ class Page(HTMLParser):
             self.pieces.append(" ")
 
     def handle_data(self, data: str) -> None:
-        """Keep what a reader sees."""
+        """Keep the visible text."""
         if not self.open or self.open[-1] != "style":
             self.pieces.append(data)
 
@@ -96,7 +96,7 @@ def assert_self_contained(source: str) -> None:
     assert len(source) < 1_500_000
 
 
-def told(svg: str) -> str:
+def svg_text(svg: str) -> str:
     """The texts of a drawing."""
     return " | ".join(html.unescape(text) for text in re.findall(r"<text[^>]*>([^<]*)</text>", svg))
 

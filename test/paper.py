@@ -32,5 +32,5 @@ def shipped(name: str, **changes: float) -> Subject:
 
 
 def person(theta: NDArray[np.float64], **changes: object) -> Subject:
-    """Somebody with this theta."""
+    """A subject with this theta."""
     return dataclasses.replace(Subject("somebody", 70.0, 1.75, "segment", Parameters.from_vector(theta)), **changes)

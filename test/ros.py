@@ -40,7 +40,7 @@ class Graph:
         self.nodes: list[Node] = []
 
     def add(self, node: Node) -> Any:
-        """Take a node in; it is destroyed with the graph."""
+        """Add a node; it is destroyed with the graph."""
         self.nodes.append(node)
         self.executor.add_node(node)
         return node
@@ -70,7 +70,7 @@ class Graph:
         until(condition, what, deadline_s, lambda: self.executor.spin_once(timeout_sec=0.02))
 
     def spin(self, seconds: float) -> None:
-        """Spin for so long, whatever comes."""
+        """Spin for so long."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.02)
@@ -125,7 +125,7 @@ class Sensors:
         self._queue = self._queue[count:]
 
     def matched(self) -> bool:
-        """Whether everybody is listened to."""
+        """Whether every publisher has a subscriber."""
         return all(output.get_subscription_count() > 0 for output in self.outputs.values())
 
     def send(self, count: int | None = None, only: tuple[str, ...] | None = None, spinning: bool = True) -> int:

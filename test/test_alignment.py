@@ -1,4 +1,4 @@
-"""Alignment: how well neighbours read between samples at any rate, and what stays unanswered."""
+"""Alignment: accuracy of neighbours between samples at any rate, and refusals."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def test_a_class_is_right_if_it_is_named_first_and_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("verdict", "said", "best", "gain", "against", "fate"),
+    ("verdict", "effect", "best", "gain", "against", "fate"),
     [
         ("effect", SKIN, SKIN, 1.0, (), "named"),
         ("effect", CLOCK, CLOCK, 1.0, (), "another class named"),
@@ -83,15 +83,15 @@ def test_a_class_is_right_if_it_is_named_first_and_alone() -> None:
     ],
 )
 def test_outcomes_of_a_true_class(
-    verdict: str, said: Cause | None, best: Cause | None, gain: float | None, against: tuple[str, ...], fate: str
+    verdict: str, effect: Cause | None, best: Cause | None, gain: float | None, against: tuple[str, ...], fate: str
 ) -> None:
-    plain = outcome("strong", verdict, [said] if said else [], [SKIN], before_percent=4.0, floor_percent=2.0)
+    plain = outcome("strong", verdict, [effect] if effect else [], [SKIN], before_percent=4.0, floor_percent=2.0)
     answer = dataclasses.replace(plain.answer, best=best, best_gain=gain, against=against, threshold=0.2)
     for oracle_percent, closes in ((3.1, 1), (3.2, 0), (None, 0)):  # squares, of which half way from 16 to 4 is 10
         true = dataclasses.replace(plain.score, oracle_percent=oracle_percent)
-        told = {what: counts for what, counts in fates([Outcome(answer, true)]).items() if counts[1]}
-        ((what, counts),) = told.items()
-        assert what.startswith(fate) and counts == (closes, 1)
+        nonzero = {row: counts for row, counts in fates([Outcome(answer, true)]).items() if counts[1]}
+        ((row, counts),) = nonzero.items()
+        assert row.startswith(fate) and counts == (closes, 1)
 
 
 # --- rows ------------------------------------------------------------------------------------------------------------

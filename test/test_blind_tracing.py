@@ -1,4 +1,4 @@
-"""The blind tracing study: scores, runs behind a seal, and what is published of them."""
+"""The blind tracing study: scores, sealed runs, and their published tables."""
 
 from __future__ import annotations
 
@@ -131,15 +131,15 @@ def test_the_error_of_an_unstable_oracle_is_infinite(
 
 
 def test_truths_have_the_names_of_the_catalogue() -> None:
-    def said(kind: str, family: str, site: int) -> Cause:
+    def cause_of(kind: str, family: str, site: int) -> Cause:
         (found,) = causes([SimpleNamespace(kind=kind, family=family, site=site)])
         return found
 
-    assert said("cubic", "elastic", 4) == Cause("cubic", "neck", "stiffening")
-    assert said("skin", "sensor", 4) == Cause("skin", "upper_torso", "sensor")  # sensors count from the seat on
-    assert said("pitch", "sideways", -1) == Cause("pitch", "", "horizontal")
-    assert said("outside", "rubbing", 2) == Cause("outside", "", "dry_friction")
-    assert said("outside", "outside", 2) == Cause("outside", "", "outside")
+    assert cause_of("cubic", "elastic", 4) == Cause("cubic", "neck", "stiffening")
+    assert cause_of("skin", "sensor", 4) == Cause("skin", "upper_torso", "sensor")  # sensors count from the seat on
+    assert cause_of("pitch", "sideways", -1) == Cause("pitch", "", "horizontal")
+    assert cause_of("outside", "rubbing", 2) == Cause("outside", "", "dry_friction")
+    assert cause_of("outside", "outside", 2) == Cause("outside", "", "outside")
 
 
 # --- runs ------------------------------------------------------------------------------------------------------------
@@ -308,9 +308,9 @@ def test_the_number_of_records_depends_on_ratios_alone_and_is_limited(tmp_path: 
     for verdict in ("effect", "none"):
 
         def answer(
-            drawing: Drawing, numbers: Sequence[int], seed: int, split: str, said: str = verdict
+            drawing: Drawing, numbers: Sequence[int], seed: int, split: str, stated: str = verdict
         ) -> list[Answer]:
-            return [dataclasses.replace(an_answer(drawing, number), verdict=said) for number in numbers]
+            return [dataclasses.replace(an_answer(drawing, number), verdict=stated) for number in numbers]
 
         what = Run(5, FEW, tmp_path / verdict, filled=FILLED)
         drawn[verdict] = len(study.run(what, in_sequence, answer, ratios(lambda number: 0.1)))

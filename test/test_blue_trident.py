@@ -171,7 +171,7 @@ def test_samples_from_high_g_do_not_count_as_clipped(drive: tuple[Path, Path, di
 
 
 @pytest.mark.parametrize(
-    ("said", "clipped"),
+    ("stored_limit", "clipped"),
     [
         ('{"imu/seat/data": 400.0}', 0),
         ('{"imu/head/data": 400.0}', 3),
@@ -185,14 +185,14 @@ def test_samples_from_high_g_do_not_count_as_clipped(drive: tuple[Path, Path, di
         ("", 3),
     ],
 )
-def test_a_valid_limit_of_a_bag_is_applied(said: str, clipped: int, tmp_path: Path) -> None:
+def test_a_valid_limit_of_a_bag_is_applied(stored_limit: str, clipped: int, tmp_path: Path) -> None:
     stamps = 10**9 + np.arange(2000) * 1_000_000
     accel = np.tile([0.0, 0.0, G], (2000, 1))
     accel[1500:1503, 2] = 200.0
     with BagWriter(tmp_path / "b.mcap") as writer:
         writer.add_topic(INPUT["seat"], IMU_TYPE)
         writer.write(INPUT["seat"], stamps, encode_imu(stamps, accel, None, "seat"))
-        writer.add_metadata("biodyn", {"saturation_mps2": said})
+        writer.add_metadata("biodyn", {"saturation_mps2": stored_limit})
     assert info(tmp_path / "b.mcap")["topics"][0]["clipped"] == clipped
     # With the topic mapped to another sensor, the limit of the bag applies to that sensor.
     renamed = ReadingOptions({"head": INPUT["seat"]})
@@ -354,9 +354,9 @@ def test_zeros_are_dropped_or_left_as_gaps_and_counted(tmp_path: Path) -> None:
     kept = np.r_[41:199, 230:459]
     assert np.array_equal(stamps, 4_000_000 * (kept + 5)) and np.abs(accel[:, 2] - G).max() < 0.2
     assert document["sensors"]["seat"]["samples"] == 500
-    told = " ".join(document["warnings"])
+    warnings = " ".join(document["warnings"])
     for expected in ("40 of zeros before it started", "30 of zeros during", "3 mixed with zeros by Nexus"):
-        assert expected in told
+        assert expected in warnings
 
 
 def test_a_sensor_of_zeros_alone_is_refused(tmp_path: Path) -> None:

@@ -330,7 +330,7 @@ def test_a_real_export_of_nexus(name: str, shared_data: Path, tmp_path: Path) ->
 
 
 def check_gyro(stamps: NDArray[np.int64], gyro: Floats, angle: Floats) -> None:
-    """The angular rate is what the global angle, a rotation vector by Nexus's own filter, turns by per second."""
+    """The angular rate is the derivative of the global angle, a rotation vector by the filter of Nexus."""
     turned = Rotation.from_rotvec(angle)
     seconds = 1e-9 * (stamps[5:] - stamps[:-5])
     by_angle = (turned[:-5].inv() * turned[5:]).magnitude() / seconds

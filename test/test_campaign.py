@@ -178,13 +178,13 @@ def refused(path: Path, fault: str) -> None:
 
 
 def test_a_campaign_fits_each_subject_as_if_it_were_alone(field: Path, tmp_path: Path, alone) -> None:
-    heard = []
+    calls = []
     report = fit_campaign(
-        load_campaign(field / "campaign.yaml"), tmp_path / "out", QUICK, progress=lambda *told: heard.append(told)
+        load_campaign(field / "campaign.yaml"), tmp_path / "out", QUICK, progress=lambda *done: calls.append(done)
     )
     assert written(tmp_path / "out") == alone
     assert results.campaign_document(report) == json.loads((tmp_path / "out" / "campaign.json").read_text())
-    assert heard == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert calls == [(0, 3), (1, 3), (2, 3), (3, 3)]
     check_failed(report, tmp_path / "out")
     lines = text_of(report).splitlines()
     assert len(lines) == 4 and [line.split()[:2] for line in lines[1:]] == [[name, "done"] for name in PEOPLE]
@@ -203,11 +203,11 @@ def test_a_subject_that_fails_does_not_stop_the_others(field: Path, tmp_path: Pa
     out = tmp_path / "out"
     command = ["fit", "--campaign", str(path), "-o", str(out), "--executor", "none", *QUICKLY]
     assert cli.main(command) == 2
-    said = capsys.readouterr()
-    assert said.err == (
+    output = capsys.readouterr()
+    assert output.err == (
         f"biodyn fit: 1 of 2 subjects failed: ben; see {out / 'campaign.json'}, --resume tries them again\n"
     )
-    assert f"\n  {tmp_path / 'bad.mcap'}: " in said.out
+    assert f"\n  {tmp_path / 'bad.mcap'}: " in output.out
     assert written(out) == {"anna": alone["anna"]}
     row = json.loads((out / "campaign.json").read_text())["subjects"][1]
     assert (row["state"], row["result"]) == ("failed", None) and "bad.mcap" in row["error"]

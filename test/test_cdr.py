@@ -88,7 +88,7 @@ def test_angular_velocity_is_decoded_on_request_alone():
     assert cdr.decode_imu([]).gyro_radps is None
 
 
-def test_a_covariance_of_minus_one_says_there_is_no_gyro():
+def test_a_covariance_of_minus_one_means_no_gyro():
     """REP-145: -1 in the first element alone, and only for that message."""
     messages = [bytearray(imu_bytes(n, (1, 2, 3, 4, 5, n), "imu", order)) for n, order in enumerate("<><")]
     for n, order, element in ((0, "<", 0), (1, ">", 0), (2, "<", 1)):
@@ -216,7 +216,7 @@ def ros() -> SimpleNamespace:
 
 
 @pytest.mark.parametrize("frame_id", ["", "imu_pelvis", "x" * 3, "x" * 4, "x" * 4000])
-def test_rclpy_reads_what_is_encoded_and_writes_what_is_decoded(ros, frame_id):
+def test_rclpy_and_this_encoding_read_each_other(ros, frame_id):
     values = np.arange(12, dtype=np.float64).reshape(2, 6) + 0.5
     stamps = np.array([1_700_000_000_999_999_999, -1], dtype=np.int64)
     encoded = cdr.encode_imu(stamps, values[:, :3], values[:, 3:], frame_id)

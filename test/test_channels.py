@@ -367,7 +367,7 @@ def holes(stamps, samples):
 
 @pytest.mark.parametrize("change", [repeat, out_of_order, quantised, unset_first, another_lap, holes])
 def test_rates_stay_with_the_samples_they_came_with(change) -> None:
-    """A gyro that reads what the accelerometer does must end where that does, whatever the stamps are."""
+    """A gyro with the samples of the accelerometer ends where that ends, for any stamps."""
     streams = of_model()
     stamps, samples = change(streams["head"].stamps_ns.copy(), streams["head"].accel_mps2.copy())
     streams["head"] = Stream(stamps, samples, samples)
@@ -393,7 +393,7 @@ NONE, NO_BIAS = "head: no angular rates in the record", "head: no angular rates 
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "warning"),
     [
         (lambda rates: None, NONE),
         (np.zeros_like, NONE),
@@ -404,12 +404,12 @@ NONE, NO_BIAS = "head: no angular rates in the record", "head: no angular rates 
         (silent_at_rest, NO_BIAS),
     ],
 )
-def test_without_a_gyro_there_are_no_rates(change, said: str) -> None:
+def test_without_a_gyro_there_are_no_rates(change, warning: str) -> None:
     streams = everywhere(mounted(turned("Z", 0.0)))
     good = recorded(streams)
     recording = recorded(changed(streams, "head", lambda t, x, rates: (t, x, change(rates))))
     assert recording.channels["head"].rates_radps is None
-    assert [line for line in recording.warnings if line.startswith(said)]
+    assert [line for line in recording.warnings if line.startswith(warning)]
     np.testing.assert_array_equal(recording.channels["head"].horizontal_mps2, good.channels["head"].horizontal_mps2)
     assert recording.channels["neck"].rates_radps is not None
 
@@ -490,15 +490,15 @@ RATES_PER_UNIT = 25.0
 def worn(imu: sensors.Imu, accel: Floats, rates: Floats, seed: int) -> Stream:
     """A sensor of that world, accelerations and rates on one clock: the same draws, twice."""
     stamps, force = imu.stream(accel, seats.RATE_HZ, np.random.default_rng(seed))
-    again, said = imu.stream(RATES_PER_UNIT * rates, seats.RATE_HZ, np.random.default_rng(seed))
+    again, reading = imu.stream(RATES_PER_UNIT * rates, seats.RATE_HZ, np.random.default_rng(seed))
     np.testing.assert_array_equal(stamps, again)
     gravity = imu.axes @ [0.0, 0.0, sensors.GRAVITY_MPS2]
-    return Stream(START_NS + stamps, force, (said - gravity) / RATES_PER_UNIT)
+    return Stream(START_NS + stamps, force, (reading - gravity) / RATES_PER_UNIT)
 
 
 @pytest.mark.parametrize("case", ["road", "pothole", "rail"])
 def test_the_seat_of_the_independent_simulation_is_recovered(case: seats.Case) -> None:
-    """Low-passed truth of the seat against what is recovered, each sensor turned by its own unknown yaw."""
+    """Low-passed truth of the seat against the recovered motion, each sensor turned by its own unknown yaw."""
     rng = np.random.default_rng(11)
     quiet = np.zeros((round(2.5 * seats.RATE_HZ), 3))
     accel = np.concatenate([quiet, seats.motion(case, "synthetic", 6.0, rng).accel_mps2, quiet])
@@ -548,6 +548,6 @@ def test_turns_and_braking_of_a_real_car_match_its_speed(shared_data: Path) -> N
     ahead, left = signal.sosfiltfilt(slow, seat.horizontal_mps2, axis=0).T
     yaw = signal.sosfiltfilt(slow, seat.rates_radps[:, 2])
     speed = signal.sosfiltfilt(slow, np.interp(at_s, np.arange(len(speed_mps)) / rate_hz, speed_mps))
-    for said, found in ((speed * yaw, left), (np.gradient(speed, at_s), ahead)):
-        assert np.corrcoef(said, found)[0, 1] > 0.65
-        assert np.polyfit(said, found, 1)[0] == pytest.approx(1.0, abs=0.2)
+    for expected, found in ((speed * yaw, left), (np.gradient(speed, at_s), ahead)):
+        assert np.corrcoef(expected, found)[0, 1] > 0.65
+        assert np.polyfit(expected, found, 1)[0] == pytest.approx(1.0, abs=0.2)

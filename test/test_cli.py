@@ -355,7 +355,7 @@ def test_the_real_tram_has_the_published_weighted_rms(
 ) -> None:
     # SOURCE.txt: Wk rms 0.148 m/s^2, VDV 1.03 m/s^1.75 over the whole record, in the frequency domain.
     tram = shared_data / "bratislava_tram_bus_500hz" / "L3_StnVinohrady_Riazanska.csv"
-    bag, perfect = tmp_path / "bag.mcap", ("--noise-mps2", 0, "--bias-mps2", 0, "--tilt-deg", 0)
+    bag, perfect = tmp_path / "bag.mcap", ("--noise-mps2", 0, "--bias-mps2", 0, "--tilt-deg", 0, "--rate-hz", 500)
     given = ("--subject", "subject_1", "--seat", tram, "--seat-rate", 500, *perfect)
     assert run(capsys, "simulate", *given, "-o", bag)[0] == 0
     seat = figures(capsys, bag, tmp_path / "out")["sensors"]["seat"]

@@ -47,7 +47,7 @@ def _terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         yield
 
 
-def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
     """Exit code, output and errors of a command."""
     code = 0
     try:
@@ -62,7 +62,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str,
 
 
 def test_the_help_fits_a_screen_and_lists_every_command_once(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = said(capsys, "--help")
+    code, out, _ = run(capsys, "--help")
     lines = out.rstrip("\n").split("\n")
     assert code == 0
     assert len(lines) <= 24
@@ -73,16 +73,16 @@ def test_the_help_fits_a_screen_and_lists_every_command_once(capsys: pytest.Capt
     assert max(len(command_of(name).line) for name in NAMES) <= 48  # beside a name as long as import-blue-trident
     rows = [match[1] for match in re.finditer(r"^  .{8}([a-z-]+) +\S", out, re.MULTILINE)]
     assert rows == listed
-    assert out == said(capsys, "help")[1]
+    assert out == run(capsys, "help")[1]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_command_s_help_is_everyday_and_all_of_it_is_there_on_request(
     capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    code, short, _ = said(capsys, name, "-h")
+    code, short, _ = run(capsys, name, "-h")
     assert code == 0
-    code, whole, _ = said(capsys, name, "--help-all")
+    code, whole, _ = run(capsys, name, "--help-all")
     assert code == 0
     command = parser([name]).commands[name]
     tuning = {option for action in command.tuned for option in action.option_strings}
@@ -107,7 +107,7 @@ def test_every_tuning_setting_states_its_range_or_choices(capsys: pytest.Capture
 
 
 def test_no_line_of_the_help_repeats_a_name(capsys: pytest.CaptureFixture[str]) -> None:
-    _, out, _ = said(capsys, "--help")
+    _, out, _ = run(capsys, "--help")
     lines = [line.split()[:2] for line in out.splitlines() if line.startswith("  ")]
     assert lines and not [words for words in lines if words[0] == words[-1] and len(words) > 1]
 
@@ -156,7 +156,7 @@ def write_bag(path: Path) -> None:
 
 
 def words_of(example: str) -> list[str]:
-    """The arguments of an example, without where a shell would send what it prints."""
+    """The arguments of an example, without redirections."""
     words = shlex.split(example.partition(" > ")[0])
     assert words[0] == "biodyn"
     return words[1:]
@@ -170,7 +170,7 @@ def test_the_example_runs(
     words = words_of(example)
     if words[0] == "simulate" and "--case" in words:
         words[words.index("--seconds") + 1] = "2"
-    code, out, errors = said(capsys, *words)
+    code, out, errors = run(capsys, *words)
     assert code == 0, errors
     assert errors == ""
     if "--json" in words:
@@ -258,7 +258,7 @@ def test_a_wrong_command_is_one_line_with_a_remedy(
 ) -> None:
     monkeypatch.chdir(place)
     before = sorted(path.name for path in place.iterdir())
-    code, out, errors = said(capsys, *shlex.split(line))
+    code, out, errors = run(capsys, *shlex.split(line))
     assert (code, out) == (2, "")
     assert message in errors
     assert errors.count("\n") == 1
@@ -405,7 +405,7 @@ def test_without_shtab_the_error_names_the_package(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    code, out, errors = said(capsys, "completion", "bash")
+    code, out, errors = run(capsys, "completion", "bash")
     assert (code, out) == (2, "")
     assert errors == "biodyn completion: completion needs shtab: pip install 'biodyn_ros[completion]'\n"
 
@@ -417,4 +417,4 @@ def test_an_interruption_while_a_command_loads_is_one_line(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(info, "COMMAND", dataclasses.replace(info.COMMAND, add=interrupted))
-    assert said(capsys, "info", "drive.mcap") == (130, "", "biodyn info: interrupted\n")
+    assert run(capsys, "info", "drive.mcap") == (130, "", "biodyn info: interrupted\n")

@@ -109,19 +109,19 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(
-    ("stamps_ns", "samples", "told"), FAULTS, ids=lambda value: value if type(value) is str else ""
+    ("stamps_ns", "samples", "cause"), FAULTS, ids=lambda value: value if type(value) is str else ""
 )
-def test_a_faulty_sensor_has_a_one_line_fault_and_no_blocks(stamps_ns, samples, told):
+def test_a_faulty_sensor_has_a_one_line_fault_and_no_blocks(stamps_ns, samples, cause):
     found = Conditioned(stamps_ns, samples)
     assert found.blocks == []
-    assert found.status.fault.startswith("seat: ") and told in found.status.fault
+    assert found.status.fault.startswith("seat: ") and cause in found.status.fault
     assert "\n" not in found.status.fault
 
 
 @pytest.mark.parametrize(
-    ("stamps_ns", "samples", "told"), FAULTS, ids=lambda value: value if type(value) is str else ""
+    ("stamps_ns", "samples", "cause"), FAULTS, ids=lambda value: value if type(value) is str else ""
 )
-def test_a_repaired_sensor_is_used(stamps_ns, samples, told):
+def test_a_repaired_sensor_is_used(stamps_ns, samples, cause):
     found = Conditioned(stamps_ns, samples)
     later = int(stamps_ns[-1]) - START_NS + 10**9
     accel = ride(3.0)
@@ -391,7 +391,7 @@ KINDS = [
 
 @st.composite
 def faulty(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
-    """A ride with jitter and any mixture of what stamps and samples suffer in the field, rest not spared."""
+    """A ride with jitter and any mixture of faults of stamps and samples, also during rest."""
     rng = np.random.default_rng(draw(SEEDS))
     accel = ride(3.0)
     stamps_ns = stamps(len(accel)) + np.rint(rng.normal(0.0, 2e4, len(accel))).astype(np.int64)
@@ -429,7 +429,7 @@ CUTS = st.lists(st.integers(0, 3400), max_size=12).map(sorted)
 
 @settings(max_examples=200)
 @given(faulty(), CUTS, st.sampled_from([None, 0.05]))
-def test_any_cut_into_blocks_gives_the_same_bits_whatever_is_wrong(record, cuts, flat_s):
+def test_any_cut_into_blocks_gives_the_same_bits_for_any_fault(record, cuts, flat_s):
     conditioning = ConditioningSettings(flat_s=flat_s) if flat_s else None
     whole, cut = Conditioned(*record, conditioning=conditioning), Conditioned(*record, cuts, conditioning)
     assert_same(cut, whole)
@@ -452,7 +452,7 @@ def test_any_cut_gives_the_same_in_the_other_modes_and_counts_alike(record, cuts
 
 @settings(max_examples=40)
 @given(faulty(), CUTS)
-def test_a_survey_in_plain_python_sees_what_the_compiled_one_does(record, cuts):
+def test_a_survey_in_plain_python_equals_the_compiled_one(record, cuts):
     compiled = Conditioned(*record, cuts, mode="survey").status
     with pytest.MonkeyPatch.context() as patch:
         Uncompiled(patch)
@@ -480,7 +480,7 @@ def test_the_rest_mode_finds_the_begin_of_the_causal_path(record, cuts, how):
 
 @settings(max_examples=10)
 @given(faulty())
-def test_sample_by_sample_it_is_the_same_whatever_is_wrong(record):
+def test_sample_by_sample_it_is_the_same_for_any_fault(record):
     assert_same(Conditioned(*record, cuts=range(1, len(record[0]))), Conditioned(*record))
 
 
@@ -546,7 +546,7 @@ def test_gravity_beside_a_given_vertical_is_no_step_at_the_start(tilt_deg):
     assert found.status.gravity_mps2 == pytest.approx(naive.GRAVITY * np.cos(tilt), abs=1e-9)
 
 
-def test_without_gravity_and_without_a_vertical_the_fault_says_what_to_do():
+def test_without_gravity_and_without_a_vertical_the_fault_has_a_remedy():
     found = Conditioned(stamps(3000), STILL[:3000] - STILL[0])
     assert found.blocks == [] and "give it with the parameter vertical" in found.status.fault
 

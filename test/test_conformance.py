@@ -26,7 +26,7 @@ def table(title: str) -> dict[str, list[str]]:
 
 
 def assert_printed(title: str, rows: Iterable[Row]) -> None:
-    """The page has these rows, and what it prints is what was measured, to a tenth of the tolerance and its digits."""
+    """The page has these rows with the measured values, to a tenth of the tolerance and its digits."""
     printed = table(title)
     for row in rows:
         assert row.passes, row.line()

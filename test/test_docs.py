@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from pages import empty_drawings
 from streams import subject
 from trident import capture_u_files, shock
 
@@ -21,6 +22,7 @@ from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import SensorSettings
 from biodyn_ros.base.environment import hold_domain
 from biodyn_ros.base.resources import bag_file, subject_file
+from biodyn_ros.commands.cli import main
 from biodyn_ros.commands.table import parser
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
@@ -32,7 +34,9 @@ LONGEST_S = 280.0
 SMALL = {
     "fit": ["--particles", "12", "--iterations", "15", "--starts", "1", "--refined-starts", "1", "--evaluations", "60"]
 }
-"""Options that make a command's search small; everything else is as the page has it."""
+"""Options that make a command's search small; everything else is as the page has it, the executor where it is given."""
+
+Capture = pytest.CaptureFixture[str]
 
 
 def test_every_block_is_run_or_needs_other_machines() -> None:
@@ -51,46 +55,65 @@ def desk(tmp_path: Path) -> Path:
 
 
 @pytest.mark.timeout(900)
-def test_the_guide_can_be_followed(desk: Path) -> None:
-    with hold_domain() as domain:
-        environment = os.environ | {"ROS_DOMAIN_ID": str(domain.domain_id), "PYTHONPATH": str(ROOT)}
-        for kind, text in BLOCKS:
-            if kind == "yaml":
-                name = re.match(r"# (\S+\.yaml)\n", text)
-                assert name
-                (desk / name.group(1)).write_text(text)
-            if kind == "sh":
-                run(text, desk, environment)
+def test_the_guide_can_be_followed(desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    monkeypatch.chdir(desk)
+    for kind, text in BLOCKS:
+        if kind == "yaml":
+            name = re.match(r"# (\S+\.yaml)\n", text)
+            assert name
+            Path(name.group(1)).write_text(text)
+        if kind == "sh" and "&\n" in text:
+            run_as_processes(text)
+        elif kind == "sh":
+            run(text, capsys)
     check_outputs(desk)
 
 
-def run(text: str, desk: Path, environment: dict[str, str]) -> None:
-    """Run the lines of a block; lines that end in & run until the end of the block."""
+def run(text: str, capsys: Capture) -> None:
+    """Run the lines of a block in this process."""
+    for line in text.strip().splitlines():
+        command, _, target = line.partition(">")
+        capsys.readouterr()
+        code = main(arguments_of(command))
+        output = capsys.readouterr()
+        assert code == 0, f"{line}\n{output.err}"
+        if target:
+            Path(target.strip()).write_text(output.out)
+
+
+def run_as_processes(text: str) -> None:
+    """Run the lines of a block as processes in a ROS domain; lines that end in & run until the end of the block."""
     behind: list[subprocess.Popen[bytes]] = []
-    try:
-        for line in text.strip().splitlines():
-            command, _, target = line.removesuffix("&").partition(">")
-            program, *arguments = (word for part in shlex.split(command) for word in expanded(part, desk))
-            assert program == "biodyn"
-            call = [sys.executable, "-m", "biodyn_ros.commands.cli", *arguments, *SMALL.get(arguments[0], [])]
-            if line.endswith("&"):
-                behind.append(subprocess.Popen(call, cwd=desk, env=environment))
-                continue
-            done = subprocess.run(
-                call, cwd=desk, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False
-            )
-            assert done.returncode == 0, f"{line}\n{done.stderr}"
-            if target:
-                (desk / target.strip()).write_text(done.stdout)
-    finally:
-        for process in behind:
-            process.terminate()
-            process.wait(30)
+    with hold_domain() as domain:
+        environment = os.environ | {"ROS_DOMAIN_ID": str(domain.domain_id), "PYTHONPATH": str(ROOT)}
+        try:
+            for line in text.strip().splitlines():
+                call = [sys.executable, "-m", "biodyn_ros.commands.cli", *arguments_of(line.removesuffix("&"))]
+                if line.endswith("&"):
+                    behind.append(subprocess.Popen(call, env=environment))
+                    continue
+                done = subprocess.run(
+                    call, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False
+                )
+                assert done.returncode == 0, f"{line}\n{done.stderr}"
+        finally:
+            for process in behind:
+                process.terminate()
+                process.wait(30)
 
 
-def expanded(word: str, desk: Path) -> list[str]:
+def arguments_of(command: str) -> list[str]:
+    """The arguments of a biodyn command, patterns of files expanded, with the options of a small search."""
+    program, *arguments = (word for part in shlex.split(command) for word in expanded(part))
+    assert program == "biodyn"
+    if arguments[0] == "fit" and "--executor" not in arguments:
+        arguments += ["--executor", "none"]
+    return [*arguments, *SMALL.get(arguments[0], [])]
+
+
+def expanded(word: str) -> list[str]:
     """The files that a pattern matches, as a shell expands it, or the word itself."""
-    return sorted(str(path.relative_to(desk)) for path in desk.glob(word)) or [word] if "*" in word else [word]
+    return sorted(str(path) for path in Path().glob(word)) or [word] if "*" in word else [word]
 
 
 def test_the_subjects_of_the_guide_have_the_body_of_the_simulated_one() -> None:
@@ -133,7 +156,9 @@ def test_every_command_of_every_page_is_parsed(line: str) -> None:
 
 
 @pytest.mark.timeout(900)
-def test_the_commands_of_the_tracing_protocol_run(tmp_path: Path) -> None:
+def test_the_commands_of_the_tracing_protocol_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
     cases = ("road", "rail")
     drives = [f"{day}/{case}_{k}" for day in ("base", "null") for case in cases for k in (1, 2)]
     drives += [f"helmet/{case}_helmet_{k}" for case in cases for k in (1, 2)] + ["helmet/rail_helmet_9"]
@@ -144,7 +169,9 @@ def test_the_commands_of_the_tracing_protocol_run(tmp_path: Path) -> None:
         simulate_bag(tmp_path / f"{drive}.mcap", subject(), motion, seed, SensorSettings())
     known = yaml.safe_load(subject_file("subject_1").read_text(encoding="utf-8"))
     (tmp_path / "p01.yaml").write_text(yaml.safe_dump(known | {"name": "p01"}))
-    run("\n".join(commands("docs/recording_for_tracing.md")), tmp_path, dict(os.environ) | {"PYTHONPATH": str(ROOT)})
+    monkeypatch.chdir(tmp_path)
+    with empty_drawings():
+        run("\n".join(commands("docs/recording_for_tracing.md")), capsys)
     for day in ("base", "null", "helmet"):
         # Too few and too short recordings: no verdict.
         assert json.loads((tmp_path / "out" / day / "trace.json").read_text())["verdict"] == "not_decidable"

@@ -70,7 +70,7 @@ def seen(*effects: AppliedEffect, seat: np.ndarray) -> np.ndarray:
 
 
 def law(name: str, p: dict[str, float], k: float, k_alpha: float, b: float, own_mass: float, past, samples: int):
-    """(extra force, rates of own states) from stretch, rate, seat and states; what the catalogue prints.
+    """(extra force, rates of own states) from stretch, rate, seat and states; as the catalogue prints them.
 
     past is filled with times and stretches as they come.
     """
@@ -261,7 +261,7 @@ def test_organs_have_a_lower_frequency_than_a_liner() -> None:
 
 
 def test_a_backrest_without_friction_is_a_spring_and_a_damper() -> None:
-    """... and over what rate its friction builds up has no say."""
+    """... and the rate over which friction builds up has no influence."""
     seat, at = shock(), SEGMENTS.index("upper_torso")
     rough, smooth = (applied("backrest", "upper_torso", friction_n=0.0, smooth_mps=v) for v in (0.002, 0.05))
     ours = answer(Chain.of(with_effects(rough)), seat)

@@ -11,7 +11,7 @@ from biodyn_core.tracing.gate import FloorSettings
 
 
 @pytest.mark.parametrize(
-    ("names", "said"),
+    ("names", "expected"),
     [
         ((), REPEAT),
         (("stop",), REPEAT),
@@ -26,8 +26,8 @@ from biodyn_core.tracing.gate import FloorSettings
         (("harness", "stop", "friction"), f"{BARE}; and {SHOCKS}"),  # two are enough to ask for
     ],
 )
-def test_rivals_are_separated_by_an_experiment(names: tuple[str, ...], said: str) -> None:
-    assert separating([CATALOGUE[name] for name in names]) == said
+def test_rivals_are_separated_by_an_experiment(names: tuple[str, ...], expected: str) -> None:
+    assert separating([CATALOGUE[name] for name in names]) == expected
 
 
 BY_LEVELS = ("relaxation", "viscera", "reflex", "quadratic_damping", "friction", "hysteresis", "cushion")
@@ -49,7 +49,7 @@ def test_two_levels_of_one_road_are_the_default_of_unknown_families() -> None:
 
 
 @pytest.mark.parametrize(
-    ("need", "said"),
+    ("need", "expected"),
     [
         (("held out", 9.0, 2, 1), "9 s more road, 2 more shocks of 0.8 g, one of them of 2 g, held out"),
         (("held out", 8.2, 0, 0), "9 s more road, held out"),
@@ -61,7 +61,7 @@ def test_two_levels_of_one_road_are_the_default_of_unknown_families() -> None:
         (("held out", 0.0, 0, 0, ("a further recording of rail",)), "a further recording of rail, held out"),
     ],
 )  # fmt: skip
-def test_missing_recordings_are_one_list(need: tuple, said: str) -> None:
-    assert to_record([Need(*need)], FloorSettings()) == said
+def test_missing_recordings_are_one_list(need: tuple, expected: str) -> None:
+    assert to_record([Need(*need)], FloorSettings()) == expected
     twice = to_record([Need("to fit", 5.0, 0, 0), Need(*need)], FloorSettings())
-    assert twice == f"5 s more road, to fit; {said}"
+    assert twice == f"5 s more road, to fit; {expected}"

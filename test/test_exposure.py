@@ -185,7 +185,7 @@ def test_scaling_the_input_scales_every_figure(seed, factor):
 @given(SEEDS, st.integers(1, 900), st.integers(1, 900))
 def test_concatenated_records_add_fourth_powers_and_squares(seed, first, second):
     accel = noise(seed, 2.0)[: first + second]
-    # Behind the break the second record is felt less the level the first has left.
+    # After the break the second record counts minus the level that the first has left.
     level = naive.slow_level(accel[:first, 0], RATE_HZ, LEVEL_S)
     apart = [dose(part) for part in (accel[:first], accel[first:] - level)]
     together = dose(np.insert(accel, first, np.nan, axis=0))

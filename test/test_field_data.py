@@ -91,19 +91,19 @@ def expected(root: Path, name: str) -> tuple[str, str] | None:
     parent = Path(name).parent.as_posix()
     if found := BAGS.get(name) or OF_ITS_OWN.get(name):
         return found
-    if said := REFUSED.get(name):
-        return said, said
+    if pattern := REFUSED.get(name):
+        return pattern, pattern
     if parent in BAGS and path.suffix in (".mcap", ".db3"):
         return BAGS[parent]
-    for end, said in BY_NAME.items():
+    for end, pattern in BY_NAME.items():
         if name.endswith(end):
-            return said, said
+            return pattern, pattern
     if path.is_dir() and not any(f.suffix in (".mcap", ".db3", ".bag") for f in path.iterdir()):
         return NO_BAG, NO_BAG
     return None
 
 
-def said_by(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+def output_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """Run a command: "" for a result, or the one line it refuses with."""
     code = main(list(arguments))
     out, errors = capsys.readouterr()
@@ -127,19 +127,19 @@ def test_every_file_and_directory_gives_a_result_or_one_line(
     path, out = shared_data / name, tmp_path / "out"
     beside = path if path.is_dir() else path.parent
     before = sorted(beside.iterdir())
-    inform = said_by(capsys, "info", str(path))
-    answer = said_by(capsys, "replay", str(path), "--subject", "subject_1", "-o", str(out))
+    inform = output_of(capsys, "info", str(path))
+    answer = output_of(capsys, "replay", str(path), "--subject", "subject_1", "-o", str(out))
     assert sorted(beside.iterdir()) == before
     assert out.exists() == (answer == RESULT)
-    for said, wanted in zip((inform, answer), expected(shared_data, name) or (None, None), strict=True):
+    for output, wanted in zip((inform, answer), expected(shared_data, name) or (None, None), strict=True):
         if wanted is not None:
-            assert (said == RESULT) == (wanted == RESULT), said
-            assert re.search(wanted, said), said
-            assert said == RESULT or str(path) in said
+            assert (output == RESULT) == (wanted == RESULT), output
+            assert re.search(wanted, output), output
+            assert output == RESULT or str(path) in output
 
 
 @pytest.mark.parametrize(
-    ("name", "topic", "said"),
+    ("name", "topic", "pattern"),
     [
         ("rosbag2_real_imu/av_start_position_A", "/ins/imu", "a rate of 31.97 Hz does not fit, 250 to 20000 Hz"),
         ("rosbag2_real_imu/byu_SO_bag", "/coug2/modem_imu", r"a rate of \S+ Hz does not fit, 250 to 20000 Hz"),
@@ -148,12 +148,12 @@ def test_every_file_and_directory_gives_a_result_or_one_line(
     ],
 )
 def test_a_topic_that_is_no_seat_is_refused_in_one_line_and_info_says_the_same(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, shared_data: Path, name: str, topic: str, said: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, shared_data: Path, name: str, topic: str, pattern: str
 ) -> None:
     mapped = ("--map", f"seat={topic}")
     bag = str(shared_data / name)
-    refusal = said_by(capsys, "replay", bag, "--subject", "subject_1", "-o", str(tmp_path / "out"), *mapped)
-    assert re.search(said, refusal)
+    refusal = output_of(capsys, "replay", bag, "--subject", "subject_1", "-o", str(tmp_path / "out"), *mapped)
+    assert re.search(pattern, refusal)
     assert main(["info", bag, *mapped, "--json"]) == 0
     assert refusal.endswith(json.loads(capsys.readouterr().out)["replay"]["refusal"])
 
@@ -206,8 +206,8 @@ def test_real_databases_that_were_cut_are_read_as_far_as_they_go(tmp_path: Path,
         assert document["recovered"]
         assert row["messages"] == pytest.approx(share * whole["messages"], rel=0.05)
         assert (row["rejected"], row["clipped"], row["gravity_mps2"]) == (0, 0, whole["gravity_mps2"])
-        said = f"recovered {document['messages']} messages, up to {document['seconds']:.3f} s after the first"
-        assert any(said in line for line in document["warnings"])
+        warning = f"recovered {document['messages']} messages, up to {document['seconds']:.3f} s after the first"
+        assert any(warning in line for line in document["warnings"])
 
 
 def as_bag(path: Path, recording: recordings.Recording, sensors: tuple[str, ...] = ("seat",), seed: int = 0) -> Path:
@@ -241,8 +241,8 @@ def test_a_tram_at_500_hz_is_surveyed_and_replayed(tmp_path: Path, shared_data: 
         assert row["vertical"][2] > 0.99
         assert (row["rejected"], row["gaps"], row["clipped"], row["quantum_ms"]) == (0, 0, 0, None)
         assert abs(row["clock_ppm"]) <= max(row["clock_ppm_error"], 1.0)
-    told = "no rest at the begin: gravity is from the rest at 9.0 s"
-    assert document["warnings"] == [f"{sensor}: {told}" for sensor in SENSORS]
+    warning = "no rest at the begin: gravity is from the rest at 9.0 s"
+    assert document["warnings"] == [f"{sensor}: {warning}" for sensor in SENSORS]
     replayed = replay(bag, subject()).document
     assert replayed["seconds"] == pytest.approx(30.0, abs=0.01)
     assert 0.01 < replayed["sensors"]["seat"]["aw_mps2"] < 0.5

@@ -124,8 +124,8 @@ def test_recordings_of_a_given_effect_count_as_fitted(fitted: Report, bags: dict
     assert len(provenance(without)["fitted"]) == 2
     event = fitted.held_out[0]
     spare = dataclasses.replace(event.bag, bag="spare.mcap", sha256=of_old["sha256"], held_out=True)
-    (said,) = reuse_warnings(given, [(spare, event.case)])
-    assert said == "spare.mcap: held out, but an effect of the given subject was fitted to it"
+    (warning,) = reuse_warnings(given, [(spare, event.case)])
+    assert warning == "spare.mcap: held out, but an effect of the given subject was fitted to it"
 
 
 def test_validation_on_a_fitted_bag_is_undecided(
@@ -209,7 +209,7 @@ def test_settings_of_the_paper_are_an_option(bags: dict[str, Path], tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--subject", "subject_1"], "BAG... and --subject are needed"),
         (["{rail_1}"], "BAG... and --subject are needed"),
@@ -225,22 +225,22 @@ def test_settings_of_the_paper_are_an_option(bags: dict[str, Path], tmp_path: Pa
     ],
 )
 def test_bad_input_is_one_line(
-    arguments: list[str], said: str, bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, bags: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = [text.format(**{name: str(path) for name, path in bags.items()}) for text in arguments]
     assert main(["fit", *given, "-o", str(tmp_path / "out.yaml")]) == 2
     error = capsys.readouterr().err
-    assert said in error and error.count("\n") == 1
+    assert message in error and error.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 
 def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    for output, said in (
+    for output, message in (
         (tmp_path / "out.txt", "ends in .yaml"),
         (tmp_path / "file" / "out.yaml", "file: is a file; the results need a directory"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             check_output(output)
     (tmp_path / "dir.yaml").mkdir()
     with pytest.raises(InputError, match="is a directory"):

@@ -132,7 +132,7 @@ def test_the_tension_is_small_on_a_quiet_road_and_zero_with_lift_off() -> None:
 
 
 def masked(share: float, column: int, one: Case) -> Case:
-    """A case of which one sensor is masked for a share of what follows the warm-up."""
+    """A case with one sensor masked for a share of the time after the warm-up."""
     compared, measured = one.compared.copy(), one.measured_mps2.copy()
     end = one.begin + round(share * (len(measured) - one.begin))
     compared[one.begin : end, column] = False

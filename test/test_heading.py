@@ -41,9 +41,9 @@ def seen(sensor: str, sideways: Floats, lean_rad: Floats) -> Channels:
                      [math.sin(TURNED[sensor]), math.cos(TURNED[sensor])]])  # fmt: skip
     roll, pitch = lean_rad.T
     # Nose down, up lies behind; leaning to the right, up lies to the left.
-    felt = sideways + STANDARD_GRAVITY_MPS2 * np.column_stack([-pitch, roll])
+    sensed = sideways + STANDARD_GRAVITY_MPS2 * np.column_stack([-pitch, roll])
     rates = np.gradient(lean_rad, 1.0 / RATE_HZ, axis=0)
-    return Channels(felt @ back, np.column_stack([rates @ back, np.zeros(len(rates))]))
+    return Channels(sensed @ back, np.column_stack([rates @ back, np.zeros(len(rates))]))
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Every reader takes a damaged or hostile file for what it is: one line, or what can be had of it; never more."""
+"""Every reader answers a damaged or hostile file with one line or the readable part, and nothing else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Idealization: the paper's printed tables, means known in closed form, and refusals of what cannot be fused."""
+"""Idealization: the paper's printed tables, means known in closed form, and refusals of cases that cannot be fused."""
 
 from __future__ import annotations
 
@@ -250,7 +250,7 @@ def test_a_case_given_twice_is_refused_by_name():
 @pytest.mark.parametrize(
     ("key", "value"), [("name", "another"), ("body_mass_kg", 70.1), ("stature_m", 1.8), ("mass_matrix", "cascade")]
 )
-def test_cases_of_different_subjects_are_refused_with_what_differs(key, value):
+def test_cases_of_different_subjects_are_refused_with_the_difference(key, value):
     cases = [
         FittedCase("road", person(LOWER), 5.0),
         FittedCase("rail", person(LOWER), 5.0),

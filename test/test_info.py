@@ -1,4 +1,4 @@
-"""`biodyn info` on bags whose content is known: rates, clocks, gaps, what is rejected, and what replay would say."""
+"""`biodyn info` on bags whose content is known: rates, clocks, gaps, rejected samples, and the refusal of replay."""
 
 from __future__ import annotations
 

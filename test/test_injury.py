@@ -105,7 +105,7 @@ def test_dri_of_analytic_pulses_is_the_closed_form(rate_hz, pieces):
     assert found.time_s == pytest.approx(fine[deflection.argmin()], abs=1.5 / rate_hz)
 
 
-def test_dri_time_goes_on_while_samples_are_missing():
+def test_dri_time_continues_while_samples_are_missing():
     pulse = naive.half_sine(60.0, 0.04, 1.0, 1000.0)[:, None]
     at = dri(pulse, 1000.0).time_s
     for lost_s in (0.5, 1.0):

@@ -176,8 +176,8 @@ def _dynamic_response(kind: str) -> list:
 def _head_injury(kind: str) -> list:
     x = np.abs(given(kind, 3))
     weights = np.append(np.arange(1, 17) / RATE_HZ, 0.015) ** -0.6
-    told = [np.zeros((3, 2), dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros((3, 2))]
-    return [x, 1.0 / RATE_HZ, 0.015, weights, np.zeros((3, 2, 36)), *told, *_tally(3, 1)]
+    outputs = [np.zeros((3, 2), dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros((3, 2))]
+    return [x, 1.0 / RATE_HZ, 0.015, weights, np.zeros((3, 2, 36)), *outputs, *_tally(3, 1)]
 
 
 def _level(kind: str) -> list:
@@ -215,7 +215,7 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "follow_attitude": _follow_up,
 }
 ELSEWHERE = ("biodyn_core.kernels.cost", "biodyn_core.kernels.surrogate")
-"""Compared in test_objectives, which knows what goes into them."""
+"""Compared in test_objectives, which has their inputs."""
 
 
 def test_every_kernel_is_compared():

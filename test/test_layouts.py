@@ -89,7 +89,7 @@ def a_pipeline() -> Pipeline:
     return Pipeline(subject())
 
 
-def test_plotjuggler_subscribes_to_what_it_draws() -> None:
+def test_plotjuggler_subscribes_to_the_topics_that_it_draws() -> None:
     drawn = {split(curve.attrib["name"])[0] for curve in xml().iter("curve")}
     (selected,) = (element.attrib["value"].split(";") for element in xml().iter("selected_topics"))
     assert set(selected) == drawn
@@ -97,7 +97,7 @@ def test_plotjuggler_subscribes_to_what_it_draws() -> None:
     assert streamer.attrib["name"] in {plugin.attrib["ID"] for plugin in xml().iter("plugin")}
 
 
-def test_plotjuggler_s_splitters_count_what_is_in_them() -> None:
+def test_plotjuggler_s_splitters_count_their_children() -> None:
     # As PlotDocker::restoreSplitter reads them: one size a child, and nothing but areas and splitters inside.
     splitters = list(xml().iter("DockSplitter"))
     assert splitters

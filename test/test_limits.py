@@ -54,7 +54,7 @@ def test_a_file_of_one_set_decides_by_itself(written):
     assert load_limits(written(as_file(ISO))) == Limits(ISO)
 
 
-def test_a_file_of_several_sets_says_which_decides(written):
+def test_a_file_of_several_sets_names_the_decisive_one(written):
     mine = LimitSet("works council", 0.4, None, 0.9, None)
     sets = [as_file(each) for each in (EU, mine, ISO)]
     assert load_limits(written({"decides": "works council", "sets": sets})) == Limits(mine, (EU, ISO))

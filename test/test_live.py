@@ -208,7 +208,7 @@ def test_a_column_without_subscribers_is_not_read(graph: Graph) -> None:
     assert decode_accel_stamped(head)[1][:, 2].tolist() == [1.0]
 
 
-def test_without_a_sensor_predictions_continue_and_its_status_says_so(graph: Graph) -> None:
+def test_without_a_sensor_predictions_continue_and_its_status_reports_it(graph: Graph) -> None:
     tester = graph.node()
     head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
     diagnostics = Diagnostics(graph, tester)
@@ -345,7 +345,7 @@ def test_reset_and_mark_respond(graph: Graph) -> None:
         assert future.result().success
         assert text in future.result().message
     assert node.pipeline.exposure().sensors[SEAT].vdv_mps175 < 0.1
-    graph.wait(lambda: [message.data for message in marks] == ["mark 1"], "the mark is told")
+    graph.wait(lambda: [message.data for message in marks] == ["mark 1"], "the mark is published")
 
 
 def test_the_node_subscribes_only_while_active(graph: Graph) -> None:

@@ -45,7 +45,7 @@ def bag(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_replay_lists_what_was_marked_while_it_was_recorded(bag: Path, tmp_path: Path) -> None:
+def test_a_replay_lists_the_marks_of_the_recording(bag: Path, tmp_path: Path) -> None:
     replayed = replay_to_directory(bag, subject(), tmp_path / "out")
     document = json.loads((tmp_path / "out" / "exposure.json").read_text(encoding="utf-8"))
     assert document["marks"] == [

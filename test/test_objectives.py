@@ -119,8 +119,10 @@ def test_batches_and_single_points_agree() -> None:
     theta = points(LANES + 3)
     np.testing.assert_allclose(problem.costs(theta), [problem.cost(row) for row in theta], rtol=1e-12)
     assert problem.evaluations == 2 * len(theta) * len(problem.cases)  # simulations of a case
-    accel = np.empty((problem.cases[0].seat_mps2.size, 5, LANES))
-    problem._lanes(0, theta[:LANES], np.empty((0, 5)), np.empty((0, 5)), accel)
+    count = len(MEASURED_SEGMENTS)
+    none = np.empty((0, count))
+    accel = np.empty((problem.cases[0].seat_mps2.size, count, LANES))
+    problem._lanes(0, theta[:LANES], none, none, accel)
     for lane, row in enumerate(theta[:LANES]):
         # Per kg the one, with the body's mass the other: rounding is all that is between them.
         np.testing.assert_allclose(accel[:, :, lane], problem.accelerations(0, row), rtol=1e-9, atol=1e-11)
@@ -218,16 +220,17 @@ def test_clock_offset_and_drift_are_found_at_zero_cost() -> None:
 @pytest.mark.skipif(not compiling.COMPILED, reason="numba is not there: everything is plain already")
 def test_compiled_and_plain_kernels_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     seat = fitting.seat_motion("pothole", 2.3, 1)[1320:1360]
-    recording = fitting.recording(np.tile(seat, 45), np.tile(seat, 45)[:, None] * np.ones(5))
+    count = len(MEASURED_SEGMENTS)
+    recording = fitting.recording(np.tile(seat, 45), np.tile(seat, 45)[:, None] * np.ones(count))
     case = Case.of(recording, fitting.SPECTRUM, fitting.LINES)
     short = dataclasses.replace(
-        case, seat_mps2=seat, measured_mps2=case.measured_mps2[:40], compared=np.ones((40, 5), dtype=bool)
+        case, seat_mps2=seat, measured_mps2=case.measured_mps2[:40], compared=np.ones((40, count), dtype=bool)
     )
 
     def answers() -> list[np.ndarray]:
         problem = TimeDomain([short], fitting.drawn(0, "segment"), DATA_ONLY)
-        accel = np.empty((40, 5, LANES))
-        problem._lanes(0, points(3), np.empty((0, 5)), np.empty((0, 5)), accel)
+        accel, none = np.empty((40, count, LANES)), np.empty((0, count))
+        problem._lanes(0, points(3), none, none, accel)
         return [problem.costs(points(3)), accel, Surrogate([case], "segment").costs(np.log(points(2)[:, :13]))]
 
     compiled = answers()

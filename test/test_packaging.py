@@ -1,4 +1,4 @@
-"""pip and colcon install the package, and what they install finds its files from anywhere."""
+"""pip and colcon install the package, and the installation finds its files from any directory."""
 
 import ast
 import dataclasses
@@ -200,7 +200,7 @@ def test_entry_points_name_functions_that_exist(tmp_path: Path) -> None:
         assert function in {node.name for node in source.body if isinstance(node, ast.FunctionDef)}, target
 
 
-class Said:
+class Stub:
     """An action or a substitution of the launch file; LaunchConfiguration reads from a dict."""
 
     def __init__(self, *places: object, **words: object) -> None:
@@ -211,32 +211,32 @@ class Said:
         return context[str(self.places[0])]
 
 
-Loader = Callable[[str], dict[str, Callable[..., list[Said]]]]
+Loader = Callable[[str], dict[str, Callable[..., list[Stub]]]]
 
 
 @pytest.fixture
 def load(monkeypatch: pytest.MonkeyPatch) -> Loader:
-    """Gives what a launch file defines, over stand-ins for ROS's launch, which has no wheel."""
+    """Gives the definitions of a launch file, over stand-ins for ROS's launch, which has no wheel."""
     return lambda name: loaded(ROOT / "config/launch" / name, monkeypatch)
 
 
 @pytest.fixture
-def launch(load: Loader) -> dict[str, Callable[..., list[Said]]]:
+def launch(load: Loader) -> dict[str, Callable[..., list[Stub]]]:
     """The definitions of the launch file of the live node."""
     return load("biodyn.launch.py")
 
 
-def loaded(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..., list[Said]]]:
+def loaded(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[..., list[Stub]]]:
     """The definitions of a launch file, with every import of it replaced."""
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             assert node.module.split(".")[0] in {"launch", "launch_ros"}
-            names = SimpleNamespace(**{alias.name: type(alias.name, (Said,), {}) for alias in node.names})
+            names = SimpleNamespace(**{alias.name: type(alias.name, (Stub,), {}) for alias in node.names})
             monkeypatch.setitem(sys.modules, node.module, names)
     return runpy.run_path(str(path))
 
 
-def test_the_launch_file_starts_our_node_with_what_is_given(launch: dict[str, Callable[..., list[Said]]]) -> None:
+def test_the_launch_file_starts_our_node_with_given_arguments(launch: dict[str, Callable[..., list[Stub]]]) -> None:
     nothing = dict.fromkeys([*launch["TEXTS"], *launch["VALUES"]], "")
     (node,) = launch["live_node"]({**nothing, "subject_file": "1", "yaw_deg": "90.0"})
     words = {name: word for name, word in node.words.items() if isinstance(word, str)}
@@ -249,13 +249,13 @@ def test_the_launch_file_starts_our_node_with_what_is_given(launch: dict[str, Ca
     assert (given["subject_file"].places, given["subject_file"].words) == (("1",), {"value_type": str})
 
 
-def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Callable[..., list[Said]]]) -> None:
+def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Callable[..., list[Stub]]]) -> None:
     (entities,) = launch["generate_launch_description"]().places
     arguments = {entity.places[0] for entity in entities if type(entity).__name__ == "DeclareLaunchArgument"}
     assert arguments == {"params_file", "namespace", *launch["TEXTS"], *launch["VALUES"]}
-    told = {**launch["TEXTS"], **launch["VALUES"]}
-    assert told.pop("use_sim_time")
-    assert told == {name: declared()[name] for name in told}
+    arguments_by_name = {**launch["TEXTS"], **launch["VALUES"]}
+    assert arguments_by_name.pop("use_sim_time")
+    assert arguments_by_name == {name: declared()[name] for name in arguments_by_name}
 
 
 def declared() -> dict[str, str]:
@@ -305,7 +305,7 @@ def tables(launch: dict[str, Any]) -> list[dict[str, Any]]:
     return [launch[name] for name in ("TEXTS", "VALUES", "ARGUMENTS") if name in launch]
 
 
-def test_launch_files_start_what_setup_installs(tmp_path: Path) -> None:
+def test_launch_files_start_installed_executables(tmp_path: Path) -> None:
     scripts = set(re.findall(r'^\s+"(\w+) = biodyn_ros', (ROOT / "setup.py").read_text(encoding="utf-8"), re.MULTILINE))
     for path in (ROOT / "config/launch").glob("*.py"):
         text = path.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The page as a person sees it: a bag played over DDS, the live node, its page, and a real Chromium that looks on."""
+"""The page as a person sees it: a bag played over DDS, the live node, its page, and a real Chromium."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def subject_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Somebody whose name is markup."""
+    """A subject whose name is markup."""
     path: Path = tmp_path_factory.mktemp("subject") / "evil.yaml"
     path.write_text(yaml.safe_dump(subject().to_dict() | {"name": EVIL}))
     return path
@@ -77,14 +77,14 @@ def free_port() -> int:
 
 @dataclass
 class Browser:
-    """A page in Chromium, what it printed, and where it wanted to go."""
+    """A page in Chromium with its console errors and its requests."""
 
     page: Any
     complaints: list[str] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
+        self.page.on("console", lambda line: self.complaints.append(line.text) if line.type == "error" else None)
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
 
@@ -122,7 +122,7 @@ def link(process: subprocess.Popen[str]) -> str:
     for line in process.stderr:
         if found := re.search(r"the page: (http\S+)", line):
             return found.group(1)
-    raise AssertionError("the node told no link")
+    raise AssertionError("the node reports no link")
 
 
 def reached(browser: Browser, address: str) -> None:
@@ -145,24 +145,24 @@ def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
         assert browser.text("#headline") == "Waiting for the node" or "Undecided" in browser.text("#headline")
         with child(graph, "play", str(bag)):
             it_updates(browser)
-            it_shows_what_a_vibration_meter_shows(browser)
-            it_is_green_and_says_whose_it_is(browser)
+            it_shows_the_values_of_a_vibration_meter(browser)
+            it_is_green_and_names_the_subject(browser)
             for name, (width, height) in SIZES.items():
                 it_fits(browser, width, height, tmp_path / f"{name}.png")
             it_survives_a_reload(browser)
             it_shows_a_dead_sensor(browser)
             marks_and_resets(browser)
-        it_says_that_the_seat_is_silent(browser)
+        it_reports_a_silent_seat(browser)
         it_goes_stale_when_the_node_is_killed(browser, node)
     with child(graph, *node_arguments(port, subject_file)) as node:
-        assert link(node) == address, "the link goes on being good"
+        assert link(node) == address, "the link stays valid"
         it_comes_back(browser)
     assert browser.page.title() == "biodyn live", "names are text"
     leaving = [url for url in browser.requests if not url.startswith((f"http://127.0.0.1:{port}/", "data:"))]
     assert leaving == []
     # Without the node the browser reports that the stream of events cannot be opened; there is no other error.
     assert [
-        said for said in browser.complaints if "ERR_CONNECTION_REFUSED" not in said and "INCOMPLETE" not in said
+        line for line in browser.complaints if "ERR_CONNECTION_REFUSED" not in line and "INCOMPLETE" not in line
     ] == []
 
 
@@ -171,8 +171,8 @@ def it_updates(browser: Browser) -> None:
     browser.until("snapshot.rows[0].predicted_mps2 > 0 && snapshot.rows[0].measured_mps2 > 0")
     before = browser.page.evaluate("snapshot.seconds")
     browser.until(f"snapshot.seconds > {before} + 0.9", 10.0)
-    told = browser.page.evaluate("snapshot")
-    head = told["rows"][0]
+    reported = browser.page.evaluate("snapshot")
+    head = reported["rows"][0]
     # The page shows the reported text.
     browser.until(
         "document.querySelector('.row .values').innerText.startsWith(snapshot.rows[0].measured_mps2.toFixed(2))"
@@ -184,33 +184,33 @@ def it_updates(browser: Browser) -> None:
     assert browser.page.evaluate(f"[...{pixels}].filter(value => value).length") > 2000, "the strip is drawn"
 
 
-def it_shows_what_a_vibration_meter_shows(browser: Browser) -> None:
+def it_shows_the_values_of_a_vibration_meter(browser: Browser) -> None:
     """Between the band and all else, in the words and numbers of one snapshot."""
     browser.until("snapshot.meter && snapshot.meter.axes[0].aw_mps2 !== null")
-    told, shown = browser.page.evaluate("show(snapshot), [snapshot.meter, document.getElementById('meter').innerText]")
-    values = [told["counted_s"], told["mtvv_mps2"], told["peak_mps2"]]
-    values += [each[figure] for each in told["axes"] for figure in ("aw_mps2", "vdv_mps175")]
-    assert [each["axis"] for each in told["axes"]] == ["x", "y", "z"]
+    meter, shown = browser.page.evaluate("show(snapshot), [snapshot.meter, document.getElementById('meter').innerText]")
+    values = [meter["counted_s"], meter["mtvv_mps2"], meter["peak_mps2"]]
+    values += [each[figure] for each in meter["axes"] for figure in ("aw_mps2", "vdv_mps175")]
+    assert [each["axis"] for each in meter["axes"]] == ["x", "y", "z"]
     for value in values:
         assert f"{value:#.3g}".rstrip(".") in shown, (value, shown)
     for name in ("counted", "aw", "VDV", "MTVV", "peak"):
         assert name in shown
     assert "Horizontal axes from the yaw given." in shown
     top = "['band', 'meter', 'body', 'ride'].map((id) => document.getElementById(id).getBoundingClientRect().top)"
-    band, meter, body, ride = browser.page.evaluate(top)
-    assert band < meter < min(body, ride)
+    band_top, meter_top, body_top, ride_top = browser.page.evaluate(top)
+    assert band_top < meter_top < min(body_top, ride_top)
 
 
-def it_is_green_and_says_whose_it_is(browser: Browser) -> None:
+def it_is_green_and_names_the_subject(browser: Browser) -> None:
     browser.until("document.body.dataset.tone == 'good'")
     assert browser.text("#headline") == "Below the action values so far"
     assert browser.page.evaluate("getComputedStyle($('band')).backgroundColor") == "rgb(23, 102, 58)"
     terms = browser.text("#terms")
-    for said in (
+    for term in (
         f"Subject {EVIL}", "Rolling window 10 s", "2002/44/EC", "A(8) 0.5 / 1.15 m/s²", "VDV 9.1 / 21 m/s¹·⁷⁵",
         "Predictions come from a model and are not measurements", "not validated",
     ):  # fmt: skip
-        assert said in terms
+        assert term in terms
     assert "governs" in browser.text("#figures")
     assert "left" in browser.text("#left-action")
 
@@ -256,8 +256,8 @@ def it_shows_a_dead_sensor(browser: Browser) -> None:
     assert browser.page.evaluate("document.querySelector('.row[data-name=\"head\"] .dot').dataset.level") == "1"
     assert browser.page.evaluate("document.querySelector('.part[data-row=\"head\"]').dataset.level") == "1"
     silent = "[...document.querySelectorAll('.row')].filter(row => row.innerText.includes('silent for'))"
-    assert browser.page.evaluate(f"{silent}.map(row => row.dataset.name)") == ["head"], "nobody else is blamed"
-    assert browser.page.evaluate("document.body.dataset.tone") == "good", "the seat is judged by itself"
+    assert browser.page.evaluate(f"{silent}.map(row => row.dataset.name)") == ["head"], "no other sensor is reported"
+    assert browser.page.evaluate("document.body.dataset.tone") == "good", "the assessment uses the seat alone"
 
 
 def marks_and_resets(browser: Browser) -> None:
@@ -274,7 +274,7 @@ def marks_and_resets(browser: Browser) -> None:
     assert "is set to zero" in browser.text("#reply")
 
 
-def it_says_that_the_seat_is_silent(browser: Browser) -> None:
+def it_reports_a_silent_seat(browser: Browser) -> None:
     browser.until("document.body.dataset.tone == 'none' && $('reason').innerText.includes('silent for')", 60.0)
     assert browser.text("#headline") == "Undecided: no assessment of the seat"
     assert browser.text("#left-action") == "withheld"
@@ -368,6 +368,6 @@ def test_the_page_ends_with_its_input_and_a_taken_port_is_one_line(graph):
         taken.listen()
         with child(graph, "page", "--page-port", str(port)) as second:
             assert second.wait(30) == 2
-            said = second.stderr.read()
-    assert said.count("\n") == 1
-    assert f"cannot be served at 127.0.0.1:{port} (" in said
+            errors = second.stderr.read()
+    assert errors.count("\n") == 1
+    assert f"cannot be served at 127.0.0.1:{port} (" in errors

@@ -1,6 +1,6 @@
 """The pages of validations, fits, campaigns and replays: their numbers and curves are those of the documents.
 
-What is missing is said, and nothing from outside is more than text.
+Missing values are reported; names from outside stay text.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import test_report
 import test_streamed_spectra as streamed
-from pages import NASTY, Page, assert_self_contained, lines, told
+from pages import NASTY, Page, assert_self_contained, lines, svg_text
 from streams import simulated, subject
 
 from biodyn_core.base.errors import InputError
@@ -70,7 +70,7 @@ Document = dict[str, Any]
 
 
 def recording(seconds: float = 12.0) -> Recording:
-    """What perfect sensors would see of subject 1 in a noise of 1 to 40 Hz with one blow; the neck has no sensor."""
+    """Output of perfect sensors on subject 1 in a noise of 1 to 40 Hz with one blow; the neck has no sensor."""
     rng = np.random.default_rng(5)
     frequency = np.fft.rfftfreq(round(seconds * RATE_HZ), 1.0 / RATE_HZ)
     spectrum = ((frequency > 1.0) & (frequency < 40.0)) * np.exp(2j * np.pi * rng.random(frequency.size))
@@ -94,7 +94,7 @@ def validation(validated: Report) -> str:
     return validation_page(validated)
 
 
-def test_a_validation_says_the_numbers_of_its_document(validated: Report, validation: str) -> None:
+def test_the_page_of_a_validation_has_the_numbers_of_its_document(validated: Report, validation: str) -> None:
     text, document = Page(validation.encode("utf-8", "backslashreplace").decode()).text, validation_document(validated)
     assert "Disagrees with the measurement" in text and '<section class="strip bad"' in validation
     for finding in document["findings"]:
@@ -117,12 +117,12 @@ def test_a_validation_says_the_numbers_of_its_document(validated: Report, valida
     for segment, of in document["exposure"]["segments"].items():
         for side in ("measured", "predicted"):
             if of[side]:
-                assert f"{number(of[side]['vdv_mps175'])} {side}" in told(validation), segment
-    assert number(document["exposure"]["dri"]["compression"]) in told(validation)
+                assert f"{number(of[side]['vdv_mps175'])} {side}" in svg_text(validation), segment
+    assert number(document["exposure"]["dri"]["compression"]) in svg_text(validation)
     assert "Limitations" in text and "No force was measured" in text
 
 
-def test_every_drawing_of_a_validation_says_what_and_in_which_unit(validation: str) -> None:
+def test_every_drawing_of_a_validation_names_quantity_and_unit(validation: str) -> None:
     drawings = re.findall(r"<svg.*?</svg>", validation, flags=re.DOTALL)
     expected = (
         ("vertical acceleration, m/s²", "seconds since the first predicted instant", "not measured"),
@@ -137,7 +137,7 @@ def test_every_drawing_of_a_validation_says_what_and_in_which_unit(validation: s
     assert len(drawings) == len(expected)
     for drawing, texts in zip(drawings, expected, strict=True):
         for text in texts:
-            assert text in told(drawing), text
+            assert text in svg_text(drawing), text
 
 
 def test_a_validation_is_one_file_that_is_the_same_again(validated: Report, validation: str) -> None:
@@ -172,15 +172,15 @@ def test_the_drawn_transmissibility_is_the_documents(validated: Report) -> None:
     assert all(line.dashed for line in lines(svg, ORANGE, 1.3))
 
 
-def test_what_cannot_be_told_is_thin(validated: Report) -> None:
+def test_incoherent_lines_are_thin(validated: Report) -> None:
     document = copy.deepcopy(validation_document(validated))
-    told_lines = len(lines(transmissibility(document, 0.5), DARK, 1.7))
+    known_lines = len(lines(transmissibility(document, 0.5), DARK, 1.7))
     document["transmissibility"]["head"]["measured"]["coherence"] = [0.1] * len(document["spectra"]["frequency_hz"])
     svg = transmissibility(document, 0.5)
     assert len(lines(svg, DARK, 0.6)) == 4  # of four measured segments
-    assert len(lines(svg, DARK, 1.7)) == told_lines - 1  # the coherence beneath stays
+    assert len(lines(svg, DARK, 1.7)) == known_lines - 1  # the coherence beneath stays
     refused = document | {"driving_point": {"refused": "ask for as_printed"}}
-    assert told(driving_point(refused)).count("refused, see below") == 4
+    assert svg_text(driving_point(refused)).count("refused, see below") == 4
 
 
 def test_a_recording_made_by_the_model_is_never_green() -> None:
@@ -231,7 +231,7 @@ def page(fitted: FitReport) -> str:
     return fit_page(fitted)
 
 
-def test_a_fit_says_the_numbers_of_its_document(fitted: FitReport, page: str) -> None:
+def test_the_page_of_a_fit_has_the_numbers_of_its_document(fitted: FitReport, page: str) -> None:
     text, document = Page(page).text, fit_document(fitted)
     held_out = document["held_out"][0]["joint"]
     assert f"not fitted to with a mean error of {number(held_out['mean'])} % of their rms" in text
@@ -241,13 +241,13 @@ def test_a_fit_says_the_numbers_of_its_document(fitted: FitReport, page: str) ->
             unit = "" if of["unit"] == "-" else f" {of['unit']}"
             value, lower, upper = with_interval(of["value"], of["lower"], of["upper"])
             assert lower != upper, name
-            said = f"{value} ({lower} to {upper}){unit}, "
-            assert said + document["identifiable"][name] in told(page), name
+            expected = f"{value} ({lower} to {upper}){unit}, "
+            assert expected + document["identifiable"][name] in svg_text(page), name
     assert "None requested: use --profile NAME" in text and "The mass scale was fixed" in text
     assert text.count(MADE_BY_MODEL) == 1 and "3 of 3 recordings: " in text
 
 
-def test_every_drawing_of_a_fit_says_what_and_in_which_unit(page: str) -> None:
+def test_every_drawing_of_a_fit_names_quantity_and_unit(page: str) -> None:
     drawings = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
     expected = (
         ("place between the bounds of Table 1, logarithmic, no unit", "natural frequency, head", "stiffening scale"),
@@ -262,7 +262,7 @@ def test_every_drawing_of_a_fit_says_what_and_in_which_unit(page: str) -> None:
     assert len(drawings) == len(expected)
     for drawing, texts in zip(drawings, expected, strict=True):
         for text in texts:
-            assert text in told(drawing), text
+            assert text in svg_text(drawing), text
 
 
 def test_a_fit_is_one_file_that_is_the_same_again(fitted: FitReport, page: str) -> None:
@@ -304,7 +304,7 @@ def test_a_parameter_on_its_bound_has_no_interval_and_keeps_a_fit_from_green(fit
     assert found.tone == "warn" and any("On a bound of Table 1" in line for line in found.reasons)
     assert "damping ratio, head" in found.reasons[-1]
     (value,) = (each.value for each in pinned if each.at_bound)
-    assert f"{number(value)}, on its bound" in told(intervals(pinned, []))
+    assert f"{number(value)}, on its bound" in svg_text(intervals(pinned, []))
     unknown = [dataclasses.replace(each, identifiability="not identifiable") for each in good.estimates]
     reasons = fit_verdict(dataclasses.replace(good, estimates=tuple(unknown))).reasons
     assert "Not identifiable from these recordings: all 14 parameters." in reasons
@@ -328,12 +328,12 @@ def test_the_summary_of_a_fit_is_that_of_its_file(fitted: FitReport, tmp_path: P
         read_summary(tmp_path / "anna.fit.json")
 
 
-def test_one_case_and_what_was_not_measured_are_said(fitted: FitReport) -> None:
+def test_one_case_and_unmeasured_segments_are_limitations(fitted: FitReport) -> None:
     event = fitted.fitted[0]
     energy = np.where(np.array(MEASURED_SEGMENTS) == "lower_torso", 0.0, event.case.energy)
     one = dataclasses.replace(event, case=dataclasses.replace(event.case, energy=energy))
-    said = " ".join(limitations(dataclasses.replace(fitted, events=(one,))))
-    assert "One case alone" in said and "lower torso" in said
+    limits = " ".join(limitations(dataclasses.replace(fitted, events=(one,))))
+    assert "One case alone" in limits and "lower torso" in limits
     assert len(lines(intervals(fitted.uncertainty.estimates, []), DARK, 0.9)) == 0
     assert len(lines(drawn_intervals(fitted), DARK, 0.9)) == 2 * 14  # a tick for each case and parameter
 
@@ -345,7 +345,7 @@ def test_profiles_show_the_mark_and_open_sides(fitted: FitReport) -> None:
     svg = profiles([profile])
     assert svg is not None
     for text in ("natural frequency, head", "value, Hz", "over the 95 % limit, no unit", "open"):
-        assert text in told(svg)
+        assert text in svg_text(svg)
     (curve,) = lines(svg, ESTIMATE_COLOUR, 1.3)
     x, y = curve.points.T
     assert (x[1] - x[0]) / (x[2] - x[1]) == pytest.approx(2.0, rel=0.01)
@@ -362,16 +362,17 @@ def test_the_correlation_is_that_of_the_covariance(fitted: FitReport) -> None:
     assert all(half[name] is not None for name in names)
     pair = np.array([[4.0, -0.873 * 6.0], [-0.873 * 6.0, 9.0]])
     names = ("natural_frequency_hz[head]", "damping_ratio[head]")
-    assert "-0.87" in told(correlation(dataclasses.replace(fitted.uncertainty, names=names, covariance=pair)))
+    assert "-0.87" in svg_text(correlation(dataclasses.replace(fitted.uncertainty, names=names, covariance=pair)))
     alone = dataclasses.replace(fitted.uncertainty, names=names[1:], covariance=np.ones((1, 1)))
     assert correlation(alone) is None
 
 
-def test_what_a_fit_draws_is_what_its_document_counts(fitted: FitReport) -> None:
+def test_a_fit_draws_the_recordings_that_its_document_counts(fitted: FitReport) -> None:
     events, document = {event.name: event for event in compared_events(fitted, fitted.events)}, fit_document(fitted)
-    for told_of in (*document["cases"], *document["held_out"]):
-        event = events[Path(told_of["bag"]).name] if Path(told_of["bag"]).name in events else events[told_of["bag"]]
-        for column, percent in enumerate(told_of["joint"]["nrmse_rms"].values()):
+    for recording in (*document["cases"], *document["held_out"]):
+        path = recording["bag"]
+        event = events[Path(path).name if Path(path).name in events else path]
+        for column, percent in enumerate(recording["joint"]["nrmse_rms"].values()):
             here = np.isfinite(event.measured_mps2[:, column])
             measured, after = (values[here, column] for values in (event.measured_mps2, event.after_mps2))
             assert 100.0 * np.linalg.norm(after - measured) / np.linalg.norm(measured) == pytest.approx(percent)
@@ -400,7 +401,7 @@ def test_a_drawing_that_fails_costs_no_fit(fitted: FitReport, tmp_path: Path, mo
         ["validate", "no.mcap", "--subject", "subject_1", "-o", "{}/out"],
     ],
 )
-def test_a_missing_library_is_told_before_the_work(
+def test_a_missing_library_is_reported_before_the_work(
     command: list[str],
     missing: str,
     tmp_path: Path,
@@ -450,7 +451,7 @@ def test_the_page_of_a_campaign_has_every_subject(fitted: FitReport, tmp_path: P
     ):  # fmt: skip
         assert expected in text, expected
     assert 'href="anna%2B1.fit.html"' in source and "script" not in Page(source).tags
-    assert "place between the bounds of Table 1, logarithmic, no unit" in told(source)
+    assert "place between the bounds of Table 1, logarithmic, no unit" in svg_text(source)
     assert campaign_page(campaign, tmp_path).encode("utf-8", "backslashreplace") == source.encode()
     (tmp_path / "ben.fit.json").write_text("{}")
     with pytest.raises(InputError, match=r"ben\.fit\.json: is not a fit\.json of biodyn"):
@@ -505,7 +506,7 @@ def test_a_page_that_cannot_be_drawn_costs_no_subject(
 # --- replay ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_replay_shows_what_was_gathered_over_frequency() -> None:
+def test_a_replay_shows_its_spectra() -> None:
     traces = Traces()
     traces.add(Frames(NO_PREDICTED, streamed.frames()))
     document = test_report.document()
@@ -515,11 +516,12 @@ def test_a_replay_shows_what_was_gathered_over_frequency() -> None:
     heights = {round(float(line.points[:, 1].mean()), 2) for line in measured}
     # Decades 0.1 to 10 hold gains of 3, 1, 0.25 and 2; the coherences beneath are 1 of 1.08.
     assert heights == {round((math.log10(gain) + 1.0) / 2.0, 2) for gain in streamed.GAIN.values()} | {0.93}
-    assert told(svg).count("not measured") == 1  # the lower torso
-    assert "amplitude, m/s²" in told(parts["powers_svg"]) and "head, measured" in told(parts["waterfall_svg"])
+    assert svg_text(svg).count("not measured") == 1  # the lower torso
+    assert "amplitude, m/s²" in svg_text(parts["powers_svg"])
+    assert "head, measured" in svg_text(parts["waterfall_svg"])
     assert "data:image/png;base64," in parts["waterfall_svg"]
     for name, of in document["predicted"].items():
-        assert f"{number(of['vdv_mps175'])} predicted" in told(parts["doses_svg"]), name
+        assert f"{number(of['vdv_mps175'])} predicted" in svg_text(parts["doses_svg"]), name
     document["predicted"] = {}
     assert frequency_parts(document, Traces(), 0)["doses_svg"] is None
 

@@ -1,4 +1,4 @@
-"""The fifteen parameters: Table 1 as printed, maps of the search, and refusals that name what is wrong."""
+"""The fifteen parameters: Table 1 as printed, maps of the search, and refusals that name the fault."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_zero_is_allowed_for_stiffening_alone():
                 Parameters.from_vector(theta)
 
 
-def test_equal_parameters_have_equal_hashes_whatever_the_sign_of_zero():
+def test_equal_parameters_have_equal_hashes_for_either_sign_of_zero():
     theta = printed_bounds().mean(axis=1)
     pair = []
     for zero in (0.0, -0.0):

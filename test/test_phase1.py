@@ -1,4 +1,4 @@
-"""The swarm, and what it finds on surrogates of our size."""
+"""The swarm, and its results on surrogates of our size."""
 
 import dataclasses
 import functools

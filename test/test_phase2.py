@@ -1,4 +1,4 @@
-"""Phase 2 and whole fits: drawn truths come back, by both refiners, from what another integrator made."""
+"""Phase 2 and whole fits: both refiners recover drawn truths from simulations by another integrator."""
 
 import dataclasses
 
@@ -24,7 +24,7 @@ FREE = FitSettings().free
 
 @pytest.mark.parametrize("mass_matrix", fitting.MASS_MATRICES)
 def test_a_drawn_subject_is_recovered_from_three_cases(mass_matrix) -> None:
-    """Without noise what remains is the pull of lambda_2 = 1e-6."""
+    """Without noise the pull of lambda_2 = 1e-6 remains."""
     truth = fitting.true_subjects()[mass_matrix]
     stranger = dataclasses.replace(truth, parameters=fitting.drawn(40, mass_matrix).parameters)
     fit = fit_joint(fitting.true_cases(mass_matrix), stranger, seed=1, settings=QUICK)

@@ -50,7 +50,7 @@ def orders(draw: st.DrawFn) -> list[tuple[str, int, int]]:
     return order
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(order=orders())
 def test_any_cut_and_any_interleaving_gives_the_same_frames_and_figures(order: list[tuple[str, int, int]]) -> None:
     reference = uncut()

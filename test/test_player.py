@@ -42,7 +42,7 @@ def bag(tmp_path: Path) -> Path:
 def play(
     graph: Graph, bag: Path, mapping: dict[str, str] | None = None, stamps: str = "header", **given: Any
 ) -> tuple[dict[str, Any], list[Any], Any]:
-    """Play in a thread while the graph spins: (decoded samples by topic, clock messages, what was played)."""
+    """Play in a thread while the graph spins: (decoded samples by topic, clock messages, summary)."""
     tester = graph.node()
     got = {topic: graph.collect(tester, Imu, topic, raw=True) for topic in ("imu/seat/data", "imu/head/data")}
     clock = graph.collect(tester, Clock, "/clock")

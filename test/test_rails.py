@@ -73,7 +73,7 @@ def conditioned(samples: Floats, rate_hz: float = 1000.0, cuts: tuple[int, ...] 
     return sensor
 
 
-def said_of_rails(warnings) -> list[str]:
+def rail_warnings(warnings) -> list[str]:
     return [line for line in warnings if "own limit" in line]
 
 
@@ -82,7 +82,7 @@ def said_of_rails(warnings) -> list[str]:
 def test_a_sensor_that_rails_is_found_and_one_that_does_not_never_is(seed, step, end, up_to_hz, rms):
     accel = motion(seed, 12.0, 1000.0, rms, up_to_hz)
     free = conditioned(read_by_sensor(accel, step)).status()
-    assert free.clipped == 0 and not said_of_rails(free.warnings)
+    assert free.clipped == 0 and not rail_warnings(free.warnings)
     samples = read_by_sensor(accel, step, end)
     ends = np.array([side * axis > (np.floor(end / step) - 0.5) * step for axis in samples.T for side in (1, -1)])
     status = conditioned(samples).status()
@@ -90,7 +90,7 @@ def test_a_sensor_that_rails_is_found_and_one_that_does_not_never_is(seed, step,
     is_fast = rms * 2.0 * np.pi * up_to_hz / 1000.0 > 20.0 * step  # by rms, at a rail it is slower
     if is_fast and not any(0 < count < 200 for count in ends.sum(axis=1)):
         assert status.clipped == ends.any(axis=0).sum()
-        assert bool(said_of_rails(status.warnings)) == ends.any()
+        assert bool(rail_warnings(status.warnings)) == ends.any()
 
 
 @settings(max_examples=60)
@@ -126,7 +126,7 @@ def test_turning_points_of_a_motion_are_no_rail(seed, step, kind, size, frequenc
     if kind == "lost":
         samples[rng.random(9200) < 0.03] = np.nan
     status = conditioned(samples).status()
-    assert not said_of_rails(status.warnings)
+    assert not rail_warnings(status.warnings)
     assert status.clipped == (np.abs(samples[1000:]) >= 156.8).any(axis=1).sum()
 
 
@@ -152,7 +152,7 @@ def test_real_recordings_within_their_range_have_no_rail(shared_data: Path):
         for lap in range(3):
             sensor.push(stamps_ns + lap * (stamps_ns[-1] - stamps_ns[0] + 10_000_000), accel)
         sensor.finish()
-        assert not said_of_rails(sensor.status().warnings), name
+        assert not rail_warnings(sensor.status().warnings), name
         count += 1
     assert count == 507
 
@@ -163,7 +163,7 @@ def test_a_real_tram_ride_that_is_five_times_as_rough_rails_where_its_sensor_end
     samples = read_by_sensor(rough, LSM9DS1_STEP, 2**15 * LSM9DS1_STEP)
     status = conditioned(samples, 500.0).status()
     assert status.clipped == at_limit(samples, LSM9DS1_STEP, 2**15 * LSM9DS1_STEP).sum() > 300
-    (line,) = said_of_rails(status.warnings)
+    (line,) = rail_warnings(status.warnings)
     assert line.startswith(f"{status.clipped} readings lie at the sensor's own limit of +19.60")
     assert "(below saturation_mps2 156.8)" in line
 
@@ -226,7 +226,7 @@ def test_a_sample_at_two_rails_counts_once():
     samples = ramp_to_limit(9, 3)
     samples[:, 0] = -samples[:, 2] * (samples[:, 2] > 12.0)
     status = conditioned(samples).status()
-    (line,) = said_of_rails(status.warnings)
+    (line,) = rail_warnings(status.warnings)
     assert status.clipped == 27 and line.startswith("27 readings lie at the sensor's own limit of +19.60 and -19.60 m")
 
 
@@ -234,13 +234,13 @@ def test_a_reading_beyond_disproves_a_rail():
     samples = ramp_to_limit(9, 3)
     whole, beyond = conditioned(samples), conditioned(np.concatenate([samples, [[0.0, 0.0, TWO_G + 0.1]]]))
     assert whole.status().clipped == 27
-    assert beyond.status().clipped == 0 and not said_of_rails(beyond.status().warnings)
+    assert beyond.status().clipped == 0 and not rail_warnings(beyond.status().warnings)
 
 
 def test_samples_beyond_the_set_limit_are_counted_once():
     samples = ramp_to_limit(9, 3, limit=160.0)
     status = conditioned(samples).status()
-    assert status.clipped == (samples[:, 2] >= 156.8).sum() and not said_of_rails(status.warnings)
+    assert status.clipped == (samples[:, 2] >= 156.8).sum() and not rail_warnings(status.warnings)
 
 
 # --- through the pipeline, and into files ----------------------------------------------------------------------------
@@ -312,4 +312,4 @@ def test_a_recording_masks_samples_at_a_rail():
     assert np.isnan(column[np.searchsorted(recording.stamps_ns, inside)]).all()
     assert np.isfinite(column).mean() > 0.3
     assert f"lower_torso: {railed.sum()} samples clipped, masked" in recording.warnings
-    assert said_of_rails(recording.warnings)
+    assert rail_warnings(recording.warnings)

@@ -148,7 +148,7 @@ def test_the_claimed_quality_names_every_policy_of_rep_2004() -> None:
 
 def test_the_names_in_contributing_exist_in_the_linked_files() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    told = {
+    files = {
         "cutoff_hz": "biodyn_core/conditioning/conditioning_settings.py",
         "SEGMENT_WEIGHTS": "biodyn_core/identification/settings.py",
         "HorizontalMeter": "biodyn_core/exposure/meters.py",
@@ -159,7 +159,7 @@ def test_the_names_in_contributing_exist_in_the_linked_files() -> None:
         "everyday": "biodyn_ros/commands/arguments.py",
         "COMMAND = Command(": "biodyn_ros/commands/compare.py",
     }
-    for name, path in told.items():
+    for name, path in files.items():
         assert name in text
         assert f"]({path})" in text
         assert name in (ROOT / path).read_text(encoding="utf-8")

@@ -161,7 +161,7 @@ def test_a_clipped_sample_is_masked_as_far_as_the_low_pass_reaches():
     assert any(line.startswith("head: nothing usable in 0.06 s of") for line in recording.warnings)
 
 
-def test_the_low_pass_reaches_no_further_than_said():
+def test_the_low_pass_reaches_no_further_than_stated():
     sos = signal.butter(4, 100.0, fs=RATE_HZ, output="sos")
     impulse = np.zeros(4001)
     impulse[2000] = 1.0

@@ -209,9 +209,9 @@ def test_any_cut_gives_the_envelope_and_event_of_the_whole(cuts, late, digest, b
         assert envelope.begins_ns.size <= bins
         assert envelope.width_ns % BIN_NS == 0
         assert_envelope(envelope, stamps, values)
-    felt = np.nan_to_num(np.abs(measured[:, [0, 5]]))
-    row, column = np.unravel_index(felt.argmax(), felt.shape)
-    assert (event.peak_ns, event.peak_mps2, event.sensor) == (stamps[row], felt.max(), ("seat", "head")[column])
+    absolute = np.nan_to_num(np.abs(measured[:, [0, 5]]))
+    row, column = np.unravel_index(absolute.argmax(), absolute.shape)
+    assert (event.peak_ns, event.peak_mps2, event.sensor) == (stamps[row], absolute.max(), ("seat", "head")[column])
     near = np.abs(stamps - stamps[row]) <= 150_000_000
     for found, expected in (
         (event.measured_ns, stamps[near]),
@@ -269,8 +269,16 @@ def test_stamps_that_jump_back_go_to_their_bins():
 # --- page ------------------------------------------------------------------------------------------------------------
 
 
-def test_the_page_has_every_figure_with_its_unit(tmp_path):
-    text = page_of(tmp_path, document(), drawings=True).text
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of the document with its drawings."""
+    path: Path = tmp_path_factory.mktemp("drawn") / "report.html"
+    write_replay_report(path, document())
+    return path
+
+
+def test_the_page_has_every_figure_with_its_unit(drawn):
+    text = Page(drawn.read_text(encoding="utf-8")).text
     for expected in (
         "Replay of rail.mcap", "subject_1", "segment", "61.2 s", "0.75 s", "0.1.0", "causal",
         "Below the action values so far", "A(8), m/s² 0.0187 0.5 1.15 worst direction",
@@ -293,17 +301,15 @@ def test_the_page_has_every_figure_with_its_unit(tmp_path):
     assert "made by the model" not in text
 
 
-def test_the_page_needs_no_network_and_repeats_no_id(tmp_path):
-    page_of(tmp_path, document(), drawings=True)
-    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+def test_the_page_needs_no_network_and_repeats_no_id(drawn):
+    source = drawn.read_text(encoding="utf-8")
     assert_self_contained(source)
     assert source.count("<svg") == 4
 
 
-def test_the_same_replay_gives_the_same_page(tmp_path):
-    for name in ("a", "b"):
-        write_replay_report(tmp_path / name, document())
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+def test_the_same_replay_gives_the_same_page(drawn, tmp_path):
+    write_replay_report(tmp_path / "again", document())
+    assert (tmp_path / "again").read_bytes() == drawn.read_bytes()
 
 
 def test_names_from_outside_are_escaped(tmp_path):
@@ -376,10 +382,10 @@ def test_page_and_terminal_show_the_zone_in_words_and_green_for_one_alone(tmp_pa
     page_of(tmp_path, changed)
     source = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert re.findall(r'class="strip (\w+)"', source) == [tone, "none"]
-    said = summary(changed)
-    assert f"SEAT: {headline.upper()}" in said
-    assert f"Because of {zone}." in said
-    assert "beside, ISO 2631-1 caution zone: below the action values so far" in said
+    text = summary(changed)
+    assert f"SEAT: {headline.upper()}" in text
+    assert f"Because of {zone}." in text
+    assert "beside, ISO 2631-1 caution zone: below the action values so far" in text
 
 
 def test_without_a_seat_there_is_no_verdict():
@@ -426,13 +432,13 @@ def test_shocks_that_need_additional_evaluation_are_flagged(tmp_path):
     page_of(tmp_path, changed)
     assert '<p class="flag">' not in (tmp_path / "report.html").read_text(encoding="utf-8")
     changed["seat"]["shock_ratios"] = ratios(crest=11.2, mtvv=1.6)
-    said = (
+    warning = (
         "Shocks: additional evaluation required (ISO 2631-1:1997, axis z): crest factor 11.2 > 9 (6.2.2),"
         " MTVV/aw 1.60 > 1.5 (6.3.3)."
     )
-    assert said in page_of(tmp_path, changed).text
+    assert warning in page_of(tmp_path, changed).text
     assert '<p class="flag">' in (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert said in summary(changed)
+    assert warning in summary(changed)
 
 
 def test_unmeasured_ratios_do_not_exclude_shocks():
@@ -502,13 +508,16 @@ def test_a_failed_write_leaves_no_page(tmp_path, monkeypatch, fails):
         monkeypatch.setattr(Path, "replace", full)
     else:
         monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(InputError, match=r"report\.html: cannot be written \(No space left on device\)"):
+    with (
+        empty_drawings(),
+        pytest.raises(InputError, match=r"report\.html: cannot be written \(No space left on device\)"),
+    ):
         write_replay_report(path, document())
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_missing_directory_is_one_line(tmp_path):
-    with pytest.raises(InputError, match="cannot be written"):
+    with empty_drawings(), pytest.raises(InputError, match="cannot be written"):
         write_replay_report(tmp_path / "nowhere" / "report.html", document())
 
 

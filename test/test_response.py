@@ -90,16 +90,16 @@ def noisy_answer(seconds: float, seed: int, noise_rms: float) -> tuple[CrossSpec
 
 
 def test_a_known_filter_is_found_within_its_statistical_error():
-    errors, phases, said = [], [], []
+    errors, phases, reported = [], [], []
     for seed in range(40):
         found, truth, coherence = noisy_answer(30.0, seed, 0.5)
         errors.append(np.abs(found.h1[:, 0]) / np.abs(truth) - 1.0)
         phases.append(np.radians(found.phase_deg[:, 0]) - np.angle(truth))
-        said.append(found.relative_error[:, 0])
+        reported.append(found.relative_error[:, 0])
     theory = np.sqrt((1.0 - coherence) / (2.0 * found.averages[0] * coherence))
     tells = theory < 0.2  # the formula is for small errors
     assert tells.sum() > 20
-    assert np.median(np.median(said, axis=0)[tells] / theory[tells]) == pytest.approx(1.0, abs=0.1)
+    assert np.median(np.median(reported, axis=0)[tells] / theory[tells]) == pytest.approx(1.0, abs=0.1)
     for seen in (errors, phases):
         # 40 draws give an rms within 11 % at one frequency, and the median over frequencies within less.
         assert np.median(np.sqrt(np.mean(np.square(seen), axis=0))[tells] / theory[tells]) == pytest.approx(
@@ -109,7 +109,7 @@ def test_a_known_filter_is_found_within_its_statistical_error():
     assert (np.abs(np.mean(errors, axis=0)) < 0.03 + 4.0 * theory / np.sqrt(40))[tells].all()
 
 
-def test_coherence_falls_with_noise_as_the_formula_says():
+def test_coherence_falls_with_noise_by_the_formula():
     found, _, coherence = noisy_answer(2000.0, 3, 0.5)
     np.testing.assert_allclose(found.coherence[:, 0], coherence, atol=0.03)
     assert coherence.max() > 0.95
@@ -172,7 +172,7 @@ def test_a_mask_of_the_input_counts_too():
 
 
 @pytest.mark.parametrize(
-    ("call", "said"),
+    ("call", "message"),
     [
         (lambda: cross_spectra([(noise(1.9, 1), noise(1.9, 2)[:, None])], RATE_HZ), "no 2 s without a mask"),
         (lambda: cross_spectra([(noise(9, 1), noise(9, 2)[:, None])], 99.0), "half the sampling rate is 49.5 Hz"),
@@ -184,8 +184,8 @@ def test_a_mask_of_the_input_counts_too():
         (lambda: common_rate_hz([1129.3, 500.0]), "records of 1129.3, 500 Hz cannot share spectra"),
     ],
 )
-def test_invalid_spectra_are_refused_in_one_line(call, said):
-    with pytest.raises(InputError, match=said):
+def test_invalid_spectra_are_refused_in_one_line(call, message):
+    with pytest.raises(InputError, match=message):
         call()
 
 

@@ -1,4 +1,4 @@
-"""No open doors: the policy names what the node uses and no more; nothing is unpickled, no shell is given a text."""
+"""The policy allows the topics of the node and no others; nothing is unpickled, and no shell gets a text."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def allowed(kind: str, access: str) -> set[str]:
     return {item.text for group in profile.iter(f"{kind}s") if group.get(access) == "ALLOW" for item in group}
 
 
-def test_the_policy_allows_what_the_node_uses_and_no_more() -> None:
+def test_the_policy_allows_the_topics_of_the_node_and_no_others() -> None:
     with ros_graph() as graph:
         tester = graph.node()
         graph.active()

@@ -189,7 +189,7 @@ def test_a_list_of_another_length_is_named(refused, group, size):
         ("parameters", "mass_scale", 1.2, "mass_scale is 1.2"),
     ],
 )
-def test_a_value_out_of_range_is_named_with_what_is_allowed(refused, key, inner, value, name):
+def test_a_value_out_of_range_is_named_with_the_allowed_range(refused, key, inner, value, name):
     message = refused(changed(key, value, inner))
     assert name in message and "allowed are" in message
 

@@ -175,7 +175,7 @@ def test_a_sensor_that_is_silent_for_longer_than_the_window_has_no_rolling_figur
 
 @pytest.mark.parametrize("back_s", [0.1, 0.5, 0.9])
 def test_a_clock_set_back_by_less_than_a_second_loses_the_repeated_time(back_s: float) -> None:
-    """Stamps have no gap there, but what was measured meanwhile is in no figure."""
+    """Stamps have no gap there, but samples of that time are in no figure."""
     pipeline, *_ = pushed(leapt(noisy_streams(SECONDS), [SEAT], -round(1e9 * back_s), 4.0, 99.0))
     lost, status = pipeline.losses(SEAT), pipeline.status(SEAT)
     assert lost.missing_s == pytest.approx(back_s, abs=0.01) and lost.lower_bound

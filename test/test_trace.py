@@ -95,12 +95,12 @@ def test_errors_are_those_of_the_subjects_before_and_after() -> None:
     assert found.before.effects == () and len(found.after.effects) == 1
     for event in found.events:
         case = cases[event.name]
-        for subject, told, shown in (
+        for subject, event_errors, shown in (
             (found.before, event.before, event.before_mps2),
             (found.after, event.after, event.after_mps2),
         ):
             whole = answer(subject, case)
-            assert told.mean_percent == pytest.approx(errors(case, whole).mean_percent, rel=1e-9)
+            assert event_errors.mean_percent == pytest.approx(errors(case, whole).mean_percent, rel=1e-9)
             np.testing.assert_array_equal(shown, np.where(case.compared, whole, np.nan))
 
 
@@ -417,8 +417,8 @@ def test_a_fault_within_the_data_sheet_is_a_cause_only_if_it_explains_the_residu
     effect: AppliedEffect, left: float, verdict: str
 ) -> None:
     outcome = round_with(effect, left)
-    said, _ = verdict_of([outcome], None, (), TraceSettings())
-    assert said == verdict
+    found_verdict, _ = verdict_of([outcome], None, (), TraceSettings())
+    assert found_verdict == verdict
     beside = _sensors([outcome], (), verdict == "effect")
     assert [one.fault for one in beside] == ([effect] if verdict == "none" else [])
 
@@ -447,8 +447,8 @@ def test_a_chosen_tilt_explains_the_residual() -> None:
 def test_the_reason_names_the_events_of_the_gain(name: str, steady: bool, where: str) -> None:
     one = RankedCandidate(applied(name, "head"), 0.8, True, 0.005, 0.1, 6, steady=steady)
     outcome = rounds.Outcome(Round((one,), 0.2, one, ()), hiding.nuisance(), without(), without())
-    said, reasons = verdict_of([outcome], None, (), dataclasses.replace(TraceSettings(), least_closed=0.0))
-    assert said == "effect" and reasons[0] == f"clock at head gains 0.80 {where}; 0.20 is required".replace(
+    found_verdict, reasons = verdict_of([outcome], None, (), dataclasses.replace(TraceSettings(), least_closed=0.0))
+    assert found_verdict == "effect" and reasons[0] == f"clock at head gains 0.80 {where}; 0.20 is required".replace(
         "clock", name
     )
 
@@ -457,8 +457,8 @@ def test_the_reason_names_the_events_of_the_gain(name: str, steady: bool, where:
 def test_a_candidate_of_typical_size_does_not_make_the_residual_unexplained(typical: bool, verdict: str) -> None:
     one = RankedCandidate(applied("friction", "pelvis"), 0.4, True, 0.005, 0.1, 6, ("a reason",), typical=typical)
     outcome = rounds.Outcome(Round((one,), 0.2, None, ()), hiding.nuisance(), without(), None)
-    said, reasons = verdict_of([outcome], None, (), TraceSettings())
-    assert said == verdict and reasons[-1] == "friction at pelvis gains 0.40, but a reason"
+    found_verdict, reasons = verdict_of([outcome], None, (), TraceSettings())
+    assert found_verdict == verdict and reasons[-1] == "friction at pelvis gains 0.40, but a reason"
     # A sensor tilt is a cause by itself, but does not explain the residual of a refused candidate.
     with_tilt, _ = verdict_of([outcome], None, [applied("tilt", "neck", lean_x=0.1)], TraceSettings())
     assert with_tilt == ("effect" if typical else "unexplained")

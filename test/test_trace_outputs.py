@@ -323,7 +323,7 @@ def test_each_verdict_has_its_own_sentences() -> None:
 def test_diagnostics_are_sentences_with_numbers() -> None:
     lines = diagnostic_lines(found().diagnostics)
     assert all(line.endswith(".") and line[0].isupper() for line in lines) and len(lines) == 8
-    said = " ".join(lines)
+    text = " ".join(lines)
     for expected in (
         "rail 19.0 (9.00)", "seat 21 % (pelvis)", "upper torso 1.40 %, seat 14.0 %",
         "lies in the joint below pelvis",
@@ -332,7 +332,7 @@ def test_diagnostics_are_sentences_with_numbers() -> None:
         "1.30 times the weight above it, more than the weight", "Table 1: natural frequency, head",
         "damping ratio, neck 0.900",
     ):  # fmt: skip
-        assert expected in said, expected
+        assert expected in text, expected
     assert diagnostic_lines(None) == []
 
 
@@ -363,13 +363,13 @@ def test_without_a_verdict_one_list_has_the_missing_recordings() -> None:
         document["to_record"] == [{"use": "to fit", "road_s": 18.0, "shocks": 2, "hard_shocks": 1, "how": ()}]
         and json.loads(json.dumps(document))["to_record"][0]["how"] == []
     )
-    for said in (" ".join(text_of(Report(undecided)).split()), page_of(undecided)[1].text):
-        assert said.count("18 s more road, 2 more shocks of 0.8 g, one of them of 2 g, to fit") == 1
-        assert said.count("12 s without shocks, 30 are needed") == 1
+    for text in (" ".join(text_of(Report(undecided)).split()), page_of(undecided)[1].text):
+        assert text.count("18 s more road, 2 more shocks of 0.8 g, one of them of 2 g, to fit") == 1
+        assert text.count("12 s without shocks, 30 are needed") == 1
     few = text_of(Report(found("not_decidable", events=EVENTS[:2], floor_percent=None)))
     assert "train, before" in few and "held out, before" not in few and "floor" not in few
-    for said in (" ".join(text_of(Report(undecided)).split()), page_of(undecided)[1].text):
-        assert "record next" not in said.lower() and "what the recordings lack" not in said.lower()
+    for text in (" ".join(text_of(Report(undecided)).split()), page_of(undecided)[1].text):
+        assert "record next" not in text.lower() and "what the recordings lack" not in text.lower()
 
 
 # --- page ------------------------------------------------------------------------------------------------------------
@@ -458,9 +458,9 @@ def test_an_unsteady_candidate_has_no_p_value() -> None:
 
 def test_ambiguous_names_the_chosen_effect_and_its_rivals() -> None:
     line = applied("periodic", "head")
-    said = headline(found("ambiguous", effects=(line, STOP), intervals=((), found().intervals[0])))
-    assert "one of these: stop or asymmetry or cubic in the joint between seat and pelvis." in said
-    assert said.endswith("Also found: periodic on the head.")
+    text = headline(found("ambiguous", effects=(line, STOP), intervals=((), found().intervals[0])))
+    assert "one of these: stop or asymmetry or cubic in the joint between seat and pelvis." in text
+    assert text.endswith("Also found: periodic on the head.")
 
 
 def test_none_names_the_largest_gain() -> None:
@@ -528,7 +528,8 @@ def test_a_refit_outside_the_given_intervals_has_its_reason() -> None:
     trace = found("not_decidable", given=given(SUBJECT))
     whole = Report(trace, refit=refit_of(trace, ("a", "b", "x", "y", "z", "z")))
     assert document["text"] in " ".join(text_of(whole).split())
-    page = Page(trace_page(whole)).text
+    with empty_drawings():
+        page = Page(trace_page(whole)).text
     assert document["text"][1:] in page and "outside, 0.217" in page
 
 
@@ -819,7 +820,7 @@ def test_the_command_traces_and_prints(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--subject", "subject_1"], "no bag is given"),
         (["{rail_1}", "--subject", "nobody"], "no subject file nobody"),
@@ -833,7 +834,7 @@ def test_the_command_traces_and_prints(
     ],
 )
 def test_bad_input_is_one_line(
-    arguments: list[str], said: str, bags: dict[str, Path], calls: dict[str, Any], tmp_path: Path,
+    arguments: list[str], message: str, bags: dict[str, Path], calls: dict[str, Any], tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     names = {name: str(path) for name, path in bags.items()}
@@ -841,7 +842,7 @@ def test_bad_input_is_one_line(
     given = [text.format(**names) for text in arguments]
     assert main(["trace", *given, "-o", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
-    assert said in error and error.count("\n") == 1
+    assert message in error and error.count("\n") == 1
     assert not (tmp_path / "out").exists() and not calls
 
 

@@ -1,4 +1,4 @@
-"""The bundled bag through two processes over DDS: the live node publishes the results of replay."""
+"""Bags through two processes over DDS: the live node publishes the results of replay."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
 from ros import STARTUP_S, child, ros_graph
 from std_msgs.msg import Float64
-from streams import subject
+from streams import noisy_streams, subject, write_bag
 
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_ros.bag.cdr import decode_accel_stamped
@@ -45,7 +45,7 @@ def reliable(inputs: Iterable[str], outputs: Iterable[str] = ()) -> list[str]:
 
 
 @cache
-def offline() -> tuple[dict[str, dict[int, float]], Any]:
+def offline(bag: Path) -> tuple[dict[str, dict[int, float]], Any]:
     """Every frame of the replay by topic and stamp, and its document."""
     frames: dict[str, dict[int, float]] = {t: {} for t in (*topics.PREDICTED.values(), *topics.MEASURED.values())}
 
@@ -58,13 +58,13 @@ def offline() -> tuple[dict[str, dict[int, float]], Any]:
         keep(topics.PREDICTED, pushed.predicted.stamps_ns, pushed.predicted.accel_mps2)
         keep(topics.MEASURED, pushed.measured.stamps_ns, pushed.measured.accel_mps2)
 
-    return frames, replay(bag_file("subject_1.mcap"), subject(), each=each).document
+    return frames, replay(bag, subject(), each=each).document
 
 
 @pytest.mark.timeout(600)
 def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
-    expected, document = offline()
-    bag = str(bag_file("subject_1.mcap"))
+    bag = bag_file("subject_1.mcap")
+    expected, document = offline(bag)
     with ros_graph() as graph:
         tester = graph.node()
         got = {topic: graph.collect(tester, AccelStamped, topics.absolute(topic), raw=True) for topic in expected}
@@ -77,7 +77,7 @@ def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
             answers = [topics.absolute(topic) for topic in expected]
             graph.wait(lambda: all(tester.count_publishers(topic) == 1 for topic in answers), "all outputs are found")
             graph.spin(1.0)  # the node finds us a moment later than we find it, which nothing here can see
-            with child(graph, "play", bag, "--keep-stamps", "--depth", str(BAG_DEPTH)) as player:
+            with child(graph, "play", str(bag), "--keep-stamps", "--depth", str(BAG_DEPTH)) as player:
                 graph.wait(lambda: player.poll() is not None, "the bag is played", ARRIVES_WITHIN_S)
                 assert player.returncode == 0
                 counts = {topic: len(owed(topic, frames)) for topic, frames in expected.items()}
@@ -207,7 +207,8 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_says_how_fast() -> None:
+def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_warns(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "short.mcap", noisy_streams())
     with ros_graph() as graph:
         tester = graph.node()
         head = graph.collect(tester, AccelStamped, topics.absolute(topics.PREDICTED["head"]), raw=True)
@@ -218,11 +219,9 @@ def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_says_how_fast(
         )  # fmt: skip
         try:
             graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
-            with child(
-                graph, "play", str(bag_file("subject_1.mcap")), "--keep-stamps", "--depth", str(BAG_DEPTH)
-            ) as player:
+            with child(graph, "play", str(bag), "--keep-stamps", "--depth", str(BAG_DEPTH)) as player:
                 graph.wait(lambda: player.poll() is not None, "the bag is played", 60.0)
-            expected, _ = offline()
+            expected, _ = offline(bag)
             frames = expected[topics.PREDICTED["head"]]
             graph.wait(lambda: len(head) >= len(frames), "every prediction", STARTUP_S)
         finally:

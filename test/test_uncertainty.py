@@ -45,7 +45,7 @@ def fitted(subject: Subject, cases: list[Case], settings: FitSettings | None = N
 
 
 def answered(subject: Subject, seat: np.ndarray) -> np.ndarray:
-    """Measured segments of the model itself, (n, 5): what is tested here is what is made of noise."""
+    """Measured segments of the model itself, (n, 5): tested here is the propagation of noise."""
     return Chain.of(subject).simulate(seat, fitting.RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
 
 

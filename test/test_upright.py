@@ -45,7 +45,7 @@ def recorded(rates_of=lambda rates: rates, degrees: float = 15.0, channels: bool
 
 
 def missed(recording: Recording) -> float:
-    """Rms of what the head is read wrong by: the seat has the same vertical."""
+    """Rms error of the head's reading: the seat has the same vertical."""
     return float(np.nanstd(recording.measured_mps2[:, HEAD] - recording.seat_mps2))
 
 

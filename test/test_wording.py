@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.mark.parametrize(
-    ("said", "wanted"),
+    ("text", "wanted"),
     [
         (counted(0, "shock"), "0 shocks"),
         (counted(1, "shock"), "1 shock"),
@@ -25,8 +25,8 @@ ROOT = Path(__file__).resolve().parents[1]
         (left_range(1), "left its range at 1 sample: no prediction there, restarted at rest"),
     ],
 )
-def test_a_count_has_its_singular_and_plural(said: str, wanted: str) -> None:
-    assert said == wanted
+def test_a_count_has_its_singular_and_plural(text: str, wanted: str) -> None:
+    assert text == wanted
 
 
 PLURALS = (

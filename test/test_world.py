@@ -169,11 +169,11 @@ def tone(frequency_hz: float, at_s: np.ndarray) -> np.ndarray:
 
 
 def test_a_perfect_sensor_reads_motion_and_gravity_in_whole_digits(perfect: sensors.Imu) -> None:
-    stamps_ns, said = perfect.stream(tone(20.0, TIME_S), seats.RATE_HZ, np.random.default_rng(0))
+    stamps_ns, force = perfect.stream(tone(20.0, TIME_S), seats.RATE_HZ, np.random.default_rng(0))
     step = sensors.FULL_SCALE_MPS2 / 2**15
     expected = tone(20.0, 1e-9 * stamps_ns) + np.array([0.0, 0.0, sensors.GRAVITY_MPS2])
-    assert np.abs(said - expected).max() < 0.55 * step
-    np.testing.assert_allclose(said / step, np.rint(said / step), atol=1e-6)
+    assert np.abs(force - expected).max() < 0.55 * step
+    np.testing.assert_allclose(force / step, np.rint(force / step), atol=1e-6)
     assert np.diff(stamps_ns).mean() == pytest.approx(1e9 / sensors.RATE_HZ, rel=1e-7)
     assert sensors.digits(np.array([1e4, -1e4])) == pytest.approx(
         sensors.FULL_SCALE_MPS2 * np.array([1.0, -1.0]), rel=1e-4
@@ -184,10 +184,11 @@ def test_clocks_have_offset_and_drift(perfect: sensors.Imu, monkeypatch: pytest.
     monkeypatch.setattr(sensors, "OFFSET_S", 0.002)
     monkeypatch.setattr(sensors, "JITTER_S", 0.00002)
     fast = dataclasses.replace(perfect, drift=0.001)
-    stamps_ns, said = fast.stream(tone(3.0, TIME_S), seats.RATE_HZ, np.random.default_rng(5))
+    stamps_ns, force = fast.stream(tone(3.0, TIME_S), seats.RATE_HZ, np.random.default_rng(5))
     offset_s = 0.002 * np.random.default_rng(5).standard_normal()
     true_s = (1e-9 * stamps_ns - offset_s) / 1.001
-    assert np.abs(said[:, 2] - sensors.GRAVITY_MPS2 - tone(3.0, true_s)[:, 2]).max() < 0.02  # jitter, times the slope
+    # Jitter, times the slope.
+    assert np.abs(force[:, 2] - sensors.GRAVITY_MPS2 - tone(3.0, true_s)[:, 2]).max() < 0.02
     apart = np.diff(stamps_ns) * 1e-9
     assert apart.std() == pytest.approx(np.sqrt(2.0) * 0.00002, rel=0.1) and (apart > 0.0).all()
 
@@ -201,10 +202,10 @@ def test_sensors_have_misalignment_bias_and_noise() -> None:
     assert np.std([imu.drift for imu in drawn]) == pytest.approx(sensors.DRIFT, rel=0.15)
     imu = drawn[0]
     np.testing.assert_allclose(imu.axes @ imu.axes.T, np.eye(3), atol=1e-12)
-    _, said = imu.stream(np.zeros((TIME_S.size, 3)), seats.RATE_HZ, rng)
+    _, force = imu.stream(np.zeros((TIME_S.size, 3)), seats.RATE_HZ, rng)
     expected = imu.axes @ [0.0, 0.0, sensors.GRAVITY_MPS2] + imu.bias_mps2
-    np.testing.assert_allclose(said.mean(axis=0), expected, atol=0.005)
-    np.testing.assert_allclose(said.std(axis=0), sensors.NOISE_MPS2, rtol=0.05)
+    np.testing.assert_allclose(force.mean(axis=0), expected, atol=0.005)
+    np.testing.assert_allclose(force.std(axis=0), sensors.NOISE_MPS2, rtol=0.05)
 
 
 def test_a_ride_begins_and_ends_at_rest_without_a_sensor_at_the_central_torso() -> None:

@@ -8,7 +8,7 @@ from world.effects import absorbing, draw, sitting
 from world.effects.moving import RUNAWAY_MPS2
 from world.effects.sitting import Plan, drawn
 
-PLAN = Plan(uses=("fit",), counts=(1, 1, 1), seconds=(2.5, 2.5, 2.5))
+PLAN = Plan(uses=("fit",), counts=(1, 0, 0), seconds=(1.2, 1.2, 1.2))
 
 
 def test_effects_that_destabilise_a_body_are_drawn_weaker() -> None:

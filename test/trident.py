@@ -41,7 +41,7 @@ def shock(at_s: Sequence[float] = (3.0,), peak_g: float = 60.0, width_s: float =
 
 @dataclass(frozen=True)
 class Wide:
-    """What the high-g channel is off by, with its step and noise: those of a 12-bit part of 200 g."""
+    """Error of the high-g channel with its step and noise: those of a 12-bit part of 200 g."""
 
     bias: tuple[float, float, float] = (4.0, -7.0, 9.0)
     gain: float = 1.0
@@ -61,7 +61,7 @@ def low_g(motion: Motion, t: Floats, rng: np.random.Generator) -> Floats:
 
 
 def high_g(motion: Motion, t: Floats, wide: Wide, rng: np.random.Generator) -> Floats:
-    """Biased, coarse, noisy; what happened `delay_s` before."""
+    """Biased, coarse, noisy; delayed by `delay_s`."""
     seen = wide.gain * motion(t - wide.delay_s) + wide.bias + wide.noise * rng.standard_normal((t.size, 3))
     return np.clip(np.rint(seen / wide.step) * wide.step, -200.0 * G, 200.0 * G)
 

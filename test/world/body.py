@@ -45,7 +45,7 @@ class People:
 
     @property
     def carried_mass_kg(self) -> Floats:
-        """What each joint carries, the cascade masses (p, 6)."""
+        """Mass carried by each joint, the cascade masses (p, 6)."""
         mass = self.segment_mass_kg
         return mass.sum(axis=1, keepdims=True) - np.cumsum(mass, axis=1) + mass
 
@@ -94,7 +94,7 @@ def accelerations(
         return ((a * since + b) * since + c) * since + d
 
     def upward(x: Floats, v: Floats) -> Floats:
-        """What the joints and Rayleigh's damping give each segment, its absolute acceleration (p, 6)."""
+        """Absolute acceleration (p, 6) of each segment from the forces of joints and Rayleigh damping."""
         below = force(np.diff(x, axis=1, prepend=0.0), np.diff(v, axis=1, prepend=0.0))
         above = np.append(below[:, 1:], np.zeros((len(people), 1)), axis=1)
         return (above - below) / inertia - alpha_r * v

@@ -59,7 +59,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What may be known: an earlier stretch of a pair, known to be good, and a later one."""
+    """The input of a method: an earlier stretch of a pair without a fault, and a later one to check."""
 
     name: str
     earlier: Pair
@@ -68,7 +68,7 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What only the world knows: the fault, its size (s, s/s, share, rad, m/s^2, Hz), and the later axis without."""
+    """The truth of a record: the fault, its size (s, s/s, share, rad, m/s^2, Hz), and the later axis without it."""
 
     fault: Fault
     size: float
@@ -209,7 +209,7 @@ def faulty(pair: Pair, fault: Fault, begin: int, rng: np.random.Generator) -> tu
         size = rng.uniform(*POLE_HZ)
         accel = soft(accel, rate_hz, size)
     elif fault == "saturation":
-        # Strongest peaks of the whole sensor axis, gravity included: a range knows of no mean.
+        # Strongest peaks of the whole sensor axis, gravity included: a range applies to the raw value.
         highest = np.abs(accel[begin:, 2])
         size = float(np.quantile(highest[signal.argrelmax(highest)[0]], 0.5 + 0.5 * rng.uniform(*CLIPPED_QUANTILE)))
         accel = clipped(accel, size)
@@ -220,7 +220,7 @@ def faulty(pair: Pair, fault: Fault, begin: int, rng: np.random.Generator) -> tu
 
 
 def records(count: int, seed: int) -> tuple[list[Record], list[Truth]]:
-    """Draw records, 30 % of them without a fault, and apart from them what is true of each."""
+    """Draw records, 30 % of them without a fault, and the truth of each."""
     rng = np.random.default_rng(seed)
     sound = round(UNFAULTED * count)
     faults = ["none"] * sound + [FAULTS[number % len(FAULTS)] for number in range(count - sound)]

@@ -1,4 +1,4 @@
-"""Rides: what the six IMUs on several people send when each is moved by a seat of his own."""
+"""Rides: the output of six IMUs on several people, each person on a separate seat."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SENSORS: Final = ("seat", "pelvis", "lower_torso", "central_torso", "upper_torso
 
 WORN: Final = tuple(name for name in SENSORS if name != "central_torso")
 REST_S: Final = (2.5, 1.5)
-"""At rest before and after: gravity is learnt in the first, and the body comes to rest in the second."""
+"""Rest before and after the motion: gravity is estimated in the first, the body settles in the second."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,7 +42,7 @@ DRIVES: Final = {"road": ("bus", "car"), "rail": ("tram",)}
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What a seat does: accelerations (n, 3) forward, left, up at `RATE_HZ`, without gravity, from rest to rest."""
+    """Motion of a seat: accelerations (n, 3) forward, left, up at `RATE_HZ`, without gravity, from rest to rest."""
 
     case: Case
     origin: str

@@ -1,4 +1,4 @@
-"""IMUs as one buys them: mounted askew, biased, noisy, of sixteen bits, each on a clock of its own."""
+"""Simulated IMUs with mounting tilt, bias, noise, 16-bit resolution and a separate clock each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GRAVITY_MPS2: Final = 9.80665
 RATE_HZ: Final = 1129.3
 FULL_SCALE_MPS2: Final = 16.0 * GRAVITY_MPS2
 TILT_DEG: Final = 12.0
-"""Largest angle between a sensor's third axis and the vertical; how far it is turned about it is anyone's guess."""
+"""Largest angle between a sensor's third axis and the vertical; the rotation about that axis is uniform."""
 
 BIAS_MPS2: Final = 0.05
 NOISE_MPS2: Final = 0.05
@@ -43,13 +43,13 @@ class Imu:
         true_s = (own_s - offset_s) / (1.0 + self.drift)
         motion = interpolate.CubicSpline(np.arange(len(truth)) / truth_rate_hz, truth)(true_s)
         force = (motion + np.array([0.0, 0.0, GRAVITY_MPS2])) @ self.axes.T
-        said = force + self.bias_mps2 + NOISE_MPS2 * rng.standard_normal(force.shape)
+        reading = force + self.bias_mps2 + NOISE_MPS2 * rng.standard_normal(force.shape)
         stamps_s = np.sort(own_s + JITTER_S * rng.standard_normal(own_s.size))
-        return np.rint(stamps_s * 1e9).astype(np.int64), digits(said)
+        return np.rint(stamps_s * 1e9).astype(np.int64), digits(reading)
 
 
 def drawn(rng: np.random.Generator) -> Imu:
-    """A sensor as it comes out of the box and onto a person."""
+    """A sensor with random mounting, bias and clock drift."""
     about = rng.uniform(0.0, 2.0 * np.pi)
     lean = np.deg2rad(rng.uniform(0.0, TILT_DEG)) * np.array([np.cos(about), np.sin(about), 0.0])
     turned = Rotation.from_rotvec([0.0, 0.0, rng.uniform(0.0, 2.0 * np.pi)])

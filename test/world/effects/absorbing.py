@@ -1,4 +1,4 @@
-"""How much of what is hidden a refitted model leaves visible: the world's own refit, linear around the true theta.
+"""The share of a hidden effect that remains after a refit: a linear refit of the simulation around the true theta.
 
 It looks at one event of each case and does not move far from the truth, so it sees more than a whole refit leaves: in
 four sittings 1.3 to 1.7 times as much. It is for choosing strengths; a scorer refits, with and without.
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 FREE: Final = 14
-"""Parameters that accelerations tell; m_scale cancels."""
+"""Parameters that accelerations determine; m_scale cancels."""
 
 STEP: Final = 0.01
 LOW_PASS_HZ: Final = 100.0
 EVERY: Final = 8
 NOISE_MPS2: Final = sensors.NOISE_MPS2 * np.sqrt(2.0 * LOW_PASS_HZ / sensors.RATE_HZ)
-"""What the low-pass leaves of the noise."""
+"""Rms of the noise after the low-pass."""
 
 PASSES: Final = 2
 """Corrections of the strengths by the ratio they leave."""
@@ -70,7 +70,7 @@ def _limited(effect: Effect, factor: float) -> Effect:
 
 
 class _Seen:
-    """What stays the same while strengths change: the background's residual, and what theta can absorb."""
+    """Quantities that do not depend on strengths: the residual of the background, and the directions of theta."""
 
     def __init__(self, sittings: Sequence[Sitting]) -> None:
         from world.effects.sitting import first_of_each
@@ -108,16 +108,16 @@ class _Seen:
 
 
 def _heard(one: Sitting, accel_mps2: Sequence[Floats], effects: Sequence[Effect]) -> Floats:
-    """What the sensors on the body say upward, without noise: events, then sensors, in one vector."""
+    """Upward readings of the sensors on the body without noise: events, then sensors, in one vector."""
     parts = []
     for planned, accel in zip(one.events, accel_mps2, strict=True):
         time_s = np.arange(len(accel)) / event.HELD_HZ
         for at in WORN:
-            force, _ = wearing.felt(at, planned.event, accel[:, at - 1], effects, one.background)
+            force, _ = wearing.sensed(at, planned.event, accel[:, at - 1], effects, one.background)
             late_s = one.background.late_s[at] + sum(e.clock_late_s(at, planned.event, time_s) for e in effects)
             up = np.interp(time_s - late_s, time_s, force[:, 2])
             for effect in effects:
-                up = effect.said(at, up)
+                up = effect.reading(at, up)
             parts.append(_thinned(up - sensors.GRAVITY_MPS2))
     return np.concatenate(parts)
 

@@ -1,4 +1,4 @@
-"""Background misfit that follows the input: everybody's joints, masses and sensors are a little unlike the model's."""
+"""Background misfit that follows the input: joints, masses and sensors differ slightly from those of the model."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Background:
     lean_rad: Floats
     skin_hz: Floats
 
-    def felt(self, sensor: int, accel_mps2: Floats) -> Floats:
-        """What moves a sensor where accelerations (n, 3) move its segment."""
+    def sensor_acceleration(self, sensor: int, accel_mps2: Floats) -> Floats:
+        """Acceleration of a sensor for accelerations (n, 3) of its segment."""
         through = (1.0 + self.gain[sensor]) * accel_mps2
         if np.isinf(self.skin_hz[sensor]):
             return through

@@ -253,7 +253,7 @@ class TiringReflex(Effect):
         return np.column_stack([rate, (t * now.rate[:, self.site] - z - 2.0 * t * rate) / t**2])
 
 
-# --- what the person sits on and leans against -----------------------------------------------------------------------
+# --- seat, backrest and belts ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -389,7 +389,7 @@ class HeldArms(Effect):
         return np.column_stack([rate, by_shoulder + by_thigh - now.base_mps2])
 
 
-# --- what else moves the body ----------------------------------------------------------------------------------------
+# --- further inputs to the body --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -492,7 +492,7 @@ class CreepingSkin(Effect):
 
     kind, family, unit, strengths, sites = "skin", "sensor", "share that rides on the skin", (0.25, 1.0), WORN
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """By h / (s^2 + h), h = w^2 (1 + crept T s / (1 + T s)) + 2 zeta w s."""
         if sensor != self.site:
             return accel_mps2
@@ -546,7 +546,7 @@ class WarmingGain(Effect):
 
     kind, family, unit, strengths, sites = "gain", "sensor", "share", (0.05, 0.15), WORN
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """Motion is read too small, soon after it sets in."""
         if sensor != self.site:
             return accel_mps2
@@ -563,7 +563,7 @@ class SoftClip(Effect):
 
     kind, family, unit, strengths, sites = "saturation", "saturation", "1 / range in 20 m/s^2", (0.6, 1.0), WORN
 
-    def said(self, sensor: int, force_mps2: Floats) -> Floats:
+    def reading(self, sensor: int, force_mps2: Floats) -> Floats:
         """Straight up to a share of the range, then a hyperbolic tangent towards it."""
         if sensor != self.site or not self.strength:
             return force_mps2

@@ -234,7 +234,7 @@ class LatePull(Effect):
         return (now.stretch[:, self.site, None] - own) / self.twitch_s
 
 
-# --- what the person sits on and leans against -----------------------------------------------------------------------
+# --- seat, backrest and belts ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -368,7 +368,7 @@ def _carried(now: Moment, own: Floats, site: int, mass_kg: float, frequency_hz: 
     return np.column_stack([own[:, 1], per_kg - now.base_mps2])
 
 
-# --- what else moves the body ----------------------------------------------------------------------------------------
+# --- further inputs to the body --------------------------------------------------------------------------------------
 
 WHOLE: Final = (-1,)
 
@@ -460,7 +460,7 @@ class TwoModeSkin(Effect):
 
     kind, family, unit, strengths, sites = "skin", "sensor", "share that rides on the skin", (0.25, 1.0), WORN
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """Bone and skin mixed."""
         if sensor != self.site:
             return accel_mps2
@@ -513,7 +513,7 @@ class GainInMotion(Effect):
 
     kind, family, unit, strengths, sites = "gain", "sensor", "share", (0.04, 0.12), WORN
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """Motion alone is read too large."""
         return accel_mps2 * (1.0 + self.strength) if sensor == self.site else accel_mps2
 
@@ -524,7 +524,7 @@ class EarlyClip(Effect):
 
     kind, family, unit, strengths, sites = "saturation", "saturation", "1 / range in 20 m/s^2", (0.6, 1.0), WORN
 
-    def said(self, sensor: int, force_mps2: Floats) -> Floats:
+    def reading(self, sensor: int, force_mps2: Floats) -> Floats:
         """Every axis ends at the range."""
         if sensor != self.site or not self.strength:
             return force_mps2

@@ -17,7 +17,7 @@ KINDS: Final = (
     "reflex", "lift_off", "cushion", "viscera", "backrest", "harness", "added_mass", "cross_axis", "pitch", "bending",
     "periodic", "skin", "tilt", "clock", "gain", "saturation",
 )  # fmt: skip
-"""The classes of the catalogue; "outside" is one more, of what no class has."""
+"""The classes of the catalogue, and "outside" for effects of no class."""
 
 
 def forms(split: Split) -> tuple[type[Effect], ...]:

@@ -1,4 +1,4 @@
-"""What an effect is: hooks into the moving body, its seat and its sensors; each leaves the plain world alone."""
+"""Effects: hooks into the body, its seat and its sensors; the default of each hook changes nothing."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ WORN = (1, 2, 4, 5, 6)
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """One body, (6,) each: what its joints and masses are, and how far and fast the plain body went in its events.
+    """One body, (6,) each: its joints and masses, and the travel and rate of the plain body in its events.
 
     reach_m is the deepest compression of a joint, rise_m how far a segment rose above its rest, rate_mps the rms rate
     of a joint, all of them the median over the events in which it was most.
@@ -55,14 +55,14 @@ class Person:
 
     @property
     def weight_n(self) -> float:
-        """What rests on the seat."""
+        """Mass on the seat."""
         return float(self.carried_kg[0]) * 9.80665
 
 
 class Moment:
-    """What an effect sees of the events it is in, (r, 6) each, and where it puts its forces.
+    """State of the body in the events of an effect, (r, 6) each; the effect adds its forces here.
 
-    x, v: segments above the seat and their rates. stretch, rate: of the joints. joint_n: what the plain joints pull.
+    x, v: segments above the seat and their rates. stretch, rate: of the joints. joint_n: tension of the plain joints.
     base_mps2 (r,): the acceleration below. signal (r, c): the effect's own signals. late (r, s): its states, delayed.
     time_s (r,): since the first event of the sitting began; share, the same of the whole sitting. moving_s: since the
     motion set in, negative before.
@@ -135,7 +135,7 @@ class Effect:
         return dataclasses.replace(self, strength=self.strength * factor) if self.scalable else self
 
     def truth(self) -> dict[str, str | int | float]:
-        """What a scorer may know, as plain data."""
+        """The truth for a scorer, as plain data."""
         return {
             "class": self.kind, "family": self.family, "form": type(self).__name__, "site": self.site,
             "strength": self.strength, "unit": self.unit,
@@ -153,33 +153,33 @@ class Effect:
         return np.empty((len(event.accel_mps2), 0))
 
     def base_mps2(self, event: Event) -> Floats | float:
-        """What the body's base does beyond what the seat's sensor tells, (n,)."""
+        """Acceleration of the body's base minus that of the seat's sensor, (n,)."""
         return 0.0
 
     def offset(self, now: Moment, own: Floats) -> tuple[int, Floats, Floats] | None:
-        """A joint, by how much it is stretched more than its segments are apart, and at what rate, (r,)."""
+        """A joint, its stretch beyond the distance of its segments, and the rate of that stretch, (r,)."""
         return None
 
     def act(self, now: Moment, own: Floats) -> Floats | None:
-        """Pull and push; the rates (r, s) of the effect's own states (r, s), which begin at 0."""
+        """Add forces to `now`; return the rates (r, s) of the effect's states (r, s), which begin at 0."""
         return None
 
     # --- in the sensors
 
     def lean_rad(self, sensor: int, event: Event) -> Floats | None:
-        """By how much a sensor rolls and pitches beyond its segment, (n, 2) on the grid of the event."""
+        """Roll and pitch of a sensor relative to its segment, (n, 2) on the grid of the event."""
         return None
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
-        """What moves the sensor where accelerations (m, 3) at `HELD_HZ` move the segment."""
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+        """Acceleration of the sensor for accelerations (m, 3) of its segment at `HELD_HZ`."""
         return accel_mps2
 
     def clock_late_s(self, sensor: int, event: Event, time_s: Floats) -> Floats | float:
-        """By how much the sensor's clock is late at its own time_s (m,) within the event."""
+        """Delay of the sensor's clock at its own time_s (m,) within the event."""
         return 0.0
 
-    def said(self, sensor: int, force_mps2: Floats) -> Floats:
-        """What the sensor makes of the specific force (m, 3) in its own axes."""
+    def reading(self, sensor: int, force_mps2: Floats) -> Floats:
+        """Reading of the sensor for a specific force (m, 3) in its own axes."""
         return force_mps2
 
 

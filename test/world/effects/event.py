@@ -29,7 +29,7 @@ SWAY_HZ: Final = np.array([0.0, 9.0, 7.0, 5.5, 4.5, 4.0, 3.5])
 
 SWAY_DAMPING: Final = 0.35
 NOD_RAD_PER_MPS2: Final = np.array([0.0, 0.004, 0.007, 0.010, 0.015, 0.030, 0.060])
-"""How far segments lean by what moves them sideways."""
+"""Lean of segments per sideways acceleration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Event:
         return signal.lfilter(top, bottom, sideways, axis=0)
 
     def leaning_rad(self, sensor: int) -> Floats:
-        """Roll and pitch of the seat or a segment, (n, 2): with the seat, and by what moves it forward and left."""
+        """Roll and pitch of the seat or a segment, (n, 2): of the seat, and a part from horizontal acceleration."""
         forward, left = self.aside_mps2(sensor).T
         return self.angle_rad + NOD_RAD_PER_MPS2[sensor] * np.column_stack([-left, forward])
 

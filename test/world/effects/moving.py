@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 STEP_S: Final = 1.0 / HELD_HZ
 RUNAWAY_MPS2: Final = 1e4
-"""No event accelerates anybody so."""
+"""Above every acceleration of a stable body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class Party:
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """What a party did: by event accelerations (n, 6) m/s^2, upward, at `HELD_HZ`.
+    """Motion of a party: accelerations (n, 6) m/s^2 of each event, upward, at `HELD_HZ`.
 
-    And (events, 6) each how deep and at what rms rate the joints went, and how far the segments rose.
+    reach_m, rise_m, rate_mps (events, 6): compression of joints, rise of segments, rms rate of joints.
     """
 
     accel_mps2: tuple[Floats, ...]
@@ -82,7 +82,7 @@ def moved(parties: Sequence[Party]) -> list[Moved]:
 
 
 def runs_away(accel_mps2: Sequence[Floats]) -> bool:
-    """Whether a body was thrown beyond anything that happens in any of its events."""
+    """Whether a body exceeds `RUNAWAY_MPS2` in any of its events."""
     return not all(np.abs(accel).max() < RUNAWAY_MPS2 for accel in accel_mps2)  # NaN is not below either
 
 
@@ -148,7 +148,7 @@ class _Flow:
         self.damping = each([p.damping_ns_per_m for p in people])
         self.per_kg = 1.0 / each([p.inertia_kg * b.mass for p, b in zip(people, behind, strict=True)])
         self.alpha = each([np.array([p.alpha_r]) for p in people])
-        # Shares of springs and dampers, for rows whose joints do what `Background` says.
+        # Shares of springs and dampers, for rows with a `Background`.
         self.bent = each([p.stiffness_n_per_m * b.bent for p, b in zip(people, behind, strict=True)])
         self.cubic = each([p.stiffness_n_per_m * b.cubic for p, b in zip(people, behind, strict=True)])
         self.squared = each([p.damping_ns_per_m * b.squared for p, b in zip(people, behind, strict=True)])
@@ -200,7 +200,7 @@ class _Flow:
         np.subtract(self.upward, base[:, None], out=out[middle : 2 * middle].reshape(-1, 6))
 
     def _joints(self, stretch: Floats, rate: Floats) -> Floats:
-        """What the joints pull, (rows, 6)."""
+        """Tension of the joints, (rows, 6)."""
         pull = (self.stiffness + self.stiffening * np.abs(stretch)) * stretch + self.damping * rate
         if self.plain:
             return pull

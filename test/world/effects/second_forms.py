@@ -1,4 +1,4 @@
-"""Foreign forms to check by what was learnt on those for development: one of every class, and some of none."""
+"""Further forms, not used in development: one of every class, and some of no class."""
 
 from __future__ import annotations
 
@@ -223,7 +223,7 @@ class RateSpindle(Effect):
         return np.column_stack([w, (drive - 2.0 * self.twitch_s * w) / self.twitch_s**2])
 
 
-# --- what the person sits on and leans against -----------------------------------------------------------------------
+# --- seat, backrest and belts ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -358,7 +358,7 @@ class DriversArms(Effect):
         return np.column_stack([zv, per_kg - wheel**2 * z - 2.0 * self.damping * wheel * zv - now.base_mps2])
 
 
-# --- what else moves the body ----------------------------------------------------------------------------------------
+# --- further inputs to the body --------------------------------------------------------------------------------------
 
 WHOLE: Final = (-1,)
 
@@ -394,7 +394,7 @@ class FrameOnSlides(Effect):
     kind, family, unit, strengths, sites = "pitch", "sideways", "lever / m", (0.04, 0.2), WHOLE
 
     def signals(self, event: Event, person: Person) -> Floats:
-        """What turning lifts at a lever of 1 m, behind the frame, and its rate."""
+        """Rise per lever of 1 m behind the frame from rotation, and its rate."""
         top, bottom = following(self.frame_hz, self.damping, RATE_HZ)
         turned = signal.lfilter(top, bottom, event.leaning_rad(0) @ np.array([self.across, 1.0]))
         return np.column_stack([turned, np.gradient(turned, 1.0 / RATE_HZ)])
@@ -406,7 +406,7 @@ class FrameOnSlides(Effect):
         return self.strength * signal.lfilter(top, bottom, turning)
 
     def offset(self, now: Moment, own: Floats) -> tuple[int, Floats, Floats]:
-        """What is above the joint rests higher by longer * l (q + across p)."""
+        """The segments above the joint rest higher by longer * l (q + across p)."""
         angle, rate = self.longer * self.strength * now.signal.T
         return int(self.joint), -angle, -rate
 
@@ -466,7 +466,7 @@ class ScottBlairTissue(Effect):
 
     kind, family, unit, strengths, sites = "skin", "sensor", "share that rides on the skin", (0.25, 1.0), WORN
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """(1 + c) / (1 + c - (f / f0)^2), c = 2 zeta (i f / f0)^order, mixed with the bone."""
         if sensor != self.site:
             return accel_mps2
@@ -520,7 +520,7 @@ class ShelvingGain(Effect):
 
     kind, family, unit, strengths, sites = "gain", "sensor", "share", (0.04, 0.12), WORN
 
-    def felt(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """By 1 + e s / (s + w)."""
         if sensor != self.site:
             return accel_mps2
@@ -536,7 +536,7 @@ class RappKnee(Effect):
 
     kind, family, unit, strengths, sites = "saturation", "saturation", "1 / range in 20 m/s^2", (0.6, 1.0), WORN
 
-    def said(self, sensor: int, force_mps2: Floats) -> Floats:
+    def reading(self, sensor: int, force_mps2: Floats) -> Floats:
         """Every axis reads a / (1 + |a / range|^2p)^(1 / 2p)."""
         if sensor != self.site or not self.strength:
             return force_mps2

@@ -1,4 +1,4 @@
-"""Sittings: a person through many events for fitting, holding out and reporting, with and without what is hidden."""
+"""Sittings: events of one person for fitting, holding out and reporting, with and without hidden effects."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ GLANCE_S: Final = 6.0
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """One event in a sitting: what it is for, and its file's name, in which nothing but its case and number is."""
+    """One event in a sitting, its use, and the name of its file from case and number alone."""
 
     use: Use
     name: str
@@ -85,7 +85,7 @@ class Sitting:
         return Party(self.person, [planned.event for planned in self.events], effects, self.background)
 
     def streams(self, index: int, with_effects: bool = True) -> dict[str, Stream]:
-        """What the sensors send in one event."""
+        """Output of the sensors in one event."""
         accel = (self.hidden if with_effects else self.plain)[index]
         effects = self.effects if with_effects else ()
         happens = self.events[index].event
@@ -109,7 +109,7 @@ class Sitting:
         return paths
 
     def truth(self) -> dict[str, Any]:
-        """What only a scorer may know, as plain data."""
+        """The truth for a scorer, as plain data."""
         return {
             "effects": [one.truth() for one in self.effects],
             "level": self.level,
@@ -157,9 +157,9 @@ def drawn(
 
 
 def _steady(sittings: Sequence[Sitting]) -> list[Sitting]:
-    """The same with other strengths in those whose effects make them run away: such a body is nobody's.
+    """The same with other strengths of effects that make a body unstable.
 
-    Weaker by halves, and where none of these will do stronger: a law may be the stiffer the weaker it is.
+    Weaker by halves first; then stronger, because a law may be stiffer at a lower strength.
     """
     found, drawn_so = list(sittings), list(sittings)
     for factor in FACTORS:
@@ -174,7 +174,7 @@ def _steady(sittings: Sequence[Sitting]) -> list[Sitting]:
 
 
 def together(sittings: Sequence[Sitting]) -> list[Sitting]:
-    """Move the people of sittings through all their events, without and with what is hidden."""
+    """Simulate all events of sittings, without and with hidden effects."""
     busy = [i for i, one in enumerate(sittings) if one.effects]
     went = moved([*(one.party(()) for one in sittings), *(sittings[i].party(sittings[i].effects) for i in busy)])
     hidden = dict(zip(busy, went[len(sittings) :], strict=True))
@@ -204,7 +204,7 @@ def _draft(number: int, seed: int, plan: Plan, rng: np.random.Generator) -> Sitt
 
 
 def _planned(plan: Plan, rng: np.random.Generator) -> tuple[Planned, ...]:
-    """All events, the uses taking turns, so that what changes within the sitting changes in each."""
+    """All events; uses alternate, so that a change within the sitting affects each use."""
     sway, begin_s, found = rng.uniform(0.8, 1.25), 0.0, []
     numbers = dict.fromkeys([(use, case) for use in plan.uses for case in seats.CASES], 0)
     for turn in range(max(plan.counts)):

@@ -1,4 +1,4 @@
-"""What six IMUs on a person say of an event, turning with their segments; noise comes again from its seed."""
+"""Output of six IMUs on a person in an event; they rotate with their segments, and noise repeats with its seed."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ GYRO_BIAS_RADPS: Final = 0.003
 GYRO_STEP_RADPS: Final = np.deg2rad(2000.0) / 2**15
 
 
-def felt(
+def sensed(
     sensor: int, event: Event, up_mps2: Floats, effects: Sequence[Effect], background: Background
 ) -> tuple[Floats, Floats]:
     """Specific force (m, 3) and angular velocity (m, 3) at `HELD_HZ` in the axes of an upright, faultless sensor.
 
-    up_mps2 (m,) is the vertical acceleration of what it is on, 0 the seat and 1-6 the segments.
+    up_mps2 (m,) is the vertical acceleration at the sensor: 0 is the seat, 1-6 are the segments.
     """
     accel = np.column_stack([event.aside_mps2(sensor)[::2], up_mps2])
     lean = event.leaning_rad(sensor)[::2]
     if sensor:
-        accel = background.felt(sensor, accel)
+        accel = background.sensor_acceleration(sensor, accel)
         lean = lean + background.leaning_rad(sensor, event)[::2]
     for effect in effects:
-        accel = effect.felt(sensor, event, accel)
+        accel = effect.sensor_acceleration(sensor, event, accel)
         beyond = effect.lean_rad(sensor, event)
         lean = lean if beyond is None else lean + beyond[::2]
     spin = np.gradient(lean, 1.0 / HELD_HZ, axis=0)
     angle = np.column_stack([lean, np.zeros(len(lean))])
     force = accel + np.array([0.0, 0.0, sensors.GRAVITY_MPS2])
-    # What stands still turns the other way in axes that turn; to the second order, angles being some hundredths.
+    # Rotation of the axes by small angles (some hundredths), to second order.
     turned = np.cross(angle, force)
     return force - turned + 0.5 * np.cross(angle, turned), np.column_stack([spin, np.zeros(len(spin))])
 
@@ -56,8 +56,8 @@ def stream(
     background: Background,
     rng: np.random.Generator,
 ) -> Stream:
-    """What one sensor sends."""
-    force, spin = felt(sensor, event, up_mps2, effects, background)
+    """Output of one sensor."""
+    force, spin = sensed(sensor, event, up_mps2, effects, background)
     offset_s = sensors.OFFSET_S * rng.standard_normal()
     end_s = (len(force) - 1) / HELD_HZ
     own_s = np.arange(1, int((end_s - 0.02) * sensors.RATE_HZ)) / sensors.RATE_HZ + 0.01
@@ -65,15 +65,15 @@ def stream(
     late_s = late_s + (background.late_s[sensor] if sensor else 0.0)
     true_s = np.clip((own_s - offset_s - late_s) / (1.0 + imu.drift), 0.0, end_s)
     sampled = interpolate.CubicSpline(np.arange(len(force)) / HELD_HZ, np.hstack([force, spin]))(true_s)
-    said = sampled[:, :3] @ imu.axes.T
+    reading = sampled[:, :3] @ imu.axes.T
     for effect in effects:
-        said = effect.said(sensor, said)
-    said = said + imu.bias_mps2 + sensors.NOISE_MPS2 * rng.standard_normal(said.shape)
+        reading = effect.reading(sensor, reading)
+    reading = reading + imu.bias_mps2 + sensors.NOISE_MPS2 * rng.standard_normal(reading.shape)
     gyro = sampled[:, 3:] @ imu.axes.T + GYRO_BIAS_RADPS * rng.standard_normal(3)
     gyro = gyro + GYRO_NOISE_RADPS * rng.standard_normal(gyro.shape)
     stamps_s = np.sort(own_s + sensors.JITTER_S * rng.standard_normal(own_s.size))
     return (
         np.rint(stamps_s * 1e9).astype(np.int64),
-        sensors.digits(said),
+        sensors.digits(reading),
         np.rint(gyro / GYRO_STEP_RADPS) * GYRO_STEP_RADPS,
     )
