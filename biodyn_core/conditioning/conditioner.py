@@ -75,7 +75,7 @@ def settings_for(sensor: str, conditioning: SettingsOf) -> ConditioningSettings 
 class Conditioner:
     """One sensor: clock, gaps, vertical and gravity, low-pass. `push` raw samples, get `Block`s, `finish` at the end.
 
-    vertical (3,): up in the sensor's axes, if rest shall not determine it; gravity is then the mean along it.
+    vertical (3,): up in the sensor's axes, if not determined at rest; gravity is then the mean along it.
     gravity: the mean reading at rest, if it is known before the first sample, as offline.
     """
 

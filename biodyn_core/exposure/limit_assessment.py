@@ -53,7 +53,7 @@ class LimitAssessment:
     """The seat against one set of limits: zone with its reason, and the seconds left until action and limit value.
 
     governing: the measure that reaches the zone's value first, in time; axis: that measure's axis. Times are None where
-    they are withheld or never come.
+    they are withheld or if the value is never reached.
     """
 
     source: str
@@ -338,7 +338,7 @@ def _gravity_error(quality: DataQuality) -> str | None:
 def _shock_ratios(vertical: Dose, axes: _Axes, axis: str) -> tuple[ShockRatio, ...]:
     """The ratios of ISO 2631-1:1997 above which rms is not enough; peak and MTVV exist for the vertical alone.
 
-    The larger MTVV is used, because 6.3.3 does not say which average it means.
+    The larger MTVV is used, because 6.3.3 does not specify the average.
     """
     aw, vdv = axes.aw_mps2[axis], axes.vdv_mps175[axis]
     steady = aw * vertical.seconds**0.25

@@ -103,7 +103,7 @@ def _same(samples: Floats, at: int, state: Floats) -> bool:
 
 @compiled
 def _confirm_leap(stamps_ns: Integers, at: int, needed: int, epoch_ns: int, final: bool, state: Floats) -> int:
-    """Whether the `needed` next stamps confirm a leap: CONFIRMED, OUTLIER, SENT_LATE; UNDECIDED if too few came.
+    """Whether the `needed` next stamps confirm a leap: CONFIRMED, OUTLIER, SENT_LATE; UNDECIDED with too few of them.
 
     A stamp confirms the leap if it is nearer to its expected value with the leap than without; constant stamps confirm
     nothing. If the stamps after a leap ahead return to the old line in order, samples were sent late and none is lost.

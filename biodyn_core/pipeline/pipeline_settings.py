@@ -25,7 +25,7 @@ class PipelineSettings:
         None, "angle from the vehicle's forward direction to the seat sensor's first axis", "deg", -360.0, 360.0
     )
     vertical: str = setting(
-        "", "which way is up along sensors' axes, where gravity shall not tell, such as 'seat=0,0,1 head=-1,0,0'"
+        "", "direction of up in the axes of sensors, instead of that at rest, such as 'seat=0,0,1 head=-1,0,0'"
     )
     also_weighted: str = setting("", "further weightings of every sensor's vertical, such as 'Wb Wj'")
 

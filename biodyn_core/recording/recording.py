@@ -58,10 +58,10 @@ class Recording:
     """Quality: clipping, gaps, drift, missing segments, one line each."""
     channels: Mapping[str, Channels] = field(default_factory=dict)
     """Further channels by name in `SENSORS`; empty if not requested."""
-    leans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    mean_tilts: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Mean tilt, behind the warm-up, of the sensors with a known attitude: the share of motion along x and y of
     `Channels` that they would have read as vertical."""
-    seat_misread_s: float = 0.0
+    seat_invalid_s: float = 0.0
     """Seconds of invalid samples of the seat, and within the low-pass's reach of them."""
     headings: Mapping[str, float] = field(default_factory=dict)
     """Rotation of x of these sensors' `Channels` to the left of the seat's, rad, where their motion shows it."""
@@ -85,7 +85,7 @@ class Recording:
 class Recorder:
     """`push` raw samples, `finish` for the recordings; the same bits for any cut into blocks.
 
-    verticals: up in the axes of sensors whose rest shall not determine it. channels: whether recordings contain
+    verticals: up in the axes of sensors, where rest does not determine it. channels: whether recordings contain
     channels, for which rates are pushed too. gravity: of sensors whose whole record was searched for rest.
     """
 
@@ -179,8 +179,8 @@ class Recorder:
             measured_mps2=measured,
             warnings=(*self._moved(levels), *self._masked(unsettled, measured, rate_hz)),
             channels=channels,
-            leans={name: sensor.lean for name, sensor in self._sensors.items() if sensor.lean is not None},
-            seat_misread_s=float(np.count_nonzero(np.isnan(tracks[SEAT][0])) / rate_hz),
+            mean_tilts={name: tilt for name, sensor in self._sensors.items() if (tilt := sensor.mean_tilt) is not None},
+            seat_invalid_s=float(np.count_nonzero(np.isnan(tracks[SEAT][0])) / rate_hz),
             headings=headings_rad(channels, rate_hz),
         )
 

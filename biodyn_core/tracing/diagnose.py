@@ -44,9 +44,9 @@ def diagnose(subject: Subject, nuisance: NuisanceModel, settings: DiagnosticSett
         bracket=bracket(peeled, s.failing),
         level_slope=_level_slope(cases, residuals),
         jump=_jump(nuisance),
-        pinned=at_bound(subject.parameters.vector(), FREE),
+        at_bound=at_bound(subject.parameters.vector(), FREE),
         drift=_drift(nuisance),
-        pulled_down=max(seat_tension(subject, case) for case in cases),
+        seat_tension=max(seat_tension(subject, case) for case in cases),
     )
 
 

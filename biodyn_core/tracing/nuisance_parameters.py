@@ -77,7 +77,7 @@ def nuisance_parameters(
     if _has_horizontal(SEAT, cases):
         # It moves the whole body, so sensor noise hardly limits its estimate.
         found += [
-            NuisanceParameter(f"lean of {SEAT} ({axis})", s.rest_lean, seat_axis=f"{SEAT}.{axis}", least_scale=1.0)
+            NuisanceParameter(f"tilt of {SEAT} ({axis})", s.rest_lean, seat_axis=f"{SEAT}.{axis}", least_scale=1.0)
             for axis in "xy"
         ]
     return found
@@ -115,7 +115,7 @@ def _of_sensor(sensor: str, cases: Sequence[Case], s: TypicalSettings) -> list[N
     ]
     if _has_horizontal(sensor, cases):
         least_scale = min(s.rest_lean / s.usual_lean, 1.0)
-        tilts = [_strength("tilt", sensor, s.usual_lean, 0.1, lean) for lean in ("lean_x", "lean_y")]
+        tilts = [_strength("tilt", sensor, s.usual_lean, 0.1, name) for name in ("lean_x", "lean_y")]
         found += [dataclasses.replace(one, least_scale=least_scale) for one in tilts]
     return found
 

@@ -56,7 +56,7 @@ class Outcome:
         assert candidate is not None and fit is not None
         if not candidate.steady:
             return dataclasses.replace(self, chosen=dataclasses.replace(fit, subject=self.nuisance.subject))
-        objected = dataclasses.replace(candidate, against=(*candidate.against, why))
+        objected = dataclasses.replace(candidate, objections=(*candidate.objections, why))
         ranking = tuple(objected if one is candidate else one for one in self.round.ranking)
         return dataclasses.replace(self, round=Round(ranking, self.round.threshold, None, ()), chosen=None)
 

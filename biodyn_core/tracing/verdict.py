@@ -50,7 +50,7 @@ def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings)
     first, before = outcomes[0].round, outcomes[0].before
     best = first.chosen or first.ranking[0]
     gain = f"the largest gain is {best.gain:.2f} ({named(best.applied)}); {first.threshold:.2f} is required"
-    strong = [one for one in first.ranking if one.refitted and one.against and one.gain > first.threshold]
+    strong = [one for one in first.ranking if one.refitted and one.objections and one.gain > first.threshold]
     refused = [_refusal(one) for one in strong if not one.typical]
     typical = [_refusal(one) for one in strong if one.typical]
     if outcomes[0].chosen is not None and not only_allowed_faults(outcomes, s):
@@ -68,7 +68,7 @@ def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings)
 
 
 def _refusal(one: RankedCandidate) -> str:
-    return f"{named(one.applied)} gains {one.gain:.2f}, but {'; '.join(one.against)}"
+    return f"{named(one.applied)} gains {one.gain:.2f}, but {'; '.join(one.objections)}"
 
 
 def _of_effect(outcome: Outcome, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:

@@ -91,13 +91,13 @@ class PeakRatio(NamedTuple):
 
 @dataclass(frozen=True)
 class HeadPeaks:
-    """Peaks of seat-to-head transmissibility at frequencies of sufficient measured coherence, which are telling_share.
+    """Peaks of seat-to-head transmissibility at frequencies of sufficient measured coherence; coherent_share: of all.
 
     predicted_anywhere: at frequencies of sufficient own coherence; linear_anywhere: at all. ratio: None without a peak.
     """
 
     least_coherence: float
-    telling_share: float
+    coherent_share: float
     measured: Peak | None
     predicted: Peak | None
     predicted_anywhere: Peak | None
@@ -240,7 +240,7 @@ def _exposures(runs: Sequence[PredictedRun], rate_hz: float) -> Exposures:
 
 def _masked(runs: Sequence[PredictedRun]) -> Iterator[str]:
     """Segments with masked samples; the end of a run, where the low-pass lacks samples, does not count."""
-    if any(run.recording.seat_misread_s > 0.0 for run in runs):
+    if any(run.recording.seat_invalid_s > 0.0 for run in runs):
         yield SEAT
     for name, column in _MEASURED.items():
         for run in runs:
@@ -290,7 +290,7 @@ def _head_peaks(measured: CrossSpectra, predicted: CrossSpectra, subject: Subjec
     own, model = (peak(frequency, np.abs(spectra.h1[:, _HEAD]), coherent) for spectra in (measured, predicted))
     return HeadPeaks(
         least_coherence=max(least_coherence, float(measured.chance_coherence[_HEAD])),
-        telling_share=float(np.mean(coherent)),
+        coherent_share=float(np.mean(coherent)),
         measured=own,
         predicted=model,
         predicted_anywhere=anywhere,

@@ -172,9 +172,9 @@ def _candidate(candidate: RankedCandidate) -> Document:
         "absorbed": finite(candidate.absorbed),
         "p_value": finite(candidate.p_value) if candidate.steady else None,
         "steady": candidate.steady,
-        "helps": candidate.helps,
+        "helps": candidate.improved_events,
         "refitted": candidate.refitted,
-        "against": list(candidate.against),
+        "against": list(candidate.objections),
     }
 
 
@@ -253,9 +253,9 @@ def _diagnostics(found: Diagnostics) -> Document:
         "bracket": list(found.bracket),
         "level_slope": _known(found.level_slope),
         "jump": {"event": found.jump[0], "p_value": finite(found.jump[1])} if found.jump else None,
-        "pinned": list(found.pinned),
+        "pinned": list(found.at_bound),
         "drift": {name: finite(spread) for name, spread in found.drift.items()},
-        "pulled_down": finite(found.pulled_down),
+        "pulled_down": finite(found.seat_tension),
     }
 
 

@@ -284,7 +284,7 @@ def _jump(found: Diagnostics) -> list[str]:
 
 
 def _seat(found: Diagnostics) -> list[str]:
-    share = finite(found.pulled_down)
+    share = finite(found.seat_tension)
     if share is None or share <= 0.0:
         return []
     beyond = "more than the weight: a seat carries no tension, so the body must lift off"
@@ -294,8 +294,8 @@ def _seat(found: Diagnostics) -> list[str]:
 
 def _theta(found: Diagnostics) -> list[str]:
     lines = []
-    if found.pinned:
-        lines.append(f"on a bound of Table 1: {', '.join(parameter_name(name) for name in found.pinned)}")
+    if found.at_bound:
+        lines.append(f"on a bound of Table 1: {', '.join(parameter_name(name) for name in found.at_bound)}")
     known = {name: spread for name, spread in found.drift.items() if finite(spread) is not None}
     if known:
         ranked = sorted(known.items(), key=lambda item: -item[1])[:3]
