@@ -402,7 +402,7 @@ def test_a_partial_run_is_not_published(
 ) -> None:
     monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
     monkeypatch.setattr(command, "publish", lambda *given: pytest.fail("published"))
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, in_sequence, answers, scores))
+    monkeypatch.setattr(command, "run", lambda what, doing, report: study.run(what, in_sequence, answers, scores))
     given = ["--rows", "strong", "--count", "2", "--split", "development", "--out", str(tmp_path)]
     assert command.main([*given, "--seed", "11"]) == 1
     assert "seed 11, a partial run" in capsys.readouterr().out
@@ -421,7 +421,7 @@ def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(command, "publish", lambda root, about, outcomes, found: published.append(about))
     monkeypatch.setattr(command, "thresholds", lambda: "0" * 64)
     monkeypatch.setattr(command.streams, "outcomes", lambda seed: [])
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, in_sequence, answers, scores))
+    monkeypatch.setattr(command, "run", lambda what, doing, report: study.run(what, in_sequence, answers, scores))
     assert command.main(["--out", str(tmp_path), "--seed", "3"]) == 1
     (about,) = published
     weak = next(one.count for one in DRAWINGS if one.name == "weak")

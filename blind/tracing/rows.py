@@ -72,7 +72,7 @@ class Rule:
     kind: Kind = "share"
 
     @property
-    def asked(self) -> str:
+    def required(self) -> str:
         """The limit as text."""
         return f"{self.sense} {100.0 * self.limit:g} %" if self.kind == "share" else f"{self.sense} {self.limit:g}"
 
