@@ -18,9 +18,9 @@ from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate, CandidateFit, ScreeningResult
 from biodyn_core.tracing.choice import chosen, ranked, required_gain
+from biodyn_core.tracing.data_checks import FloorSettings, split_held_out
 from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
 from biodyn_core.tracing.fitted_candidates import WithoutEffect, residual_ratio
-from biodyn_core.tracing.gate import FloorSettings, dealt
 from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, fit_locally
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.results import _sensors, _tilts, build_result
@@ -153,7 +153,7 @@ def test_the_floor_is_the_simulated_noise() -> None:
 
 def test_events_have_the_uses_of_dealt() -> None:
     cases, found = hiding.events(9, hiding.louder), traced(hiding.louder)
-    choose, report = dealt(cases[3:])
+    choose, report = split_held_out(cases[3:])
     for use, expected in (("train", cases[:3]), ("choose", choose), ("held_out", report)):
         assert [event.name for event in found.events if event.use == use] == [case.name for case in expected]
 
@@ -162,10 +162,10 @@ def test_held_out_events_of_each_condition_alternate() -> None:
     base = hiding.events(6)[0]
     kinds = ("road", "road", "pothole", "road", "pothole", "rail", "road")
     cases = [dataclasses.replace(base, name=str(i), case=kind) for i, kind in enumerate(kinds)]
-    choose, report = dealt(cases)
+    choose, report = split_held_out(cases)
     assert [case.name for case in choose] == ["0", "2", "3", "5"]
     assert [case.name for case in report] == ["1", "4", "6"]
-    assert dealt([]) == ([], [])
+    assert split_held_out([]) == ([], [])
 
 
 def test_untestable_effects_are_listed_and_not_ranked() -> None:

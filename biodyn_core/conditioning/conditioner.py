@@ -314,7 +314,7 @@ class Conditioner:
             used, block, why = self._advance(stamps_ns[done:], samples[done:], final)
             done += used
             if block is not None:
-                blocks += self._answer(block)
+                blocks += self._emitted(block)
             if why == kernel.UNDECIDED:
                 self._deferred = stamps_ns[done:], samples[done:]
                 break
@@ -339,7 +339,7 @@ class Conditioner:
         if self._state.item(kernel.LARGEST) >= rails.LEAST_MPS2:
             self._find_rails(raw[:written], source)
         begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)
-        begins_run, gap_s = self.runs.answered(begins_ns, ends_ns, 1.0 / self.rate_hz)
+        begins_run, gap_s = self.runs.add(begins_ns, ends_ns, 1.0 / self.rate_hz)
         shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
         rows = stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0]
         block = Block(
@@ -371,7 +371,7 @@ class Conditioner:
         self.runs.end(next_ns, 1.0 / self.rate_hz)
         return blocks
 
-    def _answer(self, block: Block) -> list[Block]:
+    def _emitted(self, block: Block) -> list[Block]:
         if self.mode == "causal":
             return [block]
         if self.mode == "zero_phase":

@@ -99,9 +99,9 @@ class Identification:
 
         Errors are in percent, over the held-out events where there are any.
         """
-        judged_by = held_out or self.cases
+        events = held_out or self.cases
         found = {
-            fit.subject.mass_matrix: mean_percent(prediction_errors(fit.subject, judged_by))
+            fit.subject.mass_matrix: mean_percent(prediction_errors(fit.subject, events))
             for fit in (self.joint, self.other)
         }
         better = min(found, key=lambda name: found[name])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
-from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.suggestions import did_you_mean, known_are
 
 if TYPE_CHECKING:
     from biodyn_core.conditioning.tilt import Vector
@@ -59,7 +59,5 @@ class PipelineSettings:
         names = self.also_weighted.replace(",", " ").split()
         for name in names:
             if name not in CURVES:
-                raise InputError(
-                    f"also_weighted {name!r} is no weighting, known are {', '.join(CURVES)}{did_you_mean(name, CURVES)}"
-                )
+                raise InputError(f"also_weighted {name!r} is no weighting, {known_are(name, CURVES)}")
         return tuple(name for name in CURVES if name in names)

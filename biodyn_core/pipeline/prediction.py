@@ -15,7 +15,7 @@ from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
 from biodyn_core.exposure.sensor_meters import Batch, resume_meter
-from biodyn_core.pipeline.comparison import Compared, Comparison
+from biodyn_core.pipeline.comparison import Comparison
 
 MAX_STRETCH_M: Final = 0.2
 """No joint of a seated body deforms so far; a chain beyond it has left the range of its laws."""
@@ -93,10 +93,6 @@ class SeatPredictor:
         """Doses of the low-passed measurements on the seat's grid, for the sensors named."""
         doses = self.comparison.doses.rolling() if rolling else self.comparison.doses.since_reset()
         return {name: dose for name, dose in zip(SENSORS, doses, strict=True) if name in sensors}
-
-    def compared(self, rolling: bool) -> dict[str, Compared]:
-        """Doses of measurement and prediction over the same samples, by segment."""
-        return self.comparison.compared_doses(rolling)
 
     def residual(self, rolling: bool) -> dict[str, tuple[float, float]]:
         """(rms m/s^2, rms over measured rms in percent) by segment, for those that were compared."""

@@ -16,7 +16,7 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError, UnusableRecording
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
-from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.channels import Channels
@@ -120,9 +120,7 @@ class Recorder:
         rates_radps (n, 3) in the same axes, NaN where there are none: with them verticals follow the sensor's tilt.
         """
         if sensor not in self._sensors:
-            raise InputError(
-                f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}{did_you_mean(sensor, SENSORS)}"
-            )
+            raise InputError(f"sensor {sensor!r} is unknown, {known_are(sensor, SENSORS)}")
         if rates_radps is not None and rates_radps.shape != samples_mps2.shape:
             raise InputError(f"{sensor}: rates of shape {rates_radps.shape}, samples have {samples_mps2.shape}")
         self._sensors[sensor].push(stamps_ns, samples_mps2, rates_radps)

@@ -17,8 +17,8 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import at_bound
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.data_checks import seat_tension
 from biodyn_core.tracing.findings import Diagnostics
-from biodyn_core.tracing.gate import seat_tension
 from biodyn_core.tracing.nuisance_model import FREE, N_THETA, NuisanceModel
 from biodyn_core.tracing.rows import Products
 from biodyn_core.tracing.settings import DiagnosticSettings

@@ -54,8 +54,8 @@ def listed(need: Need, settings: FloorSettings) -> str:
     """The recordings of one need."""
     amounts = list(_amounts(need, settings))
     if amounts:
-        return ", ".join([*amounts, need.use, *(f"in {how}" for how in need.how)])
-    return ", ".join([*need.how, need.use])
+        return ", ".join([*amounts, need.use, *(f"in {condition}" for condition in need.conditions)])
+    return ", ".join([*need.conditions, need.use])
 
 
 def _amounts(need: Need, s: FloorSettings) -> Iterator[str]:

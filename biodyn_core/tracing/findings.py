@@ -119,7 +119,7 @@ class Need:
     road_s: float
     shocks: int
     hard_shocks: int
-    how: tuple[str, ...] = ()
+    conditions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

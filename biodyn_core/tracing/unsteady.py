@@ -49,7 +49,7 @@ def _clocks(nuisance: NuisanceModel, residuals: Sequence[Floats], s: UnsteadySet
     """The clock of each sensor, fitted in every window, if its offset is atypical."""
     rows = nuisance.choose.rows
     for segment, name in enumerate(MEASURED_SEGMENTS):
-        pairs = [one.on_time(y, segment) for one, y in zip(rows, residuals, strict=True)]
+        pairs = [one.clock_corrected(y, segment) for one, y in zip(rows, residuals, strict=True)]
         late_s = np.concatenate([late for _, late in pairs])
         late_s = late_s[late_s != 0.0]  # a window without compared samples has no delay
         if late_s.size == 0 or np.median(np.abs(late_s)) <= rows[0].typical_clock_s:

@@ -11,7 +11,7 @@ from biodyn_core.tracing.sensor_limits import within_limits
 from biodyn_core.tracing.settings import TraceSettings
 
 
-def closed_share(outcomes: Sequence[Outcome], s: TraceSettings) -> float:
+def removed_share(outcomes: Sequence[Outcome], s: TraceSettings) -> float:
     """The share of the squared residual beyond the typical one that the effects remove; 1 if nothing is beyond it."""
     before, after = outcomes[0].before, outcomes[-1].after
     beyond = before**2 - s.usual_left**2
@@ -23,7 +23,7 @@ def is_explained(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
 
     Sensor faults within their data sheets are accepted only if there is a residual beyond the typical one.
     """
-    enough = outcomes[0].chosen is not None and closed_share(outcomes, s) >= s.least_closed
+    enough = outcomes[0].chosen is not None and removed_share(outcomes, s) >= s.least_closed
     return enough and not only_allowed_faults(outcomes, s)
 
 
@@ -55,7 +55,7 @@ def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings)
     typical = [_refusal(one) for one in strong if one.typical]
     if outcomes[0].chosen is not None and not only_allowed_faults(outcomes, s):
         refused.append(
-            f"{named(best.applied)} removes only {100.0 * closed_share(outcomes, s):.0f} % of the residual beyond the"
+            f"{named(best.applied)} removes only {100.0 * removed_share(outcomes, s):.0f} % of the residual beyond the"
             f" typical one; {100.0 * s.least_closed:g} % is required"
         )
     last, square = outcomes[-1].before, outcomes[0].without.nuisance_square
