@@ -9,7 +9,7 @@ import lzma
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 from world.effects.draw import Split
 from world.effects.sitting import TOGETHER
@@ -31,6 +31,12 @@ Call = tuple[Callable[..., Any], tuple[Any, ...]]
 Execute = Callable[[Sequence[Call]], Iterator[Any]]
 """Executes calls in any order and yields results when they are ready."""
 
+Answering = Callable[[Drawing, Sequence[int], int, Split], list[Answer]]
+"""Draws records of one row by their numbers, seed and split, and traces them; an answer has no part of the truth."""
+
+Scoring = Callable[[Drawing, Sequence[Answer], int, Split], list[Score]]
+"""Draws the same records again with their truths, and scores the answers."""
+
 ANSWERS: Final = "answers.jsonl"
 ARCHIVE: Final = "answers.jsonl.xz"
 """The answers of a run as the repository keeps them."""
@@ -45,20 +51,6 @@ MOST_BATCHES: Final = 4
 
 class BrokenSeal(RuntimeError):
     """The files in the folder of a run do not belong to this run; a message of one line."""
-
-
-class Answering(Protocol):
-    """Draws some records of one row together, and traces them."""
-
-    def __call__(self, drawing: Drawing, numbers: Sequence[int], seed: int, split: Split) -> list[Answer]:
-        """Answer each; an answer has no part of the truth."""
-
-
-class Scoring(Protocol):
-    """Draws some records of one row again with their truths, and scores the answers."""
-
-    def __call__(self, drawing: Drawing, answers: Sequence[Answer], seed: int, split: Split) -> list[Score]:
-        """Score each answer."""
 
 
 @dataclass(frozen=True)
