@@ -89,7 +89,7 @@ def test_tilt_continues_across_a_short_break_and_a_longer_one_is_reported() -> N
     assert missed(short) < 0.02 and missed(with_break(0.06, keep_lean=True)) > 0.3
     assert not any("break" in line for line in short.warnings)
     long = with_break(0.5)
-    assert any("head: behind 1 break of up to 0.5 s its vertical is the axis" in line for line in long.warnings)
+    assert any("head: after 1 break of up to 0.5 s its vertical is the axis" in line for line in long.warnings)
 
 
 @pytest.mark.parametrize(

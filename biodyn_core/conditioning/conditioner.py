@@ -98,7 +98,7 @@ class Conditioner:
             )
         self.delay_s = 0.0
         self._given_vertical = vertical
-        # Rest at the begin is searched for as live, so that both give the same numbers.
+        # Rest at the start is searched for as live, so that both give the same numbers.
         self.gravity = None if gravity is None or gravity.origin == "begin" else gravity
         self._search = RestSearch(self.settings, self.gravity is not None, self._begin)
         self._rest: Rest | None = None
@@ -119,7 +119,7 @@ class Conditioner:
         """
         begun = dataclasses.replace(rest, epoch_ns=stamp_ns, last_time_s=0.0)
         self._start(begun)
-        # As behind a gap: the first sample is accepted at any stamp.
+        # As after a gap: the first sample is accepted at any stamp.
         self._state[kernel.TIME], self._state[kernel.LAST_STAMP] = math.nan, -math.inf
         self._rest, self._run_epoch_ns, self._known_from_ns = begun, stamp_ns, stamp_ns
 
@@ -163,7 +163,7 @@ class Conditioner:
 
     @property
     def first_ns(self) -> int | None:
-        """Stamp of the first sample, or of the begin with a known rest; None before."""
+        """Stamp of the first sample, or of the start with a known rest; None before."""
         return self._search.first_ns if self._known_from_ns is None else self._known_from_ns
 
     @property
@@ -234,7 +234,7 @@ class Conditioner:
     # --- begin -------------------------------------------------------------------------------------------------------
 
     def _begin(self, rest: Rest) -> None:
-        """Begin behind a rest, or with known gravity at the first sample of the clock."""
+        """Begin after a rest, or with known gravity at the first sample of the clock."""
         if self.gravity is None:
             self._start(rest)
             self._rest, self._run_epoch_ns = rest, rest.epoch_ns

@@ -73,7 +73,7 @@ def saturated(low_mps2: Floats, settings: DualRangeSettings) -> Signs:
 
 
 def spans(number: Integers, low_s: Floats, sides: Signs) -> list[Span]:
-    """The saturations of a stream, in order of their begin, from its saturated samples alone.
+    """The saturations of a stream, in order of their start, from its saturated samples alone.
 
     number (k,): index among all samples of the stream; consecutive samples of one axis and side are one span. low_s
     (k,), sides (k, 3): as of `saturated`.

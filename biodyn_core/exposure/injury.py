@@ -57,7 +57,7 @@ class Window(NamedTuple):
 class Hic:
     """Head Injury Criterion over all windows up to one length: |vertical + 1 g|, |vertical|, resultant (Eq. 23).
 
-    windows_s: by these names, begin and end of the window of the largest value, since reset, breaks included; below
+    windows_s: by these names, start and end of the window of the largest value, since reset, breaks included; below
     zero where it began before the reset, None where HIC is zero and for rolling figures.
     """
 
@@ -71,7 +71,7 @@ class Hic:
 class DriMeter(Meter):
     """The DRI oscillator driven by the seat's vertical acceleration, gravity-free, exact between samples.
 
-    It restarts at rest behind a break. A tilt leaves a level of second order in the vertical, 0.15 m/s^2 at 10 degrees,
+    It restarts at rest after a break. A tilt leaves a level of second order in the vertical, 0.15 m/s^2 at 10 degrees,
     which adds 0.02 to compression; a restart from the level within a shock would add far more.
     """
 

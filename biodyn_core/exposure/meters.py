@@ -2,7 +2,7 @@
 
 Every meter takes blocks of any size and reads since reset or over the last `window_s`; cuts never change a number.
 A NaN sample is missing. `skip(seconds)` is a break, 0 s where time jumped back: windows move on by it, nothing is
-counted, and filters, oscillators and windows restart behind it. So missing samples make every figure a lower bound,
+counted, and filters, oscillators and windows restart after it. So missing samples make every figure a lower bound,
 except for the false dose of a weighting that restarts from a wrong level (`_Weighting`).
 ISO 2631-1:1997; Zaman et al., Eq. 23-27, in definitions that resolve their contradictions.
 """
@@ -32,7 +32,7 @@ LEVEL_SHARE: Final = 0.2
 """A channel's slow level is its mean by a first-order low-pass at this share of the weighting's high-pass frequency.
 
 2 s for Wk and Wd, 10 s for Wf. A shorter time takes vibration for level; a longer one misses braking, bends and a
-leaning body. On cars, trams and buses 1 to 3 s leave the least false dose behind breaks.
+leaning body. On cars, trams and buses 1 to 3 s leave the least false dose after breaks.
 """
 
 SHORTEST_MSDV_S: Final = 100.0
@@ -47,7 +47,7 @@ class Dose:
     """Weighted exposure of one channel: aw and MTVV m/s^2, VDV m/s^1.75, weighted peak m/s^2, seconds counted.
 
     MTVV is the largest running rms, by the linear average over 1 s (ISO 2631-1:1997, 6.3.1, Eq. 2) and by the
-    exponential one (Eq. 3). Both running mean squares start at zero behind a break, so both are lower bounds.
+    exponential one (Eq. 3). Both running mean squares start at zero after a break, so both are lower bounds.
     """
 
     aw_mps2: float
@@ -132,7 +132,7 @@ class Tally:
             self.ring[self.position[1] % slots] = self.bin
             self.bin[:] = 0.0
             self.position[1] += closed
-            # The open bin closes at the break with its present content, the bins behind it are empty.
+            # The open bin closes at the break with its present content, the bins after it are empty.
             self.ring[(self.position[1] - 1 - np.arange(min(closed - 1, slots))) % slots] = 0.0
         return samples
 
@@ -141,7 +141,7 @@ class _Weighting:
     """A weighting's sections, their state for channels, and each channel's slow level.
 
     A sensor that has tilted since its rest reads a constant, 1.7 m/s^2 at 10 degrees. Sections that start from zero
-    take it for a step: a false VDV of 0.73 by Wd. So behind a break they start in steady state for the level, the mean
+    take it for a step: a false VDV of 0.73 by Wd. So after a break they start in steady state for the level, the mean
     of the readings within 1 g, which is zero at the very start. A change of level within a break remains a step.
     """
 
@@ -152,7 +152,7 @@ class _Weighting:
         self.follow = 1.0 - math.exp(-2.0 * math.pi * LEVEL_SHARE * CURVES[name].f1_hz / rate_hz)
 
     def restart(self) -> None:
-        """Start behind a break, in steady state for the level."""
+        """Start after a break, in steady state for the level."""
         for channel, level in enumerate(self.level.tolist()):
             kernels.set_steady_state(self.sos, self.state, channel, level)
 

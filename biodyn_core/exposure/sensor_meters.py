@@ -137,7 +137,7 @@ class SensorMeters:
         return {name: meter.totals() for name, meter in self._named.items()}
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
-        """Continue from totals of an earlier run, behind a break; raises InputError for totals that do not fit."""
+        """Continue from totals of an earlier run, after a break; raises InputError for totals that do not fit."""
         self._count_batch()
         for name, meter in self._named.items():
             if name in totals:

@@ -60,7 +60,7 @@ class Case:
         short = compared.sum(axis=0) < s.least_compared_s * recording.rate_hz
         if short.all():
             raise UnusableRecording(
-                f"{name}: no segment has {s.least_compared_s:g} s to compare behind the {WARM_UP_S:g} s of warm-up;"
+                f"{name}: no segment has {s.least_compared_s:g} s to compare after the {WARM_UP_S:g} s of warm-up;"
                 " record longer"
             )
         compared[:, short] = False

@@ -25,7 +25,7 @@ UNPREDICTED: Final = "unpredicted"
 """Names of the seat's peak, and of the samples without a prediction, among the totals of the meters."""
 
 BLOCK_AFTER_DIVERGENCE: Final = 64
-"""Samples that are predicted at once behind a divergence."""
+"""Samples that are predicted at once after a divergence."""
 
 
 class SeatPredictor:
@@ -109,7 +109,7 @@ class SeatPredictor:
         return meters | {name: np.array([[value]]) for name, value in own.items()}
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
-        """Continue from totals of an earlier run, behind a break; raises InputError for totals that do not fit."""
+        """Continue from totals of an earlier run, after a break; raises InputError for totals that do not fit."""
         self._count(self._batch.take())
         for name, meter in self._meters.items():
             if name in totals:

@@ -113,7 +113,7 @@ class SensorTrack:
         gravity_mps2, rotation = status.gravity_mps2, rotation_to_vertical(np.array(status.vertical))
         try:
             if not self._gyro.is_still or self._conditioner.gravity is not None:
-                raise ValueError("its gyro does not rest at the begin")
+                raise ValueError("its gyro does not rest at the start")
             return self._integrated(rotation, gravity_mps2)
         except ValueError as error:
             self.tilt_is_implausible = isinstance(error, ImplausibleTilt)
@@ -136,7 +136,7 @@ class SensorTrack:
             ups.append(estimated_attitude(block.levelled_mps2, rates, block.rate_hz, gravity_mps2, begin))
             before = int(block.stamps_ns[-1]), rates[-1]
         if breaks_s:
-            which = f"behind {counted(len(breaks_s), 'break')} of up to {max(breaks_s):.2g} s"
+            which = f"after {counted(len(breaks_s), 'break')} of up to {max(breaks_s):.2g} s"
             self._lines.append(f"{self._conditioner.sensor}: {which} {VERTICAL_AT_REST}")
         return ups
 

@@ -30,7 +30,7 @@ from biodyn_core.recording.heading import bend_rates_radps, headings_rad
 from biodyn_core.recording.recording_settings import RecordingSettings
 
 WARM_UP_S: Final = 2.0
-"""A model that starts from rest is compared after this time (Zaman et al., 5.3), as behind an invalid seat."""
+"""A model that starts from rest is compared after this time (Zaman et al., 5.3), as after an invalid seat."""
 
 SHORTEST_LEVEL_S: Final = 2.0
 """Shortest stretch without a mask for a level: three periods of a car's body bounce."""
@@ -59,7 +59,7 @@ class Recording:
     channels: Mapping[str, Channels] = field(default_factory=dict)
     """Further channels by name in `SENSORS`; empty if not requested."""
     mean_tilts: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Mean tilt, behind the warm-up, of the sensors with a known attitude: the share of motion along x and y of
+    """Mean tilt, after the warm-up, of the sensors with a known attitude: the share of motion along x and y of
     `Channels` that they would have read as vertical."""
     seat_invalid_s: float = 0.0
     """Seconds of invalid samples of the seat, and within the low-pass's reach of them."""
@@ -68,7 +68,7 @@ class Recording:
 
     @property
     def begin(self) -> int:
-        """The first sample behind the warm-up."""
+        """The first sample after the warm-up."""
         return round(WARM_UP_S * self.rate_hz)
 
     def named_channels(self) -> dict[str, Floats]:
@@ -212,7 +212,7 @@ class Recorder:
         rms = float(moving.std()) if moving.size else 0.0
         if rms < s.least_seat_rms_mps2:
             raise InputError(
-                f"the seat moves by {rms:.2g} m/s^2 rms behind the warm-up, {s.least_seat_rms_mps2:g} are needed:"
+                f"the seat moves by {rms:.2g} m/s^2 rms after the warm-up, {s.least_seat_rms_mps2:g} are needed:"
                 " without excitation nothing can be identified"
             )
 

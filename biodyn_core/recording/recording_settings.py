@@ -13,7 +13,7 @@ class RecordingSettings:
 
     shortest_s: float = setting(3.0, "shortest recording, the 2 s of warm-up included", "s", 2.5, 3600.0)
     least_seat_rms_mps2: float = setting(
-        0.1, "least rms of the seat, behind the warm-up, that counts as excitation", "m/s^2", 0.0, 100.0
+        0.1, "least rms of the seat, after the warm-up, that counts as excitation", "m/s^2", 0.0, 100.0
     )
     bridge_s: float = setting(
         0.004, "a straight line across a gap up to this long is kept, a longer one is masked", "s", 0.0, 0.05

@@ -143,7 +143,7 @@ def _in_both(train: Sequence[Case], held_out: Sequence[Case]) -> list[Case]:
 
 
 def _peaks_g(case: Case, s: FloorSettings) -> Floats:
-    """The largest reading of every shock of a case, in g, behind the warm-up."""
+    """The largest reading of every shock of a case, in g, after the warm-up."""
     size = np.abs(case.seat_mps2[case.begin :]) / STANDARD_GRAVITY_MPS2
     above = np.flatnonzero(size >= s.shock_g)
     if above.size == 0:

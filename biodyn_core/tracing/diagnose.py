@@ -72,7 +72,7 @@ def coherent(cases: Sequence[Case], residuals: Sequence[Floats]) -> Mapping[str,
 
 
 def _windowed(values: Floats, case: Case) -> Complexes:
-    """Spectra (w, f, k) within the band of half-overlapping windows of 2 s of values (n, k), behind the warm-up."""
+    """Spectra (w, f, k) within the band of half-overlapping windows of 2 s of values (n, k), after the warm-up."""
     length = min(round(COHERENCE_S * case.rate_hz), len(values) - case.begin)
     parts = np.lib.stride_tricks.sliding_window_view(np.nan_to_num(values[case.begin :]), length, axis=0)
     spectra = np.fft.rfft(parts[:: length // 2] * signal.windows.hann(length), axis=2)

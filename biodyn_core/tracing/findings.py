@@ -169,7 +169,7 @@ class Trace:
     if nothing could be fitted); after: with the added effects (the object before if there are none). sensors: sensor
     faults beside the verdict. needs: recordings missing for a verdict. intervals: for each of the effects.
     floor_percent: error by sensor noise alone, None if unknown. untestable: effects that lack a channel. left_out:
-    events or sensors that are not used, with the reason. experiment: what to record next. calibrated: whether the
+    events or sensors that are not used, with the reason. experiment: the next recordings. calibrated: whether the
     threshold was computed or read from an earlier trace. nuisance: largest multiple first.
     """
 

@@ -2,7 +2,7 @@
 
 Joints are slightly nonlinear, masses differ from the table, sensors have gains, clocks and mountings. Each parameter
 changes the answer along one direction and has a typical spread. Together they are the error that follows the input.
-A candidate has to explain what the nuisance parameters leave.
+A candidate has to explain a part of the residual that remains beside them.
 """
 
 from __future__ import annotations

@@ -236,10 +236,10 @@ def _floor_percent(cases: Sequence[Case], subject: Subject) -> float | None:
     found = []
     for case in cases:
         residual = np.where(case.compared, case.measured_mps2 - answer(subject, case), 0.0)
-        behind = residual[case.begin :]
-        if len(behind) < 1024:
+        after = residual[case.begin :]
+        if len(after) < 1024:
             continue
-        frequency_hz, density = signal.welch(behind, case.rate_hz, nperseg=1024, axis=0)
+        frequency_hz, density = signal.welch(after, case.rate_hz, nperseg=1024, axis=0)
         still = (frequency_hz >= NOISE_BAND_HZ[0]) & (frequency_hz <= NOISE_BAND_HZ[1])
         noise = np.sqrt(np.median(density[still], axis=0) * 100.0)
         rms = np.sqrt(case.energy / np.maximum(case.compared.sum(axis=0), 1))

@@ -152,24 +152,22 @@ def _postures(nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Fl
         if not found:
             return
         number = int(np.argmax([decrease for decrease, _, _ in found]))
-        (last_ns, first_ns), (_, before, behind) = np.unique(begins_ns)[number : number + 2], found[number]
+        (last_ns, first_ns), (_, before, after) = np.unique(begins_ns)[number : number + 2], found[number]
         # Events between both instants have the unchanged joint, because the instant of the change is unknown.
-        changes = [
-            (case.begins_ns <= last_ns) * before + (case.begins_ns >= first_ns) * behind for case in choose.cases
-        ]
+        changes = [(case.begins_ns <= last_ns) * before + (case.begins_ns >= first_ns) * after for case in choose.cases]
         squares = [
             ((y - known[:, :, own] @ change) ** 2).sum(axis=1)
             for change, known, y in zip(changes, choose.known, residuals, strict=True)
         ]
-        jump = float(np.clip(np.exp(2.0 * (behind - before)[0]) - 1.0, -0.6, 1.0))
+        jump = float(np.clip(np.exp(2.0 * (after - before)[0]) - 1.0, -0.6, 1.0))
         applied = AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0})
         yield UnsteadyCause(applied, np.concatenate(squares))
 
 
-def _two(normal: Floats, match: Floats, is_behind: Flags) -> tuple[float, Floats, Floats]:
+def _two(normal: Floats, match: Floats, is_after: Flags) -> tuple[float, Floats, Floats]:
     """Decrease of the squares by one change of the columns before and another after the instant, and both changes."""
     ridge = 1e-9 * np.trace(normal.sum(axis=0)) * np.eye(normal.shape[1])
-    before, behind = (
-        np.linalg.solve(normal[w].sum(axis=0) + ridge, match[w].sum(axis=0)) for w in (~is_behind, is_behind)
+    before, after = (
+        np.linalg.solve(normal[w].sum(axis=0) + ridge, match[w].sum(axis=0)) for w in (~is_after, is_after)
     )
-    return float(before @ match[~is_behind].sum(axis=0) + behind @ match[is_behind].sum(axis=0)), before, behind
+    return float(before @ match[~is_after].sum(axis=0) + after @ match[is_after].sum(axis=0)), before, after

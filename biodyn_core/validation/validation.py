@@ -1,6 +1,6 @@
 """Validation: a model's forward prediction of an event that it was not fitted to, against the measurement.
 
-All comparisons are behind the warm-up, low-passed on both sides, with the prediction masked like the measurement. A
+All comparisons are after the warm-up, low-passed on both sides, with the prediction masked like the measurement. A
 small error over time is not enough: the paper's is below 10 %, and its model transmits 2.6 times too much to the head.
 """
 
@@ -60,7 +60,7 @@ class PredictedRun:
 
     @property
     def begin(self) -> int:
-        """The first sample behind the warm-up."""
+        """The first sample after the warm-up."""
         return self.recording.begin
 
     @property
@@ -107,7 +107,7 @@ class HeadPeaks:
 
 @dataclass(frozen=True, eq=False)
 class Exposures:
-    """Doses by segment, DRI, and HIC by the name of its window, of low-passed channels behind the warm-up.
+    """Doses by segment, DRI, and HIC by the name of its window, of low-passed channels after the warm-up.
 
     masked: segments, and the seat, with missing samples, so that their figures are lower bounds.
     """
