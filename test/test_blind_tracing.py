@@ -341,9 +341,10 @@ def a_trace(known: Record) -> Trace:
         for use, before in (("train", 90.0), ("choose", 80.0), ("held_out", 4.0), ("held_out", 6.0))
     )
     return Trace(
-        "effect", ("it helps", "nothing else does"), known.subject, known.subject, after, (applied,), ((),), (),
-        "sensor", "", events, (Round((linear, best), 0.2, None, ()),), (), None, None, None, 0.01, 0.2, (), (), (), 0,
-        "found",
+        verdict="effect", reasons=("it helps", "nothing else does"), given=known.subject, before=known.subject,
+        after=after, experiment="", events=events, floor_percent=None, untestable=(), left_out=(), seed=0,
+        calibrated="found", effects=(applied,), intervals=((),), family="sensor",
+        rounds=(Round((linear, best), 0.2, None, ()),), p_value=0.01, threshold=0.2,
     )  # fmt: skip
 
 

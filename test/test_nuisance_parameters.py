@@ -53,4 +53,4 @@ def test_the_tilt_at_rest_keeps_its_spread_at_the_least_prior_scale(cases) -> No
 
 def test_without_horizontal_axes_there_is_no_tilt_of_the_seat() -> None:
     plain = hiding.events(3)
-    assert not any("lean" in one.name for one in nuisance_parameters(hiding.fitted(), plain))
+    assert not any("tilt of" in one.name for one in nuisance_parameters(hiding.fitted(), plain))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,8 @@ from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.signals.weighting import CURVES, WeightingName, weighting_sections
+
+Figures = TypeVar("Figures")
 
 BIN_S: Final = 0.1
 """Rolling figures move in steps of this."""
@@ -157,10 +159,22 @@ class _Weighting:
             kernels.set_steady_state(self.sos, self.state, channel, level)
 
 
-class Meter(ABC):
-    """Base of all meters: a tally, whose totals since reset can be stored and continued."""
+class Meter(ABC, Generic[Figures]):
+    """Base of all meters: figures of a tally, whose totals since reset can be stored and continued."""
 
     _tally: Tally
+
+    def since_reset(self) -> Figures:
+        """The figures since the last reset."""
+        return self._figures(self._tally.since_reset(), rolling=False)
+
+    def rolling(self) -> Figures:
+        """The figures over the last `window_s`."""
+        return self._figures(self._tally.rolling(), rolling=True)
+
+    @abstractmethod
+    def _figures(self, rows: Floats, rolling: bool) -> Figures:
+        """The figures of rows (c, k) of the tally."""
 
     @abstractmethod
     def skip(self, seconds: float) -> None:
@@ -181,8 +195,8 @@ class Meter(ABC):
         self._tally.resume(totals)
 
 
-class DoseMeter(Meter):
-    """aw, MTVV, VDV and peak of channels sharing a clock: `push` blocks (n, c) of m/s^2, unweighted."""
+class DoseMeter(Meter[tuple[Dose, ...]]):
+    """aw, MTVV, VDV and peak, one `Dose` for each of the channels: `push` blocks (n, c) of m/s^2, unweighted."""
 
     def __init__(self, weighting: WeightingName, rate_hz: float, channels: int, window_s: float) -> None:
         self._rate_hz = rate_hz
@@ -211,15 +225,7 @@ class DoseMeter(Meter):
         for average in (self._running, self._squares, self._partial):
             average[:] = 0.0
 
-    def since_reset(self) -> tuple[Dose, ...]:
-        """One Dose per channel since the last reset."""
-        return self._doses(self._tally.since_reset())
-
-    def rolling(self) -> tuple[Dose, ...]:
-        """One Dose per channel over the last `window_s`."""
-        return self._doses(self._tally.rolling())
-
-    def _doses(self, rows: Floats) -> tuple[Dose, ...]:
+    def _figures(self, rows: Floats, rolling: bool) -> tuple[Dose, ...]:
         return tuple(
             Dose(
                 aw_mps2=math.sqrt(square / max(count, 1.0)),
@@ -233,8 +239,8 @@ class DoseMeter(Meter):
         )
 
 
-class HorizontalMeter(Meter):
-    """Wd-weighted aw and VDV of the horizontal plane in every direction at once, from the moments of both axes.
+class HorizontalMeter(Meter[Floats]):
+    """Wd-weighted aw and VDV of the horizontal plane in every direction at once, from the moments (9,) of both axes.
 
     first_axis_rad: direction of the sensor's own first axis, laid level, in the axes that are pushed. Stored totals are
     along the sensor's own axes, because levelling may leave other ones in the next run: those of a sensor that hangs
@@ -264,9 +270,12 @@ class HorizontalMeter(Meter):
         """Continue from totals of an earlier run; mixed moments of both axes may be below zero."""
         self._tally.resume(_rotated(totals, -self._first_axis_rad))
 
+    def _figures(self, rows: Floats, rolling: bool) -> Floats:
+        return rows[0]
+
     def along(self, angles_rad: ArrayLike, rolling: bool = False) -> tuple[Floats, Floats]:
         """Return (aw m/s^2, VDV m/s^1.75) along directions (n,) from the first axis, each (n,)."""
-        row = (self._tally.rolling() if rolling else self._tally.since_reset())[0]
+        row = self.rolling() if rolling else self.since_reset()
         angle = np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))
         c, s = np.cos(angle), np.sin(angle)
         second = row[0] * c**2 + 2.0 * row[1] * c * s + row[2] * s**2

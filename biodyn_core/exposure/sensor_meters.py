@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -66,7 +66,9 @@ class SensorMeters:
         self._hics = {name: HicMeter(rate_hz, length_s, window_s) for name, length_s in lengths_s.items()}
         named = {"vertical": self._vertical, "plane": self._plane, "dri": self._dri, "sickness": self._sickness}
         further = {f"also {name}": meter for name, meter in self._further.items()}
-        self._named: dict[str, Meter] = {name: m for name, m in (named | self._hics | further).items() if m is not None}
+        self._named: dict[str, Meter[Any]] = {
+            name: m for name, m in (named | self._hics | further).items() if m is not None
+        }
         upward = (self._vertical, *self._further.values(), self._dri, self._sickness)
         self._upward = [meter for meter in upward if meter is not None]
 
@@ -145,7 +147,7 @@ class SensorMeters:
             meter.skip(break_s)
 
 
-def resume_meter(meter: Meter, totals: Floats, name: str) -> None:
+def resume_meter(meter: Meter[Any], totals: Floats, name: str) -> None:
     """Continue a meter from totals; raises InputError where their shape or values are not a meter's of this name."""
     if totals.shape != meter.totals().shape:
         raise InputError(f"{name}: the stored totals have shape {totals.shape}, {meter.totals().shape} is needed")

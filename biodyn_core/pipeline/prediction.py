@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -120,7 +120,7 @@ class SeatPredictor:
         self.unpredicted += round(own.get(UNPREDICTED, 0.0))
 
     @property
-    def _meters(self) -> dict[str, Meter]:
+    def _meters(self) -> dict[str, Meter[Any]]:
         c = self.comparison
         return {"predicted": self.doses, "measured": c.doses, "residual": c.residual, "compared": c.compared}
 

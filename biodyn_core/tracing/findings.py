@@ -161,7 +161,7 @@ class Diagnostics:
     seat_tension: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Trace:
     """A whole trace.
 
@@ -178,25 +178,25 @@ class Trace:
     given: Subject
     before: Subject
     after: Subject
-    effects: tuple[AppliedEffect, ...]
-    intervals: tuple[tuple[Interval, ...], ...]
-    ambiguous_with: tuple[AppliedEffect, ...]
-    family: str
     experiment: str
     events: tuple[ComparedEvent, ...]
-    rounds: tuple[Round, ...]
-    nuisance: tuple[NuisanceValue, ...]
-    diagnostics: Diagnostics | None
-    surface: Surface | None
     floor_percent: float | None
-    p_value: float | None
-    threshold: float | None
     untestable: tuple[str, ...]
     left_out: tuple[str, ...]
-    lacking: tuple[str, ...]
     seed: int
     calibrated: Literal["anew", "found", "not"]
+    effects: tuple[AppliedEffect, ...] = ()
+    intervals: tuple[tuple[Interval, ...], ...] = ()
+    ambiguous_with: tuple[AppliedEffect, ...] = ()
+    family: str = ""
+    rounds: tuple[Round, ...] = ()
+    nuisance: tuple[NuisanceValue, ...] = ()
+    diagnostics: Diagnostics | None = None
+    surface: Surface | None = None
+    p_value: float | None = None
+    threshold: float | None = None
     sensors: tuple[SensorFinding, ...] = ()
+    lacking: tuple[str, ...] = ()
     needs: tuple[Need, ...] = ()
 
     @property
