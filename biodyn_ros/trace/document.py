@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any, Final
@@ -63,7 +62,16 @@ def trace_document(trace: Trace) -> Document:
         "family": trace.family,
         "ambiguous_with": [_site(applied) for applied in trace.ambiguous_with],
         "separating_experiment": trace.experiment,
-        "to_record": [dataclasses.asdict(need) for need in trace.needs],
+        "to_record": [
+            {
+                "use": need.use,
+                "road_s": need.road_s,
+                "shocks": need.shocks,
+                "hard_shocks": need.hard_shocks,
+                "how": need.conditions,
+            }
+            for need in trace.needs
+        ],
         "error": {when: errors_by_use(trace, when) for when in WHEN},
         "floor": _known(trace.floor_percent),
         "p_value": _known(trace.p_value),
