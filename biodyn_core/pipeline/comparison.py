@@ -218,7 +218,7 @@ class EarlyBlocks:
         while abs(held[-1].time_s[-1] - held[0].time_s[-1]) > self._keep_s:
             held.popleft()
 
-    def hand_over(self, comparison: Comparison) -> None:
+    def move_to(self, comparison: Comparison) -> None:
         """Move all blocks to a comparison."""
         for sensor, held in self.blocks.items():
             comparison.sensor(sensor, list(held))

@@ -124,7 +124,7 @@ class Pipeline:
     def _first_predictor(self) -> SeatPredictor:
         predictor = self.new_predictor(self.conditioners[SEAT].rate_hz)
         predictor.resume(self.counter.initial.prediction, self.counter.break_s(SEAT))
-        self._early.hand_over(predictor.comparison)
+        self._early.move_to(predictor.comparison)
         return predictor
 
     def new_predictor(self, rate_hz: float) -> SeatPredictor:

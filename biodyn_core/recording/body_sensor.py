@@ -221,7 +221,7 @@ class SensorTrack:
                 aligner.add([run.block._replace(low_passed_mps2=track)])
         return aligners
 
-    def absence(self) -> str:
+    def why_missing(self) -> str:
         """Why there is no run, in one line."""
         sensor = self._conditioner.sensor
         if not self._usable:
@@ -232,7 +232,7 @@ class SensorTrack:
         """Warnings about the sensor, one line each."""
         sensor, status = self._conditioner.sensor, self._conditioner.status()
         if not self.runs:
-            yield self.absence()
+            yield self.why_missing()
             return
         yield from self._lines
         yield from (f"{sensor}: {line}" for line in status.warnings)

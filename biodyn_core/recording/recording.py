@@ -137,9 +137,9 @@ class Recorder:
             sensor.use_attitude(plausible, WARM_UP_S)
         seat, others = self._sensors[SEAT], [self._sensors[name] for name in MEASURED_SEGMENTS]
         if not seat.runs:
-            raise UnusableRecording(f"{self.name}: {seat.absence()}")
+            raise UnusableRecording(f"{self.name}: {seat.why_missing()}")
         if not any(sensor.runs for sensor in others):
-            why = f"{others[-1].absence()}, nor is any other segment: nothing to compare"
+            why = f"{others[-1].why_missing()}, nor is any other segment: nothing to compare"
             raise UnusableRecording(f"{self.name}: {why}")
         aligners = {name: self._sensors[name].aligners(self.settings.bridge_s) for name in MEASURED_SEGMENTS}
         recordings, reasons = [], []

@@ -148,7 +148,7 @@ def _postures(nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Fl
         match = np.array(
             [w * np.einsum("wri,wr->i", k[:, :, own], y) for w, k, y in zip(weights, train.known, fitted, strict=True)]
         )
-        found = [_two(normal, match, begins_ns >= at_ns) for at_ns in np.unique(begins_ns)[1:]]
+        found = [_step_change(normal, match, begins_ns >= at_ns) for at_ns in np.unique(begins_ns)[1:]]
         if not found:
             return
         number = int(np.argmax([decrease for decrease, _, _ in found]))
@@ -164,7 +164,7 @@ def _postures(nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Fl
         yield UnsteadyCause(applied, np.concatenate(squares))
 
 
-def _two(normal: Floats, match: Floats, is_after: Flags) -> tuple[float, Floats, Floats]:
+def _step_change(normal: Floats, match: Floats, is_after: Flags) -> tuple[float, Floats, Floats]:
     """Decrease of the squares by one change of the columns before and another after the instant, and both changes."""
     ridge = 1e-9 * np.trace(normal.sum(axis=0)) * np.eye(normal.shape[1])
     before, after = (

@@ -41,11 +41,13 @@ def verdict_of(
     law: the surface of a joint, if one was fitted. tilts: sensors tilted by more than a data sheet allows, by their
     gyros; they are a cause by themselves if the rounds found none.
     """
-    verdict, reasons = _of_effect(outcomes[0], s) if is_explained(outcomes, s) else _of_none(outcomes, law, s)
+    verdict, reasons = _with_effect(outcomes[0], s) if is_explained(outcomes, s) else _without_effect(outcomes, law, s)
     return "effect" if tilts and verdict == "none" else verdict, reasons
 
 
-def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
+def _without_effect(
+    outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings
+) -> tuple[Verdict, tuple[str, ...]]:
     """Without an accepted effect: whether the residual is typical, and which candidates have objections."""
     first, before = outcomes[0].round, outcomes[0].before
     best = first.chosen or first.ranking[0]
@@ -71,7 +73,7 @@ def _refusal(one: RankedCandidate) -> str:
     return f"{named(one.applied)} gains {one.gain:.2f}, but {'; '.join(one.objections)}"
 
 
-def _of_effect(outcome: Outcome, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
+def _with_effect(outcome: Outcome, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
     best = outcome.round.chosen
     assert best is not None
     where = "in events that its size was not fitted to"

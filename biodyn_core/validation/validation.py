@@ -257,7 +257,7 @@ def _hics(runs: Sequence[PredictedRun], rate_hz: float, side: Callable[[Predicte
     found = {}
     for name, length_s in HIC_LENGTHS_S.items():
         meter = HicMeter(rate_hz, length_s, _WINDOW_S)
-        _count(runs, meter, lambda run: _upward(side(run)[:, _HEAD]))
+        _count(runs, meter, lambda run: np.pad(side(run)[:, [_HEAD]], ((0, 0), (2, 0))))
         found[name] = meter.since_reset()
     return found
 
@@ -273,10 +273,6 @@ def _count(runs: Sequence[PredictedRun], meter: Any, rows: Callable[[PredictedRu
             before, now = runs[number - 1].recording.stamps_ns[-1], run.recording.stamps_ns[0]
             meter.skip(max(0.0, 1e-9 * float(now - before)))
         meter.push(values[run.begin :])
-
-
-def _upward(vertical: Floats) -> Floats:
-    return np.column_stack([np.zeros((vertical.size, 2)), vertical])
 
 
 # --- over frequency --------------------------------------------------------------------------------------------------
