@@ -36,7 +36,7 @@ class Parametrization:
 def _parametrizations() -> dict[str, tuple[Parametrization, ...]]:
     """Every candidate with its parametrizations; ranges are the catalogue's, except for the overdamped skin."""
     of = {name: {p.name: p for p in CATALOGUE[name].parameters} for name in ("clock", "gain", "tilt", "skin")}
-    late, drift, gain, lean = of["clock"]["delay_s"], of["clock"]["drift"], of["gain"]["gain"], of["tilt"]["lean_x"]
+    late, drift, gain, tilt = of["clock"]["delay_s"], of["clock"]["drift"], of["gain"]["gain"], of["tilt"]["lean_x"]
     soft, damping = of["skin"]["softness_s"], of["skin"]["damping_ratio"]
 
     def one(
@@ -52,7 +52,7 @@ def _parametrizations() -> dict[str, tuple[Parametrization, ...]]:
         "drift": one("clock", "drift", "s/s", 1e-4, drift.upper, {"delay_s": 0.0}),
         "gain": one("gain", "gain", "", 0.1, gain.upper, {}),
         "tilt": (
-            Parametrization("tilt", "rad", ((0.1, 0.1),), (lean.lower / 0.1,) * 2, (lean.upper / 0.1,) * 2,
+            Parametrization("tilt", "rad", ((0.1, 0.1),), (tilt.lower / 0.1,) * 2, (tilt.upper / 0.1,) * 2,
                  lambda x: {"lean_x": 0.1 * x[0], "lean_y": 0.1 * x[1]}, lambda x: float(0.1 * np.hypot(*x))),
         ),
         "skin": (
@@ -85,22 +85,22 @@ class FaultFit:
         return float(self.ratios.mean()) if self.ratios.size else 0.0
 
 
-def _map(way: Parametrization, stretch: Stretch, expected: Floats) -> Map:
+def _map(form: Parametrization, stretch: Stretch, expected: Floats) -> Map:
     """The sensor's output (n,) as a function of the free values."""
-    effect = CATALOGUE[way.effect]
+    effect = CATALOGUE[form.effect]
     assert isinstance(effect, SensorTransform)
     channels = {} if stretch.own is None else {"own.x": stretch.own[:, 0], "own.y": stretch.own[:, 1]}
-    return lambda free: effect.transform(expected, stretch.rate_hz, channels, way.values(free))
+    return lambda free: effect.transform(expected, stretch.rate_hz, channels, form.values(free))
 
 
 def _fit(
-    way: Parametrization, shown: Map, output: Floats, weight: Floats, starts: tuple[tuple[float, ...], ...]
+    form: Parametrization, shown: Map, output: Floats, weight: Floats, starts: tuple[tuple[float, ...], ...]
 ) -> tuple[Floats, float]:
     """Free values of least weighted squares from all starts, and their cost."""
     best, least = np.asarray(starts[0]), math.inf
     for start in starts:
         found = optimize.least_squares(
-            lambda free: weight * (output - shown(free)), start, bounds=(way.lower, way.upper), diff_step=1e-4,
+            lambda free: weight * (output - shown(free)), start, bounds=(form.lower, form.upper), diff_step=1e-4,
             xtol=1e-5, ftol=1e-6, max_nfev=25,
         )  # fmt: skip
         if found.cost < least:
@@ -108,21 +108,21 @@ def _fit(
     return best, least
 
 
-def tried_by(ways: tuple[Parametrization, ...], stretch: Stretch, expected: Floats, weight: Floats) -> FaultFit:
+def fit_fault(forms: tuple[Parametrization, ...], stretch: Stretch, expected: Floats, weight: Floats) -> FaultFit:
     """Fit a candidate to every other window and test it in those between, and vice versa."""
-    output, maps = stretch.output, [_map(way, stretch, expected) for way in ways]
-    fits = [_fit(way, shown, output, weight, way.starts) for way, shown in zip(ways, maps, strict=True)]
+    output, maps = stretch.output, [_map(form, stretch, expected) for form in forms]
+    fits = [_fit(form, shown, output, weight, form.starts) for form, shown in zip(forms, maps, strict=True)]
     best = int(np.argmin([cost for _, cost in fits]))
     odd = (np.arange(output.size) // stretch.length) % 2 == 1
     residual = np.zeros(output.size)
     for held in (odd, ~odd):
-        free, _ = _fit(ways[best], maps[best], output, weight * ~held, (tuple(fits[best][0]),))
+        free, _ = _fit(forms[best], maps[best], output, weight * ~held, (tuple(fits[best][0]),))
         residual[held] = (output - maps[best](free))[held]
     sums = [window_sums(r**2, stretch.keep, stretch.length) for r in (output - expected, residual)]
     known = sums[0] > 0.0
     ratios = np.log(sums[0][known] / np.maximum(sums[1][known], 1e-300))
     changes = tuple(shown(free) - expected for shown, (free, _) in zip(maps, fits, strict=True))
-    return FaultFit(residual, ratios, ways[best].size(fits[best][0]), ways[best].unit, changes)
+    return FaultFit(residual, ratios, forms[best].size(fits[best][0]), forms[best].unit, changes)
 
 
 def weights(residual: Floats, keep: Flags, length: int) -> Floats:
@@ -134,10 +134,10 @@ def weights(residual: Floats, keep: Flags, length: int) -> Floats:
     return np.asarray(np.where(keep, whole, 0.0))
 
 
-def all_tried(stretch: Stretch, expected: Floats, names: tuple[str, ...]) -> dict[str, FaultFit]:
+def fit_faults(stretch: Stretch, expected: Floats, names: tuple[str, ...]) -> dict[str, FaultFit]:
     """Candidates by name, each fitted."""
     weight = weights(stretch.output - expected, stretch.keep, stretch.length)
-    return {name: tried_by(PARAMETRIZATIONS[name], stretch, expected, weight) for name in names}
+    return {name: fit_fault(PARAMETRIZATIONS[name], stretch, expected, weight) for name in names}
 
 
 def largest_by_chance(windows: Floats, energy: Floats, residual: float, signs: Floats) -> Floats:
@@ -153,16 +153,16 @@ def largest_by_chance(windows: Floats, energy: Floats, residual: float, signs: F
 
 
 def by_chance(
-    stretch: Stretch, expected: Floats, tried: Mapping[str, FaultFit], draws: int, chance: float, seed: int
+    stretch: Stretch, expected: Floats, fits: Mapping[str, FaultFit], draws: int, chance: float, seed: int
 ) -> float:
     """The gain that the best candidate exceeds with this probability without a fault.
 
     The signs of the residual's windows are random in each draw.
     """
-    best = max(tried.values(), key=lambda one: one.gain)
+    best = max(fits.values(), key=lambda one: one.gain)
     rest = best.residual if best.gain > 0.0 else stretch.output - expected
     weight = weights(rest, stretch.keep, stretch.length)
-    changes = [weight * change for one in tried.values() for change in one.changes]
+    changes = [weight * change for one in fits.values() for change in one.changes]
     windows = np.column_stack([window_sums(change * weight * rest, stretch.keep, stretch.length) for change in changes])
     energy = np.array([float(change @ change) for change in changes])
     signs = np.random.default_rng(seed).choice((-1.0, 1.0), size=(draws, len(windows)))
@@ -170,10 +170,10 @@ def by_chance(
     return -math.log1p(-min(float(np.quantile(largest, 1.0 - chance)), 0.99))
 
 
-def wandering(good: Stretch, shape: Shape, names: tuple[str, ...]) -> float:
+def background_change(good: Stretch, shape: Shape, names: tuple[str, ...]) -> float:
     """The largest gain of a candidate in one half with the transfer of the other, which random draws do not contain."""
     expected = across(good, shape)
     late = np.arange(good.output.size) >= good.output.size // 2
     return max(
-        0.0, *(one.gain for half in (late, ~late) for one in all_tried(good.only(half), expected, names).values())
+        0.0, *(one.gain for half in (late, ~late) for one in fit_faults(good.only(half), expected, names).values())
     )

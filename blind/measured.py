@@ -28,7 +28,7 @@ PIECE_S: Final = 12.0
 
 
 @dataclass(frozen=True, eq=False)
-class Alone:
+class WithoutFault:
     """One recorded pair without a hidden fault, and its check.
 
     still_percent: difference to the reference's nearest axis without a transfer, NaN if it has none of the same kind.
@@ -40,7 +40,7 @@ class Alone:
 
 
 @dataclass(frozen=True, eq=False)
-class Graded:
+class CheckedRecord:
     """One record: the check, the hidden fault, and the ratio of its change to the background."""
 
     name: str
@@ -65,14 +65,14 @@ def _pair(pair: measured.Pair) -> pairs.Pair:
     return pairs.Pair(pair.rate_hz, pair.reference, pair.under_test[:, 2], own)
 
 
-def alone() -> list[Alone]:
+def without_fault() -> list[WithoutFault]:
     """Every recorded pair as it is, the second half checked against the first, at most `PIECE_S` each."""
     found = []
     for pair in measured.pairs():
         length = min(round(PIECE_S * pair.rate_hz), len(pair.reference) // 2)
         middle = len(pair.reference) // 2
         earlier, later = (measured.cut(pair, begin, begin + length) for begin in (middle - length, middle))
-        found.append(Alone(pair.name, _still(later), pairs.trace(_pair(later), _pair(earlier))))
+        found.append(WithoutFault(pair.name, _still(later), pairs.trace(_pair(later), _pair(earlier))))
     return found
 
 
@@ -87,16 +87,18 @@ def _still(pair: measured.Pair) -> float:
     return float(100.0 * np.sqrt((apart**2).mean(axis=0).min() / (output**2).mean()))
 
 
-def run(count: int = RECORDS, seed: int = SEED, said: Callable[[str], None] = lambda text: None) -> list[Graded]:
+def run(
+    count: int = RECORDS, seed: int = SEED, report: Callable[[str], None] = lambda text: None
+) -> list[CheckedRecord]:
     """Draw records, check every one, and only then read the hidden faults."""
     records, truths = measured.records(count, seed)
     answers = []
     for number, record in enumerate(records):
         answers.append(pairs.trace(_pair(record.later), _pair(record.earlier), seed=number))
-        said(f"record {number + 1} of {count}")
+        report(f"record {number + 1} of {count}")
     # The truths are used only after this line.
     return [
-        Graded(record.name, answer, truth.fault, truth.size, _ratio(record, truth))
+        CheckedRecord(record.name, answer, truth.fault, truth.size, _ratio(record, truth))
         for record, answer, truth in zip(records, answers, truths, strict=True)
     ]
 
@@ -129,33 +131,33 @@ class Count:
     not_decidable: int
 
 
-def counts(graded: Sequence[Graded]) -> list[Count]:
+def counts(records: Sequence[CheckedRecord]) -> list[Count]:
     """Counts by hidden fault and ratio, then of any fault, then of none, where every name is a false alarm: `wrong`."""
     steps = ((0.0, RATIOS[0]), RATIOS, (RATIOS[1], np.inf))
     found = [
-        _count(fault, (low, high), [g for g in graded if g.fault == fault and low <= g.ratio < high])
+        _count(fault, (low, high), [g for g in records if g.fault == fault and low <= g.ratio < high])
         for fault in measured.FAULTS
         for low, high in steps
     ]
-    hidden = [g for g in graded if g.fault != "none"]
+    hidden = [g for g in records if g.fault != "none"]
     found += [_count("any", (low, high), [g for g in hidden if low <= g.ratio < high]) for low, high in steps]
-    return [*found, _count("none", (0.0, 0.0), [g for g in graded if g.fault == "none"])]
+    return [*found, _count("none", (0.0, 0.0), [g for g in records if g.fault == "none"])]
 
 
-def _count(fault: str, ratios: tuple[float, float], graded: Sequence[Graded]) -> Count:
-    among, verdicts = sum(g.within for g in graded), [g.found.verdict for g in graded]
+def _count(fault: str, ratios: tuple[float, float], records: Sequence[CheckedRecord]) -> Count:
+    among, verdicts = sum(g.within for g in records), [g.found.verdict for g in records]
     declared = verdicts.count("effect") + verdicts.count("ambiguous")
     rest = tuple(map(verdicts.count, ("none", "unexplained", "not_decidable")))
-    return Count(fault, ratios, len(graded), sum(g.named for g in graded), among, declared - among, *rest)
+    return Count(fault, ratios, len(records), sum(g.named for g in records), among, declared - among, *rest)
 
 
-def table(graded: Sequence[Graded]) -> list[str]:
+def table(records: Sequence[CheckedRecord]) -> list[str]:
     """The counts as lines."""
     heads = ("of", "named", "among", "wrong", "none", "unexpl.", "undec.")
     return [f"{'hidden':12} {'ratio':>9} " + " ".join(f"{head:>7}" for head in heads)] + [
         f"{c.fault:12} {f'{c.ratios[0]:g}-{c.ratios[1]:g}':>9} "
         + " ".join(f"{n:7}" for n in (c.of, c.named, c.among, c.wrong, c.none, c.unexplained, c.not_decidable))
-        for c in counts(graded)
+        for c in counts(records)
     ]
 
 
@@ -174,13 +176,13 @@ def main() -> int:
     if not seats.data().is_dir():
         print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
         return 2
-    for one in alone():
+    for one in without_fault():
         print(f"{one.name:32} as it is {one.still_percent:5.1f} %  {_line(one.found)}")
     seeds = [int(text) for text in sys.argv[1:]] or [SEED]
-    graded = [one for seed in seeds for one in run(seed=seed)]
-    for g in graded:
+    records = [one for seed in seeds for one in run(seed=seed)]
+    for g in records:
         print(f"{g.name:46} {g.fault:10} {g.size:10.4g} ratio {g.ratio:5.2f}  {_line(g.found)}")
-    print("\n".join(table(graded)))
+    print("\n".join(table(records)))
     return 0
 
 

@@ -20,16 +20,16 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.base.wording import counted
 from biodyn_core.tracing.findings import NAMING, Verdict
-from blind.faults import PARAMETRIZATIONS, FaultFit, all_tried, by_chance, tried_by, wandering, weights
+from blind.faults import PARAMETRIZATIONS, FaultFit, background_change, by_chance, fit_fault, fit_faults, weights
 from blind.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
 
-MENDING: Final = 20
+RECONSTRUCTIONS: Final = 20
 """Iterations of the replacement of clipped samples."""
 
 LEAST_KEPT: Final = 0.25
 """Least share of unclipped samples of a stretch."""
 
-NEARLY: Final = 0.8
+SIMILAR_SHARE: Final = 0.8
 """A candidate with this share of the best gain is ambiguous with it."""
 
 
@@ -47,9 +47,11 @@ class PairSettings:
     )
     replicates: int = setting(2000, "random draws of the largest gain", "", 100, 1_000_000)
     chance: float = setting(0.05, "share of random draws above the threshold", "", 0.001, 0.5)
-    wander: float = setting(2.0, "multiple of the background's own gain between both halves", "", 0.0, 100.0)
+    change_ratio: float = setting(2.0, "multiple of the background's own gain between both halves", "", 0.0, 100.0)
     least_ratio: float = setting(0.3, "least change of a fault over the background", "", 0.0, 10.0)
-    most_left: float = setting(2.0, "error over the background's above which a fault explains nothing", "", 1.0, 100.0)
+    most_residual: float = setting(
+        2.0, "error over the background's above which a fault explains nothing", "", 1.0, 100.0
+    )
     floor: float = setting(1.3, "error over the background's above which it is unexplained", "", 1.0, 10.0)
 
     def __post_init__(self) -> None:
@@ -139,20 +141,20 @@ def _good(pair: Pair, s: PairSettings) -> Stretch:
     return _stretch(dataclasses.replace(pair, under_test=filled(pair.under_test, clipped)), s, clipped)
 
 
-def _mended(pair: Pair, baseline: Pair | None, clipped: Flags, s: PairSettings) -> Pair:
+def _reconstructed(pair: Pair, baseline: Pair | None, clipped: Flags, s: PairSettings) -> Pair:
     """A pair with clipped samples replaced by the background's prediction.
 
     They are not compared, but missing peaks would spread through the band filters.
     """
-    mended = dataclasses.replace(pair, under_test=filled(pair.under_test, clipped))
+    reconstructed = dataclasses.replace(pair, under_test=filled(pair.under_test, clipped))
     if baseline is None or not clipped.any():
-        return mended
-    good, stretch = _good(baseline, s), _stretch(mended, s, clipped)
+        return reconstructed
+    good, stretch = _good(baseline, s), _stretch(reconstructed, s, clipped)
     expected = best_shape(good, s.transfer_s)[0].predict(good, stretch)
-    for _ in range(MENDING):
-        slow = mended.under_test - _stretch(mended, s, clipped).output
-        mended = dataclasses.replace(pair, under_test=np.where(clipped, slow + expected, pair.under_test))
-    return mended
+    for _ in range(RECONSTRUCTIONS):
+        slow = reconstructed.under_test - _stretch(reconstructed, s, clipped).output
+        reconstructed = dataclasses.replace(pair, under_test=np.where(clipped, slow + expected, pair.under_test))
+    return reconstructed
 
 
 def residual(pair: Pair, baseline: Pair, settings: PairSettings | None = None) -> Floats:
@@ -197,22 +199,22 @@ def _unclipped(pair: Pair, baseline: Pair | None, clipped: Flags, seed: int, s: 
     shortest = min(p.under_test.size / p.rate_hz for p in (pair, baseline) if p is not None)
     if shortest < s.least_s:
         return PairTrace("not_decidable", f"{shortest:.1f} s, at least {s.least_s:g} s of each stretch are needed")
-    stretch = _stretch(_mended(pair, baseline, clipped, s), s, clipped)
+    stretch = _stretch(_reconstructed(pair, baseline, clipped, s), s, clipped)
     if stretch.keep.mean() < LEAST_KEPT:
         return PairTrace("not_decidable", f"{100.0 * stretch.keep.mean():.0f} % of the stretch is left to compare")
     if baseline is None:
-        return _without(stretch, seed, s)
-    return _with(stretch, _good(baseline, s), seed, s)
+        return _without_baseline(stretch, seed, s)
+    return _with_baseline(stretch, _good(baseline, s), seed, s)
 
 
-def _without(stretch: Stretch, seed: int, s: PairSettings) -> PairTrace:
+def _without_baseline(stretch: Stretch, seed: int, s: PairSettings) -> PairTrace:
     """The check by a transfer from the stretch itself, which contains every constant fault: only a drift is found."""
     expected = Shape(round(0.5 * s.transfer_s * stretch.rate_hz), RIDGES[1]).predict(stretch, stretch)
     # The transfer contains the mean delay as well.
     mean_s, (drift,) = 0.5 * stretch.output.size / stretch.rate_hz, PARAMETRIZATIONS["drift"]
     about_mean = dataclasses.replace(drift, values=lambda x: {"drift": 1e-4 * x[0], "delay_s": -1e-4 * x[0] * mean_s})
     weight = weights(stretch.output - expected, stretch.keep, stretch.length)
-    one = tried_by((about_mean,), stretch, expected, weight)
+    one = fit_fault((about_mean,), stretch, expected, weight)
     threshold = max(
         by_chance(stretch, expected, {"drift": one}, s.replicates, s.chance, seed), math.log1p(s.least_ratio**2)
     )
@@ -231,7 +233,7 @@ def _without(stretch: Stretch, seed: int, s: PairSettings) -> PairTrace:
     )
 
 
-def _with(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) -> PairTrace:
+def _with_baseline(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) -> PairTrace:
     """The check by the background of the earlier stretch."""
     names = tuple(name for name in PARAMETRIZATIONS if name != "tilt" or stretch.own is not None)
     shape, background = best_shape(good, s.transfer_s)
@@ -240,19 +242,17 @@ def _with(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) -> PairTr
     if background > 100.0 * (1.0 - s.least_explained):
         reason = f"the reference does not predict {background:.0f} % of the channel in the earlier stretch"
         return PairTrace("not_decidable", reason, background_percent=background, before_percent=before)
-    tried = all_tried(stretch, expected, names)
-    chance, wander = (
-        by_chance(stretch, expected, tried, s.replicates, s.chance, seed),
-        s.wander * wandering(good, shape, names),
+    fits = fit_faults(stretch, expected, names)
+    chance, change = (
+        by_chance(stretch, expected, fits, s.replicates, s.chance, seed),
+        s.change_ratio * background_change(good, shape, names),
     )
-    threshold = max(chance, wander, math.log1p(s.least_ratio**2))
-    best = max(names, key=lambda name: tried[name].gain)
-    one = tried[best]
+    threshold = max(chance, change, math.log1p(s.least_ratio**2))
+    best = max(names, key=lambda name: fits[name].gain)
+    one = fits[best]
     after = percent(one.residual, stretch.output, stretch.keep)
-    seen = one.gain > threshold and after <= s.most_left * background
-    like = (
-        tuple(n for n in names if n != best and tried[n].gain > threshold and _as_good(tried[n], one)) if seen else ()
-    )
+    seen = one.gain > threshold and after <= s.most_residual * background
+    like = tuple(n for n in names if n != best and fits[n].gain > threshold and _as_good(fits[n], one)) if seen else ()
     far = before > s.floor * background
     verdict: Verdict = ("ambiguous" if like else "effect") if seen else ("unexplained" if far else "none")
     return PairTrace(
@@ -265,7 +265,7 @@ def _with(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) -> PairTr
         background_percent=background,
         before_percent=before,
         after_percent=after if seen else before,
-        gains={name: tried[name].gain for name in names},
+        gains={name: fits[name].gain for name in names},
         threshold=threshold,
     )
 
@@ -274,4 +274,4 @@ def _as_good(other: FaultFit, best: FaultFit) -> bool:
     """Whether a candidate is worse by less than two standard errors over the windows, or has a similar gain."""
     worse = best.ratios - other.ratios
     error = float(worse.std()) / math.sqrt(max(worse.size - 1, 1))
-    return other.gain > NEARLY * best.gain or float(worse.mean()) < 2.0 * error
+    return other.gain > SIMILAR_SHARE * best.gain or float(worse.mean()) < 2.0 * error

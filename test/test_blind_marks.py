@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 from outcomes import CLOCK, ROWS, SKIN, STOP, outcome
 
-from blind.tracing.marks import Mark, by_class, fates, marks, most_frequent, wilson
+from blind.tracing.marks import Mark, by_class, marks, most_frequent, true_class_results, wilson
 from blind.tracing.outcome import Cause, Outcome, site_distance
 from blind.tracing.rows import CONDITIONS, DRAWINGS, drawings
 
@@ -89,7 +89,7 @@ def test_outcomes_of_a_true_class(
     answer = dataclasses.replace(plain.answer, best=best, best_gain=gain, against=against, threshold=0.2)
     for oracle_percent, closes in ((3.1, 1), (3.2, 0), (None, 0)):  # squares, of which half way from 16 to 4 is 10
         true = dataclasses.replace(plain.score, oracle_percent=oracle_percent)
-        nonzero = {row: counts for row, counts in fates([Outcome(answer, true)]).items() if counts[1]}
+        nonzero = {row: counts for row, counts in true_class_results([Outcome(answer, true)]).items() if counts[1]}
         ((row, counts),) = nonzero.items()
         assert row.startswith(fate) and counts == (closes, 1)
 

@@ -341,9 +341,10 @@ def a_trace(known: Record) -> Trace:
         for use, before in (("train", 90.0), ("choose", 80.0), ("held_out", 4.0), ("held_out", 6.0))
     )
     return Trace(
-        "effect", ("it helps", "nothing else does"), known.subject, known.subject, after, (applied,), ((),), (),
-        "sensor", "", events, (Round((linear, best), 0.2, None, ()),), (), None, None, None, 0.01, 0.2, (), (), (), 0,
-        "found",
+        verdict="effect", reasons=("it helps", "nothing else does"), given=known.subject, before=known.subject,
+        after=after, experiment="", events=events, floor_percent=None, untestable=(), left_out=(), seed=0,
+        calibrated="found", effects=(applied,), intervals=((),), family="sensor",
+        rounds=(Round((linear, best), 0.2, None, ()),), p_value=0.01, threshold=0.2,
     )  # fmt: skip
 
 
@@ -402,7 +403,7 @@ def test_a_partial_run_is_not_published(
 ) -> None:
     monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
     monkeypatch.setattr(command, "publish", lambda *given: pytest.fail("published"))
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, in_sequence, answers, scores))
+    monkeypatch.setattr(command, "run", lambda what, doing, report: study.run(what, in_sequence, answers, scores))
     given = ["--rows", "strong", "--count", "2", "--split", "development", "--out", str(tmp_path)]
     assert command.main([*given, "--seed", "11"]) == 1
     assert "seed 11, a partial run" in capsys.readouterr().out
@@ -421,7 +422,7 @@ def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(command, "publish", lambda root, about, outcomes, found: published.append(about))
     monkeypatch.setattr(command, "thresholds", lambda: "0" * 64)
     monkeypatch.setattr(command.streams, "outcomes", lambda seed: [])
-    monkeypatch.setattr(command, "run", lambda what, doing, say: study.run(what, in_sequence, answers, scores))
+    monkeypatch.setattr(command, "run", lambda what, doing, report: study.run(what, in_sequence, answers, scores))
     assert command.main(["--out", str(tmp_path), "--seed", "3"]) == 1
     (about,) = published
     weak = next(one.count for one in DRAWINGS if one.name == "weak")

@@ -68,7 +68,7 @@ def test_a_continued_run_equals_one_run_with_a_gap() -> None:
         losses = second.losses(name)
         assert losses.missing_s == pytest.approx(whole.losses(name).missing_s, abs=0.01) and losses.lower_bound
         assert losses.missing_s == pytest.approx(8 * 140 / RATE_HZ, abs=0.01)
-        assert other.also["Wb"][name].vdv_mps175 == pytest.approx(one.also["Wb"][name].vdv_mps175, rel=2e-3)
+        assert other.further["Wb"][name].vdv_mps175 == pytest.approx(one.further["Wb"][name].vdv_mps175, rel=2e-3)
     for name, dose in one.predicted.items():
         assert other.predicted[name].vdv_mps175 == pytest.approx(dose.vdv_mps175, rel=5e-3), name
     for name, (rms, _) in one.residual.items():
@@ -206,7 +206,7 @@ def test_horizontal_doses_of_two_runs_add_up_along_the_sensor_s_own_axes(lean: t
 def test_a_sensor_that_has_not_returned_has_no_rolling_figures() -> None:
     second = split(40 * 140, 48 * 140, ("neck",))[1].pipeline
     rolling = second.exposure(rolling=True)
-    assert "neck" not in rolling.sensors and "neck" not in rolling.also["Wb"] and "neck" in second.exposure().sensors
+    assert "neck" not in rolling.sensors and "neck" not in rolling.further["Wb"] and "neck" in second.exposure().sensors
     assert set(rolling.sensors) == set(SENSORS) - {"neck"}
 
 

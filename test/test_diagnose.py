@@ -202,7 +202,7 @@ def loose(measured: np.ndarray) -> np.ndarray:
 def test_diagnostics_of_a_true_body() -> None:
     cases = list(hiding.events(6)[:3])
     found = diagnose(hiding.TRUTH, nuisance(cases))
-    assert found.pinned == () and found.pulled_down > 1.0  # a rail of 6 g lifts the body off
+    assert found.at_bound == () and found.seat_tension > 1.0  # a rail of 6 g lifts the body off
     assert set(found.amplitude_transfer) == set(hiding.KINDS)
     for quiet_alone, everything in found.amplitude_transfer.values():
         assert 0.0 < everything < 1.5 and quiet_alone < 2.0

@@ -16,15 +16,15 @@ from biodyn_core.conditioning.dual_range import (
     Span,
     Stretch,
     covered,
+    merged,
     read_at,
     read_wide,
     saturated,
     shares,
     spans,
-    take_over,
     usable,
 )
-from biodyn_core.conditioning.range_alignment import Alignment, align, bias, levels, plausible, set_right
+from biodyn_core.conditioning.range_alignment import Alignment, align, bias, corrected, levels, plausible
 
 SETTINGS = DualRangeSettings()
 PERIOD_S = 1.0 / LOW_HZ
@@ -222,11 +222,11 @@ def test_a_shock_beyond_the_rail_is_recovered(peak_g: float) -> None:
     found = align([stretch], SETTINGS)
     means = levels(stretch, SETTINGS)
     assert means is not None
-    right = set_right(stretch, found, bias(means, found))
+    right = corrected(stretch, found, bias(means, found))
     kept = covered(found_in(stretch), stretch, right, SETTINGS)
     assert [span.axis for span in kept] == [2]
     share = shares(stretch.low_s, PERIOD_S, kept)
-    result = take_over(stretch.low_mps2, right, share)
+    result = merged(stretch.low_mps2, right, share)
     truth = shock((3.0,), peak_g)(stretch.low_s)
     peak = peak_g * G
     assert stretch.low_mps2[:, 2].max() < RAIL < 0.9 * peak

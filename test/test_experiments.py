@@ -5,9 +5,9 @@ import dataclasses
 import pytest
 
 from biodyn_core.effects import CATALOGUE
+from biodyn_core.tracing.data_checks import FloorSettings
 from biodyn_core.tracing.experiments import BARE, LEVELS, REPEAT, SHOCKS, SWAP, TAP, TURNS, separating, to_record
 from biodyn_core.tracing.findings import Need
-from biodyn_core.tracing.gate import FloorSettings
 
 
 @pytest.mark.parametrize(

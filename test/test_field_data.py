@@ -241,7 +241,7 @@ def test_a_tram_at_500_hz_is_surveyed_and_replayed(tmp_path: Path, shared_data: 
         assert row["vertical"][2] > 0.99
         assert (row["rejected"], row["gaps"], row["clipped"], row["quantum_ms"]) == (0, 0, 0, None)
         assert abs(row["clock_ppm"]) <= max(row["clock_ppm_error"], 1.0)
-    warning = "no rest at the begin: gravity is from the rest at 9.0 s"
+    warning = "no rest at the start: gravity is from the rest at 9.0 s"
     assert document["warnings"] == [f"{sensor}: {warning}" for sensor in SENSORS]
     replayed = replay(bag, subject()).document
     assert replayed["seconds"] == pytest.approx(30.0, abs=0.01)

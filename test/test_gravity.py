@@ -69,7 +69,7 @@ def test_rest_is_found_anywhere(begin_s):
     assert found.origin == "rest" and begin_s - 0.2 <= found.at_s <= begin_s + 0.4
     assert (end - first) / RATE_HZ == pytest.approx(0.8, abs=0.01)
     np.testing.assert_allclose(found.mean_mps2, samples[first:end].mean(axis=0), rtol=1e-12)
-    assert "no rest at the begin: gravity is from the rest at" in found.warning(vertical_given=False)
+    assert "no rest at the start: gravity is from the rest at" in found.warning(vertical_given=False)
 
 
 def test_without_rest_the_mean_over_motion_is_used_with_a_remedy():

@@ -38,19 +38,19 @@ def fitted_with(cases: list[Case], rest_lean: float) -> tuple[dict[str, float], 
 def test_a_tilted_seat_is_fitted_even_at_the_least_prior_scale(cases) -> None:
     gone, left = fitted_with(cases, 0.008)
     # The prior reduces it a little.
-    assert -0.008 * gone["lean of seat (x)"] == pytest.approx(LEAK, rel=0.2)
-    assert abs(0.008 * gone["lean of seat (y)"]) < 0.1 * LEAK
+    assert -0.008 * gone["tilt of seat (x)"] == pytest.approx(LEAK, rel=0.2)
+    assert abs(0.008 * gone["tilt of seat (y)"]) < 0.1 * LEAK
     assert left < 0.7 * fitted_with(cases, 1e-4)[1]
 
 
 def test_the_tilt_at_rest_keeps_its_spread_at_the_least_prior_scale(cases) -> None:
     nuisance = NuisanceModel.of(hiding.fitted(), cases[:3], cases[3:])
     spread = dict(zip(nuisance.names, nuisance.precision_at(0.1)[N_THETA:] ** -0.5, strict=True))
-    assert spread["lean of seat (x)"] == spread["lean of seat (y)"] == 1.0
+    assert spread["tilt of seat (x)"] == spread["tilt of seat (y)"] == 1.0
     assert spread["gain of head"] == spread["mass of neck"] == pytest.approx(0.1)
     assert nuisance.precision_at(1.0) == pytest.approx(nuisance.unit_precision)
 
 
 def test_without_horizontal_axes_there_is_no_tilt_of_the_seat() -> None:
     plain = hiding.events(3)
-    assert not any("lean" in one.name for one in nuisance_parameters(hiding.fitted(), plain))
+    assert not any("tilt of" in one.name for one in nuisance_parameters(hiding.fitted(), plain))

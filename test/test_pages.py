@@ -179,7 +179,7 @@ def test_incoherent_lines_are_thin(validated: Report) -> None:
     svg = transmissibility(document, 0.5)
     assert len(lines(svg, DARK, 0.6)) == 4  # of four measured segments
     assert len(lines(svg, DARK, 1.7)) == known_lines - 1  # the coherence beneath stays
-    refused = document | {"driving_point": {"refused": "ask for as_printed"}}
+    refused = document | {"driving_point": {"refused": "set as_printed"}}
     assert svg_text(driving_point(refused)).count("refused, see below") == 4
 
 

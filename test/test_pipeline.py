@@ -363,10 +363,10 @@ def test_further_weightings_are_counted_on_request() -> None:
     streams = noisy_streams()
     pipeline = Pipeline(subject(), settings=PipelineSettings(also_weighted="Wj, Wk Wb"))
     exposure = run(streams, in_turn(streams), pipeline=pipeline).exposure
-    assert list(exposure.also) == ["Wk", "Wb", "Wj"] or set(exposure.also) == {"Wk", "Wb", "Wj"}
-    assert exposure.also["Wk"] == exposure.sensors
-    assert exposure.also["Wj"][SEAT].vdv_mps175 > exposure.also["Wk"][SEAT].vdv_mps175  # Wj is 1 where Wk falls
-    assert run(streams, in_turn(streams)).exposure.also == {}
+    assert list(exposure.further) == ["Wk", "Wb", "Wj"] or set(exposure.further) == {"Wk", "Wb", "Wj"}
+    assert exposure.further["Wk"] == exposure.sensors
+    assert exposure.further["Wj"][SEAT].vdv_mps175 > exposure.further["Wk"][SEAT].vdv_mps175  # Wj is 1 where Wk falls
+    assert run(streams, in_turn(streams)).exposure.further == {}
 
 
 @pytest.mark.parametrize(

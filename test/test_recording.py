@@ -310,7 +310,7 @@ def test_a_missing_segment_is_nan_and_reported():
         (lambda: [slow(stream) for stream in independent_streams(6.0)], "a rate of 112.9 Hz does not fit"),
         (
             lambda: [first(stream, 500) for stream in independent_streams(6.0)],
-            "seat: gravity needs 0.8 s of samples (rest_s), 0.44 s have come",
+            "seat: gravity needs 0.8 s of samples (rest_s), 0.44 s have arrived",
         ),
     ],
 )
@@ -345,7 +345,7 @@ def test_a_spike_is_no_excitation():
 def test_a_spike_is_no_seat_peak_of_the_fit():
     streams = independent_streams(6.0)
     plain, spiked = (one(each) for each in (streams, changed(streams, "seat", clip_at(5000, 1))))
-    assert spiked.seat_misread_s > 0.0 == plain.seat_misread_s
+    assert spiked.seat_invalid_s > 0.0 == plain.seat_invalid_s
     peak_mps2 = Case.of(plain).seat_peak_mps2
     assert peak_mps2 == pytest.approx(np.abs(plain.seat_mps2).max(), rel=0.01)
     assert np.abs(spiked.seat_mps2).max() > 2.0 * peak_mps2 and Case.of(spiked).seat_peak_mps2 <= peak_mps2

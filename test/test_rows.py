@@ -46,7 +46,7 @@ def rows_of(one: Case, answer: np.ndarray | None = None, weights: WeightSettings
 
 
 @pytest.mark.parametrize(("rate_hz", "kept_hz"), [(600.0, 300.0), (300.0, 300.0), (1129.3, 1129.3 / 4.0)])
-def test_rows_are_thinned_and_cut_into_whole_windows(rate_hz: float, kept_hz: float) -> None:
+def test_rows_are_decimated_and_cut_into_whole_windows(rate_hz: float, kept_hz: float) -> None:
     one = case(steady(3.6, rate_hz), rate_hz)
     rows = rows_of(one)
     each = round(kept_hz)
@@ -138,10 +138,10 @@ def test_a_clock_fitted_by_window_changes_one_segment_and_gives_its_delays(late_
     measured[:, 2] = np.where(one.compared[:, 2], late, 0.0)
     rows = Rows(dataclasses.replace(one, measured_mps2=measured), answer, WeightSettings(), USUAL)
     left = rows.residual(answer)
-    on_time, said_s = rows.on_time(left, 2)
+    on_time, said_s = rows.clock_corrected(left, 2)
     assert np.linalg.norm(on_time) < 0.05 * np.linalg.norm(left)
     np.testing.assert_allclose(said_s, late_s, rtol=0.05)
-    other, said_s = rows.on_time(left, 0)
+    other, said_s = rows.clock_corrected(left, 0)
     np.testing.assert_allclose(other, left, atol=1e-6 * np.abs(left).max())
     assert np.abs(said_s).max() < 1e-8
 

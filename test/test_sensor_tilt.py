@@ -25,7 +25,7 @@ def event() -> Case:
 def leans(**degrees: tuple[float, float]) -> Case:
     """Of each sensor, along x and y."""
     found = {name: (float(np.sin(np.deg2rad(x))), float(np.sin(np.deg2rad(y)))) for name, (x, y) in degrees.items()}
-    return dataclasses.replace(event(), leans=found)
+    return dataclasses.replace(event(), mean_tilts=found)
 
 
 def named(*cases: Case, plain: bool = False) -> dict[str, float]:

@@ -18,9 +18,9 @@ from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate, CandidateFit, ScreeningResult
 from biodyn_core.tracing.choice import chosen, ranked, required_gain
+from biodyn_core.tracing.data_checks import FloorSettings, split_held_out
 from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
 from biodyn_core.tracing.fitted_candidates import WithoutEffect, residual_ratio
-from biodyn_core.tracing.gate import FloorSettings, dealt
 from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, fit_locally
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.results import _sensors, _tilts, build_result
@@ -153,7 +153,7 @@ def test_the_floor_is_the_simulated_noise() -> None:
 
 def test_events_have_the_uses_of_dealt() -> None:
     cases, found = hiding.events(9, hiding.louder), traced(hiding.louder)
-    choose, report = dealt(cases[3:])
+    choose, report = split_held_out(cases[3:])
     for use, expected in (("train", cases[:3]), ("choose", choose), ("held_out", report)):
         assert [event.name for event in found.events if event.use == use] == [case.name for case in expected]
 
@@ -162,10 +162,10 @@ def test_held_out_events_of_each_condition_alternate() -> None:
     base = hiding.events(6)[0]
     kinds = ("road", "road", "pothole", "road", "pothole", "rail", "road")
     cases = [dataclasses.replace(base, name=str(i), case=kind) for i, kind in enumerate(kinds)]
-    choose, report = dealt(cases)
+    choose, report = split_held_out(cases)
     assert [case.name for case in choose] == ["0", "2", "3", "5"]
     assert [case.name for case in report] == ["1", "4", "6"]
-    assert dealt([]) == ([], [])
+    assert split_held_out([]) == ([], [])
 
 
 def test_untestable_effects_are_listed_and_not_ranked() -> None:
@@ -326,7 +326,7 @@ def test_a_law_of_typical_size_is_a_cause_only_in_a_body_without_deviations() ->
         fit = CandidateFit(local, np.full(6, 0.3), ("road",) * 6, typical_multiple=nuisance.typical_multiple(effect))
         one = dataclasses.replace(screened(effect, 0.3), fit=fit)
         screening = Screening((), np.zeros(1), np.zeros((0, 0)))
-        return ranked(one, nuisance, without(), screening, settings).against
+        return ranked(one, nuisance, without(), screening, settings).objections
 
     (why,) = against(3.5, 0.32)
     assert why == "its size is 3.5 times the typical one, less than 4"
@@ -355,7 +355,7 @@ def test_a_stop_counts_by_its_force_at_the_reach_of_the_joint() -> None:
 
 def test_a_small_tilt_is_reported_only_for_a_body_without_deviations() -> None:
     settings, stop = TraceSettings(), RankedCandidate(applied("stop", "pelvis"), 0.4, True, 0.005, 0.1, 6)
-    cases = [dataclasses.replace(hiding.events(6)[0], leans={"neck": (float(np.sin(np.deg2rad(2.0))), 0.0)})]
+    cases = [dataclasses.replace(hiding.events(6)[0], mean_tilts={"neck": (float(np.sin(np.deg2rad(2.0))), 0.0)})]
     plain = hiding.nuisance().at_scale(PRIOR_SCALES[-1])
     nothing_else = rounds.Outcome(Round((stop,), 0.5, None, ()), plain, without(), None)
     beside = dataclasses.replace(nothing_else, round=Round((stop,), 0.2, stop, ()), chosen=without())
@@ -366,7 +366,7 @@ def test_a_small_tilt_is_reported_only_for_a_body_without_deviations() -> None:
 def test_a_sensor_tilt_is_reported_and_is_no_cause() -> None:
     """1.8 deg on the mean, by the gyro; recordings correct it, so it does not explain the residual."""
     lean = {"neck": (float(np.sin(np.deg2rad(1.8))), 0.0)}
-    cases = [dataclasses.replace(case, leans=lean) for case in hiding.events(9)]
+    cases = [dataclasses.replace(case, mean_tilts=lean) for case in hiding.events(9)]
     with mock.patch.object(rounds, "all_candidates", few):
         found = trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
     assert found.verdict == "none" and found.effects == () and not found.adds
@@ -380,7 +380,7 @@ def test_a_sensor_tilt_is_reported_and_is_no_cause() -> None:
 def test_a_sensor_tilt_beyond_the_data_sheet_is_named() -> None:
     """6 deg, where 4.01 are allowed."""
     lean = {"neck": (float(np.sin(np.deg2rad(6.0))), 0.0)}
-    cases = [dataclasses.replace(case, leans=lean) for case in hiding.events(6)]
+    cases = [dataclasses.replace(case, mean_tilts=lean) for case in hiding.events(6)]
     outcome = dataclasses.replace(round_with(applied("gain", "neck", gain=0.01), 0.4), chosen=None)
     outcome = dataclasses.replace(outcome, round=dataclasses.replace(outcome.round, chosen=None))
     subject = hiding.nuisance().subject

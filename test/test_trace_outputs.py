@@ -148,9 +148,9 @@ def diagnostics() -> Diagnostics:
         bracket=("pelvis",),
         level_slope=1.8,
         jump=("rail_1", 0.4),
-        pinned=("natural_frequency_hz[head]",),
+        at_bound=("natural_frequency_hz[head]",),
         drift={"damping_ratio[neck]": 0.9, "natural_frequency_hz[pelvis]": 0.1},
-        pulled_down=1.3,
+        seat_tension=1.3,
     )
 
 
@@ -278,7 +278,7 @@ def test_a_parameter_that_was_zero_has_no_percent() -> None:
 def test_documents_have_no_nan(verdict: Verdict) -> None:
     lost = dataclasses.replace(
         diagnostics(), amplitude_transfer={"road": (NAN, math.inf)}, coherent={"seat": ("pelvis", NAN)},
-        peeling={"head": NAN}, level_slope=NAN, jump=("rail_1", NAN), drift={"mass_scale": math.inf}, pulled_down=NAN,
+        peeling={"head": NAN}, level_slope=NAN, jump=("rail_1", NAN), drift={"mass_scale": math.inf}, seat_tension=NAN,
     )  # fmt: skip
     for trace in (found(verdict), found(verdict, diagnostics=lost, floor_percent=NAN, p_value=NAN, threshold=NAN)):
         document = trace_document(Report(trace))

@@ -89,7 +89,7 @@ def test_tilt_continues_across_a_short_break_and_a_longer_one_is_reported() -> N
     assert missed(short) < 0.02 and missed(with_break(0.06, keep_lean=True)) > 0.3
     assert not any("break" in line for line in short.warnings)
     long = with_break(0.5)
-    assert any("head: behind 1 break of up to 0.5 s its vertical is the axis" in line for line in long.warnings)
+    assert any("head: after 1 break of up to 0.5 s its vertical is the axis" in line for line in long.warnings)
 
 
 @pytest.mark.parametrize(
@@ -120,9 +120,9 @@ def test_one_gyro_in_another_unit_disables_all() -> None:
         recorder.push("head", stamps_ns, force, rates * scale)
         return recorder.finish()[0]
 
-    assert set(read(1.0).leans) == {"seat", "head"}
+    assert set(read(1.0).mean_tilts) == {"seat", "head"}
     found = read(np.rad2deg(1.0))
-    assert found.leans == {}
+    assert found.mean_tilts == {}
     assert any("seat: another gyro of the record is not plausible" in line for line in found.warnings)
     np.testing.assert_allclose(found.measured_mps2, recorded(keep_lean=True).measured_mps2, atol=1e-9)
 
@@ -145,14 +145,14 @@ def test_the_mean_tilt_is_given_in_the_axes_of_the_channels() -> None:
     recorder.push("seat", stamps_ns, true * np.array([0.0, 0.0, 1.0]) + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2]))
     recorder.push("head", stamps_ns, gravity, rates)
     (recording,) = recorder.finish()
-    assert set(recording.leans) == {"head"}
-    lean = np.array(recording.leans["head"])
+    assert set(recording.mean_tilts) == {"head"}
+    lean = np.array(recording.mean_tilts["head"])
     assert np.degrees(np.arcsin(np.linalg.norm(lean))) == pytest.approx(6.0, abs=0.3)
     # At rest with a tilt, gravity along the horizontal axes is minus the tilt.
     first = MOUNTED.inv().apply([0.0, 0.0, 1.0])
     level = horizontal_axes(tuple(first))[:2] @ gravity[-1] / STANDARD_GRAVITY_MPS2
     np.testing.assert_allclose(lean, -level, atol=0.006)
-    assert np.linalg.norm(recorded().leans["head"]) < 0.02 and recorded(keep_lean=True).leans == {}
+    assert np.linalg.norm(recorded().mean_tilts["head"]) < 0.02 and recorded(keep_lean=True).mean_tilts == {}
 
 
 def test_a_steady_turn_is_followed_exactly() -> None:

@@ -358,7 +358,7 @@ def test_a_short_mask_makes_a_lower_bound_but_the_end_of_a_run_does_not():
 
 
 def test_missing_seat_samples_make_all_doses_lower_bounds():
-    exposure = document_of(dataclasses.replace(event(), seat_misread_s=0.04))["exposure"]
+    exposure = document_of(dataclasses.replace(event(), seat_invalid_s=0.04))["exposure"]
     marked = [exposure["seat"], exposure["dri"], exposure["hic15"], *exposure["segments"].values()]
     assert all(each["lower_bound"] is True for each in marked)
     exposure = document_of(event())["exposure"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -16,6 +16,11 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     """Return "; did you mean NAME?" with the nearest known name, in any case; empty where none is near."""
     near = _nearest(name, known)
     return f"; did you mean {near}?" if near else ""
+
+
+def known_are(name: object, known: Collection[str]) -> str:
+    """Return "known are A, B", with the nearest one to an unknown name."""
+    return f"known are {', '.join(known) or 'none'}{did_you_mean(name, known)}"
 
 
 def did_you_mean_file(path: str | Path) -> str:

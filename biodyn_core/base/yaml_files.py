@@ -9,7 +9,7 @@ from typing import Any, Final
 import yaml
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
+from biodyn_core.base.suggestions import did_you_mean_file, known_are
 
 MAX_BYTES: Final = 2**20
 """Twenty times a campaign of a hundred subjects."""
@@ -49,9 +49,7 @@ def mapping_of(
         raise InputError(f"{where}: expected keys and values, got {type(value).__name__}")
     for key in value:
         if optional is not None and key not in (*required, *optional):
-            known = (*required, *optional)
-            near = did_you_mean(key, known)
-            raise InputError(f"{where}: unknown {kind} {key!r}, known are {', '.join(known)}{near}")
+            raise InputError(f"{where}: unknown {kind} {key!r}, {known_are(key, (*required, *optional))}")
     for key in required:
         if key not in value:
             raise InputError(f"{where}: {kind} {key!r} is missing")

@@ -26,7 +26,7 @@ from biodyn_core.effects import AppliedEffect, ChainEffect, Joint, active, apply
 
 SeatForce = Literal["inertia", "joint", "paper"]
 
-CASCADE_FORCES: Final = "forces under mass_matrix cascade are those of a body three times as heavy: ask for as_printed"
+CASCADE_FORCES: Final = "forces under mass_matrix cascade are those of a body three times as heavy: set as_printed"
 
 MAX_STEP_S: Final = 1e-3
 """Largest integration step, the paper's own setting (3.3)."""
@@ -62,7 +62,7 @@ class Response:
 class Chain:
     """The chain's physical constants, all of shape (6,), joints and segments inferior to superior.
 
-    mass_kg are the segments' masses; inertia_kg is the diagonal of M, equal to them unless the subject says `cascade`.
+    mass_kg are the segments' masses; inertia_kg is the diagonal of M, equal to them unless mass_matrix is `cascade`.
     elements are the effects on joints and segments (others: `predict`). Matrices, modes and frequency responses are
     those of the chain without elements.
     """
@@ -224,9 +224,9 @@ class Chain:
         needed = 1.0 / (rate_hz * longest_s)
         if not needed <= MAX_SUBSTEPS:
             named = ", ".join(element.effect.name for element in self.elements)
-            blame = f" with {named}" if named else ""
+            effects = f" with {named}" if named else ""
             raise InputError(
-                f"the chain{blame} is too stiff: {needed:.3g} steps per sample, at most {MAX_SUBSTEPS} are allowed"
+                f"the chain{effects} is too stiff: {needed:.3g} steps per sample, at most {MAX_SUBSTEPS} are allowed"
             )
         return math.ceil(needed - 1e-9)
 

@@ -43,10 +43,6 @@ class Parameter:
         )
 
 
-def _joint(group: str, segment: str, unit: str, lower: float, upper: float, meaning: str) -> Parameter:
-    return Parameter(group, segment, unit, lower, upper, meaning)
-
-
 _FREQUENCY_ROWS = (
     ("pelvis", 5.0, 15.0, "seat to pelvis: contact stiffness, the seat included"),
     ("lower_torso", 5.0, 18.0, "pelvis to lower torso: L4-S1"),
@@ -57,8 +53,8 @@ _FREQUENCY_ROWS = (
 )
 
 PARAMETERS: Final[tuple[Parameter, ...]] = (
-    *(_joint("natural_frequency_hz", seg, "Hz", lo, hi, text) for seg, lo, hi, text in _FREQUENCY_ROWS),
-    *(_joint("damping_ratio", seg, "-", 0.025, 0.40, "damping ratio of the joint, Eq. 11") for seg in SEGMENTS),
+    *(Parameter("natural_frequency_hz", seg, "Hz", lo, hi, text) for seg, lo, hi, text in _FREQUENCY_ROWS),
+    *(Parameter("damping_ratio", seg, "-", 0.025, 0.40, "damping ratio of the joint, Eq. 11") for seg in SEGMENTS),
     Parameter("rayleigh_rad_per_s", None, "rad/s", 0.1, 3.0, "mass-proportional damping alpha_r, Eq. 12"),
     Parameter("stiffening_scale", None, "-", 0.01, 2.0, "strain stiffening s_nl, Eq. 16", zero_allowed=True),
     Parameter("mass_scale", None, "-", 0.85, 1.15, "upper-body mass adjustment m_scale, Eq. 5"),

@@ -16,7 +16,7 @@ import yaml
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.effects import CATALOGUE, AppliedEffect
@@ -143,9 +143,7 @@ def _effect(data: object, where: str) -> AppliedEffect:
     item = mapping_of(data, where, ("name", "site"), ("parameters",))
     name, site = text_of(item["name"], f"{where}.name"), text_of(item["site"], f"{where}.site")
     if name not in CATALOGUE:
-        raise InputError(
-            f"{where}: unknown effect {name!r}, known are {', '.join(CATALOGUE)}{did_you_mean(name, CATALOGUE)}"
-        )
+        raise InputError(f"{where}: unknown effect {name!r}, {known_are(name, CATALOGUE)}")
     given = mapping_of(item.get("parameters") or {}, f"{where}.parameters", optional=None)
     values = {key: _number(value, f"{where}.parameters.{key}") for key, value in given.items()}
     return AppliedEffect(CATALOGUE[name], site, values)

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
-from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.suggestions import known_are
 from biodyn_core.body.model import predict
 from biodyn_core.body.subject import Subject
 from biodyn_core.body.synthesis_settings import CASES, NATIVE_RATE_HZ, SensorSettings
@@ -68,7 +68,7 @@ def load_case(name: str, seconds: float, rng: np.random.Generator, rate_hz: floa
     It contains fore-aft, lateral and pitch motion too. Raises InputError for an unknown case or less than two seconds.
     """
     if name not in _CASES:
-        raise InputError(f"case {name!r} is unknown, known are {', '.join(_CASES)}{did_you_mean(name, _CASES)}")
+        raise InputError(f"case {name!r} is unknown, {known_are(name, _CASES)}")
     if not MOTION_S[0] <= seconds <= MOTION_S[1]:
         raise InputError(f"a case of {seconds:g} s is not made, {MOTION_S[0]:g} to {MOTION_S[1]:g} s are allowed")
     time = np.arange(round(seconds * rate_hz)) / rate_hz

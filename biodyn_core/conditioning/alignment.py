@@ -74,7 +74,7 @@ class Aligner:
     def read(self, grid_s: Floats, epoch_ns: int) -> tuple[Floats, int]:
         """Interpolate at instants grid_s (n,) since epoch_ns: (values (n,), number of instants answered).
 
-        NaN in a gap of the sensor and at the edges of a run; instants whose neighbours may still come are unanswered.
+        NaN in a gap of the sensor and at the edges of a run; instants whose neighbours may still arrive are left out.
         """
         out = np.empty(grid_s.shape)
         out.fill(np.nan)
@@ -88,7 +88,7 @@ class Aligner:
         return self._half
 
     def reaches(self, time_s: float, epoch_ns: int) -> bool:
-        """Whether an instant can be answered: its neighbours have come, or all samples held lie beyond it."""
+        """Whether an instant can be interpolated: its neighbours have arrived, or all samples held lie beyond it."""
         size = self._time_s.size
         if not size:
             return False

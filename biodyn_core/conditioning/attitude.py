@@ -39,7 +39,7 @@ class ImplausibleTilt(ValueError):
 def estimated_attitude(
     levelled_mps2: Floats, rates_radps: Floats, rate_hz: float, gravity_mps2: float, begin: ArrayLike = UP
 ) -> Floats:
-    """The direction of up over a run, (n, 3), in the axes that were level at rest; begin: its direction at the begin.
+    """The direction of up over a run, (n, 3), in the axes that were level at rest; begin: its direction at the start.
 
     levelled_mps2 (n, 3), without the reading at rest, and rates_radps (n, 3), without their bias, are in the same axes,
     third up. Raises ImplausibleTilt beyond MAX_TILT_DEG.
@@ -54,10 +54,10 @@ def estimated_attitude(
     return up
 
 
-def up_after_break(up: Floats, before_radps: Floats, behind_radps: Floats, seconds: float) -> Floats:
-    """The direction of up behind a break, (3,), rotated from that before by the mean of the rates on either side."""
+def up_after_break(up: Floats, before_radps: Floats, after_radps: Floats, seconds: float) -> Floats:
+    """The direction of up after a break, (3,), rotated from that before by the mean of the rates on either side."""
     found = np.tile(up, (2, 1))
-    follow_attitude(np.array([before_radps, behind_radps]), np.zeros((2, 3)), seconds, 0.0, found)
+    follow_attitude(np.array([before_radps, after_radps]), np.zeros((2, 3)), seconds, 0.0, found)
     return np.asarray(found[1])
 
 

@@ -42,7 +42,7 @@ class ClockDrift:
     ppm > 0: the sensor's clock is fast, its stamps gain so many microseconds on the reference per second; None below
     MIN_POINTS seconds. ppm_error: half the 95 % interval of the line (Sen 1968); for quantised stamps at least the
     spread about it over the stretch, because a slow beat of rate and quantum looks like drift. offset_s > 0: the
-    reference is later than the stamp of the same sample, at the stretch's begin and by the least delay; a late clock
+    reference is later than the stamp of the same sample, at the stretch's start and by the least delay; a late clock
     and a late transport cannot be distinguished. scatter_s: standard deviation, by the median, of each second's least
     lag about the line. seconds: the stretch's length by the reference. leaps: how often either clock was set by more
     than a second. quantum_s: the stamps are multiples of it, None below QUANTUM_NS.

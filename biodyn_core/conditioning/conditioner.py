@@ -75,8 +75,10 @@ def settings_for(sensor: str, conditioning: SettingsOf) -> ConditioningSettings 
 class Conditioner:
     """One sensor: clock, gaps, vertical and gravity, low-pass. `push` raw samples, get `Block`s, `finish` at the end.
 
-    vertical (3,): up in the sensor's axes, if rest shall not determine it; gravity is then the mean along it.
+    vertical (3,): up in the sensor's axes, if not determined at rest; gravity is then the mean along it.
     gravity: the mean reading at rest, if it is known before the first sample, as offline.
+
+    rest: the rest of gravity and clock, None while it is searched for.
     """
 
     def __init__(
@@ -98,10 +100,10 @@ class Conditioner:
             )
         self.delay_s = 0.0
         self._given_vertical = vertical
-        # Rest at the begin is searched for as live, so that both give the same numbers.
+        # Rest at the start is searched for as live, so that both give the same numbers.
         self.gravity = None if gravity is None or gravity.origin == "begin" else gravity
         self._search = RestSearch(self.settings, self.gravity is not None, self._begin)
-        self._rest: Rest | None = None
+        self.rest: Rest | None = None
         self._known_from_ns: int | None = None
         self._state = np.zeros(kernel.STATE_SIZE)
         self._counts = np.zeros(kernel.COUNT_SIZE, dtype=np.int64)
@@ -119,9 +121,9 @@ class Conditioner:
         """
         begun = dataclasses.replace(rest, epoch_ns=stamp_ns, last_time_s=0.0)
         self._start(begun)
-        # As behind a gap: the first sample is accepted at any stamp.
+        # As after a gap: the first sample is accepted at any stamp.
         self._state[kernel.TIME], self._state[kernel.LAST_STAMP] = math.nan, -math.inf
-        self._rest, self._run_epoch_ns, self._known_from_ns = begun, stamp_ns, stamp_ns
+        self.rest, self._run_epoch_ns, self._known_from_ns = begun, stamp_ns, stamp_ns
 
     # --- in and out --------------------------------------------------------------------------------------------------
 
@@ -132,7 +134,7 @@ class Conditioner:
         # Copies: arrays of messages may be read-only or strided, and kernels are compiled again for each such kind.
         stamps_ns = np.array(stamps_ns, dtype=np.int64, order="C")
         samples_mps2 = np.array(samples_mps2, dtype=np.float64, order="C")
-        if self._rest is None:
+        if self.rest is None:
             found = self._search.push(stamps_ns, samples_mps2)
             self._counts[kernel.UNSET] = self._search.unset
             if found is None:
@@ -143,27 +145,22 @@ class Conditioner:
     def finish(self) -> list[Block]:
         """Return the remaining blocks: of a sample without a successor, and of the last run of a zero-phase sensor."""
         left = _NO_SAMPLES
-        if self._rest is None:
+        if self.rest is None:
             left = self._search.finish() or _NO_SAMPLES
             self._counts[kernel.UNSET] = self._search.unset
-        if self._rest is None:
+        if self.rest is None:
             return []
         return self._condition(*left, final=True) + self._filtered_run()
 
     @property
     def rate_hz(self) -> float:
         """Sampling rate of the filters' design; known after rest."""
-        assert self._rest is not None
-        return 1.0 / self._rest.period_s
-
-    @property
-    def rest(self) -> Rest | None:
-        """The rest of gravity and clock; None while it is searched for."""
-        return self._rest
+        assert self.rest is not None
+        return 1.0 / self.rest.period_s
 
     @property
     def first_ns(self) -> int | None:
-        """Stamp of the first sample, or of the begin with a known rest; None before."""
+        """Stamp of the first sample, or of the start with a known rest; None before."""
         return self._search.first_ns if self._known_from_ns is None else self._known_from_ns
 
     @property
@@ -178,7 +175,7 @@ class Conditioner:
     @property
     def fault(self) -> str | None:
         """Why there are no blocks, in one line; None without a fault."""
-        fault = self._search.fault if self._rest is None else None
+        fault = self._search.fault if self.rest is None else None
         return fault and f"{self.sensor}: {fault}"
 
     @property
@@ -191,7 +188,7 @@ class Conditioner:
     def newest_ns(self) -> int | None:
         """Stamp of the newest accepted sample; None before gravity is known and right after time jumped back."""
         newest_s = float(self._state[kernel.LAST_STAMP])
-        if self._rest is None or not math.isfinite(newest_s):
+        if self.rest is None or not math.isfinite(newest_s):
             return None
         return self._run_epoch_ns + round(newest_s * 1e9)
 
@@ -202,8 +199,8 @@ class Conditioner:
     def status(self) -> SensorStatus:
         """The state so far."""
         counts, clipping, search = [int(v) for v in self._counts], self.clipping(), self._search
-        known = self._rest is not None
-        period_s = self._rest.period_s if self._rest else 0.0
+        known = self.rest is not None
+        period_s = self.rest.period_s if self.rest else 0.0
         return SensorStatus(
             rate_hz=1.0 / float(self._state[kernel.PERIOD]) if known else None,
             period_s=period_s,
@@ -223,7 +220,7 @@ class Conditioner:
             runs=self.runs.count,
             run_s=counts[kernel.IN_RUN] * period_s if self.runs.count else None,
             uncounted_s=search.uncounted * period_s,
-            unrested_s=search.unrested(self._rest) * period_s,
+            unrested_s=search.unrested(self.rest) * period_s,
             set_back_s=self._set_back * period_s,
             gap_s=self.runs.gap_s,
             warnings=tuple(self._warnings(clipping)),
@@ -234,10 +231,10 @@ class Conditioner:
     # --- begin -------------------------------------------------------------------------------------------------------
 
     def _begin(self, rest: Rest) -> None:
-        """Begin behind a rest, or with known gravity at the first sample of the clock."""
+        """Begin after a rest, or with known gravity at the first sample of the clock."""
         if self.gravity is None:
             self._start(rest)
-            self._rest, self._run_epoch_ns = rest, rest.epoch_ns
+            self.rest, self._run_epoch_ns = rest, rest.epoch_ns
         else:
             known = dataclasses.replace(rest, mean_mps2=self.gravity.mean_mps2, in_motion=False)
             self.begin_known(known, rest.epoch_ns)
@@ -284,8 +281,8 @@ class Conditioner:
     def _warnings(self, clipping: Clipping) -> list[str]:
         railing = clipping.warning(self.settings.saturation_mps2)
         lines = [railing] if railing else []
-        if self._rest is not None:
-            if self._rest.in_motion:
+        if self.rest is not None:
+            if self.rest.in_motion:
                 lines.append("no rest found: gravity was averaged over motion")
             if self.gravity is not None and (line := self.gravity.warning(self._given_vertical is not None)):
                 lines.append(line)
@@ -294,7 +291,7 @@ class Conditioner:
             period_s, nominal_s = self._state[kernel.PERIOD], self._state[kernel.NOMINAL]
             if abs(period_s / nominal_s - 1.0) > MAX_RATE_CHANGE:
                 lines.append("the rate differs by 2 % from that at rest: unnoticed losses, or a change by the driver")
-            if self._state[kernel.JITTER] > MAX_JITTER * self._rest.period_s and not self._rest.coarse:
+            if self._state[kernel.JITTER] > MAX_JITTER * self.rest.period_s and not self.rest.coarse:
                 jitter_ms = 1e3 * float(self._state[kernel.JITTER])
                 lines.append(f"stamps jitter by {jitter_ms:.2g} ms, too much to detect lost samples")
         return lines
@@ -314,7 +311,7 @@ class Conditioner:
             used, block, why = self._advance(stamps_ns[done:], samples[done:], final)
             done += used
             if block is not None:
-                blocks += self._answer(block)
+                blocks += self._emitted(block)
             if why == kernel.UNDECIDED:
                 self._deferred = stamps_ns[done:], samples[done:]
                 break
@@ -324,7 +321,7 @@ class Conditioner:
 
     def _advance(self, stamps_ns: Integers, samples: Floats, final: bool) -> tuple[int, Block | None, int]:
         """One call of the kernel: (samples consumed, block written, reason of its stop)."""
-        assert self._rest is not None
+        assert self.rest is not None
         epoch_ns, is_single = self._run_epoch_ns, stamps_ns.shape[0] == 1
         buffers = self._single_buffers if is_single else _new_buffers(stamps_ns.shape[0], self._max_fill)
         if self.mode == "survey":
@@ -339,11 +336,11 @@ class Conditioner:
         if self._state.item(kernel.LARGEST) >= rails.LEAST_MPS2:
             self._find_rails(raw[:written], source)
         begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)
-        begins_run, gap_s = self.runs.answered(begins_ns, ends_ns, 1.0 / self.rate_hz)
-        shift_s = (epoch_ns - self._rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
+        begins_run, gap_s = self.runs.add(begins_ns, ends_ns, 1.0 / self.rate_hz)
+        shift_s = (epoch_ns - self.rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
         rows = stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0]
         block = Block(
-            *(_copied(rows) if is_single else rows), begins_run, gap_s, self._rest.epoch_ns, self.rate_hz,
+            *(_copied(rows) if is_single else rows), begins_run, gap_s, self.rest.epoch_ns, self.rate_hz,
             self.settings.cutoff_hz,
         )  # fmt: skip
         return used, block, why
@@ -371,7 +368,7 @@ class Conditioner:
         self.runs.end(next_ns, 1.0 / self.rate_hz)
         return blocks
 
-    def _answer(self, block: Block) -> list[Block]:
+    def _emitted(self, block: Block) -> list[Block]:
         if self.mode == "causal":
             return [block]
         if self.mode == "zero_phase":

@@ -26,7 +26,7 @@ class ConditioningSettings:
     flat_s: float = setting(2.0, "seconds of one unchanging reading that count as a stuck sensor", "s", 0.05, 3600.0)
     gravity_tracker_s: float | None = setting(
         None,
-        "time constant of a slow level taken off predictions and comparisons, never off exposure",
+        "time constant of a slow level that is subtracted from predictions and comparisons, never from exposure",
         "s",
         40.0,
         3600.0,

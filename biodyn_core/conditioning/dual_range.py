@@ -73,7 +73,7 @@ def saturated(low_mps2: Floats, settings: DualRangeSettings) -> Signs:
 
 
 def spans(number: Integers, low_s: Floats, sides: Signs) -> list[Span]:
-    """The saturations of a stream, in order of their begin, from its saturated samples alone.
+    """The saturations of a stream, in order of their start, from its saturated samples alone.
 
     number (k,): index among all samples of the stream; consecutive samples of one axis and side are one span. low_s
     (k,), sides (k, 3): as of `saturated`.
@@ -138,14 +138,14 @@ def usable(low_mps2: Floats, settings: DualRangeSettings) -> Flags:
     return ~_widened(bad, GUARD)
 
 
-def covered(found: Sequence[Span], stretch: Stretch, right_mps2: Floats, settings: DualRangeSettings) -> list[Span]:
+def covered(found: Sequence[Span], stretch: Stretch, corrected_mps2: Floats, settings: DualRangeSettings) -> list[Span]:
     """The spans in which the wide channel is complete and reaches the rail as well."""
     kept = []
     for span in found:
         first, last = np.searchsorted(stretch.low_s, (span.begin_s, span.end_s))
         reach = MARGIN + FADE
-        values = right_mps2[max(first - reach, 0) : last + reach + 1, span.axis]
-        inside = right_mps2[first : last + 1, span.axis]
+        values = corrected_mps2[max(first - reach, 0) : last + reach + 1, span.axis]
+        inside = corrected_mps2[first : last + 1, span.axis]
         if np.isfinite(values).all() and (span.sign * inside).max() >= MIN_AGREEMENT * settings.saturation_mps2:
             kept.append(span)
     return kept
@@ -168,9 +168,11 @@ def shares(low_s: Floats, period_s: float, taken: Sequence[Span]) -> Floats:
     return out
 
 
-def take_over(low_mps2: Floats, right_mps2: Floats, share: Floats) -> Floats:
+def merged(low_mps2: Floats, corrected_mps2: Floats, share: Floats) -> Floats:
     """The fine channel, with the corrected wide one at its rail, (n, 3)."""
-    return np.where(share > 0.0, (1.0 - share) * low_mps2 + share * np.where(share > 0.0, right_mps2, 0.0), low_mps2)
+    return np.where(
+        share > 0.0, (1.0 - share) * low_mps2 + share * np.where(share > 0.0, corrected_mps2, 0.0), low_mps2
+    )
 
 
 def _widened(flags: Flags, by: int) -> Flags:

@@ -20,7 +20,7 @@ from biodyn_core.conditioning.rest import RestWindow
 from biodyn_core.conditioning.tilt import Vector, gravity_and_vertical
 
 Origin = Literal["begin", "rest", "other_record", "motion"]
-"""Rest at the begin of the record, later in it, or in another record; or no rest, and the mean over all motion."""
+"""Rest at the start of the record, later in it, or in another record; or no rest, and the mean over all motion."""
 
 SAME_MOUNTING_MPS2: Final = 0.86
 """Means of one sensor in two records differ by less than this, 5 deg of tilt, where it was mounted alike."""
@@ -43,8 +43,8 @@ MIN_PART_SHARE: Final = 0.75
 class Gravity:
     """Mean reading of one sensor, (3,) m/s^2: gravity and bias together.
 
-    at_s: begin of the averaged stretch in the record. samples: its first sample and the one behind it, in order of
-    arrival; None at the begin, where conditioning finds them, and for another record (source). quietest_mps2: least rms
+    at_s: start of the averaged stretch in the record. samples: its first sample and the one after it, in order of
+    arrival; None at the start, where conditioning finds them, and for another record (source). quietest_mps2: least rms
     of any window of a record without rest. tilted: there is a rest in the record, but mounted otherwise than in motion.
     """
 
@@ -62,11 +62,11 @@ class Gravity:
         return self.origin in ("begin", "rest")
 
     def warning(self, vertical_given: bool) -> str | None:
-        """The origin in one line; None for rest at the begin."""
+        """The origin in one line; None for rest at the start."""
         if self.origin == "begin":
             return None
         if self.origin == "rest":
-            return f"no rest at the begin: gravity is from the rest at {self.at_s:.1f} s"
+            return f"no rest at the start: gravity is from the rest at {self.at_s:.1f} s"
         if self.origin == "other_record":
             return f"no rest in the record: gravity is from the rest in {self.source}"
         averaged = "the length of gravity" if vertical_given else "gravity"
@@ -85,7 +85,7 @@ class Gravity:
 class GravitySearch:
     """`push` the samples of one sensor in order of arrival until it is `decided`, then read the `result`.
 
-    Rest at the begin is found as live. Else the result is the first window at rest with the mounting of the motion.
+    Rest at the start is found as live. Else the result is the first window at rest with the mounting of the motion.
     Memory grows by a row for each quarter of rest_s. rest_s, rest_rms_mps2, max_gap_s, implausible_mps2: see
     `RestWindow`. vertical (3,): the direction of up in the sensor's axes, if it is given.
     """
@@ -106,7 +106,7 @@ class GravitySearch:
 
     @property
     def decided(self) -> bool:
-        """Whether later samples change nothing: there is rest at the begin, or conditioning will refuse the stamps."""
+        """Whether later samples change nothing: there is rest at the start, or conditioning will refuse the stamps."""
         return self._is_faulty or self._at_begin is not None
 
     def push(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
@@ -133,7 +133,7 @@ class GravitySearch:
         return self._at_begin or self._of_parts()
 
     def _check_begin(self, window: RestWindow, stamps_ns: Integers, samples_mps2: Floats) -> None:
-        """Search for rest at the begin, as live."""
+        """Search for rest at the start, as live."""
         window.add(stamps_ns, samples_mps2)
         try:
             rest = window.find()
@@ -209,7 +209,7 @@ class GravitySearch:
 
 
 class _Part(NamedTuple):
-    """Sums over a stretch of samples: slot in time, first sample and the one behind it, count, sum, sum of squares."""
+    """Sums over a stretch of samples: slot in time, first sample and the one after it, count, sum, sum of squares."""
 
     slot: int
     first: int

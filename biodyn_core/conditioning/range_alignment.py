@@ -64,10 +64,10 @@ def align(stretches: Sequence[Stretch], settings: DualRangeSettings) -> Alignmen
         gain = float(x[:, axis] @ y[:, axis]) / energy if energy else 1.0
         scatter = float(np.std(y[:, axis] - gain * x[:, axis]))
         error = scatter / np.sqrt(energy) if energy else np.inf
-        holds = error < GAIN_ERROR and abs(gain - 1.0) > 3.0 * error
-        gains.append(gain if holds else 1.0)
-        noise.append(scatter if holds else float(np.std(y[:, axis] - x[:, axis])))
-        measured.append(bool(holds))
+        significant = error < GAIN_ERROR and abs(gain - 1.0) > 3.0 * error
+        gains.append(gain if significant else 1.0)
+        noise.append(scatter if significant else float(np.std(y[:, axis] - x[:, axis])))
+        measured.append(bool(significant))
     return Alignment(_three(gains), delay_s, _three(noise), (measured[0], measured[1], measured[2]), delay_measured)
 
 
@@ -91,7 +91,7 @@ def bias(levels_mps2: Floats, alignment: Alignment) -> Floats:
     return found
 
 
-def set_right(stretch: Stretch, alignment: Alignment, bias_mps2: Floats) -> Floats:
+def corrected(stretch: Stretch, alignment: Alignment, bias_mps2: Floats) -> Floats:
     """The wide channel at the instants of the fine one, corrected for bias, gain and delay, (n, 3)."""
     return (read_wide(stretch, alignment.delay_s) - bias_mps2) / np.array(alignment.gain)
 
@@ -119,8 +119,8 @@ def _delay(stretches: Sequence[Stretch], settings: DualRangeSettings) -> tuple[f
         error_s = float(np.std(excess)) / np.sqrt(energy)
         # The wide channel read too late is ahead by the slope.
         delay_s -= float(np.clip((slope * excess).sum() / energy, -_STEP_S, _STEP_S))
-    holds = error_s < DELAY_ERROR_S and abs(delay_s) > 3.0 * error_s and abs(delay_s) < LONGEST_DELAY_S
-    return (delay_s, True) if holds else (0.0, False)
+    significant = error_s < DELAY_ERROR_S and abs(delay_s) > 3.0 * error_s and abs(delay_s) < LONGEST_DELAY_S
+    return (delay_s, True) if significant else (0.0, False)
 
 
 def _coarse_delay_s(stretches: Sequence[Stretch], settings: DualRangeSettings) -> float:

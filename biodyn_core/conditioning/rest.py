@@ -26,7 +26,7 @@ _MAX_STEPS: Final = 5.0
 """A step of the stamps up to so many typical ones is no gap, so that a slow sensor has none."""
 
 _TYPICAL_STEPS: Final = 100
-"""The typical step is the median of so many at the begin of a window, a fixed number, so that cuts change nothing."""
+"""The typical step is the median of so many at the start of a window, a fixed number, so that cuts change nothing."""
 
 _CONSTANT: Final = "stamps stand still: use log time (--time log), or correct the driver's stamps"
 
@@ -53,7 +53,7 @@ class Rest:
 class RestWindow:
     """Collect the first seconds of a sensor until one window of them is at rest, or patience ends.
 
-    No window contains a gap or a jump of the stamps: waiting restarts behind it. Readings from `implausible_mps2` on
+    No window contains a gap or a jump of the stamps: waiting restarts after it. Readings from `implausible_mps2` on
     count for the clock alone. clock_only: gravity is known, and all windows together give the clock, at rest or not,
     until a gap, the end of the record, or of patience.
 
@@ -95,7 +95,7 @@ class RestWindow:
     def find(self) -> Rest | None:
         """The rest found, None while it needs more samples; raises InputError for samples that cannot contain one.
 
-        A result or an error drops the samples it is about: the next search begins behind them.
+        A result or an error drops the samples it is about: the next search begins after them.
         """
         while True:
             end = self._window_end()
@@ -135,7 +135,7 @@ class RestWindow:
         return left
 
     def _window_end(self) -> int | None:
-        """End of the window that begins at `_start`, moved behind the first break in it; None while it is not full."""
+        """End of the window that begins at `_start`, moved after the first break in it; None while it is not full."""
         while True:
             stamps_ns = self._stamps_ns[self._start :]
             first = stamps_ns[:_CONSTANT_SAMPLES]
@@ -152,11 +152,11 @@ class RestWindow:
             breaks = np.flatnonzero((steps_s > longest_s) | (steps_s < -LEAP_S))
             most = int(_MAX_PER_S * self._rest_s)
             if breaks.size and breaks[0] < most:
-                behind = self._start + int(breaks[0]) + 1
+                after_break = self._start + int(breaks[0]) + 1
                 self._broken = self._clock_only and self._start > self._first
                 if self._broken:
-                    return behind
-                self._drop(behind)
+                    return after_break
+                self._drop(after_break)
             elif inside.size > most:
                 self._drop(self._start + most)
                 raise InputError(_CONSTANT)

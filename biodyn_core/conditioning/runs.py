@@ -17,7 +17,7 @@ OVERLAP_NS: Final = 100_000_000
 
 
 class _Leap(NamedTuple):
-    """A leap of stamps, seconds, and the last instant answered before it, ns, with its lap."""
+    """A leap of stamps, seconds, and the last instant before it, ns, with its lap."""
 
     by_s: float
     left_ns: int
@@ -32,7 +32,7 @@ _NO_LEAP: Final = _Leap(0.0, 0, 0)
 
 
 class Runs:
-    """Count runs by `answered` and `end`, in the order of the samples.
+    """Count runs by `add` and `end`, in the order of the samples.
 
     count: number of runs. gap_s: sum of the gaps between them. leapt_s: sum of all leaps of more than a second between
     runs, negative for leaps back, by a set clock or a pause.
@@ -52,8 +52,8 @@ class Runs:
         """Offset of the sensor's time to its stamps, after jumps back."""
         return self._lap * LAP_S
 
-    def answered(self, begins_ns: int, ends_ns: int, period_s: float) -> tuple[bool, float]:
-        """Count answered samples; return whether a run begins with them, and the gap before it."""
+    def add(self, begins_ns: int, ends_ns: int, period_s: float) -> tuple[bool, float]:
+        """Add samples; return whether a run begins with them, and the gap before it."""
         begins_run = not self._in_run
         gap_s = self._begin(begins_ns, period_s) if begins_run else 0.0
         self._ended_ns = ends_ns

@@ -31,7 +31,7 @@ _NO_OFFSET: Final = _Offset(0.0, 0.0)
 
 
 class Timelines:
-    """`note` a sensor after each push; read how late it began, how long it is silent, and its clock's offset.
+    """`update` a sensor after each push; read how late it began, how long it is silent, and its clock's offset.
 
     wait_s: the longest lag of a sensor behind the others that is no silence.
     """
@@ -46,8 +46,8 @@ class Timelines:
         self._front_s = self._reset_s = -math.inf
         self._behind_s = dict.fromkeys(conditioners, 0.0)
 
-    def note(self, sensor: str) -> None:
-        """Note that a sensor was pushed: whether it joins, whether its stamps leapt, and its lag behind the others."""
+    def update(self, sensor: str) -> None:
+        """Update after a push of one sensor: whether it joins, whether its stamps leapt, its lag behind the others."""
         joins = sensor not in self._began_s
         if joins or self._conditioners[sensor].runs.leapt_s != self._leapt_s[sensor]:
             self._update_offset(sensor, joins)

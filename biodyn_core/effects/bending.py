@@ -32,7 +32,7 @@ def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
 
 
 LEAK_PER_S = 0.5
-"""Rate of the leak: a slow lean is posture, and a gyro's bias drifts."""
+"""Rate of the leak: a slow bend is posture, and a gyro's bias drifts."""
 
 EFFECT = JointForce(
     name="bending",

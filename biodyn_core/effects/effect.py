@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Final, Literal
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
-from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.suggestions import did_you_mean, known_are
 
 Place = Literal["joint", "segment", "sensor", "seat"]
 Kind = Literal["strength", "shape", "nuisance"]
@@ -305,8 +305,7 @@ class AppliedEffect:
         known = {parameter.name: parameter for parameter in self.effect.parameters}
         for name in self.values:
             if name not in known:
-                listed, near = ", ".join(known) or "none", did_you_mean(name, known)
-                raise InputError(f"{where}: unknown parameter {name!r}, known are {listed}{near}")
+                raise InputError(f"{where}: unknown parameter {name!r}, {known_are(name, known)}")
         missing = [f"{name} ({parameter.allowed})" for name, parameter in known.items() if name not in self.values]
         if missing:
             raise InputError(f"{where}: missing under parameters: {', '.join(missing)}")

@@ -32,8 +32,8 @@ HIC_LENGTHS_S: Final = {"hic15": 0.015, "hic36": 0.036}
 class Dri:
     """Dynamic Response Index: for one upward pulse, not a dose of repeated shocks (Eq. 24, 25).
 
-    compression: of spinal compression alone, the main figure; as_printed: of |z|. time_s: of the largest value, since
-    reset, breaks included.
+    compression: of spinal compression alone, the main figure; as_printed: of |z|. time_s: of the largest value since
+    reset, for rolling figures too, breaks included.
     """
 
     compression: float
@@ -57,7 +57,7 @@ class Window(NamedTuple):
 class Hic:
     """Head Injury Criterion over all windows up to one length: |vertical + 1 g|, |vertical|, resultant (Eq. 23).
 
-    windows_s: by these names, begin and end of the window of the largest value, since reset, breaks included; below
+    windows_s: by these names, start and end of the window of the largest value, since reset, breaks included; below
     zero where it began before the reset, None where HIC is zero and for rolling figures.
     """
 
@@ -68,10 +68,10 @@ class Hic:
     windows_s: Mapping[str, Window | None]
 
 
-class DriMeter(Meter):
+class DriMeter(Meter[Dri]):
     """The DRI oscillator driven by the seat's vertical acceleration, gravity-free, exact between samples.
 
-    It restarts at rest behind a break. A tilt leaves a level of second order in the vertical, 0.15 m/s^2 at 10 degrees,
+    It restarts at rest after a break. A tilt leaves a level of second order in the vertical, 0.15 m/s^2 at 10 degrees,
     which adds 0.02 to compression; a restart from the level within a shock would add far more.
     """
 
@@ -94,14 +94,6 @@ class DriMeter(Meter):
         self._seen[0] += self._tally.skip(seconds)
         self._state[:] = 0.0
 
-    def since_reset(self) -> Dri:
-        """The largest since the last reset."""
-        return self._dri(self._tally.since_reset())
-
-    def rolling(self) -> Dri:
-        """The largest over the last `window_s`; the time is that of the largest since reset."""
-        return self._dri(self._tally.rolling())
-
     def reset(self) -> None:
         """Set everything "since reset" to zero."""
         super().reset()
@@ -119,12 +111,12 @@ class DriMeter(Meter):
             self._seen[1] = before[1]
         super().resume(np.ascontiguousarray(totals[:, :2]))
 
-    def _dri(self, rows: Floats) -> Dri:
+    def _figures(self, rows: Floats, rolling: bool) -> Dri:
         scale = DRI_OMEGA_RAD_PER_S**2 / STANDARD_GRAVITY_MPS2
         return Dri(float(rows[0, 0] * scale), float(rows[0, 1] * scale), float(self._seen[1] / self._rate_hz))
 
 
-class HicMeter(Meter):
+class HicMeter(Meter[Hic]):
     """HIC of the head over all windows up to `length_s`; `push` gravity-free levelled acceleration (n, 3), z up."""
 
     def __init__(self, rate_hz: float, length_s: float, window_s: float) -> None:
@@ -152,14 +144,6 @@ class HicMeter(Meter):
         self._seen += self._tally.skip(seconds)
         self._filled[:, 0] = 0
 
-    def since_reset(self) -> Hic:
-        """The largest since the last reset."""
-        return self._hic(self._tally.since_reset(), (self._windows / self._rate_hz).tolist())
-
-    def rolling(self) -> Hic:
-        """The largest over the last `window_s`, without its windows."""
-        return self._hic(self._tally.rolling(), None)
-
     def reset(self) -> None:
         """Set everything "since reset" to zero."""
         super().reset()
@@ -179,12 +163,12 @@ class HicMeter(Meter):
         self._seen += round(before[0, 2])
         super().resume(np.ascontiguousarray(totals[:, :1]))
 
-    def _hic(self, rows: Floats, spans_s: list[list[float]] | None) -> Hic:
+    def _figures(self, rows: Floats, rolling: bool) -> Hic:
         names = ("as_printed", "vertical", "resultant")
         largest = dict(zip(names, (rows[:, 0] ** 2.5).tolist(), strict=True))
         windows: dict[str, Window | None] = dict.fromkeys(names)
-        for name, span in zip(names, spans_s or [], strict=False):
-            windows[name] = Window(*span) if largest[name] > 0.0 else None
+        for name, span in zip(names, (self._windows / self._rate_hz).tolist(), strict=True):
+            windows[name] = Window(*span) if largest[name] > 0.0 and not rolling else None
         return Hic(**largest, bandwidth_hz=self._rate_hz / 2.0, windows_s=windows)
 
 

@@ -31,7 +31,7 @@ PROJECTION_AFTER_S: Final = 20.0 * 60.0
 MAX_MISSING_SHARE: Final = 0.01
 """With a larger share missing there are no times and no projections, and no zone below the action value."""
 
-DEAD_SHARE: Final = 1e-6
+MIN_AXIS_SHARE: Final = 1e-6
 """An axis below this share of the strongest one carries no data: any real sensor has more noise."""
 
 
@@ -53,7 +53,7 @@ class LimitAssessment:
     """The seat against one set of limits: zone with its reason, and the seconds left until action and limit value.
 
     governing: the measure that reaches the zone's value first, in time; axis: that measure's axis. Times are None where
-    they are withheld or never come.
+    they are withheld or if the value is never reached.
     """
 
     source: str
@@ -132,7 +132,7 @@ def seat_exposure(
         {"a8": a8_axis, "vdv": vdv_axis},
         seconds,
         quality.losses,
-        lower_bound=quality.losses.lower_bound or axes.dead > 0,
+        lower_bound=quality.losses.lower_bound or axes.missing_axes > 0,
         withheld=_incomplete(quality, seconds) or _gravity_error(quality),
         uncertainty=_uncertainty(quality, seconds, axes),
     )
@@ -154,7 +154,7 @@ def seat_exposure(
         a8_projected_8h_mps2=exposure.so_far["a8"] * math.sqrt(scale) if projects else None,
         vdv_projected_8h_mps175=exposure.so_far["vdv"] * scale**0.25 if projects else None,
         projected_from_s=seconds if projects else None,
-        projected_lower_bound=axes.dead > 0,
+        projected_lower_bound=axes.missing_axes > 0,
         shock_ratios=_shock_ratios(vertical, axes, deciding.axis),
         additional=tuple(_assess(each, exposure) for each in limits.additional),
     )
@@ -162,28 +162,28 @@ def seat_exposure(
 
 @dataclass(frozen=True)
 class _Axes:
-    """The known axes, without k; dead: number of horizontal axes without data."""
+    """The known axes, without k; missing_axes: number of horizontal axes without data."""
 
     aw_mps2: dict[str, float]
     vdv_mps175: dict[str, float]
     horizontal: Horizontal
-    dead: int
+    missing_axes: int
 
     @classmethod
     def of(cls, vertical: Dose, plane: HorizontalMeter, yaw_rad: float | None) -> _Axes:
         first, second = plane.along([0.0, np.pi / 2.0])[0].tolist()
-        least = DEAD_SHARE * max(first, second, vertical.aw_mps2)
-        dead = (first <= least) + (second <= least)
+        least = MIN_AXIS_SHARE * max(first, second, vertical.aw_mps2)
+        missing_axes = (first <= least) + (second <= least)
         up_aw, up_vdv = {"z": vertical.aw_mps2}, {"z": vertical.vdv_mps175}
-        if dead == 2:
-            return cls(up_aw, up_vdv, "missing", dead)
+        if missing_axes == 2:
+            return cls(up_aw, up_vdv, "missing", missing_axes)
         if yaw_rad is None:
             aws, vdvs = plane.along(np.linspace(0.0, np.pi, 361))
             aw, vdv = {"worst_direction": float(aws.max())}, {"worst_direction": float(vdvs.max())}
-            return cls(aw | up_aw, vdv | up_vdv, "worst_direction", dead)
+            return cls(aw | up_aw, vdv | up_vdv, "worst_direction", missing_axes)
         aws, vdvs = plane.along([yaw_rad, yaw_rad + np.pi / 2.0])
         aw, vdv = dict(zip("xy", aws.tolist(), strict=True)), dict(zip("xy", vdvs.tolist(), strict=True))
-        return cls(aw | up_aw, vdv | up_vdv, "yaw_given", dead)
+        return cls(aw | up_aw, vdv | up_vdv, "yaw_given", missing_axes)
 
     @staticmethod
     def factor(axis: str) -> float:
@@ -317,7 +317,7 @@ def _uncertainty(quality: DataQuality, seconds: float, axes: _Axes) -> str | Non
         return incomplete
     if quality.losses.flat_s > 0.0:
         return f"{quality.losses.flat_s:.3g} s of the seat's readings do not change at all: is it stuck?"
-    if axes.dead:
+    if axes.missing_axes:
         return (
             "vertical only: the seat gives no horizontal data"
             if axes.horizontal == "missing"
@@ -338,7 +338,7 @@ def _gravity_error(quality: DataQuality) -> str | None:
 def _shock_ratios(vertical: Dose, axes: _Axes, axis: str) -> tuple[ShockRatio, ...]:
     """The ratios of ISO 2631-1:1997 above which rms is not enough; peak and MTVV exist for the vertical alone.
 
-    The larger MTVV is used, because 6.3.3 does not say which average it means.
+    The larger MTVV is used, because 6.3.3 does not specify the average.
     """
     aw, vdv = axes.aw_mps2[axis], axes.vdv_mps175[axis]
     steady = aw * vertical.seconds**0.25

@@ -2,7 +2,7 @@
 
 Every meter takes blocks of any size and reads since reset or over the last `window_s`; cuts never change a number.
 A NaN sample is missing. `skip(seconds)` is a break, 0 s where time jumped back: windows move on by it, nothing is
-counted, and filters, oscillators and windows restart behind it. So missing samples make every figure a lower bound,
+counted, and filters, oscillators and windows restart after it. So missing samples make every figure a lower bound,
 except for the false dose of a weighting that restarts from a wrong level (`_Weighting`).
 ISO 2631-1:1997; Zaman et al., Eq. 23-27, in definitions that resolve their contradictions.
 """
@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,8 @@ from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.signals.weighting import CURVES, WeightingName, weighting_sections
+
+Figures = TypeVar("Figures")
 
 BIN_S: Final = 0.1
 """Rolling figures move in steps of this."""
@@ -32,7 +34,7 @@ LEVEL_SHARE: Final = 0.2
 """A channel's slow level is its mean by a first-order low-pass at this share of the weighting's high-pass frequency.
 
 2 s for Wk and Wd, 10 s for Wf. A shorter time takes vibration for level; a longer one misses braking, bends and a
-leaning body. On cars, trams and buses 1 to 3 s leave the least false dose behind breaks.
+leaning body. On cars, trams and buses 1 to 3 s leave the least false dose after breaks.
 """
 
 SHORTEST_MSDV_S: Final = 100.0
@@ -47,7 +49,7 @@ class Dose:
     """Weighted exposure of one channel: aw and MTVV m/s^2, VDV m/s^1.75, weighted peak m/s^2, seconds counted.
 
     MTVV is the largest running rms, by the linear average over 1 s (ISO 2631-1:1997, 6.3.1, Eq. 2) and by the
-    exponential one (Eq. 3). Both running mean squares start at zero behind a break, so both are lower bounds.
+    exponential one (Eq. 3). Both running mean squares start at zero after a break, so both are lower bounds.
     """
 
     aw_mps2: float
@@ -132,7 +134,7 @@ class Tally:
             self.ring[self.position[1] % slots] = self.bin
             self.bin[:] = 0.0
             self.position[1] += closed
-            # The open bin closes at the break with its present content, the bins behind it are empty.
+            # The open bin closes at the break with its present content, the bins after it are empty.
             self.ring[(self.position[1] - 1 - np.arange(min(closed - 1, slots))) % slots] = 0.0
         return samples
 
@@ -141,7 +143,7 @@ class _Weighting:
     """A weighting's sections, their state for channels, and each channel's slow level.
 
     A sensor that has tilted since its rest reads a constant, 1.7 m/s^2 at 10 degrees. Sections that start from zero
-    take it for a step: a false VDV of 0.73 by Wd. So behind a break they start in steady state for the level, the mean
+    take it for a step: a false VDV of 0.73 by Wd. So after a break they start in steady state for the level, the mean
     of the readings within 1 g, which is zero at the very start. A change of level within a break remains a step.
     """
 
@@ -152,15 +154,27 @@ class _Weighting:
         self.follow = 1.0 - math.exp(-2.0 * math.pi * LEVEL_SHARE * CURVES[name].f1_hz / rate_hz)
 
     def restart(self) -> None:
-        """Start behind a break, in steady state for the level."""
+        """Start after a break, in steady state for the level."""
         for channel, level in enumerate(self.level.tolist()):
             kernels.set_steady_state(self.sos, self.state, channel, level)
 
 
-class Meter(ABC):
-    """Base of all meters: a tally, whose totals since reset can be stored and continued."""
+class Meter(ABC, Generic[Figures]):
+    """Base of all meters: figures of a tally, whose totals since reset can be stored and continued."""
 
     _tally: Tally
+
+    def since_reset(self) -> Figures:
+        """The figures since the last reset."""
+        return self._figures(self._tally.since_reset(), rolling=False)
+
+    def rolling(self) -> Figures:
+        """The figures over the last `window_s`."""
+        return self._figures(self._tally.rolling(), rolling=True)
+
+    @abstractmethod
+    def _figures(self, rows: Floats, rolling: bool) -> Figures:
+        """The figures of rows (c, k) of the tally."""
 
     @abstractmethod
     def skip(self, seconds: float) -> None:
@@ -181,8 +195,8 @@ class Meter(ABC):
         self._tally.resume(totals)
 
 
-class DoseMeter(Meter):
-    """aw, MTVV, VDV and peak of channels sharing a clock: `push` blocks (n, c) of m/s^2, unweighted."""
+class DoseMeter(Meter[tuple[Dose, ...]]):
+    """aw, MTVV, VDV and peak, one `Dose` for each of the channels: `push` blocks (n, c) of m/s^2, unweighted."""
 
     def __init__(self, weighting: WeightingName, rate_hz: float, channels: int, window_s: float) -> None:
         self._rate_hz = rate_hz
@@ -211,15 +225,7 @@ class DoseMeter(Meter):
         for average in (self._running, self._squares, self._partial):
             average[:] = 0.0
 
-    def since_reset(self) -> tuple[Dose, ...]:
-        """One Dose per channel since the last reset."""
-        return self._doses(self._tally.since_reset())
-
-    def rolling(self) -> tuple[Dose, ...]:
-        """One Dose per channel over the last `window_s`."""
-        return self._doses(self._tally.rolling())
-
-    def _doses(self, rows: Floats) -> tuple[Dose, ...]:
+    def _figures(self, rows: Floats, rolling: bool) -> tuple[Dose, ...]:
         return tuple(
             Dose(
                 aw_mps2=math.sqrt(square / max(count, 1.0)),
@@ -233,8 +239,8 @@ class DoseMeter(Meter):
         )
 
 
-class HorizontalMeter(Meter):
-    """Wd-weighted aw and VDV of the horizontal plane in every direction at once, from the moments of both axes.
+class HorizontalMeter(Meter[Floats]):
+    """Wd-weighted aw and VDV of the horizontal plane in every direction at once, from the moments (9,) of both axes.
 
     first_axis_rad: direction of the sensor's own first axis, laid level, in the axes that are pushed. Stored totals are
     along the sensor's own axes, because levelling may leave other ones in the next run: those of a sensor that hangs
@@ -264,9 +270,12 @@ class HorizontalMeter(Meter):
         """Continue from totals of an earlier run; mixed moments of both axes may be below zero."""
         self._tally.resume(_rotated(totals, -self._first_axis_rad))
 
+    def _figures(self, rows: Floats, rolling: bool) -> Floats:
+        return rows[0]
+
     def along(self, angles_rad: ArrayLike, rolling: bool = False) -> tuple[Floats, Floats]:
         """Return (aw m/s^2, VDV m/s^1.75) along directions (n,) from the first axis, each (n,)."""
-        row = (self._tally.rolling() if rolling else self._tally.since_reset())[0]
+        row = self.rolling() if rolling else self.since_reset()
         angle = np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))
         c, s = np.cos(angle), np.sin(angle)
         second = row[0] * c**2 + 2.0 * row[1] * c * s + row[2] * s**2

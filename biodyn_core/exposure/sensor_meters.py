@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class Batch:
 class SensorMeters:
     """Wk for every sensor; Wd, DRI and motion sickness for the seat; HIC for the head.
 
-    also: further weightings of the vertical. first_axis_rad: see `HorizontalMeter`.
+    weightings: further ones of the vertical. first_axis_rad: see `HorizontalMeter`.
     """
 
     def __init__(
@@ -52,22 +52,24 @@ class SensorMeters:
         sensor: str,
         rate_hz: float,
         window_s: float,
-        also: tuple[WeightingName, ...] = (),
+        weightings: tuple[WeightingName, ...] = (),
         first_axis_rad: float = 0.0,
     ) -> None:
         self.rate_hz = rate_hz
         self._batch = Batch()
         self._vertical = DoseMeter("Wk", rate_hz, 1, window_s)
-        self._also = {name: DoseMeter(name, rate_hz, 1, window_s) for name in also}
+        self._further = {name: DoseMeter(name, rate_hz, 1, window_s) for name in weightings}
         self._plane = HorizontalMeter(rate_hz, window_s, first_axis_rad) if sensor == SEAT else None
         self._dri = DriMeter(rate_hz, window_s) if sensor == SEAT else None
         self._sickness = DoseMeter("Wf", rate_hz, 1, BIN_S) if sensor == SEAT else None
         lengths_s = HIC_LENGTHS_S if sensor == HEAD else {}
         self._hics = {name: HicMeter(rate_hz, length_s, window_s) for name, length_s in lengths_s.items()}
         named = {"vertical": self._vertical, "plane": self._plane, "dri": self._dri, "sickness": self._sickness}
-        further = {f"also {name}": meter for name, meter in self._also.items()}
-        self._named: dict[str, Meter] = {name: m for name, m in (named | self._hics | further).items() if m is not None}
-        upward = (self._vertical, *self._also.values(), self._dri, self._sickness)
+        further = {f"also {name}": meter for name, meter in self._further.items()}
+        self._named: dict[str, Meter[Any]] = {
+            name: m for name, m in (named | self._hics | further).items() if m is not None
+        }
+        upward = (self._vertical, *self._further.values(), self._dri, self._sickness)
         self._upward = [meter for meter in upward if meter is not None]
 
     def push(self, block: Block) -> None:
@@ -97,10 +99,10 @@ class SensorMeters:
         self._count_batch()
         return (self._vertical.rolling() if rolling else self._vertical.since_reset())[0]
 
-    def also(self, rolling: bool = False) -> dict[str, Dose]:
+    def further(self, rolling: bool = False) -> dict[str, Dose]:
         """The vertical, by further weighting."""
         self._count_batch()
-        return {name: (m.rolling() if rolling else m.since_reset())[0] for name, m in self._also.items()}
+        return {name: (m.rolling() if rolling else m.since_reset())[0] for name, m in self._further.items()}
 
     def plane(self) -> HorizontalMeter:
         """The seat's horizontal plane, Wd."""
@@ -137,7 +139,7 @@ class SensorMeters:
         return {name: meter.totals() for name, meter in self._named.items()}
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
-        """Continue from totals of an earlier run, behind a break; raises InputError for totals that do not fit."""
+        """Continue from totals of an earlier run, after a break; raises InputError for totals that do not fit."""
         self._count_batch()
         for name, meter in self._named.items():
             if name in totals:
@@ -145,7 +147,7 @@ class SensorMeters:
             meter.skip(break_s)
 
 
-def resume_meter(meter: Meter, totals: Floats, name: str) -> None:
+def resume_meter(meter: Meter[Any], totals: Floats, name: str) -> None:
     """Continue a meter from totals; raises InputError where their shape or values are not a meter's of this name."""
     if totals.shape != meter.totals().shape:
         raise InputError(f"{name}: the stored totals have shape {totals.shape}, {meter.totals().shape} is needed")

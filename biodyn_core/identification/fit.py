@@ -65,16 +65,15 @@ class Fit:
         return TimeDomain(cases, self.subject, RegularizationTerm(self.refined.reference, 0.0), self.settings.clocks)
 
 
-def fit_cases(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings | None = None) -> list[Fit]:
+def fit_cases(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings) -> list[Fit]:
     """Fit each case alone, as the paper does; with `phase1: pooled` from one search over all.
 
     The subject provides anthropometry, mass matrix and m_scale.
     """
-    s = settings or FitSettings()
-    found = search_all(cases, subject, seed, s)
+    found = search_all(cases, subject, seed, settings)
     return [
-        Fit.of(refine([case], subject, starts, s), [case], subject, s)
-        for case, starts in zip(cases, searches_by_case(found, len(cases), s), strict=True)
+        Fit.of(refine([case], subject, starts, settings), [case], subject, settings)
+        for case, starts in zip(cases, searches_by_case(found, len(cases), settings), strict=True)
     ]
 
 

@@ -99,9 +99,9 @@ class Identification:
 
         Errors are in percent, over the held-out events where there are any.
         """
-        judged_by = held_out or self.cases
+        events = held_out or self.cases
         found = {
-            fit.subject.mass_matrix: mean_percent(prediction_errors(fit.subject, judged_by))
+            fit.subject.mass_matrix: mean_percent(prediction_errors(fit.subject, events))
             for fit in (self.joint, self.other)
         }
         better = min(found, key=lambda name: found[name])
@@ -119,7 +119,8 @@ def identify(
     """
     s = settings or FitSettings()
     _check(cases)
-    twin = dataclasses.replace(subject, mass_matrix=_other(subject.mass_matrix))
+    (other_matrix,) = (name for name in MASS_MATRICES if name != subject.mass_matrix)
+    twin = dataclasses.replace(subject, mass_matrix=other_matrix)
     groups = search_groups(cases, s)
     found = run([_search(group, of, seed, s) for of in (subject, twin) for group in groups])
     own, others = tuple(found[: len(groups)]), tuple(found[len(groups) :])
@@ -168,11 +169,6 @@ def _check(cases: Sequence[Case]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{name}: the case is given twice; give its representative repetition alone")
-
-
-def _other(mass_matrix: MassMatrix) -> MassMatrix:
-    first, second = MASS_MATRICES
-    return second if mass_matrix == first else first
 
 
 def _same_problem(settings: FitSettings) -> list[FitSettings]:

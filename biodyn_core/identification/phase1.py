@@ -86,13 +86,12 @@ def minimise(
     lower: Floats,
     upper: Floats,
     rng: np.random.Generator,
-    settings: SwarmSettings | None = None,
+    s: SwarmSettings,
 ) -> Swarm:
     """Minimise a function of many points (p, d) to costs (p,) within lower and upper (d,).
 
     Non-finite costs are never a particle's best. Raises InputError if every cost is non-finite.
     """
-    s = settings or SwarmSettings()
     width, penalties = upper - lower, Counter[str]()
     fastest = s.velocity_clamp * width
     position = lower + width * rng.random((s.particles, lower.size))

@@ -27,7 +27,7 @@ class Case:
     the first 2 s; energy (5,) is the sum of squares of compared samples, 0 for an excluded segment. For phase 1, from
     the whole recording: frequency_hz (f,), transmissibility (f, 5), magnitude of the H1 estimate, and coherence (f, 5),
     both 0 for a segment without spectrum. channels (n,) by name, such as `seat.x` or `head.rate_y`, are inputs of
-    effects, 0 where masked; leans are the recording's.
+    effects, 0 where masked; mean_tilts are the recording's.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Case:
     coherence: Floats
     warnings: tuple[str, ...]
     channels: Mapping[str, Floats] = field(default_factory=dict)
-    leans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    mean_tilts: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     begins_ns: int = 0
     """Stamp of the first sample, for the order of events."""
 
@@ -60,7 +60,7 @@ class Case:
         short = compared.sum(axis=0) < s.least_compared_s * recording.rate_hz
         if short.all():
             raise UnusableRecording(
-                f"{name}: no segment has {s.least_compared_s:g} s to compare behind the {WARM_UP_S:g} s of warm-up;"
+                f"{name}: no segment has {s.least_compared_s:g} s to compare after the {WARM_UP_S:g} s of warm-up;"
                 " record longer"
             )
         compared[:, short] = False
@@ -76,7 +76,7 @@ class Case:
         return cls(
             name, recording.case, recording.rate_hz, sharpened(seat) if s.sharpen_seat else seat, measured, compared,
             energy, grid, magnitude, coherence, (*recording.warnings, *excluded), recording.named_channels(),
-            recording.leans, int(recording.stamps_ns[0]),
+            recording.mean_tilts, int(recording.stamps_ns[0]),
         )  # fmt: skip
 
     @property

@@ -41,7 +41,7 @@ def _clipped_to_gravity(value: float) -> float:
 def set_steady_state(sos: Floats, state: Floats, channel: int, level: float) -> None:
     """Set one channel of the sections' state (s, 2, c) to its steady state for a constant input `level`.
 
-    The high-pass comes first and has both zeros at 0 Hz, so the sections behind it are at zero.
+    The high-pass comes first and has both zeros at 0 Hz, so the sections after it are at zero.
     """
     for s in range(sos.shape[0]):
         state[s, 0, channel] = 0.0

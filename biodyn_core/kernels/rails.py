@@ -5,7 +5,7 @@ Each axis has two sides, and each side has one row of floats, with the layout be
 more consecutive readings at the extreme. It counts if
 
 - the motion reached the extreme in one step from below all of these levels; a slow motion passes through them.
-- no counted stay came from the same level; looped records and periodic motions repeat.
+- no counted stay has the same previous level; looped records and periodic motions repeat.
 
 Either of two criteria makes the extreme a rail, each with a probability of at most `CHANCE` for motion within range:
 
@@ -53,7 +53,7 @@ samples has similar steps for long, so from fewer levels than the criteria need,
 EXTREME, LOWEST = 0, NEXT
 READ: Final = NEXT + 1
 FOUND: Final = READ + NEXT + 1
-# ... how many readings stayed, whether this stay counts, the number of counted stays, and the levels they came from.
+# ... how many readings stayed, whether this stay counts, the number of counted stays, and the level before each.
 STAYED, COUNTS, STAYS = range(FOUND + 1, FOUND + 4)
 ENTRIES: Final = STAYS + 1
 ROW_SIZE: Final = ENTRIES + MAX_STAYS

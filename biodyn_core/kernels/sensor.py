@@ -24,7 +24,7 @@ ROTATION: Final = LAST + 3
 LOW_PASS: Final = ROTATION + 9
 LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
 # ... and constants: limits, gains, whether samples share a stamp, the mean reading at rest (3), which is gravity and
-# bias. Also state: the slow level of the gravity tracker and the two stamps around the last hole. For the detection of
+# bias. Also state: the slow level of the gravity tracker and the two stamps around the last gap. For the detection of
 # rails each call stores the reading before its first (3), whether the two belong to one run, and the largest reading.
 (
     MAX_GAP,
@@ -35,8 +35,8 @@ LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
     COARSE,
     TRACKER_GAIN,
     TRACKED_LEVEL,
-    HOLE_FROM,
-    HOLE_TO,
+    GAP_FROM,
+    GAP_TO,
     AT_REST,
 ) = range(LOW_PASS_STATE + 2 * SECTIONS, LOW_PASS_STATE + 2 * SECTIONS + 11)
 BEFORE: Final = AT_REST + 3
@@ -103,7 +103,7 @@ def _same(samples: Floats, at: int, state: Floats) -> bool:
 
 @compiled
 def _confirm_leap(stamps_ns: Integers, at: int, needed: int, epoch_ns: int, final: bool, state: Floats) -> int:
-    """Whether the `needed` next stamps confirm a leap: CONFIRMED, OUTLIER, SENT_LATE; UNDECIDED if too few came.
+    """Whether the `needed` next stamps confirm a leap: CONFIRMED, OUTLIER, SENT_LATE; UNDECIDED with too few of them.
 
     A stamp confirms the leap if it is nearer to its expected value with the leap than without; constant stamps confirm
     nothing. If the stamps after a leap ahead return to the old line in order, samples were sent late and none is lost.
@@ -249,9 +249,9 @@ def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts
 def _repeats_interval(stamp: float, state: Floats) -> bool:
     """Whether a late stamp lies in an interval from which samples were already accepted.
 
-    That excludes outliers, constant stamps and delayed samples, which fall into the last hole.
+    That excludes outliers, constant stamps and delayed samples, which fall into the last gap.
     """
-    return 0.0 < state[LAST_STAMP] - stamp <= LEAP_S and not state[HOLE_FROM] < stamp < state[HOLE_TO]
+    return 0.0 < state[LAST_STAMP] - stamp <= LEAP_S and not state[GAP_FROM] < stamp < state[GAP_TO]
 
 
 @inlined
@@ -305,7 +305,7 @@ def _decide(
     if decision == NEW_RUN:
         # The first sample of the next run is accepted without test. Its seconds count from there, and the time in
         # between is not part of a flat line.
-        state[HOLE_FROM], state[HOLE_TO] = state[LAST_STAMP] - stamp, 0.0
+        state[GAP_FROM], state[GAP_TO] = state[LAST_STAMP] - stamp, 0.0
         state[FLAT_SINCE] -= state[LAST_STAMP]
         state[TIME] = np.nan
         state[LAST_STAMP] = -np.inf
@@ -365,7 +365,7 @@ def regularise(
                 source[written] = -1
                 written += 1
             if missing > 0:
-                state[HOLE_FROM], state[HOLE_TO] = state[LAST_STAMP], stamp
+                state[GAP_FROM], state[GAP_TO] = state[LAST_STAMP], stamp
             counts[FILLED] += missing
         times[written], source[written] = now, i
         _count_reading(stamp, samples, i, state, counts)

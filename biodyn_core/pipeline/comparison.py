@@ -22,8 +22,11 @@ from biodyn_core.exposure.meters import Dose, DoseMeter, Meter, Tally
 from biodyn_core.pipeline.frames import NO_MEASURED, MeasuredFrames
 
 
-class ResidualMeter(Meter):
-    """Rms of predicted minus measured per channel: `push` both (n, c) m/s^2; rows with NaN are left out."""
+class ResidualMeter(Meter[tuple[Floats, Floats]]):
+    """Rms of predicted minus measured per channel: `push` both (n, c) m/s^2; rows with NaN are left out.
+
+    Figures: rms m/s^2 and rms over measured rms in percent, each (c,), NaN where nothing was compared.
+    """
 
     def __init__(self, rate_hz: float, channels: int, window_s: float) -> None:
         self._tally = Tally(rate_hz, channels, 3, 3, window_s)
@@ -37,16 +40,7 @@ class ResidualMeter(Meter):
         """Move on by a break of that length."""
         self._tally.skip(seconds)
 
-    def since_reset(self) -> tuple[Floats, Floats]:
-        """Return (rms m/s^2, rms over measured rms in percent), each (c,), NaN where nothing was compared."""
-        return self._rms(self._tally.since_reset())
-
-    def rolling(self) -> tuple[Floats, Floats]:
-        """The same over the last `window_s`."""
-        return self._rms(self._tally.rolling())
-
-    @staticmethod
-    def _rms(rows: Floats) -> tuple[Floats, Floats]:
+    def _figures(self, rows: Floats, rolling: bool) -> tuple[Floats, Floats]:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.sqrt(rows[:, 0] / rows[:, 2]), 100.0 * np.sqrt(rows[:, 0] / rows[:, 1])
 
@@ -224,7 +218,7 @@ class EarlyBlocks:
         while abs(held[-1].time_s[-1] - held[0].time_s[-1]) > self._keep_s:
             held.popleft()
 
-    def hand_over(self, comparison: Comparison) -> None:
+    def move_to(self, comparison: Comparison) -> None:
         """Move all blocks to a comparison."""
         for sensor, held in self.blocks.items():
             comparison.sensor(sensor, list(held))

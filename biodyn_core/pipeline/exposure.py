@@ -20,7 +20,7 @@ class Exposure:
 
     sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed are comparable with each other: a
     prediction counts at once, a measurement when it is compared. compared: by segment, over the same samples of both.
-    also: by weighting and sensor. residual: by segment, rms m/s^2 and rms over measured rms in percent. msdv_mps15:
+    further: by weighting and sensor. residual: by segment, rms m/s^2 and rms over measured rms in percent. msdv_mps15:
     motion sickness dose of the seat's vertical, Wf, since reset alone.
     """
 
@@ -31,7 +31,7 @@ class Exposure:
     hic15: Hic | None
     hic36: Hic | None
     msdv_mps15: float | None
-    also: dict[str, dict[str, Dose]]
+    further: dict[str, dict[str, Dose]]
     residual: dict[str, tuple[float, float]]
     compared: dict[str, Compared]
 
@@ -45,7 +45,7 @@ def exposure_of(
     """Read the figures from the sensors' meters and the predictor, whose figures need the seat's."""
     seat, head = meters.get(SEAT), meters.get(HEAD)
     side = predictor if seat else None
-    also = {name: one.also(rolling) for name, one in meters.items()}
+    further = {name: one.further(rolling) for name, one in meters.items()}
     return Exposure(
         sensors={name: one.vertical(rolling) for name, one in meters.items()},
         predicted=side.predicted(rolling) if side else {},
@@ -54,7 +54,7 @@ def exposure_of(
         hic15=head.hic("hic15", rolling) if head else None,
         hic36=head.hic("hic36", rolling) if head else None,
         msdv_mps15=seat.msdv_mps15() if seat and not rolling else None,
-        also={weighting: {name: doses[weighting] for name, doses in also.items()} for weighting in weightings},
+        further={weighting: {name: doses[weighting] for name, doses in further.items()} for weighting in weightings},
         residual=side.residual(rolling) if side else {},
-        compared=side.compared(rolling) if side else {},
+        compared=side.comparison.compared_doses(rolling) if side else {},
     )

@@ -91,7 +91,7 @@ class ExposureCounter:
         """The losses of a sensor in this run."""
         status, timelines = self._conditioners[sensor].status(), self._timelines
         gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
-        # With initial exposure, the time before the first sample is the break behind it.
+        # With initial exposure, the time before the first sample is the break after it.
         late_s = 0.0 if sensor in self.initial.sensors else timelines.late_s(sensor)
         absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + timelines.silent_s(sensor)
         return Losses(status.clipped, absent_s, status.filled_s, status.flat_s)

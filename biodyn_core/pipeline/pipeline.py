@@ -16,7 +16,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.suggestions import known_are
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
@@ -86,11 +86,9 @@ class Pipeline:
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns, in order of arrival."""
         if sensor not in self.conditioners:
-            raise InputError(
-                f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}{did_you_mean(sensor, SENSORS)}"
-            )
+            raise InputError(f"sensor {sensor!r} is unknown, {known_are(sensor, SENSORS)}")
         blocks = self.conditioners[sensor].push(stamps_ns, samples_mps2)
-        self.timelines.note(sensor)
+        self.timelines.update(sensor)
         if self.mode == "zero_phase":  # a whole run at once would overtake the sensors whose runs still go on
             self._whole_runs += [(sensor, block) for block in blocks]
             return NO_FRAMES
@@ -126,7 +124,7 @@ class Pipeline:
     def _first_predictor(self) -> SeatPredictor:
         predictor = self.new_predictor(self.conditioners[SEAT].rate_hz)
         predictor.resume(self.counter.initial.prediction, self.counter.break_s(SEAT))
-        self._early.hand_over(predictor.comparison)
+        self._early.move_to(predictor.comparison)
         return predictor
 
     def new_predictor(self, rate_hz: float) -> SeatPredictor:

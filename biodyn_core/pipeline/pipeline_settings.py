@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
-from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.suggestions import did_you_mean, known_are
 
 if TYPE_CHECKING:
     from biodyn_core.conditioning.tilt import Vector
@@ -25,7 +25,7 @@ class PipelineSettings:
         None, "angle from the vehicle's forward direction to the seat sensor's first axis", "deg", -360.0, 360.0
     )
     vertical: str = setting(
-        "", "which way is up along sensors' axes, where gravity shall not tell, such as 'seat=0,0,1 head=-1,0,0'"
+        "", "direction of up in the axes of sensors, instead of that at rest, such as 'seat=0,0,1 head=-1,0,0'"
     )
     also_weighted: str = setting("", "further weightings of every sensor's vertical, such as 'Wb Wj'")
 
@@ -59,7 +59,5 @@ class PipelineSettings:
         names = self.also_weighted.replace(",", " ").split()
         for name in names:
             if name not in CURVES:
-                raise InputError(
-                    f"also_weighted {name!r} is no weighting, known are {', '.join(CURVES)}{did_you_mean(name, CURVES)}"
-                )
+                raise InputError(f"also_weighted {name!r} is no weighting, {known_are(name, CURVES)}")
         return tuple(name for name in CURVES if name in names)

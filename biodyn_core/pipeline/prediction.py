@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
 from biodyn_core.exposure.sensor_meters import Batch, resume_meter
-from biodyn_core.pipeline.comparison import Compared, Comparison
+from biodyn_core.pipeline.comparison import Comparison
 
 MAX_STRETCH_M: Final = 0.2
 """No joint of a seated body deforms so far; a chain beyond it has left the range of its laws."""
@@ -25,7 +25,7 @@ UNPREDICTED: Final = "unpredicted"
 """Names of the seat's peak, and of the samples without a prediction, among the totals of the meters."""
 
 BLOCK_AFTER_DIVERGENCE: Final = 64
-"""Samples that are predicted at once behind a divergence."""
+"""Samples that are predicted at once after a divergence."""
 
 
 class SeatPredictor:
@@ -94,10 +94,6 @@ class SeatPredictor:
         doses = self.comparison.doses.rolling() if rolling else self.comparison.doses.since_reset()
         return {name: dose for name, dose in zip(SENSORS, doses, strict=True) if name in sensors}
 
-    def compared(self, rolling: bool) -> dict[str, Compared]:
-        """Doses of measurement and prediction over the same samples, by segment."""
-        return self.comparison.compared_doses(rolling)
-
     def residual(self, rolling: bool) -> dict[str, tuple[float, float]]:
         """(rms m/s^2, rms over measured rms in percent) by segment, for those that were compared."""
         meter = self.comparison.residual
@@ -113,7 +109,7 @@ class SeatPredictor:
         return meters | {name: np.array([[value]]) for name, value in own.items()}
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
-        """Continue from totals of an earlier run, behind a break; raises InputError for totals that do not fit."""
+        """Continue from totals of an earlier run, after a break; raises InputError for totals that do not fit."""
         self._count(self._batch.take())
         for name, meter in self._meters.items():
             if name in totals:
@@ -124,7 +120,7 @@ class SeatPredictor:
         self.unpredicted += round(own.get(UNPREDICTED, 0.0))
 
     @property
-    def _meters(self) -> dict[str, Meter]:
+    def _meters(self) -> dict[str, Meter[Any]]:
         c = self.comparison
         return {"predicted": self.doses, "measured": c.doses, "residual": c.residual, "compared": c.compared}
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Latency(NamedTuple):
-    """Delay of an output beyond transport, seconds: by the filter (taken off its stamp), interpolation and waiting."""
+    """Delay of an output beyond transport, seconds: by the filter (corrected in stamps), interpolation and waiting."""
 
     filter_s: float
     look_ahead_s: float

@@ -100,13 +100,13 @@ class Shocks:
         return first
 
     def _extend(self, at: int, rows: _Rows, hit: Flags) -> int:
-        """Extend the open shock as far as it lasts; return the first row behind it, or the end."""
+        """Extend the open shock as far as it lasts; return the first row after it, or the end."""
         shock = self._open
         assert shock is not None
         stamps_ns = rows.stamps_ns[at:]
         last_ns = np.maximum.accumulate(np.concatenate([[shock.last_ns], np.where(hit[at:], stamps_ns, 0)]))
-        behind = (stamps_ns > last_ns[:-1] + SEPARATION_NS) | (stamps_ns < shock.begin_ns)  # stamps may leap back
-        length = int(behind.argmax()) if behind.any() else stamps_ns.size
+        after = (stamps_ns > last_ns[:-1] + SEPARATION_NS) | (stamps_ns < shock.begin_ns)  # stamps may leap back
+        length = int(after.argmax()) if after.any() else stamps_ns.size
         self._open = replace(_with_rows(shock, rows.part(at, at + length)), last_ns=int(last_ns[length]))
         if length < stamps_ns.size:
             self._done.append(self._open)

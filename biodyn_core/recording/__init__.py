@@ -1,1 +1,1 @@
-"""One event of six sensors on the seat's grid, zero-phase: what subjects are fitted to."""
+"""One event of six sensors on the seat's grid, zero-phase, for fits of subjects."""

@@ -54,13 +54,13 @@ class Run(NamedTuple):
 class SensorTrack:
     """`push` raw samples of one sensor, `finish`, then read its conditioned runs with their invalid samples.
 
-    tilt_is_implausible: whether its gyro gives an impossible tilt. lean: mean tilt along x and y of `Channels` after
+    tilt_is_implausible: whether its gyro gives an impossible tilt. mean_tilt: along x and y of `Channels` after
     `use_attitude`, None without a usable gyro.
     """
 
-    def __init__(self, conditioner: Conditioner, with_channels: bool, keep_lean: bool) -> None:
+    def __init__(self, conditioner: Conditioner, with_channels: bool, vertical_at_rest: bool) -> None:
         self._conditioner = conditioner
-        self._with_channels, self._keep_lean = with_channels, keep_lean
+        self._with_channels, self._vertical_at_rest = with_channels, vertical_at_rest
         self._gyro = Gyro()
         self._lines: list[str] = []
         self._usable: list[Integers] = []
@@ -70,7 +70,7 @@ class SensorTrack:
         self.runs: list[Run] = []
         self.tilt_is_implausible = False
         self._ups: list[Floats] = []
-        self.lean: tuple[float, float] | None = None
+        self.mean_tilt: tuple[float, float] | None = None
 
     def push(self, stamps_ns: Integers, samples_mps2: Floats, rates_radps: Floats | None) -> None:
         """Add raw samples (n, 3) with their stamps (n,) ns, and rates (n, 3), if any."""
@@ -107,13 +107,13 @@ class SensorTrack:
     def _attitudes(self) -> list[Floats]:
         """The direction of up in every run, (n, 3), by the gyro; empty, with a warning, where it is unknown."""
         status = self._conditioner.status()
-        if self._keep_lean:
+        if self._vertical_at_rest:
             return []
         assert status.vertical is not None and status.gravity_mps2 is not None  # known once there are runs
         gravity_mps2, rotation = status.gravity_mps2, rotation_to_vertical(np.array(status.vertical))
         try:
             if not self._gyro.is_still or self._conditioner.gravity is not None:
-                raise ValueError("its gyro does not rest at the begin")
+                raise ValueError("its gyro does not rest at the start")
             return self._integrated(rotation, gravity_mps2)
         except ValueError as error:
             self.tilt_is_implausible = isinstance(error, ImplausibleTilt)
@@ -136,14 +136,14 @@ class SensorTrack:
             ups.append(estimated_attitude(block.levelled_mps2, rates, block.rate_hz, gravity_mps2, begin))
             before = int(block.stamps_ns[-1]), rates[-1]
         if breaks_s:
-            which = f"behind {counted(len(breaks_s), 'break')} of up to {max(breaks_s):.2g} s"
+            which = f"after {counted(len(breaks_s), 'break')} of up to {max(breaks_s):.2g} s"
             self._lines.append(f"{self._conditioner.sensor}: {which} {VERTICAL_AT_REST}")
         return ups
 
     def use_attitude(self, plausible: bool, skip_s: float) -> None:
         """Set the verticals of all runs along the true vertical; not where a gyro of the record is implausible.
 
-        `lean` is the mean tilt after skip_s of each run.
+        `mean_tilt` is the mean tilt after skip_s of each run.
         """
         if not self._ups:
             return
@@ -164,7 +164,7 @@ class SensorTrack:
         if len(moving):
             turn = horizontal_axes(status.vertical) @ rotation_to_vertical(np.array(status.vertical)).T
             x, y, _ = (-turn @ moving.mean(axis=0)).tolist()
-            self.lean = x, y
+            self.mean_tilt = x, y
 
     def reach(self, rate_hz: float) -> int:
         """Number of samples that the low-pass reaches to either side: the decay of its slowest pole to REACH_SHARE."""
@@ -221,7 +221,7 @@ class SensorTrack:
                 aligner.add([run.block._replace(low_passed_mps2=track)])
         return aligners
 
-    def absence(self) -> str:
+    def why_missing(self) -> str:
         """Why there is no run, in one line."""
         sensor = self._conditioner.sensor
         if not self._usable:
@@ -232,7 +232,7 @@ class SensorTrack:
         """Warnings about the sensor, one line each."""
         sensor, status = self._conditioner.sensor, self._conditioner.status()
         if not self.runs:
-            yield self.absence()
+            yield self.why_missing()
             return
         yield from self._lines
         yield from (f"{sensor}: {line}" for line in status.warnings)

@@ -16,7 +16,7 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError, UnusableRecording
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
-from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.channels import Channels
@@ -30,7 +30,7 @@ from biodyn_core.recording.heading import bend_rates_radps, headings_rad
 from biodyn_core.recording.recording_settings import RecordingSettings
 
 WARM_UP_S: Final = 2.0
-"""A model that starts from rest is compared after this time (Zaman et al., 5.3), as behind an invalid seat."""
+"""A model that starts from rest is compared after this time (Zaman et al., 5.3), as after an invalid seat."""
 
 SHORTEST_LEVEL_S: Final = 2.0
 """Shortest stretch without a mask for a level: three periods of a car's body bounce."""
@@ -58,17 +58,17 @@ class Recording:
     """Quality: clipping, gaps, drift, missing segments, one line each."""
     channels: Mapping[str, Channels] = field(default_factory=dict)
     """Further channels by name in `SENSORS`; empty if not requested."""
-    leans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Mean tilt, behind the warm-up, of the sensors with a known attitude: the share of motion along x and y of
+    mean_tilts: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Mean tilt, after the warm-up, of the sensors with a known attitude: the share of motion along x and y of
     `Channels` that they would have read as vertical."""
-    seat_misread_s: float = 0.0
+    seat_invalid_s: float = 0.0
     """Seconds of invalid samples of the seat, and within the low-pass's reach of them."""
     headings: Mapping[str, float] = field(default_factory=dict)
     """Rotation of x of these sensors' `Channels` to the left of the seat's, rad, where their motion shows it."""
 
     @property
     def begin(self) -> int:
-        """The first sample behind the warm-up."""
+        """The first sample after the warm-up."""
         return round(WARM_UP_S * self.rate_hz)
 
     def named_channels(self) -> dict[str, Floats]:
@@ -85,7 +85,7 @@ class Recording:
 class Recorder:
     """`push` raw samples, `finish` for the recordings; the same bits for any cut into blocks.
 
-    verticals: up in the axes of sensors whose rest shall not determine it. channels: whether recordings contain
+    verticals: up in the axes of sensors, where rest does not determine it. channels: whether recordings contain
     channels, for which rates are pushed too. gravity: of sensors whose whole record was searched for rest.
     """
 
@@ -120,9 +120,7 @@ class Recorder:
         rates_radps (n, 3) in the same axes, NaN where there are none: with them verticals follow the sensor's tilt.
         """
         if sensor not in self._sensors:
-            raise InputError(
-                f"sensor {sensor!r} is unknown, known are {', '.join(SENSORS)}{did_you_mean(sensor, SENSORS)}"
-            )
+            raise InputError(f"sensor {sensor!r} is unknown, {known_are(sensor, SENSORS)}")
         if rates_radps is not None and rates_radps.shape != samples_mps2.shape:
             raise InputError(f"{sensor}: rates of shape {rates_radps.shape}, samples have {samples_mps2.shape}")
         self._sensors[sensor].push(stamps_ns, samples_mps2, rates_radps)
@@ -139,9 +137,9 @@ class Recorder:
             sensor.use_attitude(plausible, WARM_UP_S)
         seat, others = self._sensors[SEAT], [self._sensors[name] for name in MEASURED_SEGMENTS]
         if not seat.runs:
-            raise UnusableRecording(f"{self.name}: {seat.absence()}")
+            raise UnusableRecording(f"{self.name}: {seat.why_missing()}")
         if not any(sensor.runs for sensor in others):
-            why = f"{others[-1].absence()}, nor is any other segment: nothing to compare"
+            why = f"{others[-1].why_missing()}, nor is any other segment: nothing to compare"
             raise UnusableRecording(f"{self.name}: {why}")
         aligners = {name: self._sensors[name].aligners(self.settings.bridge_s) for name in MEASURED_SEGMENTS}
         recordings, reasons = [], []
@@ -179,8 +177,8 @@ class Recorder:
             measured_mps2=measured,
             warnings=(*self._moved(levels), *self._masked(unsettled, measured, rate_hz)),
             channels=channels,
-            leans={name: sensor.lean for name, sensor in self._sensors.items() if sensor.lean is not None},
-            seat_misread_s=float(np.count_nonzero(np.isnan(tracks[SEAT][0])) / rate_hz),
+            mean_tilts={name: tilt for name, sensor in self._sensors.items() if (tilt := sensor.mean_tilt) is not None},
+            seat_invalid_s=float(np.count_nonzero(np.isnan(tracks[SEAT][0])) / rate_hz),
             headings=headings_rad(channels, rate_hz),
         )
 
@@ -214,7 +212,7 @@ class Recorder:
         rms = float(moving.std()) if moving.size else 0.0
         if rms < s.least_seat_rms_mps2:
             raise InputError(
-                f"the seat moves by {rms:.2g} m/s^2 rms behind the warm-up, {s.least_seat_rms_mps2:g} are needed:"
+                f"the seat moves by {rms:.2g} m/s^2 rms after the warm-up, {s.least_seat_rms_mps2:g} are needed:"
                 " without excitation nothing can be identified"
             )
 

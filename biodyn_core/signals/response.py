@@ -174,7 +174,7 @@ class SpectraMeter:
 
 
 def _starts(usable: Flags, begin: int, size: int, step: int) -> tuple[list[int], int]:
-    """Begins of segments from `begin` on, in every stretch without a mask from its first sample; and the next begin."""
+    """Starts of segments from `begin` on, in every stretch without a mask from its first sample; and the next start."""
     starts, at = [], begin
     while at < usable.size:
         seen = usable[at : at + size]

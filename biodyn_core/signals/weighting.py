@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from biodyn_core.base.arrays import Complexes, Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.sampling_rate import MIN_RATE_HZ, RATE_TOLERANCE
-from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.suggestions import known_are
 
 Quotient = tuple[tuple[float, float, float], tuple[float, float, float]]
 WeightingName = Literal["Wk", "Wd", "Wf", "Wc", "We", "Wj", "Wb"]
@@ -149,7 +149,7 @@ def weighting_sections(name: WeightingName, rate_hz: float) -> Floats:
     Designed for the rate rounded to 0.1 Hz, an error below 0.02 %, so that sensors of one kind share one design.
     """
     if name not in CURVES:
-        raise InputError(f"weighting {name!r} is unknown, known are {', '.join(CURVES)}{did_you_mean(name, CURVES)}")
+        raise InputError(f"weighting {name!r} is unknown, {known_are(name, CURVES)}")
     if not rate_hz >= MIN_RATE_HZ * (1.0 - RATE_TOLERANCE):
         raise InputError(f"a rate of {rate_hz:g} Hz is too low for {name}: at least {MIN_RATE_HZ:g} Hz is needed")
     return np.array(_design(name, round(float(rate_hz), 1)))

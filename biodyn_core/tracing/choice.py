@@ -73,7 +73,7 @@ def chosen(
     for i, one in enumerate(ranking):
         if one.applied.effect.known_omission and one.gain > settings.least_lift_off and enough[i]:
             return i
-    good = [i for i, one in enumerate(ranking) if one.gain > threshold and not one.against]
+    good = [i for i, one in enumerate(ranking) if one.gain > threshold and not one.objections]
     rough = [
         i
         for i, one in enumerate(ranking)

@@ -17,8 +17,8 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import at_bound
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.data_checks import seat_tension
 from biodyn_core.tracing.findings import Diagnostics
-from biodyn_core.tracing.gate import seat_tension
 from biodyn_core.tracing.nuisance_model import FREE, N_THETA, NuisanceModel
 from biodyn_core.tracing.rows import Products
 from biodyn_core.tracing.settings import DiagnosticSettings
@@ -44,9 +44,9 @@ def diagnose(subject: Subject, nuisance: NuisanceModel, settings: DiagnosticSett
         bracket=bracket(peeled, s.failing),
         level_slope=_level_slope(cases, residuals),
         jump=_jump(nuisance),
-        pinned=at_bound(subject.parameters.vector(), FREE),
+        at_bound=at_bound(subject.parameters.vector(), FREE),
         drift=_drift(nuisance),
-        pulled_down=max(seat_tension(subject, case) for case in cases),
+        seat_tension=max(seat_tension(subject, case) for case in cases),
     )
 
 
@@ -72,7 +72,7 @@ def coherent(cases: Sequence[Case], residuals: Sequence[Floats]) -> Mapping[str,
 
 
 def _windowed(values: Floats, case: Case) -> Complexes:
-    """Spectra (w, f, k) within the band of half-overlapping windows of 2 s of values (n, k), behind the warm-up."""
+    """Spectra (w, f, k) within the band of half-overlapping windows of 2 s of values (n, k), after the warm-up."""
     length = min(round(COHERENCE_S * case.rate_hz), len(values) - case.begin)
     parts = np.lib.stride_tricks.sliding_window_view(np.nan_to_num(values[case.begin :]), length, axis=0)
     spectra = np.fft.rfft(parts[:: length // 2] * signal.windows.hann(length), axis=2)

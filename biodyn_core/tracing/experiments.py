@@ -54,8 +54,8 @@ def listed(need: Need, settings: FloorSettings) -> str:
     """The recordings of one need."""
     amounts = list(_amounts(need, settings))
     if amounts:
-        return ", ".join([*amounts, need.use, *(f"in {how}" for how in need.how)])
-    return ", ".join([*need.how, need.use])
+        return ", ".join([*amounts, need.use, *(f"in {condition}" for condition in need.conditions)])
+    return ", ".join([*need.conditions, need.use])
 
 
 def _amounts(need: Need, s: FloorSettings) -> Iterator[str]:
@@ -66,8 +66,4 @@ def _amounts(need: Need, s: FloorSettings) -> Iterator[str]:
         least_g = s.hard_shock_g if all_hard else s.shock_g
         yield f"{need.shocks} more shock{'' if need.shocks == 1 else 's'} of {least_g:g} g"
         if need.hard_shocks and not all_hard:
-            yield f"{_of_them(need.hard_shocks)} of {s.hard_shock_g:g} g"
-
-
-def _of_them(count: int) -> str:
-    return f"{'one' if count == 1 else count} of them"
+            yield f"{'one' if need.hard_shocks == 1 else need.hard_shocks} of them of {s.hard_shock_g:g} g"

@@ -27,9 +27,9 @@ class RankedCandidate:
     gain: mean log ratio of the squared residual without over with the effect in the events for choosing, theta and
     nuisance parameters refitted, plus the gain in evidence of the nuisance parameters; refitted: whether it comes from
     a fit to all events or from the linear step of screening. p_value: how often the largest random gain is as large.
-    absorbed: share of the effect's energy that theta explains. helps: number of events with a positive gain. against:
-    the objections. steady: False if the effect is fitted again in every window or between events; it always gains a
-    little, and its p_value has no meaning. typical: whether its size is within the typical range.
+    absorbed: share of the effect's energy that theta explains. improved_events: number of events with a positive gain.
+    objections: reasons against it. steady: False if the effect is fitted again in every window or between events; it
+    always gains a little, and its p_value has no meaning. typical: whether its size is within the typical range.
     """
 
     applied: AppliedEffect
@@ -37,8 +37,8 @@ class RankedCandidate:
     refitted: bool
     p_value: float
     absorbed: float
-    helps: int
-    against: tuple[str, ...] = ()
+    improved_events: int
+    objections: tuple[str, ...] = ()
     steady: bool = True
     typical: bool = False
 
@@ -119,7 +119,7 @@ class Need:
     road_s: float
     shocks: int
     hard_shocks: int
-    how: tuple[str, ...] = ()
+    conditions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +146,8 @@ class Diagnostics:
     share of power above chance. peeling: per sub-chain, from the head down, named by the sensor that drives it, error
     of the segments above, rms percent. bracket: the joints that this points to. level_slope: d log of the relative
     residual / d log peak. jump: the event, in the given order, at which the residual changes most, and its p-value.
-    pinned: parameters on a bound. drift: per parameter, ln of largest over smallest value among the conditions.
-    pulled_down: largest tension of the seat's joint, over the weight it carries.
+    at_bound: parameters on a bound. drift: per parameter, ln of largest over smallest value among the conditions.
+    seat_tension: largest tension of the seat's joint, over the weight it carries.
     """
 
     amplitude_transfer: Mapping[str, tuple[float, float]]
@@ -156,12 +156,12 @@ class Diagnostics:
     bracket: tuple[str, ...]
     level_slope: float | None
     jump: tuple[str, float] | None
-    pinned: tuple[str, ...]
+    at_bound: tuple[str, ...]
     drift: Mapping[str, float]
-    pulled_down: float
+    seat_tension: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Trace:
     """A whole trace.
 
@@ -169,7 +169,7 @@ class Trace:
     if nothing could be fitted); after: with the added effects (the object before if there are none). sensors: sensor
     faults beside the verdict. needs: recordings missing for a verdict. intervals: for each of the effects.
     floor_percent: error by sensor noise alone, None if unknown. untestable: effects that lack a channel. left_out:
-    events or sensors that are not used, with the reason. experiment: what to record next. calibrated: whether the
+    events or sensors that are not used, with the reason. experiment: the next recordings. calibrated: whether the
     threshold was computed or read from an earlier trace. nuisance: largest multiple first.
     """
 
@@ -178,25 +178,25 @@ class Trace:
     given: Subject
     before: Subject
     after: Subject
-    effects: tuple[AppliedEffect, ...]
-    intervals: tuple[tuple[Interval, ...], ...]
-    ambiguous_with: tuple[AppliedEffect, ...]
-    family: str
     experiment: str
     events: tuple[ComparedEvent, ...]
-    rounds: tuple[Round, ...]
-    nuisance: tuple[NuisanceValue, ...]
-    diagnostics: Diagnostics | None
-    surface: Surface | None
     floor_percent: float | None
-    p_value: float | None
-    threshold: float | None
     untestable: tuple[str, ...]
     left_out: tuple[str, ...]
-    lacking: tuple[str, ...]
     seed: int
     calibrated: Literal["anew", "found", "not"]
+    effects: tuple[AppliedEffect, ...] = ()
+    intervals: tuple[tuple[Interval, ...], ...] = ()
+    ambiguous_with: tuple[AppliedEffect, ...] = ()
+    family: str = ""
+    rounds: tuple[Round, ...] = ()
+    nuisance: tuple[NuisanceValue, ...] = ()
+    diagnostics: Diagnostics | None = None
+    surface: Surface | None = None
+    p_value: float | None = None
+    threshold: float | None = None
     sensors: tuple[SensorFinding, ...] = ()
+    lacking: tuple[str, ...] = ()
     needs: tuple[Need, ...] = ()
 
     @property

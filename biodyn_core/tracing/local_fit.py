@@ -28,7 +28,7 @@ LEAST_DECREASE: Final = 2e-3
 STEP_SHARES: Final = (1.0, 0.5, 0.2, 0.05)
 """Shares of a step, tried in this order until one reduces the objective."""
 
-NUDGE: Final = 0.02
+PSI_STEP: Final = 0.02
 """Step for the derivative by an effect's parameter, which is mapped to the real line."""
 
 PSI_SPREAD: Final = 6.0
@@ -76,7 +76,7 @@ def fit_locally(
     problem = _Problem(nuisance, start)
     at = problem.at(np.zeros(N_THETA), problem.unbounded(start))
     for _ in range(steps):
-        better = _descended(problem, at) if np.isfinite(at.objective) else None
+        better = _line_search(problem, at) if np.isfinite(at.objective) else None
         if better is None:
             break
         little = at.objective - better.objective < least_decrease * at.objective
@@ -113,7 +113,7 @@ def simulated_products(events: EventSet, subject: Subject) -> Products:
     return events.products_of(events.residuals(subject))
 
 
-def _descended(problem: _Problem, at: _Point) -> _Point | None:
+def _line_search(problem: _Problem, at: _Point) -> _Point | None:
     """The first point along the step with a smaller objective; None if there is none."""
     slopes = problem.by_psi(at)
     delta, psi = problem.step(at, slopes)
@@ -163,18 +163,18 @@ class _Problem:
         train, weight = self._nuisance.train, self._nuisance.weight
         subject = self._subject(delta, psi)
         accel = accelerations(subject, train.cases)
-        shown = sensed(subject, train.cases, accel)
-        residuals = [rows.residual(one) for rows, one in zip(train.rows, shown, strict=True)]
+        sensor_accel = sensed(subject, train.cases, accel)
+        residuals = [rows.residual(one) for rows, one in zip(train.rows, sensor_accel, strict=True)]
         products = train.products_of(residuals)
         if not products.square.max() < RUNAWAY_MPS2**2:  # also for NaN
             b = np.zeros(len(self._normal))
-            return _Point(delta, psi, subject, accel, shown, residuals, products, b, np.inf, slopes)
+            return _Point(delta, psi, subject, accel, sensor_accel, residuals, products, b, np.inf, slopes)
         right = weight @ products.cross[:, N_THETA:]
         own = self._own @ right
         prior = float(self._nuisance.precision[:N_THETA] @ delta**2)
         objective = float(weight @ products.square) - float(right @ own) + prior
         b = np.concatenate([np.zeros(N_THETA), own])
-        return _Point(delta, psi, subject, accel, shown, residuals, products, b, objective, slopes)
+        return _Point(delta, psi, subject, accel, sensor_accel, residuals, products, b, objective, slopes)
 
     def step(self, at: _Point, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
         """The Gauss-Newton solution from here: delta (14,) and psi (p,)."""
@@ -264,18 +264,18 @@ class _Problem:
         """Derivatives (w, r, p) of the rows of each event for fitting by psi."""
         if at.psi.size == 0:
             return []
-        slopes = zip(*(self._slopes(at, nudge) for nudge in NUDGE * np.eye(at.psi.size)), strict=True)
+        slopes = zip(*(self._slopes(at, step) for step in PSI_STEP * np.eye(at.psi.size)), strict=True)
         return [
             rows(np.stack(of_case, axis=2)) for rows, of_case in zip(self._nuisance.train.rows, slopes, strict=True)
         ]
 
-    def _slopes(self, at: _Point, nudge: Floats) -> list[Floats]:
-        """Derivatives (n, 5) of the answers along a nudge; backward if the forward simulation is unstable."""
-        for step in (nudge, -nudge):
-            stepped = self._answers(at, at.psi + step)
+    def _slopes(self, at: _Point, step: Floats) -> list[Floats]:
+        """Derivatives (n, 5) of the answers along a step; backward if the forward simulation is unstable."""
+        for signed in (step, -step):
+            stepped = self._answers(at, at.psi + signed)
             if all(np.abs(one).max() < RUNAWAY_MPS2 for one in stepped):
                 break
-        return [(one - plain) / step.sum() for one, plain in zip(stepped, at.answers, strict=True)]
+        return [(one - plain) / signed.sum() for one, plain in zip(stepped, at.answers, strict=True)]
 
     def _answers(self, at: _Point, psi: Floats) -> list[Floats]:
         """Answers (n, 5) in each event for fitting, for other parameters of the effect."""

@@ -21,7 +21,7 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer, answers
-from biodyn_core.tracing.nuisance_parameters import NuisanceParameter, bend_n, columns, nuisance_parameters
+from biodyn_core.tracing.nuisance_parameters import NuisanceParameter, columns, nonlinear_force_n, nuisance_parameters
 from biodyn_core.tracing.rows import Products, Rows
 from biodyn_core.tracing.settings import NuisanceSettings
 
@@ -120,8 +120,10 @@ class NuisanceModel:
             return np.inf
         chain = Chain.of(dataclasses.replace(self.subject, effects=()))
         laws = [(one.applied, one.spread, one.reach_m) for one in here if one.applied is not None and one.reach_m]
-        forces = [(spread * bend_n(chain, law, reach_m), reach_m) for law, spread, reach_m in laws]
-        return max((bend_n(chain, applied, reach_m) / one for one, reach_m in forces if one > 0.0), default=np.inf)
+        forces = [(spread * nonlinear_force_n(chain, law, reach_m), reach_m) for law, spread, reach_m in laws]
+        return max(
+            (nonlinear_force_n(chain, applied, reach_m) / one for one, reach_m in forces if one > 0.0), default=np.inf
+        )
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 Joints are slightly nonlinear, masses differ from the table, sensors have gains, clocks and mountings. Each parameter
 changes the answer along one direction and has a typical spread. Together they are the error that follows the input.
-A candidate has to explain what the nuisance parameters leave.
+A candidate has to explain a part of the residual that remains beside them.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def nuisance_parameters(
     """All nuisance parameters that change these cases."""
     s = settings or TypicalSettings()
     found = [one for sensor in MEASURED_SEGMENTS for one in _of_sensor(sensor, cases, s)]
-    reach_m, rate_mps, rms_mps = _travel(subject, cases)
+    reach_m, rate_mps, rms_mps = _joint_motion(subject, cases)
     damping = Chain.of(subject).damping_n_s_per_m
     for joint, segment in enumerate(SEGMENTS):
         sizes = {
@@ -77,13 +77,13 @@ def nuisance_parameters(
     if _has_horizontal(SEAT, cases):
         # It moves the whole body, so sensor noise hardly limits its estimate.
         found += [
-            NuisanceParameter(f"lean of {SEAT} ({axis})", s.rest_lean, seat_axis=f"{SEAT}.{axis}", least_scale=1.0)
+            NuisanceParameter(f"tilt of {SEAT} ({axis})", s.rest_lean, seat_axis=f"{SEAT}.{axis}", least_scale=1.0)
             for axis in "xy"
         ]
     return found
 
 
-def bend_n(chain: Chain, applied: AppliedEffect, reach_m: float) -> float:
+def nonlinear_force_n(chain: Chain, applied: AppliedEffect, reach_m: float) -> float:
     """The largest force, N, that a static law adds at the reach of its joint; 0 for any other law."""
     effect, elements = applied.effect, chain.with_effects((applied,)).elements
     if not (isinstance(effect, JointForce) and effect.static and elements):
@@ -102,7 +102,7 @@ def columns(subject: Subject, case: Case, plain: Floats, parameters: Sequence[Nu
             seat_mps2 = case.seat_mps2 + one.spread * case.channels[one.seat_axis]
             out[:, :, i] = answer(subject, dataclasses.replace(case, seat_mps2=seat_mps2)) - plain
         else:
-            out[:, :, i] = _heavier(subject, case, one.segment, one.spread) - plain
+            out[:, :, i] = _with_heavier(subject, case, one.segment, one.spread) - plain
     return out
 
 
@@ -115,7 +115,7 @@ def _of_sensor(sensor: str, cases: Sequence[Case], s: TypicalSettings) -> list[N
     ]
     if _has_horizontal(sensor, cases):
         least_scale = min(s.rest_lean / s.usual_lean, 1.0)
-        tilts = [_strength("tilt", sensor, s.usual_lean, 0.1, lean) for lean in ("lean_x", "lean_y")]
+        tilts = [_strength("tilt", sensor, s.usual_lean, 0.1, name) for name in ("lean_x", "lean_y")]
         found += [dataclasses.replace(one, least_scale=least_scale) for one in tilts]
     return found
 
@@ -135,7 +135,7 @@ def _strength(name: str, site: str, spread: float, size: float, strength: str = 
     return NuisanceParameter(label, spread / values[strength], AppliedEffect(effect, site, values))
 
 
-def _travel(subject: Subject, cases: Sequence[Case]) -> tuple[Floats, Floats, Floats]:
+def _joint_motion(subject: Subject, cases: Sequence[Case]) -> tuple[Floats, Floats, Floats]:
     """Largest stretch and rate of each joint and its rms rate, (6,) each, medians over the events."""
     reach, rate, rms = [], [], []
     for case in cases:
@@ -147,7 +147,7 @@ def _travel(subject: Subject, cases: Sequence[Case]) -> tuple[Floats, Floats, Fl
     return np.median(reach, axis=0), np.median(rate, axis=0), np.median(rms, axis=0)
 
 
-def _heavier(subject: Subject, case: Case, segment: int, share: float) -> Floats:
+def _with_heavier(subject: Subject, case: Case, segment: int, share: float) -> Floats:
     """The answer (n, 5) with one segment heavier by a share of its mass; stiffness and damping do not change."""
     chain = Chain.of(subject)
     on = np.arange(N_SEGMENTS) == segment

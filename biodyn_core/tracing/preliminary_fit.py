@@ -51,7 +51,7 @@ def preliminary_fits(
     s = settings or PreliminarySettings()
     screening = screen(few, candidates, replicates, seed, lambda share: on_stage("screening", share))
     without, p = fit_locally(few, None, STEPS), few.choose.products
-    chosen, found = _worth_fitting(screening, s), []
+    chosen, found = _selected(screening, s), []
     for number, one in enumerate(chosen):
         local = fit_locally(few, _sized(one, s), STEPS, least_decrease=LEAST_DECREASE)
         if local.applied is not None and np.isfinite(local.objective):
@@ -63,7 +63,7 @@ def preliminary_fits(
     return PreliminaryFits(screening, tuple(found))
 
 
-def _worth_fitting(screening: Screening, s: PreliminarySettings) -> list[Candidate]:
+def _selected(screening: Screening, s: PreliminarySettings) -> list[Candidate]:
     """The best shape of each effect at each site, if it decreases the objective enough, and all known omissions."""
     best: dict[tuple[str, str], Candidate] = {}
     for one in sorted(screening.ranking, key=lambda one: -one.screened.decrease):
@@ -116,12 +116,12 @@ def _fitted(one: Candidate, gain: float, decrease: float, values: Mapping[str, f
 def _sized(one: Candidate, s: PreliminarySettings) -> AppliedEffect:
     """The candidate with the strength of screening, within the range of starts and its own range."""
     size, least, most = one.screened.size, *s.strengths
-    turned = any(p.name == one.strength and p.lower < 0.0 for p in one.start.effect.parameters) and size < 0.0
-    limited = min(max(-size if turned else size, least), most)
-    return larger(one.start, one.strength, -limited if turned else limited)
+    reversed_sign = any(p.name == one.strength and p.lower < 0.0 for p in one.start.effect.parameters) and size < 0.0
+    limited = min(max(-size if reversed_sign else size, least), most)
+    return scaled(one.start, one.strength, -limited if reversed_sign else limited)
 
 
-def larger(applied: AppliedEffect, strength: str, size: float) -> AppliedEffect:
+def scaled(applied: AppliedEffect, strength: str, size: float) -> AppliedEffect:
     """The effect with a strength multiplied by size, within its range."""
     values = dict(applied.values)
     for parameter in applied.effect.parameters:

@@ -77,7 +77,6 @@ def build_result(
         threshold=first.round.threshold,
         untestable=tuple(all_candidates([*train, *choose])[1]),
         left_out=tuple(left_out),
-        lacking=(),
         seed=seed,
         calibrated="anew",
         sensors=_sensors(outcomes, [one for one in tilts if one not in tilted], explained),
@@ -143,19 +142,9 @@ def build_undecided(
         given=given,
         before=before,
         after=before,
-        effects=(),
-        intervals=(),
-        ambiguous_with=(),
-        family="",
         experiment=to_record(needs, s.floor),
         events=_events(given, before, before, *uses),
-        rounds=(),
-        nuisance=(),
-        diagnostics=None,
-        surface=None,
         floor_percent=_floor_percent(uses[-1], before),
-        p_value=None,
-        threshold=None,
         untestable=tuple(all_candidates(everything)[1]) if everything else (),
         left_out=tuple(left_out),
         lacking=tuple(lacking),
@@ -236,10 +225,10 @@ def _floor_percent(cases: Sequence[Case], subject: Subject) -> float | None:
     found = []
     for case in cases:
         residual = np.where(case.compared, case.measured_mps2 - answer(subject, case), 0.0)
-        behind = residual[case.begin :]
-        if len(behind) < 1024:
+        after = residual[case.begin :]
+        if len(after) < 1024:
             continue
-        frequency_hz, density = signal.welch(behind, case.rate_hz, nperseg=1024, axis=0)
+        frequency_hz, density = signal.welch(after, case.rate_hz, nperseg=1024, axis=0)
         still = (frequency_hz >= NOISE_BAND_HZ[0]) & (frequency_hz <= NOISE_BAND_HZ[1])
         noise = np.sqrt(np.median(density[still], axis=0) * 100.0)
         rms = np.sqrt(case.energy / np.maximum(case.compared.sum(axis=0), 1))

@@ -25,8 +25,8 @@ from biodyn_core.tracing.preliminary_fit import (
     OnStage,
     PreliminaryFits,
     from_checkpoint,
-    larger,
     preliminary_fits,
+    scaled,
     to_checkpoint,
 )
 from biodyn_core.tracing.screen import Screening, all_candidates
@@ -56,7 +56,7 @@ class Outcome:
         assert candidate is not None and fit is not None
         if not candidate.steady:
             return dataclasses.replace(self, chosen=dataclasses.replace(fit, subject=self.nuisance.subject))
-        objected = dataclasses.replace(candidate, against=(*candidate.against, why))
+        objected = dataclasses.replace(candidate, objections=(*candidate.objections, why))
         ranking = tuple(objected if one is candidate else one for one in self.round.ranking)
         return dataclasses.replace(self, round=Round(ranking, self.round.threshold, None, ()), chosen=None)
 
@@ -92,8 +92,8 @@ def one_round(
     fitted = _fitted(few, preliminary, without_effect, settings, on_stage)
     fitted += unsteady_candidates(nuisance, without, screening, settings.unsteady)
     fitted = sorted(fitted, key=lambda one: -one.fitted.gain)
-    by_chance = float(np.quantile(screening.chance, settings.evidence.chance_quantile))
-    threshold = max(required_gain(without_effect, settings), by_chance)
+    chance_gain = float(np.quantile(screening.chance, settings.evidence.chance_quantile))
+    threshold = max(required_gain(without_effect, settings), chance_gain)
     rows = [ranked(one, nuisance, without, screening, settings) for one in fitted]
     rest = [ranked(one, nuisance, without, screening, settings) for one in _not_fitted(screening, fitted)]
     ranking = (*rows, *rest)
@@ -166,7 +166,7 @@ def _best_start(few: NuisanceModel, screening: Screening, one: Candidate, s: Pre
     """The best fit to few events: from the preliminary fit, or from the other shapes and strengths."""
     start = one.tried.applied
     others = [
-        larger(other.start, other.strength, size)
+        scaled(other.start, other.strength, size)
         for other in screening.candidates
         for size in s.strengths
         if other.key == one.key

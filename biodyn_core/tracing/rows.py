@@ -18,7 +18,7 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.settings import TypicalSettings, WeightSettings
 
-THINNED_HZ: Final = 280.0
+DECIMATED_HZ: Final = 280.0
 """All channels are low-passed at 100 Hz, so closer samples add no information."""
 
 LOCAL_S: Final = 0.5
@@ -32,9 +32,9 @@ class Rows:
     """
 
     def __init__(self, case: Case, answer: Floats, weights: WeightSettings, typical: TypicalSettings) -> None:
-        self._begin, self._every = case.begin, max(1, round(case.rate_hz / THINNED_HZ))
+        self._begin, self._every = case.begin, max(1, round(case.rate_hz / DECIMATED_HZ))
         self.rate_hz = rate_hz = case.rate_hz / self._every
-        measured, compared = self._thinned(case.measured_mps2), self._thinned(case.compared)
+        measured, compared = self._decimated(case.measured_mps2), self._decimated(case.compared)
         self._weight = np.where(compared, 1.0 / _expected(measured, compared, rate_hz, weights), 0.0)
         self._length = max(1, round(weights.counted_s * rate_hz))
         self.windows = max(1, len(measured) // self._length)
@@ -42,26 +42,26 @@ class Rows:
         self.samples = used.sum(axis=1).astype(np.float64)
         self._measured = measured
         self.typical_clock_s = typical.usual_clock_s
-        slope = np.gradient(self._thinned(answer), 1.0 / rate_hz, axis=0)
+        slope = np.gradient(self._decimated(answer), 1.0 / rate_hz, axis=0)
         # The clock has the prior of a nuisance parameter; the levels carry no information.
         spread = np.array(
             [typical.usual_clock_s * np.sqrt(weights.independent), typical.usual_level_mps2, typical.usual_level_mps2]
         )
         self._clock_s = float(spread[0])
-        self._own = self._of_event(slope, spread)
+        self._own = self._event_shapes(slope, spread)
 
     def __call__(self, values: Floats) -> Floats:
         """Rows (w, r, k) of values (n, 5, k), by window."""
-        thinned = self._thinned(values) * self._weight[:, :, None]
+        decimated = self._decimated(values) * self._weight[:, :, None]
         for s, (shapes, solve) in enumerate(self._own):
-            thinned[:, s] -= shapes @ (solve @ thinned[:, s])
-        whole = thinned[: self.windows * self._length]
+            decimated[:, s] -= shapes @ (solve @ decimated[:, s])
+        whole = decimated[: self.windows * self._length]
         return np.ascontiguousarray(whole.reshape(self.windows, -1, values.shape[2]))
 
     def residual(self, answer: Floats) -> Floats:
         """Rows (w, r) of the measurement less an answer (n, 5)."""
         whole = np.zeros((len(answer), answer.shape[1], 1))
-        whole[self._begin :: self._every, :, 0] = self._measured - self._thinned(answer)
+        whole[self._begin :: self._every, :, 0] = self._measured - self._decimated(answer)
         return self(whole)[:, :, 0]
 
     def moving_mps2(self, parts: int) -> Floats:
@@ -70,10 +70,10 @@ class Rows:
         each = whole.shape[1] // parts * parts
         return np.asarray(np.sqrt((whole[:, :each].reshape(self.windows * parts, -1) ** 2).mean(axis=1)))
 
-    def _thinned(self, values: NDArray[Any]) -> NDArray[Any]:
+    def _decimated(self, values: NDArray[Any]) -> NDArray[Any]:
         return values[self._begin :: self._every]
 
-    def _of_event(self, slope: Floats, spread: Floats) -> list[tuple[Floats, Floats]]:
+    def _event_shapes(self, slope: Floats, spread: Floats) -> list[tuple[Floats, Floats]]:
         """Per segment, shapes (n, 3) of a clock offset, a level and a linear level, and their fit (3, n)."""
         level = np.ones(len(slope))
         growing = np.linspace(-1.0, 1.0, len(level))
@@ -83,7 +83,7 @@ class Rows:
             found.append((shapes, np.linalg.solve(shapes.T @ shapes + np.diag(1.0 / spread**2), shapes.T)))
         return found
 
-    def on_time(self, residual: Floats, segment: int) -> tuple[Floats, Floats]:
+    def clock_corrected(self, residual: Floats, segment: int) -> tuple[Floats, Floats]:
         """Residual rows (w, r) with the clock of one segment fitted in each window, and its delay (w,), s."""
         shape = self._own[segment][0][: self.windows * self._length, 0].reshape(self.windows, -1)
         changed = residual.reshape(self.windows, -1, len(self._own)).copy()

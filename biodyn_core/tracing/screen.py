@@ -72,16 +72,14 @@ def all_candidates(cases: Sequence[Case], present: Sequence[AppliedEffect] = ())
                 untestable.append(f"{effect.name} at {site}")
                 continue
             found += [
-                Candidate(AppliedEffect(effect, site, shape | _others(effect, strength)), strength)
+                Candidate(
+                    AppliedEffect(effect, site, shape | dict.fromkeys(set(effect.strengths) - {strength}, 0.0)),
+                    strength,
+                )
                 for strength in effect.strengths or ("",)
                 for shape in _shapes(effect)
             ]
     return found, untestable
-
-
-def _others(effect: Effect, strength: str) -> dict[str, float]:
-    """The other strengths of an effect, at zero."""
-    return {p.name: 0.0 for p in effect.parameters if p.kind == "strength" and p.name != strength}
 
 
 def _shapes(effect: Effect) -> list[dict[str, float]]:

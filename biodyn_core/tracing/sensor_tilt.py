@@ -26,11 +26,11 @@ def sensor_tilts(
     limit = s.most_typical * spread * (s.plain_share if plain else 1.0)
     found = []
     for sensor in MEASURED_SEGMENTS:
-        if not cases or not all(sensor in case.leans for case in cases):
+        if not cases or not all(sensor in case.mean_tilts for case in cases):
             continue
-        lean = np.mean([case.leans[sensor] for case in cases], axis=0)
-        if float(np.linalg.norm(lean)) > limit:
-            x, y = np.clip(lean, -0.4, 0.4).tolist()
+        mean_tilt = np.mean([case.mean_tilts[sensor] for case in cases], axis=0)
+        if float(np.linalg.norm(mean_tilt)) > limit:
+            x, y = np.clip(mean_tilt, -0.4, 0.4).tolist()
             found.append(AppliedEffect(CATALOGUE["tilt"], sensor, {"lean_x": x, "lean_y": y}))
     return tuple(found)
 

@@ -15,7 +15,6 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.body.model import Chain, predict
-from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, EffectParameter, Joint, JointForce
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Surface
@@ -76,8 +75,9 @@ def surface(nuisance: NuisanceModel, without: LocalFit, site: str) -> Surface:
     hats = [_hat(site, spread_n, stretch, rate, *knot) for knot in knots]
     heights = spread_n * _heights(nuisance, hats)
     whole = [_hat(site, float(h), stretch, rate, *knot) for h, knot in zip(heights, knots, strict=True)]
+    subject = dataclasses.replace(without.subject, effects=(*without.subject.effects, *whole))
     p = nuisance.choose.products
-    products = simulated_products(nuisance.choose, _with(without.subject, whole))
+    products = simulated_products(nuisance.choose, subject)
     square = products.residual_square(without.coefficients)
     gain = float(mean_log_ratio(without.residual_square, square[:, None], p.event, p.samples)[0])
     visited = _visited(nuisance, joint, stretch, rate)
@@ -88,10 +88,6 @@ def surface(nuisance: NuisanceModel, without: LocalFit, site: str) -> Surface:
 def _hat(site: str, height_n: float, stretch_m: float, rate_mps: float, at: float, speed: float) -> AppliedEffect:
     values = {"height_n": height_n, "stretch_m": stretch_m, "rate_mps": rate_mps, "at": at, "speed": speed}
     return AppliedEffect(HAT, site, values)
-
-
-def _with(subject: Subject, effects: list[AppliedEffect]) -> Subject:
-    return dataclasses.replace(subject, effects=(*subject.effects, *effects))
 
 
 def _heights(nuisance: NuisanceModel, hats: list[AppliedEffect]) -> Floats:

@@ -10,10 +10,10 @@ import numpy as np
 
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
-from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.fit import fit_joint, mean_percent
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case, errors
-from biodyn_core.tracing import gate
+from biodyn_core.tracing import data_checks
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.joint_refit import jointly_refitted
@@ -45,10 +45,10 @@ def trace(
     if nothing can be fitted. Too little data is no error, but the verdict `not_decidable`.
     """
     s = settings or TraceSettings()
-    train, held_out, left_out = gate.usable(train, held_out, s.floor)
-    choose, report = gate.dealt(held_out)
-    uses, lacking = (train, choose, report), gate.lacking(train, held_out, s.floor)
-    needs = gate.needs(train, held_out, s.floor) if lacking else []
+    train, held_out, left_out = data_checks.usable(train, held_out, s.floor)
+    choose, report = data_checks.split_held_out(held_out)
+    uses, lacking = (train, choose, report), data_checks.lacking(train, held_out, s.floor)
+    needs = data_checks.needs(train, held_out, s.floor) if lacking else []
     if not train:
         return build_undecided(subject, subject, uses, lacking, needs, s, left_out, seed)
     on_stage("fitting parameters", 0.0)
@@ -103,10 +103,5 @@ def _with_joint_refit(
     if outcome.chosen is None or not outcome.adds_effect:
         return subject, outcome
     fitted = jointly_refitted(outcome.chosen.subject, train)
-    before, after = (_mean_percent(one, choose) for one in (subject, fitted))
+    before, after = (mean_percent([errors(case, answer(one, case)) for case in choose]) for one in (subject, fitted))
     return (fitted, outcome) if after < before else (subject, outcome.refused(WORSE.format(before, after)))
-
-
-def _mean_percent(subject: Subject, cases: Sequence[Case]) -> float:
-    """The mean error of a subject in these events, without nuisance parameters, percent."""
-    return float(np.mean([errors(case, answer(subject, case)).mean_percent for case in cases]))

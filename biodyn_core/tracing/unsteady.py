@@ -49,7 +49,7 @@ def _clocks(nuisance: NuisanceModel, residuals: Sequence[Floats], s: UnsteadySet
     """The clock of each sensor, fitted in every window, if its offset is atypical."""
     rows = nuisance.choose.rows
     for segment, name in enumerate(MEASURED_SEGMENTS):
-        pairs = [one.on_time(y, segment) for one, y in zip(rows, residuals, strict=True)]
+        pairs = [one.clock_corrected(y, segment) for one, y in zip(rows, residuals, strict=True)]
         late_s = np.concatenate([late for _, late in pairs])
         late_s = late_s[late_s != 0.0]  # a window without compared samples has no delay
         if late_s.size == 0 or np.median(np.abs(late_s)) <= rows[0].typical_clock_s:
@@ -148,28 +148,26 @@ def _postures(nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Fl
         match = np.array(
             [w * np.einsum("wri,wr->i", k[:, :, own], y) for w, k, y in zip(weights, train.known, fitted, strict=True)]
         )
-        found = [_two(normal, match, begins_ns >= at_ns) for at_ns in np.unique(begins_ns)[1:]]
+        found = [_step_change(normal, match, begins_ns >= at_ns) for at_ns in np.unique(begins_ns)[1:]]
         if not found:
             return
         number = int(np.argmax([decrease for decrease, _, _ in found]))
-        (last_ns, first_ns), (_, before, behind) = np.unique(begins_ns)[number : number + 2], found[number]
+        (last_ns, first_ns), (_, before, after) = np.unique(begins_ns)[number : number + 2], found[number]
         # Events between both instants have the unchanged joint, because the instant of the change is unknown.
-        changes = [
-            (case.begins_ns <= last_ns) * before + (case.begins_ns >= first_ns) * behind for case in choose.cases
-        ]
+        changes = [(case.begins_ns <= last_ns) * before + (case.begins_ns >= first_ns) * after for case in choose.cases]
         squares = [
             ((y - known[:, :, own] @ change) ** 2).sum(axis=1)
             for change, known, y in zip(changes, choose.known, residuals, strict=True)
         ]
-        jump = float(np.clip(np.exp(2.0 * (behind - before)[0]) - 1.0, -0.6, 1.0))
+        jump = float(np.clip(np.exp(2.0 * (after - before)[0]) - 1.0, -0.6, 1.0))
         applied = AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0})
         yield UnsteadyCause(applied, np.concatenate(squares))
 
 
-def _two(normal: Floats, match: Floats, is_behind: Flags) -> tuple[float, Floats, Floats]:
+def _step_change(normal: Floats, match: Floats, is_after: Flags) -> tuple[float, Floats, Floats]:
     """Decrease of the squares by one change of the columns before and another after the instant, and both changes."""
     ridge = 1e-9 * np.trace(normal.sum(axis=0)) * np.eye(normal.shape[1])
-    before, behind = (
-        np.linalg.solve(normal[w].sum(axis=0) + ridge, match[w].sum(axis=0)) for w in (~is_behind, is_behind)
+    before, after = (
+        np.linalg.solve(normal[w].sum(axis=0) + ridge, match[w].sum(axis=0)) for w in (~is_after, is_after)
     )
-    return float(before @ match[~is_behind].sum(axis=0) + behind @ match[is_behind].sum(axis=0)), before, behind
+    return float(before @ match[~is_after].sum(axis=0) + after @ match[is_after].sum(axis=0)), before, after

@@ -11,7 +11,7 @@ from biodyn_core.tracing.sensor_limits import within_limits
 from biodyn_core.tracing.settings import TraceSettings
 
 
-def closed_share(outcomes: Sequence[Outcome], s: TraceSettings) -> float:
+def removed_share(outcomes: Sequence[Outcome], s: TraceSettings) -> float:
     """The share of the squared residual beyond the typical one that the effects remove; 1 if nothing is beyond it."""
     before, after = outcomes[0].before, outcomes[-1].after
     beyond = before**2 - s.usual_left**2
@@ -23,7 +23,7 @@ def is_explained(outcomes: Sequence[Outcome], s: TraceSettings) -> bool:
 
     Sensor faults within their data sheets are accepted only if there is a residual beyond the typical one.
     """
-    enough = outcomes[0].chosen is not None and closed_share(outcomes, s) >= s.least_closed
+    enough = outcomes[0].chosen is not None and removed_share(outcomes, s) >= s.least_closed
     return enough and not only_allowed_faults(outcomes, s)
 
 
@@ -41,21 +41,23 @@ def verdict_of(
     law: the surface of a joint, if one was fitted. tilts: sensors tilted by more than a data sheet allows, by their
     gyros; they are a cause by themselves if the rounds found none.
     """
-    verdict, reasons = _of_effect(outcomes[0], s) if is_explained(outcomes, s) else _of_none(outcomes, law, s)
+    verdict, reasons = _with_effect(outcomes[0], s) if is_explained(outcomes, s) else _without_effect(outcomes, law, s)
     return "effect" if tilts and verdict == "none" else verdict, reasons
 
 
-def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
+def _without_effect(
+    outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings
+) -> tuple[Verdict, tuple[str, ...]]:
     """Without an accepted effect: whether the residual is typical, and which candidates have objections."""
     first, before = outcomes[0].round, outcomes[0].before
     best = first.chosen or first.ranking[0]
     gain = f"the largest gain is {best.gain:.2f} ({named(best.applied)}); {first.threshold:.2f} is required"
-    strong = [one for one in first.ranking if one.refitted and one.against and one.gain > first.threshold]
+    strong = [one for one in first.ranking if one.refitted and one.objections and one.gain > first.threshold]
     refused = [_refusal(one) for one in strong if not one.typical]
     typical = [_refusal(one) for one in strong if one.typical]
     if outcomes[0].chosen is not None and not only_allowed_faults(outcomes, s):
         refused.append(
-            f"{named(best.applied)} removes only {100.0 * closed_share(outcomes, s):.0f} % of the residual beyond the"
+            f"{named(best.applied)} removes only {100.0 * removed_share(outcomes, s):.0f} % of the residual beyond the"
             f" typical one; {100.0 * s.least_closed:g} % is required"
         )
     last, square = outcomes[-1].before, outcomes[0].without.nuisance_square
@@ -68,10 +70,10 @@ def _of_none(outcomes: Sequence[Outcome], law: Surface | None, s: TraceSettings)
 
 
 def _refusal(one: RankedCandidate) -> str:
-    return f"{named(one.applied)} gains {one.gain:.2f}, but {'; '.join(one.against)}"
+    return f"{named(one.applied)} gains {one.gain:.2f}, but {'; '.join(one.objections)}"
 
 
-def _of_effect(outcome: Outcome, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
+def _with_effect(outcome: Outcome, s: TraceSettings) -> tuple[Verdict, tuple[str, ...]]:
     best = outcome.round.chosen
     assert best is not None
     where = "in events that its size was not fitted to"

@@ -1,6 +1,6 @@
 """Validation: a model's forward prediction of an event that it was not fitted to, against the measurement.
 
-All comparisons are behind the warm-up, low-passed on both sides, with the prediction masked like the measurement. A
+All comparisons are after the warm-up, low-passed on both sides, with the prediction masked like the measurement. A
 small error over time is not enough: the paper's is below 10 %, and its model transmits 2.6 times too much to the head.
 """
 
@@ -60,7 +60,7 @@ class PredictedRun:
 
     @property
     def begin(self) -> int:
-        """The first sample behind the warm-up."""
+        """The first sample after the warm-up."""
         return self.recording.begin
 
     @property
@@ -91,13 +91,13 @@ class PeakRatio(NamedTuple):
 
 @dataclass(frozen=True)
 class HeadPeaks:
-    """Peaks of seat-to-head transmissibility at frequencies of sufficient measured coherence, which are telling_share.
+    """Peaks of seat-to-head transmissibility at frequencies of sufficient measured coherence; coherent_share: of all.
 
     predicted_anywhere: at frequencies of sufficient own coherence; linear_anywhere: at all. ratio: None without a peak.
     """
 
     least_coherence: float
-    telling_share: float
+    coherent_share: float
     measured: Peak | None
     predicted: Peak | None
     predicted_anywhere: Peak | None
@@ -107,7 +107,7 @@ class HeadPeaks:
 
 @dataclass(frozen=True, eq=False)
 class Exposures:
-    """Doses by segment, DRI, and HIC by the name of its window, of low-passed channels behind the warm-up.
+    """Doses by segment, DRI, and HIC by the name of its window, of low-passed channels after the warm-up.
 
     masked: segments, and the seat, with missing samples, so that their figures are lower bounds.
     """
@@ -240,7 +240,7 @@ def _exposures(runs: Sequence[PredictedRun], rate_hz: float) -> Exposures:
 
 def _masked(runs: Sequence[PredictedRun]) -> Iterator[str]:
     """Segments with masked samples; the end of a run, where the low-pass lacks samples, does not count."""
-    if any(run.recording.seat_misread_s > 0.0 for run in runs):
+    if any(run.recording.seat_invalid_s > 0.0 for run in runs):
         yield SEAT
     for name, column in _MEASURED.items():
         for run in runs:
@@ -257,7 +257,7 @@ def _hics(runs: Sequence[PredictedRun], rate_hz: float, side: Callable[[Predicte
     found = {}
     for name, length_s in HIC_LENGTHS_S.items():
         meter = HicMeter(rate_hz, length_s, _WINDOW_S)
-        _count(runs, meter, lambda run: _upward(side(run)[:, _HEAD]))
+        _count(runs, meter, lambda run: np.pad(side(run)[:, [_HEAD]], ((0, 0), (2, 0))))
         found[name] = meter.since_reset()
     return found
 
@@ -275,10 +275,6 @@ def _count(runs: Sequence[PredictedRun], meter: Any, rows: Callable[[PredictedRu
         meter.push(values[run.begin :])
 
 
-def _upward(vertical: Floats) -> Floats:
-    return np.column_stack([np.zeros((vertical.size, 2)), vertical])
-
-
 # --- over frequency --------------------------------------------------------------------------------------------------
 
 
@@ -290,7 +286,7 @@ def _head_peaks(measured: CrossSpectra, predicted: CrossSpectra, subject: Subjec
     own, model = (peak(frequency, np.abs(spectra.h1[:, _HEAD]), coherent) for spectra in (measured, predicted))
     return HeadPeaks(
         least_coherence=max(least_coherence, float(measured.chance_coherence[_HEAD])),
-        telling_share=float(np.mean(coherent)),
+        coherent_share=float(np.mean(coherent)),
         measured=own,
         predicted=model,
         predicted_anywhere=anywhere,

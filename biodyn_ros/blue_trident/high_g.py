@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
-from biodyn_core.conditioning.dual_range import Span, Stretch, covered, shares, take_over
+from biodyn_core.conditioning.dual_range import Span, Stretch, covered, merged, shares
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
-from biodyn_core.conditioning.range_alignment import Alignment, align, bias, levels, plausible, set_right
+from biodyn_core.conditioning.range_alignment import Alignment, align, bias, corrected, levels, plausible
 from biodyn_ros.blue_trident.cleaning import MAX_PLAUSIBLE_MPS2, Cleaner
 from biodyn_ros.blue_trident.samples import Channel, Samples
 from biodyn_ros.blue_trident.survey import SensorSurvey
@@ -51,7 +51,7 @@ class Replacement:
         at = np.minimum(np.searchsorted(self.stamps_ns, samples.stamps_ns), self.stamps_ns.size - 1)
         here = self.stamps_ns[at] == samples.stamps_ns
         share[here] = self.share[at[here]]
-        return samples._replace(accel_mps2=take_over(samples.accel_mps2, self.right_mps2[at], share)), share
+        return samples._replace(accel_mps2=merged(samples.accel_mps2, self.right_mps2[at], share)), share
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class Comparison:
         taken: list[Span] = []
         if known and plausible(alignment):
             for near, value in zip(self._near, biases, strict=True):
-                values = set_right(near.part, alignment, mean if value is None else value)
+                values = corrected(near.part, alignment, mean if value is None else value)
                 kept = covered(near.spans, near.part, values, self._settings)
                 of_each = shares(near.part.low_s, 1.0 / self._rate_hz, kept)
                 used = of_each.any(axis=1)

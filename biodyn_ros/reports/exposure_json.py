@@ -55,7 +55,7 @@ def exposure_document(
         },
         "also_weighted": {
             weighting: {name: _figures(dose, lost[name]) for name, dose in doses.items()}
-            for weighting, doses in since.also.items()
+            for weighting, doses in since.further.items()
         },
         "seat": _seat(seat, since) if seat else None,
         "dri": _dri(since, lost[SEAT].lower_bound),

@@ -53,7 +53,16 @@ def trace_document(report: Report) -> Document:
         "family": trace.family,
         "ambiguous_with": [_site(applied) for applied in trace.ambiguous_with],
         "separating_experiment": trace.experiment,
-        "to_record": [dataclasses.asdict(need) for need in trace.needs],
+        "to_record": [
+            {
+                "use": need.use,
+                "road_s": need.road_s,
+                "shocks": need.shocks,
+                "hard_shocks": need.hard_shocks,
+                "how": need.conditions,
+            }
+            for need in trace.needs
+        ],
         "error": {when: errors_by_use(trace, when) for when in WHEN},
         "floor": known(trace.floor_percent),
         "p_value": known(trace.p_value),
@@ -174,9 +183,9 @@ def _candidate(candidate: RankedCandidate) -> Document:
         "absorbed": finite(candidate.absorbed),
         "p_value": finite(candidate.p_value) if candidate.steady else None,
         "steady": candidate.steady,
-        "helps": candidate.helps,
+        "helps": candidate.improved_events,
         "refitted": candidate.refitted,
-        "against": list(candidate.against),
+        "against": list(candidate.objections),
     }
 
 
@@ -255,9 +264,9 @@ def _diagnostics(found: Diagnostics) -> Document:
         "bracket": list(found.bracket),
         "level_slope": known(found.level_slope),
         "jump": {"event": found.jump[0], "p_value": finite(found.jump[1])} if found.jump else None,
-        "pinned": list(found.pinned),
+        "pinned": list(found.at_bound),
         "drift": {name: finite(spread) for name, spread in found.drift.items()},
-        "pulled_down": finite(found.pulled_down),
+        "pulled_down": finite(found.seat_tension),
     }
 
 

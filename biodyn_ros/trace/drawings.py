@@ -43,7 +43,7 @@ def ranking(found: Round) -> Any:
                       edgecolor="white", lw=0.0)  # fmt: skip
             note = ["chosen"] if chosen else ["about as good"] if rival else []
             note += ["screened only"] if not row.refitted else []
-            note += ["objections below"] if row.against else []
+            note += ["objections below"] if row.objections else []
             axes.text(max(gain, 0.0) + 0.01 * span, place, ", ".join([number(row.gain), *note]), va="center",
                       fontsize=7.5, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8})  # fmt: skip
         if math.isfinite(found.threshold):

@@ -110,4 +110,4 @@ def _event(event: ComparedEvent) -> tuple[ComparedEvent, float, list[float | Non
 
 def _objections(found: Round) -> list[str]:
     """The objections to each drawn candidate."""
-    return [f"{effect_name(*row.key)}: {', '.join(row.against)}" for row in found.ranking[:SHOWN] if row.against]
+    return [f"{effect_name(*row.key)}: {', '.join(row.objections)}" for row in found.ranking[:SHOWN] if row.objections]

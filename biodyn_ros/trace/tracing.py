@@ -18,7 +18,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_core.tracing.gate import dealt, usable
+from biodyn_core.tracing.data_checks import split_held_out, usable
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.base.files import make_directory, remove, write_text
 from biodyn_ros.base.json_files import write_json
@@ -151,7 +151,7 @@ def _dealt(prepared: Sequence[Prepared]) -> str:
 def _uses(train: Sequence[Case], held_out: Sequence[Case], by_name: bool) -> Iterator[str]:
     """The recordings of each use, a line each."""
     fitted, spare, _ = usable(train, held_out)
-    choose, report = dealt(spare)
+    choose, report = split_held_out(spare)
     how = "by name" if by_name else "by default, every second bag of a condition"
     yield f"parameters are fitted to: {_names(fitted)}"
     yield f"held out ({how}), the effect is chosen by: {_names(choose)}"

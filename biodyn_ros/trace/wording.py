@@ -281,7 +281,7 @@ def _jump(found: Diagnostics) -> Iterator[str]:
 
 
 def _seat(found: Diagnostics) -> Iterator[str]:
-    share = finite(found.pulled_down)
+    share = finite(found.seat_tension)
     if share is not None and share > 0.0:
         beyond = "more than the weight: a seat carries no tension, so the body must lift off"
         limit = beyond if share > 1.0 else "less than the weight, so the body does not lift off"
@@ -289,8 +289,8 @@ def _seat(found: Diagnostics) -> Iterator[str]:
 
 
 def _theta(found: Diagnostics) -> Iterator[str]:
-    if found.pinned:
-        yield f"on a bound of Table 1: {', '.join(map(parameter_name, found.pinned))}"
+    if found.at_bound:
+        yield f"on a bound of Table 1: {', '.join(map(parameter_name, found.at_bound))}"
     spreads = {name: spread for name, spread in found.drift.items() if finite(spread) is not None}
     ranked = sorted(spreads.items(), key=lambda item: -item[1])[:_RANKED]
     if ranked:

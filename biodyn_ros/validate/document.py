@@ -120,7 +120,7 @@ def _stht(head: HeadPeaks) -> Document:
     """Peaks of seat-to-head transmissibility, and their ratio with its error."""
     document: Document = {
         "least_coherence": head.least_coherence,
-        "telling_share": head.telling_share,
+        "telling_share": head.coherent_share,
         "measured": _peak(head.measured),
         "predicted": _peak(head.predicted),
         "predicted_anywhere": _peak(head.predicted_anywhere),

@@ -11,9 +11,9 @@ from world import seats
 
 from blind.recovery.draw import draw
 from blind.recovery.identify import identify
-from blind.recovery.judge import judge
 from blind.recovery.marks import marks
 from blind.recovery.page import rendered
+from blind.recovery.results import compare
 
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "recovery.md"
 PEOPLE: Final = 20
@@ -36,10 +36,10 @@ def main() -> int:
         report(f"person {number} of {len(people)}")
         answers.append(identify(person))
     # Up to here the truth is not used.
-    judged = [judge(*one) for one in zip(people, answers, truths, strict=True)]
+    results = [compare(*one) for one in zip(people, answers, truths, strict=True)]
     PAGE.parent.mkdir(exist_ok=True)
-    PAGE.write_text(rendered(judged), encoding="utf-8")
-    found = marks(judged)
+    PAGE.write_text(rendered(results), encoding="utf-8")
+    found = marks(results)
     for mark in found:
         print(f"{'met   ' if mark.met else 'MISSED'} {mark.what}: {mark.reached} ({mark.required})")
     report(f"done, {PAGE}")

@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     begin = time.perf_counter()
 
-    def say(text: str) -> None:
+    def report(text: str) -> None:
         print(f"blind: {time.perf_counter() - begin:6.0f} s: {text}", file=sys.stderr, flush=True)
 
     seed = secrets.randbelow(2**31) if options.seed is None else options.seed
@@ -58,7 +58,7 @@ def _run(options: argparse.Namespace) -> int:
         commit(),
         () if partial else CONDITIONS,
     )
-    outcomes = run(study, in_processes, say=say)
+    outcomes = run(study, in_processes, report=report)
     if not partial:
         outcomes += streams.outcomes(seed)
     found = marks(outcomes, CONDITIONS if partial else (*CONDITIONS, *MEASURED))
@@ -94,7 +94,7 @@ def _folder(out: Path, seed: int, partial: bool) -> Path:
 
 def _print(found: Sequence[Mark], outcomes: Sequence[Outcome], partial: bool) -> None:
     for mark in found:
-        print(f"{'met   ' if mark.met else 'MISSED'} {mark.row}: {mark.what} {mark.text} ({mark.asked})")
+        print(f"{'met   ' if mark.met else 'MISSED'} {mark.row}: {mark.what} {mark.text} ({mark.required})")
     if partial:
         print(f"partial: {len(outcomes)} records; rows with too few records cannot meet their marks")
 

@@ -64,7 +64,7 @@ def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> A
         why="; ".join([*found.reasons, *known.left_out]),
         best=_causes([best.applied])[0] if best else None,
         best_gain=best.gain if best else None,
-        against=best.against if best else (),
+        against=best.objections if best else (),
     )  # fmt: skip
 
 

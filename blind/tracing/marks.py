@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from blind.tracing.outcome import FATES, Outcome, Score
+from blind.tracing.outcome import TRUE_CLASS_RESULTS, Outcome, Score
 from blind.tracing.rows import CONDITIONS, Condition, Rule
 
 
@@ -24,7 +24,7 @@ class Mark:
 
     row: str
     what: str
-    asked: str
+    required: str
     reached: float | None
     records: int
     values: int
@@ -72,15 +72,15 @@ def marks(outcomes: Sequence[Outcome], conditions: Sequence[Condition] = CONDITI
 def _mark(row: Condition, rule: Rule, chosen: Sequence[Outcome]) -> Mark:
     values = [float(value) for one in chosen if (value := rule.of(one)) is not None]
     if not values:
-        return Mark(row.name, rule.what, rule.asked, None, len(chosen), 0, False, row.least, rule.kind)
+        return Mark(row.name, rule.what, rule.required, None, len(chosen), 0, False, row.least, rule.kind)
     reached = float(np.median(values) if rule.kind == "median" else np.mean(values))
     enough = len(chosen) >= row.least
     good = reached >= rule.limit if rule.sense == ">=" else reached <= rule.limit
     low, high = wilson(round(sum(values)), len(values)) if rule.kind == "share" else (None, None)
     baseline = most_frequent(chosen)[1] if rule.what == "class" else None
     return Mark(
-        row.name, rule.what, rule.asked, reached, len(chosen), len(values), bool(enough and good), row.least, rule.kind,
-        low, high, baseline,
+        row.name, rule.what, rule.required, reached, len(chosen), len(values), bool(enough and good), row.least,
+        rule.kind, low, high, baseline,
     )  # fmt: skip
 
 
@@ -115,15 +115,15 @@ def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
     return found
 
 
-def fates(outcomes: Sequence[Outcome]) -> dict[str, tuple[int, int]]:
-    """The fates of the true classes: how many of those that the oracle can explain, and how many of all.
+def true_class_results(outcomes: Sequence[Outcome]) -> dict[str, tuple[int, int]]:
+    """The results for the true classes: how many of those that the oracle can explain, and how many of all.
 
     The oracle can explain a record if it removes half of the squared error before beyond the squared floor.
     """
-    found = dict.fromkeys(FATES, (0, 0))
+    found = dict.fromkeys(TRUE_CLASS_RESULTS, (0, 0))
     for one in outcomes:
-        closed, every = found[one.fate]
-        found[one.fate] = closed + _can_close(one.score), every + 1
+        closed, every = found[one.true_class_result]
+        found[one.true_class_result] = closed + _can_close(one.score), every + 1
     return found
 
 

@@ -14,7 +14,7 @@ from biodyn_core.tracing.findings import NAMING
 FAILED: Final = "failed"
 """The verdict of a record whose trace failed; it is never right."""
 
-FATES: Final = (
+TRUE_CLASS_RESULTS: Final = (
     "named",
     "another class named",
     "several named as possible",
@@ -23,7 +23,7 @@ FATES: Final = (
     "... as its gain was too small",
     "... as it removed too little of the residual",
 )
-"""The fates of a record's true class."""
+"""The possible results for a record's true class."""
 
 JOINT_PLACE: Final = dict(zip(SEGMENTS, (0, 1, 2, 2, 3, 4), strict=True))
 """Joints from below; both joints of the central torso, which has no sensor, count as one."""
@@ -183,19 +183,19 @@ class Outcome:
         return len(self.true_names & {cause.name for cause in self.answer.effects}) if self.single else 0
 
     @property
-    def fate(self) -> str:
-        """The fate of the true class: the first of `FATES` that holds."""
+    def true_class_result(self) -> str:
+        """The result for the true class: the first of `TRUE_CLASS_RESULTS` that holds."""
         answer = self.answer
         if self.class_right:
-            return FATES[0]
+            return TRUE_CLASS_RESULTS[0]
         if self.alarmed:
-            return FATES[1] if self.single else FATES[2]
+            return TRUE_CLASS_RESULTS[1] if self.single else TRUE_CLASS_RESULTS[2]
         if answer.best is None or answer.best.name not in self.true_names:
-            return FATES[3]
+            return TRUE_CLASS_RESULTS[3]
         if answer.against:
-            return FATES[4]
+            return TRUE_CLASS_RESULTS[4]
         enough = (answer.best_gain or 0.0) > (answer.threshold or 0.0)
-        return FATES[6] if enough else FATES[5]
+        return TRUE_CLASS_RESULTS[6] if enough else TRUE_CLASS_RESULTS[5]
 
     @property
     def site_distance(self) -> int | None:

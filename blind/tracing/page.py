@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from blind.tracing.marks import Mark, by_class, fates, most_frequent, verdicts
+from blind.tracing.marks import Mark, by_class, most_frequent, true_class_results, verdicts
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
 from conformance.table import cells
@@ -37,7 +37,7 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
         _marks(found),
         _verdicts(outcomes),
         _errors(outcomes),
-        *(_fates(outcomes, row) for row in CONDITIONS if any(rule.what == "class" for rule in row.rules)),
+        *(_true_classes(outcomes, row) for row in CONDITIONS if any(rule.what == "class" for rule in row.rules)),
         *(_classes(outcomes, row) for row in (*CONDITIONS, *MEASURED)),
     )
     lines = [line for part in parts for line in part]
@@ -47,10 +47,10 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
 def marks_table(found: Sequence[Mark]) -> list[str]:
     """The lines of the table of marks."""
     rows = [
-        (m.row, m.what, m.asked, m.text, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
+        (m.row, m.what, m.required, m.text, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
         for m in found
     ]
-    return _table(("condition", "mark", "asked", "reached", "always the most frequent class", ""), rows)
+    return _table(("condition", "mark", "required", "reached", "always the most frequent class", ""), rows)
 
 
 def _met(mark: Mark) -> str:
@@ -92,9 +92,9 @@ def _errors(outcomes: Sequence[Outcome]) -> list[str]:
     return ["## Errors", "", words, "", *_table(("drawn as", "ratio", *columns), rows), "", not_scored, ""]
 
 
-def _fates(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
-    """The fates of the true classes of a row."""
-    counted = fates(row.chosen(outcomes))
+def _true_classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
+    """The results for the true classes of a row."""
+    counted = true_class_results(row.chosen(outcomes))
     words = (
         "The middle column counts records in which the oracle, the catalogue's form at the true site, removes at least"
         " half of the squared error before beyond the squared floor."
@@ -102,7 +102,7 @@ def _fates(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
     rows = [(what, str(closed), str(every)) for what, (closed, every) in counted.items()]
     rows.append(("all", *(str(sum(column)) for column in zip(*counted.values(), strict=True))))
     head = ("the true class", "where the oracle removes half", "records")
-    return [f"## Fates: {row.name}", "", words, "", *_table(head, rows), ""]
+    return [f"## Result for the true class: {row.name}", "", words, "", *_table(head, rows), ""]
 
 
 def _median(values: Sequence[float | None]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final, Literal
 
 from biodyn_core.effects import CATALOGUE
@@ -72,7 +73,7 @@ class Rule:
     kind: Kind = "share"
 
     @property
-    def asked(self) -> str:
+    def required(self) -> str:
         """The limit as text."""
         return f"{self.sense} {100.0 * self.limit:g} %" if self.kind == "share" else f"{self.sense} {self.limit:g}"
 
@@ -105,22 +106,6 @@ def _alarmed(one: Outcome) -> float:
     return one.alarmed or one.added
 
 
-def _single(one: Outcome) -> float:
-    return one.single
-
-
-def _added(one: Outcome) -> float:
-    return one.added
-
-
-def _class_right(one: Outcome) -> float:
-    return one.class_right
-
-
-def _family_right(one: Outcome) -> float:
-    return one.family_right
-
-
 def _exact_site(one: Outcome) -> float:
     return one.site_distance == 0
 
@@ -137,20 +122,8 @@ def _over_floor(one: Outcome) -> float | None:
     return float("inf") if after is None else after / one.score.floor_percent
 
 
-def _recovered(one: Outcome) -> float | None:
-    return one.score.recovered
-
-
-def _in_set(one: Outcome) -> float:
-    return one.in_set
-
-
 def _set_size(one: Outcome) -> float | None:
     return float(one.set_size) or None
-
-
-def _wrong_single(one: Outcome) -> float:
-    return one.wrong_single
 
 
 def _unexplained(one: Outcome) -> float:
@@ -175,14 +148,14 @@ CONDITIONS: Final = (
     Condition(
         "background only, nothing hidden", ("background",), 60,
         (
-            Rule("a single cause named", _single, 0.10, "<="),
-            Rule("an effect added to the subject", _added, 0.05, "<="),
+            Rule("a single cause named", attrgetter("single"), 0.10, "<="),
+            Rule("an effect added to the subject", attrgetter("added"), 0.05, "<="),
         ),
     ),
     Condition(
         "catalogue effect, sensor noise", ("sensor_noise",), 40,
         (
-            Rule("class", _class_right, 0.95, ">="),
+            Rule("class", attrgetter("class_right"), 0.95, ">="),
             Rule("exact site", _exact_site, 0.85, ">="),
             Rule("within one joint", _near_site, 0.95, ">="),
             Rule("held-out error after over the floor, median", _over_floor, 1.15, "<=", "median"),
@@ -191,30 +164,30 @@ CONDITIONS: Final = (
     Condition(
         "with background, ratio > 0.8", WITH_BACKGROUND, 40,
         (
-            Rule("class", _class_right, 0.85, ">="),
-            Rule("family", _family_right, 0.92, ">="),
-            Rule("energy recovered, median", _recovered, 0.70, ">=", "median"),
+            Rule("class", attrgetter("class_right"), 0.85, ">="),
+            Rule("family", attrgetter("family_right"), 0.92, ">="),
+            Rule("energy recovered, median", attrgetter("score.recovered"), 0.70, ">=", "median"),
         ),
         (STRONG, float("inf")), "strong",
     ),
     Condition(
         "with background, ratio 0.4 to 0.8", WITH_BACKGROUND, 40,
         (
-            Rule("truth in the reported set", _in_set, 0.92, ">="),
+            Rule("truth in the reported set", attrgetter("in_set"), 0.92, ">="),
             Rule("size of the set where there is one, mean", _set_size, 3.0, "<=", "mean"),
         ),
         (WEAK, STRONG), "medium",
     ),
     Condition(
         "with background, ratio < 0.4", WITH_BACKGROUND, 40,
-        (Rule("a wrong single cause named", _wrong_single, 0.10, "<="),),
+        (Rule("a wrong single cause named", attrgetter("wrong_single"), 0.10, "<="),),
         (-1.0, WEAK), "weak",
     ),
     Condition(
         "effect outside the catalogue, ratio > 0.8", ("outside",), 40,
         (
             Rule("unexplained, or the right family", _unexplained, 0.80, ">="),
-            Rule("a wrong single cause named", _wrong_single, 0.10, "<="),
+            Rule("a wrong single cause named", attrgetter("wrong_single"), 0.10, "<="),
         ),
         (STRONG, float("inf")), "outside",
     ),
@@ -230,24 +203,24 @@ CONDITIONS: Final = (
 MEASURED: Final = (
     Condition(
         "in measured streams, nothing hidden", ("measured_nothing",), 40,
-        (Rule("a single cause named", _single, 0.10, "<="),),
+        (Rule("a single cause named", attrgetter("single"), 0.10, "<="),),
     ),
     Condition(
         "in measured streams, ratio > 0.8", ("measured",), 40,
-        (Rule("class", _class_right, 0.85, ">="), Rule("family", _family_right, 0.92, ">=")),
+        (Rule("class", attrgetter("class_right"), 0.85, ">="), Rule("family", attrgetter("family_right"), 0.92, ">=")),
         (STRONG, float("inf")),
     ),
     Condition(
         "in measured streams, ratio 0.4 to 0.8", ("measured",), 40,
         (
-            Rule("truth in the reported set", _in_set, 0.92, ">="),
+            Rule("truth in the reported set", attrgetter("in_set"), 0.92, ">="),
             Rule("size of the set where there is one, mean", _set_size, 3.0, "<=", "mean"),
         ),
         (WEAK, STRONG),
     ),
     Condition(
         "in measured streams, ratio < 0.4", ("measured",), 40,
-        (Rule("a wrong single cause named", _wrong_single, 0.10, "<="),),
+        (Rule("a wrong single cause named", attrgetter("wrong_single"), 0.10, "<="),),
         (-1.0, WEAK),
     ),
 )  # fmt: skip

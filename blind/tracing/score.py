@@ -49,13 +49,13 @@ def scored(drawing: Drawing, answer: Answer, one: Sitting) -> Score:
 def _refitted(found: Score, drawing: Drawing, answer: Answer, one: Sitting) -> Score:
     hidden, plain = (record(one, drawing.coloured, with_effects) for with_effects in (True, False))
     fits = [fit_joint(known.train, known.subject, TRACE_SEED, TraceSettings().base) for known in (hidden, plain)]
-    said = _subjects(answer, hidden.subject)
+    subjects = _subjects(answer, hidden.subject)
     found = dataclasses.replace(
         found,
         ratio=ratio(fits[0], hidden.cases, fits[1], plain.cases),
         floor_percent=_percent(fits[1].subject, unseen(answer, plain).held_out),
         generic_percent=generic_percent(fits[0], unseen(answer, hidden)),
-        after_percent=_percent(said[1], unseen(answer, hidden).held_out) if said else None,
+        after_percent=_percent(subjects[1], unseen(answer, hidden).held_out) if subjects else None,
         before_percent=_percent(fits[0].subject, unseen(answer, hidden).held_out),
     )
     visible = one.level == 0.0 or (found.ratio or 0.0) > STRONG

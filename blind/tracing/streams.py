@@ -18,16 +18,16 @@ def outcomes(seed: int, count: int = RECORDS) -> list[Outcome]:
     return [outcome(number, one) for number, one in enumerate(measured.run(count, seed))]
 
 
-def outcome(number: int, graded: measured.Graded) -> Outcome:
+def outcome(number: int, checked: measured.CheckedRecord) -> Outcome:
     """One record: `found` with verdict, name and ambiguous_with, the `fault` that was hidden, and its `ratio`."""
-    found, hidden = graded.found, graded.fault != NOTHING
+    found, hidden = checked.found, checked.fault != NOTHING
     row = "measured" if hidden else "measured_nothing"
     named = (cause(found.name),) if found.verdict in NAMING and found.name else ()
     beside = tuple(cause(name) for name in found.ambiguous_with)
-    true = (cause(graded.fault),) if hidden else ()
+    true = (cause(checked.fault),) if hidden else ()
     return Outcome(
         Answer(row, number, found.verdict, named, beside),
-        Score(row, number, true, ratio=float(graded.ratio) if hidden else None),
+        Score(row, number, true, ratio=float(checked.ratio) if hidden else None),
     )
 
 

@@ -9,7 +9,7 @@ import lzma
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 from world.effects.draw import Split
 from world.effects.sitting import TOGETHER
@@ -26,10 +26,16 @@ Key = tuple[str, int]
 """A record: its row and number."""
 
 Task = tuple[Drawing, int]
-Say = Callable[[str], None]
+Report = Callable[[str], None]
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 Execute = Callable[[Sequence[Call]], Iterator[Any]]
 """Executes calls in any order and yields results when they are ready."""
+
+Answering = Callable[[Drawing, Sequence[int], int, Split], list[Answer]]
+"""Draws records of one row by their numbers, seed and split, and traces them; an answer has no part of the truth."""
+
+Scoring = Callable[[Drawing, Sequence[Answer], int, Split], list[Score]]
+"""Draws the same records again with their truths, and scores the answers."""
 
 ANSWERS: Final = "answers.jsonl"
 ARCHIVE: Final = "answers.jsonl.xz"
@@ -45,20 +51,6 @@ MOST_BATCHES: Final = 4
 
 class BrokenSeal(RuntimeError):
     """The files in the folder of a run do not belong to this run; a message of one line."""
-
-
-class Answering(Protocol):
-    """Draws some records of one row together, and traces them."""
-
-    def __call__(self, drawing: Drawing, numbers: Sequence[int], seed: int, split: Split) -> list[Answer]:
-        """Answer each; an answer has no part of the truth."""
-
-
-class Scoring(Protocol):
-    """Draws some records of one row again with their truths, and scores the answers."""
-
-    def __call__(self, drawing: Drawing, answers: Sequence[Answer], seed: int, split: Split) -> list[Score]:
-        """Score each answer."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +94,7 @@ def run(
     execute: Execute,
     answer: Answering | None = None,
     score: Scoring | None = None,
-    say: Say = lambda text: None,
+    report: Report = lambda text: None,
 ) -> list[Outcome]:
     """Do a whole run, or continue an interrupted one; raises BrokenSeal if that is not possible.
 
@@ -112,10 +104,10 @@ def run(
     begin(spec)
     tasks = spec.tasks
     for batch in itertools.count(1):
-        answers = all_answers(spec, tasks, batch, execute, answer or answer_records, say)
-        say(f"{len(answers)} answers are sealed: sha256 {seal(spec, tasks, batch)}")
+        answers = all_answers(spec, tasks, batch, execute, answer or answer_records, report)
+        report(f"{len(answers)} answers are sealed: sha256 {seal(spec, tasks, batch)}")
         # Their truths are drawn only after this line.
-        scores = all_scores(spec, answers, execute, score or score_records, say)
+        scores = all_scores(spec, answers, execute, score or score_records, report)
         outcomes = [Outcome(one, known) for one, known in zip(answers, scores, strict=True)]
         more = spec.more(tasks, outcomes)
         if not more or batch == MOST_BATCHES:
@@ -143,7 +135,12 @@ def unpack(folder: Path) -> None:
 
 
 def all_answers(
-    spec: Run, tasks: Sequence[Task], batch: int, execute: Execute, answer: Answering, say: Say = lambda text: None
+    spec: Run,
+    tasks: Sequence[Task],
+    batch: int,
+    execute: Execute,
+    answer: Answering,
+    report: Report = lambda text: None,
 ) -> list[Answer]:
     """Answers to all records up to this batch, in their order; stored answers are not computed again."""
     path = spec.folder / ANSWERS
@@ -153,7 +150,7 @@ def all_answers(
         raise BrokenSeal(f"{spec.folder / SEAL} exists, but answers are missing: the truths have been drawn")
     calls = [(answer, (drawing, numbers, spec.seed, spec.split)) for drawing, numbers in _together(left)]
     for count, one in enumerate(_kept(path, execute(calls)), 1):
-        say(f"traced {count} of {len(left)}: {one.row} {one.number}, {one.verdict}, {one.seconds:.0f} s{_why(one)}")
+        report(f"traced {count} of {len(left)}: {one.row} {one.number}, {one.verdict}, {one.seconds:.0f} s{_why(one)}")
     done = _read(path, Answer.of)
     return [done[drawing.name, number] for drawing, number in tasks]
 
@@ -184,7 +181,7 @@ def seals(spec: Run) -> list[str]:
 
 
 def all_scores(
-    spec: Run, answers: Sequence[Answer], execute: Execute, score: Scoring, say: Say = lambda text: None
+    spec: Run, answers: Sequence[Answer], execute: Execute, score: Scoring, report: Report = lambda text: None
 ) -> list[Score]:
     """Scores of all answers; stored scores are not computed again."""
     path = spec.folder / SCORES
@@ -193,7 +190,7 @@ def all_scores(
     left = [(drawings[one.row], one) for one in answers if _key(one) not in done]
     calls = [(score, (drawing, some, spec.seed, spec.split)) for drawing, some in _together(left)]
     for count, one in enumerate(_kept(path, execute(calls)), 1):
-        say(f"scored {count} of {len(left)}: {one.row} {one.number}")
+        report(f"scored {count} of {len(left)}: {one.row} {one.number}")
     done = _read(path, Score.of)
     return [done[_key(one)] for one in answers]
 

@@ -67,4 +67,4 @@ def append(path: Path, about: About, found: Sequence[Mark]) -> None:
 
 
 def _short(mark: Mark) -> str:
-    return f"{'' if mark.met else '✗ '}{mark.row}: {mark.what} {mark.text}, {mark.asked}"
+    return f"{'' if mark.met else '✗ '}{mark.row}: {mark.what} {mark.text}, {mark.required}"

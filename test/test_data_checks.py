@@ -10,7 +10,15 @@ from hiding import applied
 from streams import subject
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.gate import FloorSettings, cleaned, contents, missing, needs, same, seat_tension
+from biodyn_core.tracing.data_checks import (
+    FloorSettings,
+    contents,
+    missing,
+    needs,
+    same_motion,
+    seat_tension,
+    without_failed_sensors,
+)
 
 RATE_HZ = fitting.RATE_HZ
 SUBJECT = subject()
@@ -83,7 +91,7 @@ def test_a_need_is_the_difference_to_the_floor_for_each_use() -> None:
     train = [motion("road", [1.0]), motion("rail", [1.0, 1.2, 1.4, 2.5])]  # 2 x 18 s less 5 s of shocks
     held = [motion("road", [1.1]), motion("road", [0.9, 1.3])]  # 36 s less 3 s; 3 shocks, none of them hard
     (need,) = needs(train, held, s)
-    assert (need.use, need.road_s, need.shocks, need.hard_shocks, need.how) == ("held out", 0.0, 1, 1, ())
+    assert (need.use, need.road_s, need.shocks, need.hard_shocks, need.conditions) == ("held out", 0.0, 1, 1, ())
     longer = FloorSettings(road_s=40.0, shocks=5, hard_shocks=1)
     to_fit, held_out = needs(train, held, longer)
     assert (to_fit.use, to_fit.road_s, to_fit.shocks) == ("to fit", pytest.approx(9.0, abs=0.1), 0)
@@ -94,12 +102,15 @@ def test_a_need_lists_each_condition_once() -> None:
     s = FloorSettings(road_s=30.0, shocks=2, hard_shocks=0)
     road, again = motion("road", [1.0, 1.1]), motion("road", [1.2, 1.3])
     to_fit, held_out = needs([road, again], [road], s)
-    assert to_fit.how == ("another loading condition than road",)
+    assert to_fit.conditions == ("another loading condition than road",)
     assert (to_fit.road_s, to_fit.shocks) == (0.0, 0)
-    assert len(held_out.how) == 2 and held_out.how[0] == f"another recording than {road.name}, which is also fitted to"
+    assert (
+        len(held_out.conditions) == 2
+        and held_out.conditions[0] == f"another recording than {road.name}, which is also fitted to"
+    )
     assert held_out.shocks == 2 and held_out.road_s == 30.0  # the event on both sides counts for nothing
-    assert needs([], [], s)[0].how == ("two loading conditions",)
-    assert needs([], [road], s)[1].how == ("a further recording of road",)
+    assert needs([], [], s)[0].conditions == ("two loading conditions",)
+    assert needs([], [road], s)[1].conditions == ("a further recording of road",)
 
 
 def test_the_papers_windows_are_too_short_for_a_verdict() -> None:
@@ -142,7 +153,7 @@ def masked(share: float, column: int, one: Case) -> Case:
 
 def test_a_clipping_sensor_is_left_out_of_its_event_alone() -> None:
     one = masked(0.1, 3, fitting.true_cases("segment")[0])
-    found, (line,) = cleaned(one)
+    found, (line,) = without_failed_sensors(one)
     assert line.startswith("road: neck, 10 % ")
     assert found.energy[3] == 0.0 and not found.compared[:, 3].any() and "neck" not in found.fitted
     others = [0, 1, 2, 4]
@@ -156,7 +167,7 @@ def test_few_masked_samples_or_equal_masks_leave_no_sensor_out() -> None:
     for column in range(5):
         alike = masked(0.1, column, alike)
     for one in (whole, few, alike):
-        found, warnings = cleaned(one)
+        found, warnings = without_failed_sensors(one)
         assert found is one and warnings == []
 
 
@@ -164,11 +175,11 @@ def test_an_absent_sensor_is_not_reported_as_clipping() -> None:
     whole = fitting.true_cases("segment")[0]
     compared, energy = whole.compared.copy(), whole.energy.copy()
     compared[:, 1], energy[1] = False, 0.0
-    assert cleaned(dataclasses.replace(whole, compared=compared, energy=energy))[1] == []
+    assert without_failed_sensors(dataclasses.replace(whole, compared=compared, energy=energy))[1] == []
 
 
 def test_equal_seats_are_the_same_motion() -> None:
     road, pothole = fitting.true_cases("segment")[:2]
     renamed = dataclasses.replace(road, name="other", case="rail", measured_mps2=pothole.measured_mps2)
     shorter = dataclasses.replace(road, seat_mps2=road.seat_mps2[:-1])
-    assert same(road, renamed) and not same(road, pothole) and not same(road, shorter)
+    assert same_motion(road, renamed) and not same_motion(road, pothole) and not same_motion(road, shorter)

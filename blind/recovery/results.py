@@ -26,32 +26,32 @@ JOINTS: Final = (0, 1, 4, 5)
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class MethodResult:
     """The subject of one method compared with the truth.
 
-    off (14,) is ln of found over true; error_percent (events, 5) is relative to the measurement in held-out events;
-    unseen_percent (events, 6) is relative to the true motion of all six segments.
+    log_ratio (14,): ln of found over true; error_percent (events, 5): of held-out events, over the measurement;
+    unseen_percent (events, 6): over the true motion of all six segments.
     """
 
-    off: Floats
+    log_ratio: Floats
     error_percent: Floats
     unseen_percent: Floats
     seconds: float
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """One person: both methods, the floor of the true subject (errors as in `Way`), and our estimates.
+class PersonResult:
+    """One person: both methods, the floor of the true subject (errors as in `MethodResult`), and our estimates.
 
-    apart_percent (events, 6) is the difference between the predictions of our subject and of the true one.
+    difference_percent (events, 6) is the difference between the predictions of our subject and of the true one.
     """
 
     truth: Truth
     mass_matrix: str
-    ours: Way
-    papers: Way
-    floor: Way
-    apart_percent: Floats
+    ours: MethodResult
+    papers: MethodResult
+    floor: MethodResult
+    difference_percent: Floats
     estimates: tuple[Estimate, ...]
 
     @property
@@ -65,8 +65,8 @@ class Judged:
         return self.papers.error_percent / self.floor.error_percent
 
     @property
-    def called(self) -> bool:
-        """Whether all of `JOINTS` are called identifiable."""
+    def is_identifiable(self) -> bool:
+        """Whether all of `JOINTS` are classified as identifiable."""
         return all(self.estimates[joint].identifiability == "identifiable" for joint in JOINTS)
 
     @property
@@ -81,32 +81,32 @@ class Judged:
         return np.array([not estimate.at_bound for estimate in self.estimates])
 
 
-def joints_off(way: Way) -> float:
+def largest_frequency_error(one: MethodResult) -> float:
     """Largest relative error of f_n of `JOINTS`."""
-    return float(np.abs(np.expm1(way.off[list(JOINTS)])).max())
+    return float(np.abs(np.expm1(one.log_ratio[list(JOINTS)])).max())
 
 
-def judge(person: Person, answer: Answer, truth: Truth) -> Judged:
+def compare(person: Person, answer: Answer, truth: Truth) -> PersonResult:
     """Compare both answers with the truth."""
     true = dataclasses.replace(initial_subject(person), parameters=Parameters.from_vector(truth.theta))
-    return Judged(
+    return PersonResult(
         truth,
         person.mass_matrix,
-        _way(answer.ours.subject, person, truth, answer.ours.seconds),
-        _way(answer.papers.subject, person, truth, answer.papers.seconds),
-        _way(true, person, truth, 0.0),
-        np.array([_off_percent(_moved(answer.ours.subject, case), _moved(true, case)) for case in person.held_out]),
+        _result_of(answer.ours.subject, person, truth, answer.ours.seconds),
+        _result_of(answer.papers.subject, person, truth, answer.papers.seconds),
+        _result_of(true, person, truth, 0.0),
+        np.array([_error_percent(_moved(answer.ours.subject, case), _moved(true, case)) for case in person.held_out]),
         answer.estimates,
     )
 
 
-def _way(subject: Subject, person: Person, truth: Truth, seconds: float) -> Way:
+def _result_of(subject: Subject, person: Person, truth: Truth, seconds: float) -> MethodResult:
     # m_scale cancels from accelerations, so it is not identifiable.
-    off = np.log(subject.parameters.vector() / truth.theta)[: len(PARAMETERS) - 1]
+    log_ratio = np.log(subject.parameters.vector() / truth.theta)[: len(PARAMETERS) - 1]
     measured = np.array([errors.nrmse_rms_percent for errors in prediction_errors(subject, person.held_out)])
     pairs = zip(person.held_out, truth.accel_mps2, strict=True)
-    unseen = np.array([_off_percent(_moved(subject, case), accel[case.begin :, 1:]) for case, accel in pairs])
-    return Way(off, measured, unseen, seconds)
+    unseen = np.array([_error_percent(_moved(subject, case), accel[case.begin :, 1:]) for case, accel in pairs])
+    return MethodResult(log_ratio, measured, unseen, seconds)
 
 
 def _moved(subject: Subject, case: Case) -> Floats:
@@ -114,6 +114,6 @@ def _moved(subject: Subject, case: Case) -> Floats:
     return Chain.of(subject).simulate(case.seat_mps2, case.rate_hz).accel_mps2[case.begin :]
 
 
-def _off_percent(accel_mps2: Floats, reference_mps2: Floats) -> Floats:
+def _error_percent(accel_mps2: Floats, reference_mps2: Floats) -> Floats:
     """Rms of the difference of (n, 6) over that of the reference, (6,)."""
     return 100.0 * np.sqrt(((accel_mps2 - reference_mps2) ** 2).sum(axis=0) / (reference_mps2**2).sum(axis=0))

@@ -1,4 +1,4 @@
-"""Gate: checks before any candidate is tried.
+"""Data checks before any candidate is fitted.
 
 They decide which sensors and events are used, and whether there is enough data for a verdict.
 """
@@ -80,31 +80,31 @@ def lacking(train: Sequence[Case], held_out: Sequence[Case], settings: FloorSett
     found = missing(train, "to fit", settings) + missing(held_out, "held out", settings)
     if train and len({case.case for case in train}) < 2:
         found.append(f"to fit: only {train[0].case}; two loading conditions are needed")
-    choose, report = dealt(held_out)
+    choose, report = split_held_out(held_out)
     if not choose or not report:
         found.append("held out: two events of one loading condition are needed, one to choose by and one to report")
-    found += [f"held out: {one.name} is also fitted to" for one in _on_both_sides(train, held_out)]
+    found += [f"held out: {one.name} is also fitted to" for one in _in_both(train, held_out)]
     return found
 
 
 def needs(train: Sequence[Case], held_out: Sequence[Case], settings: FloorSettings | None = None) -> list[Need]:
     """The recordings that are missing for a verdict, at most one need for each use."""
-    twice = _on_both_sides(train, held_out)
+    twice = _in_both(train, held_out)
     spare = [one for one in held_out if not any(one is other for other in twice)]
-    to_fit, held = _short("to fit", train, settings), _short("held out", spare, settings)
+    to_fit, held = _need("to fit", train, settings), _need("held out", spare, settings)
     conditions = list(dict.fromkeys(case.case for case in train))
     if len(conditions) < 2:
-        how = f"another loading condition than {conditions[0]}" if conditions else "two loading conditions"
-        to_fit = dataclasses.replace(to_fit, how=(how,))
-    hows = [f"another recording than {one.name}, which is also fitted to" for one in twice]
-    if not all(dealt(spare)):
+        condition = f"another loading condition than {conditions[0]}" if conditions else "two loading conditions"
+        to_fit = dataclasses.replace(to_fit, conditions=(condition,))
+    needed = [f"another recording than {one.name}, which is also fitted to" for one in twice]
+    if not all(split_held_out(spare)):
         there = " or ".join(dict.fromkeys(case.case for case in spare))
-        hows.append(f"a further recording of {there}" if there else "two recordings of one loading condition")
-    held = dataclasses.replace(held, how=tuple(hows))
-    return [one for one in (to_fit, held) if one.road_s or one.shocks or one.how]
+        needed.append(f"a further recording of {there}" if there else "two recordings of one loading condition")
+    held = dataclasses.replace(held, conditions=tuple(needed))
+    return [one for one in (to_fit, held) if one.road_s or one.shocks or one.conditions]
 
 
-def dealt(held_out: Sequence[Case]) -> tuple[list[Case], list[Case]]:
+def split_held_out(held_out: Sequence[Case]) -> tuple[list[Case], list[Case]]:
     """Events for choosing and events for reporting, alternately for each loading condition."""
     choose: list[Case] = []
     report: list[Case] = []
@@ -123,14 +123,14 @@ def usable(
     kept: tuple[list[Case], list[Case]] = ([], [])
     for side, cases in zip(kept, (train, held_out), strict=True):
         for case in cases:
-            found, lines = cleaned(case, settings)
+            found, lines = without_failed_sensors(case, settings)
             left_out += lines
             if found.energy.any():
                 side.append(found)
     return kept[0], kept[1], left_out
 
 
-def _short(use: Literal["to fit", "held out"], cases: Sequence[Case], settings: FloorSettings | None) -> Need:
+def _need(use: Literal["to fit", "held out"], cases: Sequence[Case], settings: FloorSettings | None) -> Need:
     """The difference of these events to the floor; every hard shock counts as a shock too."""
     s = settings or FloorSettings()
     found = contents(cases, s)
@@ -138,12 +138,12 @@ def _short(use: Literal["to fit", "held out"], cases: Sequence[Case], settings: 
     return Need(use, max(0.0, s.road_s - found.road_s), max(s.shocks - found.shocks, hard), hard)
 
 
-def _on_both_sides(train: Sequence[Case], held_out: Sequence[Case]) -> list[Case]:
-    return [one for one in held_out if any(same(one, other) for other in train)]
+def _in_both(train: Sequence[Case], held_out: Sequence[Case]) -> list[Case]:
+    return [one for one in held_out if any(same_motion(one, other) for other in train)]
 
 
 def _peaks_g(case: Case, s: FloorSettings) -> Floats:
-    """The largest reading of every shock of a case, in g, behind the warm-up."""
+    """The largest reading of every shock of a case, in g, after the warm-up."""
     size = np.abs(case.seat_mps2[case.begin :]) / STANDARD_GRAVITY_MPS2
     above = np.flatnonzero(size >= s.shock_g)
     if above.size == 0:
@@ -152,7 +152,7 @@ def _peaks_g(case: Case, s: FloorSettings) -> Floats:
     return np.array([size[part].max() for part in parts])
 
 
-def cleaned(case: Case, settings: FloorSettings | None = None) -> tuple[Case, list[str]]:
+def without_failed_sensors(case: Case, settings: FloorSettings | None = None) -> tuple[Case, list[str]]:
     """A case without the sensors with too many masked samples, and a line for each; clipping also shifts the level."""
     s = settings or FloorSettings()
     share = case.compared[case.begin :].mean(axis=0)
@@ -169,7 +169,7 @@ def cleaned(case: Case, settings: FloorSettings | None = None) -> tuple[Case, li
     return dataclasses.replace(case, compared=compared, energy=energy), lines
 
 
-def same(one: Case, other: Case) -> bool:
+def same_motion(one: Case, other: Case) -> bool:
     """Whether two cases have the same seat motion, sample by sample."""
     a, b = one.seat_mps2, other.seat_mps2
     return a.size == b.size and bool(np.array_equal(a, b))
