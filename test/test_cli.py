@@ -27,6 +27,7 @@ from biodyn_ros.base.resources import bag_file, subject_file
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.seat_motion import read_seat_motion
 from biodyn_ros.reports.exposure_json import exposure_document
+from biodyn_ros.reports.exposure_report import exposure_report
 from biodyn_ros.simulate import START_NS, motion_of_cases
 
 BAG = str(bag_file("subject_1.mcap"))
@@ -304,7 +305,7 @@ def replayed_road() -> dict[str, Any]:
     pipeline = Pipeline(subject())
     for stream in streams:
         pipeline.push(stream.sensor, stream.stamps_ns, stream.accel_mps2)
-    document = exposure_document(pipeline, "", 4.0, [])
+    document = exposure_document(exposure_report(pipeline))
     return json.loads(json.dumps(document["sensors"]))
 
 
