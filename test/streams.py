@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import pickle
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from naive import STRETCH
 from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
 from scipy.integrate import solve_ivp
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
@@ -19,7 +22,7 @@ from biodyn_core.body.synthesis import ImuStream, SensorSettings, imu_streams, l
 from biodyn_core.pipeline.exposure import Exposure
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter
-from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.bag.cdr import ACCEL_STAMPED_TYPE, IMU_TYPE, encode_imu
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
@@ -136,3 +139,17 @@ def independent_streams(seconds: float = 4.0) -> tuple[ImuStream, ...]:
         accel[:, 2] = STANDARD_GRAVITY_MPS2 + (seat(t) if name == SEAT else absolute[:, SEGMENTS.index(name)])
         streams.append(ImuStream(name, stamps, accel, np.zeros_like(accel)))
     return tuple(streams)
+
+
+def accel_stamped(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Header stamps (n,) ns and linear accelerations (n, 3) m/s^2 of serialized AccelStamped messages, by rosbags."""
+    types = get_typestore(Stores.ROS2_JAZZY)
+    read: list[Any] = [types.deserialize_cdr(message, ACCEL_STAMPED_TYPE) for message in messages]
+    stamps = [each.header.stamp.sec * 10**9 + each.header.stamp.nanosec for each in read]
+    linear = [(each.accel.linear.x, each.accel.linear.y, each.accel.linear.z) for each in read]
+    return np.array(stamps, dtype=np.int64), np.array(linear, dtype=np.float64).reshape(-1, 3)
+
+
+def held_bytes(held: object) -> int:
+    """The size of an object with everything that it holds."""
+    return len(pickle.dumps(held))

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pages import NASTY, Page, assert_self_contained, empty_drawings
+from streams import held_bytes
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
@@ -31,7 +32,7 @@ from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
-from biodyn_ros.replay.traces import BATCH_SAMPLES, ENVELOPE_BINS, RECENT_SAMPLES, Traces
+from biodyn_ros.replay.traces import ENVELOPE_BINS, RECENT_SAMPLES, Traces
 from biodyn_ros.reports.downsampling import BIN_NS
 from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport, Residual
 from biodyn_ros.reports.motion import Envelope
@@ -231,15 +232,16 @@ def test_times_count_from_the_first_instant_for_any_bin_width():
 
 
 def test_memory_is_flat_in_the_length_of_the_record():
-    traces, most = Traces(), 0
+    traces, sizes = Traces(), []
     rng = np.random.default_rng(0)
     for block in range(3000):
         stamps = START_NS + (280 * block + np.arange(280)) * 1_000_000
         # Ever stronger, so that a new event begins in every block.
         feed(traces, stamps, *(block * rng.random((280, 6)) for _ in range(2)), [])
-        most = max(most, traces.stored_samples)
-    # One batch, two streams of recent instants and of bins, and the event.
-    assert most < BATCH_SAMPLES + 560 + 2 * (6100 + ENVELOPE_BINS) + 2 * 2001
+        if block % 7 == 0:
+            sizes.append(held_bytes(traces))
+    assert max(sizes) < 2_500_000  # one batch, two streams of recent instants and of bins, the event, and spectra
+    assert max(sizes[200:]) < 1.05 * max(sizes[:200])
 
 
 def test_predictions_without_measurement_are_dropped():
@@ -248,7 +250,8 @@ def test_predictions_without_measurement_are_dropped():
         stamps = START_NS + (1000 * block + np.arange(1000)) * 1_000_000
         traces.add(Frames(PredictedFrames(stamps, np.ones((1000, N_SEGMENTS))), NO_MEASURED))
     assert traces.event() is None
-    assert traces.stored_samples <= RECENT_SAMPLES + ENVELOPE_BINS
+    row_bytes = 8 * (1 + N_SEGMENTS)
+    assert held_bytes(traces) < RECENT_SAMPLES * row_bytes + ENVELOPE_BINS * 2 * row_bytes + 20_000
 
 
 def test_stamps_that_jump_back_go_to_their_bins():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -23,9 +23,10 @@ from biodyn_ros.blue_trident.cleaning import Cleaner
 from biodyn_ros.blue_trident.exports import ChosenExports, FoundExports, choose, find_exports
 from biodyn_ros.blue_trident.high_g import Comparison, Replacement
 from biodyn_ros.blue_trident.outcome import Outcome, SampleCounts, document_of, ranges
+from biodyn_ros.blue_trident.reader import ExportReader
 from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export, Samples, joined
-from biodyn_ros.blue_trident.survey import SurveyResult, in_time_order, survey
+from biodyn_ros.blue_trident.survey import SurveyResult, survey
 from biodyn_ros.reading.provenance import sha256_of
 from biodyn_ros.reading.saturation import stated
 
@@ -61,27 +62,26 @@ def import_blue_trident(
     found = find_exports(place)
     chosen = choose(found, options.mapping, options.take)
     _check_start(chosen, options)
+    reader = ExportReader(chosen, options.start_ns or 0, progress)
     with BagWriter(bag, compression=options.compression) as writer:
-        outcome = _imported(found, chosen, writer, options, _ReadProgress(chosen, progress))
+        outcome = _imported(found, reader, writer, options)
         document = {"bag": str(bag), **document_of(outcome), "version": __version__}
         _add_provenance(writer, document, outcome)
     return document
 
 
-def _imported(
-    found: FoundExports, chosen: ChosenExports, writer: BagWriter, options: ImportOptions, reading: _ReadProgress
-) -> Outcome:
-    start_ns = options.start_ns or 0
-    read = survey(chosen, options.settings, reading.sizes, start_ns, reading)
+def _imported(found: FoundExports, reader: ExportReader, writer: BagWriter, options: ImportOptions) -> Outcome:
+    chosen, sizes = reader.chosen, reader.sizes
+    read = survey(reader, options.settings)
     _check(chosen, read)
     damage = dict(read.damage)
-    taken = _compared(chosen, read, options, damage, reading) if options.high_g else {}
+    taken = _compared(reader, read, options.settings, damage) if options.high_g else {}
     for sensor in chosen.sensors.values():
         writer.add_topic(INPUT[sensor], IMU_TYPE)
-    marked = _written(chosen, read, taken, writer, options, reading)
-    hashes = {export: sha256_of([export.path], reading.sizes[export]) for export in chosen.exports}
+    marked = _written(reader, read, taken, writer, options.settings)
+    hashes = {export: sha256_of([export.path], sizes[export]) for export in chosen.exports}
     how = options.start_ns, options.settings, options.high_g
-    return Outcome(found, chosen, read, taken, marked, damage, reading.sizes, hashes, *how)
+    return Outcome(found, chosen, read, taken, marked, damage, sizes, hashes, *how)
 
 
 def _check_start(chosen: ChosenExports, options: ImportOptions) -> None:
@@ -113,23 +113,19 @@ def _check(chosen: ChosenExports, read: SurveyResult) -> None:
 
 
 def _compared(
-    chosen: ChosenExports,
-    read: SurveyResult,
-    options: ImportOptions,
-    damage: dict[Export, Damage],
-    reading: _ReadProgress,
+    reader: ExportReader, read: SurveyResult, settings: DualRangeSettings, damage: dict[Export, Damage]
 ) -> dict[str, Replacement]:
     """The high-g replacement by serial, for the sensors that have high-g and are clipped."""
     comparisons: dict[str, Comparison] = {}
     exports: dict[Export, None] = {}
-    for serial in chosen.sensors:
-        low, high = chosen.file_of(serial, "low"), chosen.file_of(serial, "high")
+    for serial in reader.chosen.sensors:
+        low, high = reader.chosen.file_of(serial, "low"), reader.chosen.file_of(serial, "high")
         if read.sensors[serial].clipped() and low is not None and high is not None:
-            comparisons[serial] = Comparison(read.sensors[serial], options.settings, shared=low is high)
+            comparisons[serial] = Comparison(read.sensors[serial], settings, shared=low is high)
             exports |= {low: None, high: None}
-    reading.expect(exports)
-    again = {export: Damage() for export in exports}
-    for parts in in_time_order(list(exports), again, reading.sizes, options.start_ns or 0, reading):
+    reader.expect(exports)
+    again: dict[Export, Damage] = {}
+    for parts in reader.in_time_order(exports, again):
         for part in parts:
             if part.serial in comparisons:
                 comparisons[part.serial].push(part.channel, part.samples)
@@ -138,25 +134,18 @@ def _compared(
 
 
 def _written(
-    chosen: ChosenExports,
+    reader: ExportReader,
     read: SurveyResult,
     taken: dict[str, Replacement],
     writer: BagWriter,
-    options: ImportOptions,
-    reading: _ReadProgress,
+    settings: DualRangeSettings,
 ) -> dict[str, SampleCounts]:
     """Write all sensors interleaved, half a second at a time."""
-    lows = dict.fromkeys(export for export in chosen.exports if any(info.channel == "low" for info in export.channels))
-    cleaners = {serial: Cleaner() for serial in chosen.sensors}
-    turns = _InterleavedWriter(chosen, taken, writer, options.settings)
-    for parts in in_time_order(list(lows), {}, reading.sizes, options.start_ns or 0, reading):
-        for part in parts:
-            if part.channel == "low" and part.serial in cleaners:
-                turns.add(part.serial, cleaners[part.serial].push(part.samples))
+    turns = _InterleavedWriter(reader.chosen, taken, writer, settings)
+    for block in reader.cleaned({serial: Cleaner() for serial in reader.chosen.sensors}, {}):
+        for serial, samples in block:
+            turns.add(serial, samples)
         turns.write(read, final=False)
-    for serial, cleaner in cleaners.items():
-        if (last := cleaner.finish()) is not None:
-            turns.add(serial, last)
     turns.write(read, final=True)
     return turns.marked
 
@@ -241,23 +230,3 @@ def _add_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcom
 def _limit_mps2(row: dict[str, Any], outcome: Outcome) -> float:
     """The saturation limit of a sensor: that of high-g, or that of low-g if any sample is still clipped."""
     return HIGH_RAIL_MPS2 if row["from_high_g"] and not row["clipped"] else outcome.settings.saturation_mps2
-
-
-class _ReadProgress:
-    """Sums up bytes for a `Progress`; every file is read twice, compared files three times.
-
-    sizes: the initial sizes of the files: a file that grows is read to the same position in every pass.
-    """
-
-    def __init__(self, chosen: ChosenExports, progress: OnProgress) -> None:
-        self.sizes = {export: export.path.stat().st_size for export in chosen.exports}
-        lows = [export for export in chosen.exports if any(info.channel == "low" for info in export.channels)]
-        self._total, self._done, self._progress = 2 * sum(self.sizes[export] for export in lows), 0, progress
-
-    def expect(self, exports: Iterable[Export]) -> None:
-        """Add one more pass over these files."""
-        self._total += sum(self.sizes[export] for export in exports)
-
-    def __call__(self, read: int) -> None:
-        self._done += read
-        self._progress(self._done, max(self._total, self._done))

@@ -69,12 +69,6 @@ class Traces:
         self._process()
         return self._event
 
-    @property
-    def stored_samples(self) -> int:
-        """Number of rows held: instants and bins."""
-        event = 0 if self._event is None else self._event.predicted_ns.size + self._event.measured_ns.size
-        return self._predicted.stored + self._measured.stored + self.spectra.stored + event
-
     def _process(self) -> None:
         # A prediction comes before the measurement of its instant, so it is there when the event closes.
         self._predicted.process()
@@ -116,10 +110,6 @@ class _Stream:
         self.first_ns: int | None = None
         none = np.empty((0, channels))
         self.envelope = Envelope(BIN_NS, np.empty(0, dtype=np.int64), none, none)
-
-    @property
-    def stored(self) -> int:
-        return self.waiting + self._recent[0].size + self.envelope.begins_ns.size
 
     def add(self, stamps_ns: Integers, accel_mps2: Floats) -> None:
         if stamps_ns.size:
