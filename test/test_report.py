@@ -364,7 +364,7 @@ def test_page_and_terminal_show_the_zone_in_words_and_green_for_one_alone(tmp_pa
     said = summary(changed)
     assert f"SEAT: {headline.upper()}" in said
     assert f"Because of {zone}." in said
-    assert "beside, ISO 2631-1 caution zone: below the action values so far" in said
+    assert "also ISO 2631-1 caution zone: below the action values so far" in said
 
 
 def test_without_a_seat_there_is_no_verdict():

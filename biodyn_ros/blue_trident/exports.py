@@ -151,7 +151,7 @@ def _check_one(place: Path, sensor: str, serial: str, exports: list[Export]) -> 
     """Raise InputError unless a sensor has exactly one low-g channel and at most one high-g among the exports."""
     for channel in ("low", "high"):
         with_it = [export for export in exports if (serial, channel) in _channels_of(export)]
-        takes = sorted({export.take for export in exports if (serial, channel) in _channels_of(export)})
+        takes = sorted({export.take for export in with_it})
         if len(takes) > 1:
             raise InputError(
                 f"{place}: {serial} ({sensor}) has several takes: {_listed(takes)}: choose with --take TAKE"

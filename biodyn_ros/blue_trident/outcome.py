@@ -17,7 +17,6 @@ from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_core.conditioning.range_alignment import Alignment
 from biodyn_ros.base.wording import number, table
-from biodyn_ros.blue_trident.cleaning import OmittedRows
 from biodyn_ros.blue_trident.exports import ChosenExports, FoundExports
 from biodyn_ros.blue_trident.high_g import Replacement
 from biodyn_ros.blue_trident.rows import Damage
@@ -28,6 +27,11 @@ MAX_RANGES: Final = 10_000
 RESAMPLED_RAIL_SHARE: Final = 0.5
 """From this fraction of the range on, samples resampled by Nexus may hide clipped ones."""
 
+_DAMAGE: Final = {
+    "ragged": "rows with a wrong number of cells, left out",
+    "untimed": "rows without a valid time, left out",
+    "no_number": "cells without a valid number",
+}
 _LEFT_OUT: Final = {
     "late_start": "of zeros before it started",
     "dropouts": "of zeros during the recording, now gaps",
@@ -199,28 +203,19 @@ def _warnings(outcome: Outcome, ordered: list[str], by_sensor: Mapping[str, str]
         serial = by_sensor[sensor]
         name = f"{sensor} ({serial})"
         seen = outcome.read.sensors[serial]
-        lines += [f"{name}: rows left out: {line}" for line in _left_out_lines(seen.cleaner.left_out)]
+        left_out = [f"{count} {_LEFT_OUT[cause]}" for cause, count in asdict(seen.cleaner.left_out).items() if count]
+        lines += [f"{name}: rows left out: {', '.join(left_out)}"] if left_out else []
         lines += [f"{name}: {line}" for line in _sensor_lines(outcome, serial, seen)]
     return lines
 
 
 def _damage_lines(path: Path, damage: Damage) -> list[str]:
-    lines = []
     where = f", the first in line {damage.first_line}" if damage.first_line else ""
-    if damage.ragged:
-        lines.append(f"{path.name}: rows with a wrong number of cells, left out: {damage.ragged}{where}")
-    if damage.untimed:
-        lines.append(f"{path.name}: rows without a valid time, left out: {damage.untimed}{where}")
-    if damage.no_number:
-        lines.append(f"{path.name}: cells without a valid number: {damage.no_number}{where}")
+    counts = {name: getattr(damage, name) for name in _DAMAGE}
+    lines = [f"{path.name}: {_DAMAGE[name]}: {count}{where}" for name, count in counts.items() if count]
     if damage.cut:
         lines.append(f"{path.name}: the last line is incomplete and left out; is the file still being written?")
     return lines
-
-
-def _left_out_lines(left_out: OmittedRows) -> list[str]:
-    texts = [f"{count} {_LEFT_OUT[name]}" for name, count in asdict(left_out).items() if count]
-    return [", ".join(texts)] if texts else []
 
 
 def _sensor_lines(outcome: Outcome, serial: str, seen: SensorSurvey) -> list[str]:

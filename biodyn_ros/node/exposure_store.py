@@ -138,7 +138,17 @@ class ExposureStore:
         return f"exposure starts at zero: {why}; {self._set_aside()}"
 
     def _refusal(self, checkpoint: ExposureCheckpoint, age_h: float) -> str:
-        return refusal(checkpoint, self._identity, age_h, self._max_age_h, self._policy)
+        """Why a checkpoint of that age, by its stamps, is not continued; empty where it is."""
+        if self._policy == "none":
+            return "kept_exposure is none"
+        if self._policy == "any":
+            return ""
+        if differences := checkpoint.differences(self._identity):
+            return f"the stored exposure has other {differences}"
+        if abs(age_h) > self._max_age_h:
+            when = f"{age_h:.1f} h older" if age_h > 0.0 else f"{-age_h:.1f} h newer"
+            return f"by its stamps it is {when} than the first sample, up to {self._max_age_h:g} h is continued"
+        return ""
 
     def reset(self) -> str:
         """Exposure was reset: delete the file; return a message, empty where there is nothing to report.
@@ -188,19 +198,3 @@ def identity_of(subject: Subject, topics: Mapping[str, str]) -> dict[str, str]:
     """The identity of an exposure: digests of the subject without provenance, and of the topic of each sensor."""
     person = {key: value for key, value in subject.to_dict().items() if key != "provenance"}
     return {"subject": digest(person), "sensors": digest(dict(topics))}
-
-
-def refusal(
-    checkpoint: ExposureCheckpoint, identity: Mapping[str, str], age_h: float, max_age_h: float, policy: Policy
-) -> str:
-    """Why a checkpoint of that age, by its stamps, is not continued; empty where it is."""
-    if policy == "none":
-        return "kept_exposure is none"
-    if policy == "any":
-        return ""
-    if differences := checkpoint.differences(identity):
-        return f"the stored exposure has other {differences}"
-    if abs(age_h) > max_age_h:
-        when = f"{age_h:.1f} h older" if age_h > 0.0 else f"{-age_h:.1f} h newer"
-        return f"by its stamps it is {when} than the first sample, up to {max_age_h:g} h is continued"
-    return ""

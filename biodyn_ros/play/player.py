@@ -86,11 +86,11 @@ class Player(Node):
             self.get_logger().warning(f"{name}: not played: no Python class for {types[name]} is installed")
         self._clock_output = self.create_publisher(Clock, "/clock", 10) if self.settings.clock else None
 
-    def wait_for_subscribers(self, going: Callable[[], bool] = lambda: True) -> list[str]:
+    def wait_for_subscribers(self) -> list[str]:
         """Wait, `wait_s` at most, until every topic has a subscriber; return the topics without one."""
         deadline = time.monotonic() + self.settings.wait_s
         unmatched = list(self._outputs)
-        while unmatched and going() and time.monotonic() < deadline:
+        while unmatched and time.monotonic() < deadline:
             time.sleep(POLL_S)
             unmatched = [name for name in self._outputs if self._outputs[name].get_subscription_count() == 0]
         if len(unmatched) < len(self._outputs):

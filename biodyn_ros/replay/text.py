@@ -58,7 +58,7 @@ def _seat_lines(seat: SeatExposure, limits: LimitSet) -> list[str]:
         *(time_left(kind, seat) for kind in KINDS),
         f"Governed by {seat.governing}, axis {seat.axis}. {HORIZONTAL[seat.horizontal]}",
         shocks(seat),
-        *(f"beside, {each.source}: {ZONE[each.zone].lower()}" for each in seat.additional),
+        *(f"also {each.source}: {ZONE[each.zone].lower()}" for each in seat.additional),
     ]
 
 

@@ -145,15 +145,10 @@ class _Stream:
 
 def _widened(envelope: Envelope, stamps_ns: Integers, accel_mps2: Floats) -> Envelope:
     """The envelope with further samples, its bins doubled until there are few enough."""
-    width = envelope.width_ns
-    begins, low, high = binned(stamps_ns, accel_mps2, accel_mps2, width)
-    begins, low, high = (np.concatenate(p) for p in zip(_columns(envelope), (begins, low, high), strict=True))
-    begins, low, high = binned(begins, low, high, width)
+    width, *earlier = envelope
+    added = binned(stamps_ns, accel_mps2, accel_mps2, width)
+    begins, low, high = binned(*(np.concatenate(pair) for pair in zip(earlier, added, strict=True)), width)
     while begins.size > ENVELOPE_BINS:
         width *= 2
         begins, low, high = binned(begins, low, high, width)
     return Envelope(width, begins, low, high)
-
-
-def _columns(envelope: Envelope) -> tuple[Integers, Floats, Floats]:
-    return envelope.begins_ns, envelope.low_mps2, envelope.high_mps2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -30,8 +30,7 @@ _PANELS: Final = (*reversed(SEGMENTS), SEAT)
 """Two columns from the head down, the seat at the bottom over the full width."""
 
 
-@dataclass(frozen=True)
-class Envelope:
+class Envelope(NamedTuple):
     """Smallest and largest value per bin.
 
     begins_ns (m,) ascending, low_mps2 and high_mps2 (m, 6), NaN without a sample.
