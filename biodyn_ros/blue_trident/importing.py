@@ -75,13 +75,13 @@ def _imported(found: FoundExports, reader: ExportReader, writer: BagWriter, opti
     read = survey(reader, options.settings)
     _check(chosen, read)
     damage = dict(read.damage)
-    taken = _compared(reader, read, options.settings, damage) if options.high_g else {}
+    replacements = _compared(reader, read, options.settings, damage) if options.high_g else {}
     for sensor in chosen.sensors.values():
         writer.add_topic(INPUT[sensor], IMU_TYPE)
-    marked = _written(reader, read, taken, writer, options.settings)
+    counts = _InterleavedWriter(chosen, read, replacements, writer, options.settings).write_all(reader)
     hashes = {export: sha256_of([export.path], sizes[export]) for export in chosen.exports}
     how = options.start_ns, options.settings, options.high_g
-    return Outcome(found, chosen, read, taken, marked, damage, sizes, hashes, *how)
+    return Outcome(found, chosen, read, replacements, counts, damage, sizes, hashes, *how)
 
 
 def _check_start(chosen: ChosenExports, options: ImportOptions) -> None:
@@ -133,51 +133,44 @@ def _compared(
     return {serial: comparison.finish() for serial, comparison in comparisons.items()}
 
 
-def _written(
-    reader: ExportReader,
-    read: SurveyResult,
-    taken: dict[str, Replacement],
-    writer: BagWriter,
-    settings: DualRangeSettings,
-) -> dict[str, SampleCounts]:
-    """Write all sensors interleaved, half a second at a time."""
-    turns = _InterleavedWriter(reader.chosen, taken, writer, settings)
-    for block in reader.cleaned({serial: Cleaner() for serial in reader.chosen.sensors}, {}):
-        for serial, samples in block:
-            turns.add(serial, samples)
-        turns.write(read, final=False)
-    turns.write(read, final=True)
-    return turns.marked
-
-
 class _InterleavedWriter:
     """Buffers samples, so that the messages of all sensors are written roughly in order of time."""
 
     def __init__(
-        self, chosen: ChosenExports, taken: dict[str, Replacement], writer: BagWriter, settings: DualRangeSettings
+        self,
+        chosen: ChosenExports,
+        read: SurveyResult,
+        replacements: dict[str, Replacement],
+        writer: BagWriter,
+        settings: DualRangeSettings,
     ) -> None:
-        self._sensors, self._taken, self._writer, self._settings = chosen.sensors, taken, writer, settings
+        self._sensors, self._surveys, self._replacements = chosen.sensors, read.sensors, replacements
+        self._writer, self._settings = writer, settings
         self._waiting: dict[str, Samples] = {}
-        self._upto: dict[str, int] = {}
-        self.marked = {serial: SampleCounts() for serial in chosen.sensors}
+        self._latest_ns = {serial: read.sensors[serial].first_ns for serial in chosen.sensors}
+        self._counts = {serial: SampleCounts() for serial in chosen.sensors}
 
-    def add(self, serial: str, samples: Samples) -> None:
+    def write_all(self, reader: ExportReader) -> dict[str, SampleCounts]:
+        """Write the samples of all sensors, half a second of each in turn; return their counts by serial."""
+        for block in reader.cleaned({serial: Cleaner() for serial in self._sensors}, {}):
+            for serial, samples in block:
+                self._add(serial, samples)
+            self._write(final=False)
+        self._write(final=True)
+        return self._counts
+
+    def _add(self, serial: str, samples: Samples) -> None:
         if not len(samples.stamps_ns):
             return
         samples = samples._replace(mag=None)
         old = self._waiting.get(serial)
         self._waiting[serial] = samples if old is None else joined(old, samples)
         # Stamps may decrease: the largest stamp so far counts.
-        self._upto[serial] = max(self._upto.get(serial, -(2**63)), int(samples.stamps_ns.max()))
+        self._latest_ns[serial] = max(self._latest_ns[serial], int(samples.stamps_ns.max()))
 
-    def write(self, read: SurveyResult, final: bool) -> None:
+    def _write(self, final: bool) -> None:
         """Write up to the time that all unfinished sensors have reached, or everything."""
-        ends = []
-        for serial in self._sensors:
-            seen = read.sensors[serial]
-            upto_ns = self._upto.get(serial, seen.first_ns)
-            if upto_ns < seen.last_ns:
-                ends.append(upto_ns)
+        ends = [ns for serial, ns in self._latest_ns.items() if ns < self._surveys[serial].last_ns]
         end_ns = 2**63 - 1 if final or not ends else min(ends)
         while self._waiting:
             begin_ns = min(int(samples.stamps_ns[0]) for samples in self._waiting.values())
@@ -198,18 +191,18 @@ class _InterleavedWriter:
         self._put(serial, samples.rows(slice(0, count)))
 
     def _put(self, serial: str, samples: Samples) -> None:
-        sensor, marked, variance = self._sensors[serial], self.marked[serial], None
+        sensor, counts, variance = self._sensors[serial], self._counts[serial], None
         at_rail = saturated(samples.accel_mps2, self._settings) != 0
-        if serial in self._taken:
-            samples, share = self._taken[serial].applied(samples)
+        if serial in self._replacements:
+            samples, share = self._replacements[serial].applied(samples)
             at_rail &= share == 0.0
             if share.any():
                 # Imu has no flags. Its covariance, of which 0 is "unknown", marks each high-g axis of each sample
                 # and gives its noise.
-                variance = np.where(share > 0.0, np.square(self._taken[serial].alignment.noise_mps2), 0.0)
-                marked.from_high_g += int(share.any(axis=1).sum())
-        marked.clipped += int(at_rail.any(axis=1).sum())
-        marked.written += len(samples.stamps_ns)
+                variance = np.where(share > 0.0, np.square(self._replacements[serial].alignment.noise_mps2), 0.0)
+                counts.from_high_g += int(share.any(axis=1).sum())
+        counts.clipped += int(at_rail.any(axis=1).sum())
+        counts.written += len(samples.stamps_ns)
         payload = encode_imu(samples.stamps_ns, samples.accel_mps2, samples.gyro_radps, sensor, variance)
         self._writer.write(INPUT[sensor], samples.stamps_ns, payload)
 
@@ -222,7 +215,8 @@ def _add_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcom
     values = {key: document[key] for key in ("format", "take", "start")}
     values |= {key: json.dumps(document[key]) for key in ("files", "sensors", "warnings")}
     writer.add_metadata("biodyn", {"made_by": MADE_BY, "version": __version__, **values, **stated(limits)})
-    marks = {outcome.chosen.sensors[serial]: ranges(one) for serial, one in outcome.taken.items() if one.taken}
+    sensors, replacements = outcome.chosen.sensors, outcome.replacements
+    marks = {sensors[serial]: ranges(one) for serial, one in replacements.items() if one.replaced}
     if marks:
         writer.add_metadata(FROM_HIGH_G, marks)
 

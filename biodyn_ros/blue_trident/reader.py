@@ -47,16 +47,16 @@ class ExportReader:
             export: export.parts(damage.setdefault(export, Damage()), self._start_ns, self.sizes[export])
             for export in exports
         }
-        upto = dict.fromkeys(reading, -(2**63))
+        latest_ns = dict.fromkeys(reading, -(2**63))
         while reading:
-            export = min(reading, key=lambda one: upto[one])
+            export = min(reading, key=lambda one: latest_ns[one])
             block = next(reading[export], None)
             if block is None:
                 del reading[export]
                 continue
             read, parts = block
             ends = [int(part.samples.stamps_ns[-1]) for part in parts if len(part.samples.stamps_ns)]
-            upto[export] = max(ends, default=upto[export])
+            latest_ns[export] = max(ends, default=latest_ns[export])
             self._done += read
             self._progress(self._done, max(self._total, self._done))
             yield parts

@@ -22,7 +22,7 @@ from biodyn_core.identification.residuals import ResidualCheck
 from biodyn_core.identification.uncertainty import Estimate, Uncertainty
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.reading.events import BagEvent, Prepared
-from biodyn_ros.reading.provenance import MADE_BY_MODEL, rests_on, without_note
+from biodyn_ros.reading.provenance import MADE_BY_MODEL, effect_recordings, without_note
 
 Document = dict[str, Any]
 
@@ -102,7 +102,7 @@ def provenance(document: Document, given: Subject) -> Document:
         "version": document["version"],
         "seed": document["seed"],
         "result": result,
-        "fitted": fitted + rests_on(given, besides={each["sha256"] for each in fitted}),
+        "fitted": fitted + effect_recordings(given, excluded={each["sha256"] for each in fitted}),
         "held_out": [
             _origin(event) | {"nrmse_rms_percent": event[result]["nrmse_rms"]} for event in document["held_out"]
         ],
@@ -264,7 +264,7 @@ def warnings_of(events: Sequence[Prepared]) -> list[str]:
 
 def not_new(given: Subject, held_out: Sequence[Prepared]) -> list[str]:
     """Warnings on held-out bags to which an effect of the given subject was fitted."""
-    known = {each.get("sha256") for each in rests_on(given, besides=())}
+    known = {each.get("sha256") for each in effect_recordings(given, excluded=())}
     bags = dict.fromkeys(event.bag for event, _ in held_out if event.sha256 in known)
     return [f"{bag}: held out, but an effect of the given subject was fitted to it" for bag in bags]
 

@@ -24,7 +24,7 @@ from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.reading.events import BagEvent, Prepared
-from biodyn_ros.reading.provenance import rests_on
+from biodyn_ros.reading.provenance import effect_recordings
 from biodyn_ros.trace.errors import WHEN, errors_by_use, mean_errors
 from biodyn_ros.trace.refit import Move, Refit, parameters_moved
 from biodyn_ros.trace.report import Report
@@ -92,7 +92,7 @@ def provenance(trace: Trace, bags: Sequence[Prepared], subject: Subject) -> Docu
     Bags for choosing the effect count as fitted. So do those of an effect that the given file already has.
     """
     origins = [origin(event, case, trace) for event, case in bags]
-    earlier = rests_on(subject, besides={each["sha256"] for each in origins})
+    earlier = effect_recordings(subject, excluded={each["sha256"] for each in origins})
     return {
         "made_by": "biodyn trace",
         "version": __version__,
