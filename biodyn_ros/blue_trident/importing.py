@@ -61,7 +61,8 @@ def import_blue_trident(
     """
     found = find_exports(place)
     chosen = choose(found, options.mapping, options.take)
-    _check_start(chosen, options)
+    if options.start_ns is not None and any(export.kind == "Capture.U" for export in chosen.exports):
+        raise InputError("--start: exports of Capture.U have Unix time: omit it")
     reader = ExportReader(chosen, options.start_ns or 0, progress)
     with BagWriter(bag, compression=options.compression) as writer:
         outcome = _imported(found, reader, writer, options)
@@ -82,11 +83,6 @@ def _imported(found: FoundExports, reader: ExportReader, writer: BagWriter, opti
     hashes = {export: sha256_of([export.path], sizes[export]) for export in chosen.exports}
     how = options.start_ns, options.settings, options.high_g
     return Outcome(found, chosen, read, replacements, counts, damage, sizes, hashes, *how)
-
-
-def _check_start(chosen: ChosenExports, options: ImportOptions) -> None:
-    if options.start_ns is not None and any(export.kind == "Capture.U" for export in chosen.exports):
-        raise InputError("--start: exports of Capture.U have Unix time: omit it")
 
 
 def _check(chosen: ChosenExports, read: SurveyResult) -> None:

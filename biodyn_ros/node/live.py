@@ -174,7 +174,7 @@ class BiodynNode(LifecycleNode):
             for rate_hz, callback in (
                 (DRAIN_RATE_HZ, self._sensors.drain),
                 (REFRESH_RATE_HZ, self._publications.update_subscribers),
-                (self.settings.exposure_rate_hz, self._publish_exposure),
+                (self.settings.exposure_rate_hz, lambda: self._publications.exposure(self.pipeline)),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (SNAPSHOT_RATE_HZ, self._publish_snapshot),
                 (TRANSPORT_RATE_HZ, self._sensors.check_transport),
@@ -245,9 +245,6 @@ class BiodynNode(LifecycleNode):
         frames = self._exposure.push(sensor, stamps_ns, accel_mps2)
         self._publications.frames(frames)
         self._snapshots.add(frames)
-
-    def _publish_exposure(self) -> None:
-        self._publications.exposure(self.pipeline)
 
     def _publish_diagnostics(self) -> None:
         self._statuses = self._health.check(compare_clocks=not self.get_clock().ros_time_is_active)
