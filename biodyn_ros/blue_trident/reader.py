@@ -12,7 +12,7 @@ from biodyn_ros.blue_trident.samples import Export, Part, Samples
 
 
 class ExportReader:
-    """Reads the chosen exports, and reports the bytes of all passes: two over low-g, and those that are expected.
+    """Reads the chosen exports, and reports the bytes of all passes: two over low-g, and those added by `expect`.
 
     sizes: the initial sizes of the files: a file that grows is read to the same position in every pass. start_ns: of
     the first row of a file without a time of day.

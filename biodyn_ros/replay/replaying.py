@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -83,7 +83,10 @@ def replay(
     check_seat(pipeline.status(SEAT), str(bag))
     warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.times]
     warnings += sensor_warnings(pipeline, sensors.times) + sensors.clock_warnings(pipeline.run_status().seconds)
-    report = exposure_report(pipeline, str(bag), warnings, options.project, sensors.times, marks, sensors.made_by_model)
+    report = replace(
+        exposure_report(pipeline, str(bag), options.project), warnings=warnings, times=sensors.times, marks=marks,
+        is_made_by_model=sensors.made_by_model,
+    )  # fmt: skip
     return Replayed(report, pipeline)
 
 

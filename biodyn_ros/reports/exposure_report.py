@@ -43,7 +43,8 @@ class ExposureReport:
     """Results of one recording of run.seconds; channels without a counted sample are absent.
 
     sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed: comparable with each other.
-    also_weighted: by weighting and sensor. seat: None before it has counted. times: stamps used, by sensor.
+    also_weighted: by weighting and sensor. seat: None before it has counted. warnings to is_made_by_model: of the bag;
+    times: the stamps used, by sensor.
     """
 
     bag: str
@@ -85,19 +86,11 @@ class ExposureReport:
         return HEAD in self.sensors and self.sensors[HEAD].losses.lower_bound
 
 
-def exposure_report(
-    pipeline: Pipeline,
-    bag: str = "",
-    warnings: Sequence[str] = (),
-    project: bool = False,
-    times: Mapping[str, str] | None = None,
-    marks: Sequence[Mark] = (),
-    is_made_by_model: bool = False,
-) -> ExposureReport:
+def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) -> ExposureReport:
     """Gather the figures of a pipeline since reset; project: to 8 h from under 20 minutes too."""
     since, run = pipeline.exposure(), pipeline.run_status()
     lost = {name: pipeline.losses(name) for name in SENSORS}
-    unpredicted = _and_absent(lost[SEAT], run.unpredicted_s)  # predictions use the seat alone and have its losses
+    unpredicted = _with_absent(lost[SEAT], run.unpredicted_s)  # predictions use the seat alone and have its losses
     low_passed = since.measured_low_passed
     compared = {name: _lost_compared(name, low_passed, lost) for name in low_passed}
     return ExposureReport(
@@ -122,10 +115,6 @@ def exposure_report(
             name: Residual(rms, percent if math.isfinite(percent) else None)
             for name, (rms, percent) in since.residual.items()
         },
-        warnings=warnings,
-        times=times or {},
-        marks=marks,
-        is_made_by_model=is_made_by_model,
     )
 
 
@@ -157,7 +146,7 @@ def _channels(doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> dict[str
     return {name: ChannelExposure(dose, lost[name]) for name, dose in doses.items()}
 
 
-def _and_absent(lost: Losses, seconds: float) -> Losses:
+def _with_absent(lost: Losses, seconds: float) -> Losses:
     return lost._replace(absent_s=lost.absent_s + seconds)
 
 
@@ -167,4 +156,4 @@ def _lost_compared(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Loss
         return lost[SEAT]
     alone_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
     seat_s = lost[SEAT].missing_s + (alone_s if alone_s > EDGE_S else 0.0)
-    return _and_absent(lost[name], max(0.0, seat_s - lost[name].missing_s))
+    return _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s))
