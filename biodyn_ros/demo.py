@@ -101,8 +101,8 @@ def demo(out: Path, subject_name: str) -> None:
         rclpy.try_shutdown()
     print("\nthe same bag, processed offline by the same pipeline:\n")
     replayed = replay_to_directory(bag, subject, out)
-    print(summary(replayed.document))
-    offline = replayed.document["sensors"][SEAT]["vdv_mps175"]
+    print(summary(replayed.report))
+    offline = replayed.report.sensors[SEAT].dose.vdv_mps175
     shown = "no value" if last is None else f"{last:.9f}"
     print(f"\nseat VDV live {shown}, offline {offline:.9f} m/s^1.75")
     print(

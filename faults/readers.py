@@ -22,7 +22,7 @@ from biodyn_core.identification.phase1 import Search
 from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
-from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, frame_id_of
+from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, stamp_of
 from biodyn_ros.base.resources import config_file, subject_file
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
 from biodyn_ros.blue_trident.exports import find_exports
@@ -74,7 +74,7 @@ def _cdr(path: Path) -> None:
     message = path.read_bytes()
     decode_imu([message])
     decode_imu_one(message)
-    frame_id_of(message)
+    stamp_of(message)
 
 
 def _checkpoint(path: Path) -> None:

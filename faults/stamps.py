@@ -191,7 +191,7 @@ OTHERS: Final = (
     Fault("reordered within 50 ms", reordered, ("late",), (0.5, 1.1)),
     Fault("stamps jitter by 5 ms", jitter, ("jitter", "late", "interpolated"), (0.0, 1.1), exact=False),
     Fault("stamps unset", unset, ("never set",), SECOND),
-    Fault("stamps frozen", frozen, ("late", "twice", "gap", "astray", "interpolated"), (0.0, 1.1)),
+    Fault("stamps frozen", frozen, ("late", "twice", "gap", "implausible", "interpolated"), (0.0, 1.1)),
     Fault("stamps in steps of 10 ms", quantised, ("late", "twice"), (0.0, 1.1), exact=False),
     Fault("stamps an hour ahead", _shifted(HOUR_NS), ("gap", "clock was set")),
     Fault("stamps an hour back", _shifted(-HOUR_NS), ("gap", "clock was set")),

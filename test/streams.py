@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import pickle
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from naive import STRETCH
 from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
 from scipy.integrate import solve_ivp
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
@@ -18,10 +21,12 @@ from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, imu_streams, load_case
 from biodyn_core.pipeline.exposure import Exposure
 from biodyn_core.pipeline.pipeline import Pipeline
-from biodyn_ros.bag import BagWriter
-from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.bag import BagWriter, open_bag
+from biodyn_ros.bag.cdr import ACCEL_STAMPED_TYPE, IMU_TYPE, encode_imu
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.topics import INPUT
+from biodyn_ros.info.document import info_of
+from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
 RATE_HZ = 1129.3
@@ -136,3 +141,27 @@ def independent_streams(seconds: float = 4.0) -> tuple[ImuStream, ...]:
         accel[:, 2] = STANDARD_GRAVITY_MPS2 + (seat(t) if name == SEAT else absolute[:, SEGMENTS.index(name)])
         streams.append(ImuStream(name, stamps, accel, np.zeros_like(accel)))
     return tuple(streams)
+
+
+@cache
+def _types() -> Any:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def accel_stamped(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Header stamps (n,) ns and linear accelerations (n, 3) m/s^2 of serialized AccelStamped messages, by rosbags."""
+    read = [_types().deserialize_cdr(message, ACCEL_STAMPED_TYPE) for message in messages]
+    stamps = [each.header.stamp.sec * 10**9 + each.header.stamp.nanosec for each in read]
+    linear = [(each.accel.linear.x, each.accel.linear.y, each.accel.linear.z) for each in read]
+    return np.array(stamps, dtype=np.int64), np.array(linear, dtype=np.float64).reshape(-1, 3)
+
+
+def held_bytes(held: object) -> int:
+    """The size of an object with everything that it holds."""
+    return len(pickle.dumps(held))
+
+
+def info(bag: str | Path, options: ReadingOptions | None = None) -> dict[str, Any]:
+    """The mapping of `biodyn info --json`."""
+    with open_bag(bag) as reader:
+        return info_of(reader, str(bag), options or ReadingOptions())

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from streams import subject
+from streams import info, subject
 from trident import (
     LOW_HZ,
     RAIL,
@@ -36,8 +36,7 @@ from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, rows, text_of
-from biodyn_ros.blue_trident.starting import parse_start
-from biodyn_ros.info.document import info
+from biodyn_ros.blue_trident.nexus import parse_start
 from biodyn_ros.reading.recordings import read_recordings
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from streams import subject
+from streams import info, subject
 from trident import TAKE, G, capture_u_files, imported, nexus_text, samples, shock, still, write_capture_u
 
 from biodyn_core.base.errors import MAX_CHARACTERS, InputError
@@ -21,7 +21,6 @@ from biodyn_core.conditioning.range_alignment import align, bias, levels
 from biodyn_ros.bag import open_bag
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.commands.cli import main
-from biodyn_ros.info.document import info
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay
 

@@ -15,18 +15,19 @@ import numpy as np
 import pytest
 from listed import assert_listed
 from pages import empty_drawings
-from streams import noisy_streams, subject
+from streams import accel_stamped, noisy_streams, subject
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.body.synthesis import imu_streams
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
-from biodyn_ros.bag.cdr import IMU_TYPE, decode_accel_stamped, encode_imu
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import bag_file, subject_file
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.seat_motion import read_seat_motion
 from biodyn_ros.reports.exposure_json import exposure_document
+from biodyn_ros.reports.exposure_report import exposure_report
 from biodyn_ros.simulate import START_NS, motion_of_cases
 
 BAG = str(bag_file("subject_1.mcap"))
@@ -97,7 +98,7 @@ def test_replay_writes_bag_figures_and_report(capsys: pytest.CaptureFixture[str]
         names = {topic.name for topic in reader.topics}
         assert names == {topics.absolute(t) for t in (*topics.PREDICTED.values(), *topics.MEASURED.values())}
         (head,) = [b.messages() for b in reader.blocks(["/biodyn/predicted/head/accel"])][:1]
-    assert np.abs(decode_accel_stamped(head)[1][:, 2]).max() < 100.0
+    assert np.abs(accel_stamped(head)[1][:, 2]).max() < 100.0
 
 
 def test_json_is_the_same_document_and_nothing_else_is_on_stdout(
@@ -304,7 +305,7 @@ def replayed_road() -> dict[str, Any]:
     pipeline = Pipeline(subject())
     for stream in streams:
         pipeline.push(stream.sensor, stream.stamps_ns, stream.accel_mps2)
-    document = exposure_document(pipeline, "", 4.0, [])
+    document = exposure_document(exposure_report(pipeline))
     return json.loads(json.dumps(document["sensors"]))
 
 

@@ -23,7 +23,7 @@ from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import subject_file
-from biodyn_ros.node.exposure_store import ExposureStore, StateFile, identity_of, refusal, state_path
+from biodyn_ros.node.exposure_store import ExposureStore, StateFile, identity_of, state_path
 
 IDENTITY = identity_of(subject(), topics.INPUT)
 
@@ -185,9 +185,13 @@ def test_a_file_that_is_not_continued_is_renamed(tmp_path: Path, spoil, why: str
         ("none", IDENTITY, 0.0, "kept_exposure is none"),
     ],
 )
-def test_age_and_identity_decide_unless_the_policy_is_another(policy, identity, hours: float, why: str) -> None:
-    message = refusal(checkpoint(), identity, hours, 12.0, policy)
-    assert (why in message) if why else message == ""
+def test_age_and_identity_decide_unless_the_policy_is_another(
+    tmp_path: Path, policy, identity, hours: float, why: str
+) -> None:
+    path, first_ns = tmp_path / "state.json", checkpoint().newest_of(SEAT) + round(3.6e12 * hours)
+    store(path).close(counted())
+    message = ExposureStore(StateFile(path), identity, 12.0, policy).begin(new(), SEAT, first_ns)
+    assert message.startswith("exposure starts at zero: " if why else "exposure continues") and why in message
 
 
 def test_provenance_is_no_part_of_the_identity() -> None:

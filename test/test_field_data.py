@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import recordings
 from conftest import field_data
-from streams import subject
+from streams import info, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
@@ -24,7 +24,6 @@ from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.commands.cli import main
-from biodyn_ros.info.document import info
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay
 

@@ -12,7 +12,7 @@ import pytest
 from conditioned import RATE_HZ, START_NS, Conditioned, raw, stamps
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from streams import independent_streams, subject, write_bag
+from streams import independent_streams, info, subject, write_bag
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
@@ -22,7 +22,6 @@ from biodyn_core.conditioning.gravity import Gravity, from_other_record
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.fitting import FitOptions, fit_bags
-from biodyn_ros.info.document import info
 from biodyn_ros.reading.events import EventOptions, read_events
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
 from biodyn_ros.replay.replaying import ReplayOptions, replay

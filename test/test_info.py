@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from listed import assert_listed
-from streams import noisy_streams, subject
+from streams import info, noisy_streams, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
@@ -19,7 +19,6 @@ from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import bag_file
 from biodyn_ros.commands.cli import main
-from biodyn_ros.info.document import info
 from biodyn_ros.info.text import text_of
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.reading.stamps import choose_times

@@ -21,13 +21,12 @@ from ros import Graph, Sensors, ros_graph
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
-from streams import noisy_streams, subject
+from streams import accel_stamped, noisy_streams, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.pipeline.frames import PredictedFrames
 from biodyn_core.pipeline.pipeline import Pipeline
-from biodyn_ros.bag.cdr import decode_accel_stamped
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import config_file
 from biodyn_ros.node import params
@@ -87,7 +86,7 @@ def test_it_predicts_every_sample_of_every_segment_as_the_pipeline_does(graph: G
     stamps, predicted, _ = offline()
     graph.wait(lambda: all(len(messages) >= len(stamps) for messages in got), "all predictions")
     for column, messages in enumerate(got):
-        got_stamps, linear = decode_accel_stamped(messages)
+        got_stamps, linear = accel_stamped(messages)
         np.testing.assert_array_equal(got_stamps, stamps)
         np.testing.assert_array_equal(linear[:, 2], predicted[:, column])
         np.testing.assert_array_equal(linear[:, :2], 0.0)
@@ -117,14 +116,14 @@ def test_after_a_long_stall_all_arrived_samples_are_compared(graph: Graph) -> No
     last_ns = int(noisy_streams()[0].stamps_ns[-1])
 
     def newest_ns() -> int:
-        return int(decode_accel_stamped(seat[-1:])[0][0])
+        return int(accel_stamped(seat[-1:])[0][0])
 
     graph.wait(lambda: newest_ns() > last_ns - 100_000_000, "the last comparison")
     assert len(seat) - before > 1.5 * 1125
 
     def missing() -> set[int]:
-        compared = set(decode_accel_stamped(head)[0].tolist())
-        return {stamp for stamp in decode_accel_stamped(seat)[0].tolist() if stamp > min(compared)} - compared
+        compared = set(accel_stamped(head)[0].tolist())
+        return {stamp for stamp in accel_stamped(seat)[0].tolist() if stamp > min(compared)} - compared
 
     graph.wait(lambda: not missing(), "every comparison")
 
@@ -205,7 +204,7 @@ def test_a_column_without_subscribers_is_not_read(graph: Graph) -> None:
     output.publish(PredictedFrames(np.array([1, 2]), values))
     graph.wait(lambda: head, "the head's only value")
     graph.spin(0.2)
-    assert decode_accel_stamped(head)[1][:, 2].tolist() == [1.0]
+    assert accel_stamped(head)[1][:, 2].tolist() == [1.0]
 
 
 def test_without_a_sensor_predictions_continue_and_its_status_reports_it(graph: Graph) -> None:
@@ -293,7 +292,7 @@ def test_an_unreadable_message_is_counted_and_skipped(graph: Graph) -> None:
     assert sent > 5_000
     stamps, predicted, _ = offline()
     graph.wait(lambda: len(head) == len(stamps), "every prediction all the same")
-    np.testing.assert_array_equal(decode_accel_stamped(head)[1][:, 2], predicted[:, SEGMENTS.index("head")])
+    np.testing.assert_array_equal(accel_stamped(head)[1][:, 2], predicted[:, SEGMENTS.index("head")])
     head_count = len(next(stream for stream in noisy_streams() if stream.sensor == "head").stamps_ns)
     for name in (SEAT, "head"):
         graph.wait(lambda n=name: diagnostics.value(n, "refused") == "1", f"the refusal of the {name}'s")

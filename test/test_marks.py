@@ -52,7 +52,7 @@ def test_a_replay_lists_the_marks_of_the_recording(bag: Path, tmp_path: Path) ->
         {"name": "mark 1", "time_s": pytest.approx(1.25)},
         {"name": "mark 2", "time_s": pytest.approx(3.5)},
     ]
-    assert "marked: mark 1 at 1.250 s, mark 2 at 3.500 s" in summary(replayed.document)
+    assert "marked: mark 1 at 1.250 s, mark 2 at 3.500 s" in summary(replayed.report)
     assert "<td>mark 2</td><td>3.500</td>" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 

@@ -509,8 +509,8 @@ def test_a_page_that_cannot_be_drawn_costs_no_subject(
 def test_a_replay_shows_its_spectra() -> None:
     traces = Traces()
     traces.add(Frames(NO_PREDICTED, streamed.frames()))
-    document = test_report.document()
-    parts = frequency_parts(document, traces, streamed.START_NS)
+    report = test_report.report()
+    parts = frequency_parts(report, traces, streamed.START_NS)
     svg = parts["transmissibility_svg"]
     measured = [line for line in lines(svg, DARK, 1.7) if np.ptp(line.points[:, 1]) < 0.01]
     heights = {round(float(line.points[:, 1].mean()), 2) for line in measured}
@@ -520,10 +520,9 @@ def test_a_replay_shows_its_spectra() -> None:
     assert "amplitude, m/s²" in svg_text(parts["powers_svg"])
     assert "head, measured" in svg_text(parts["waterfall_svg"])
     assert "data:image/png;base64," in parts["waterfall_svg"]
-    for name, of in document["predicted"].items():
-        assert f"{number(of['vdv_mps175'])} predicted" in svg_text(parts["doses_svg"]), name
-    document["predicted"] = {}
-    assert frequency_parts(document, Traces(), 0)["doses_svg"] is None
+    for name, (dose, _) in report.predicted.items():
+        assert f"{number(dose.vdv_mps175)} predicted" in svg_text(parts["doses_svg"]), name
+    assert frequency_parts(dataclasses.replace(report, predicted={}), Traces(), 0)["doses_svg"] is None
 
 
 def test_nothing_undefined_passes_a_template() -> None:

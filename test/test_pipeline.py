@@ -24,6 +24,7 @@ from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.pipeline.prediction import MAX_STRETCH_M
 from biodyn_ros.node.warmup import warm_up
 from biodyn_ros.reports.exposure_json import exposure_document
+from biodyn_ros.reports.exposure_report import exposure_report
 
 
 @cache
@@ -126,7 +127,7 @@ def test_predictions_beyond_the_fitted_range_are_extrapolated() -> None:
         provenance = {} if fitted_mps2 is None else {"seat_peak_mps2": fitted_mps2}
         pipeline = Pipeline(dataclasses.replace(subject(), provenance=provenance))
         run(streams, in_turn(streams), pipeline=pipeline)
-        predicted = exposure_document(pipeline, "", 8.0, [])["predicted"]
+        predicted = exposure_document(exposure_report(pipeline))["predicted"]
         assert {each["status"] for each in predicted.values()} == {status}
         pipeline.reset()
         assert not pipeline.run_status().is_extrapolating
@@ -329,7 +330,7 @@ def test_zero_phase_compares_samples_before_a_gap_too(broken: str) -> None:
 
 def test_a_comparison_s_dose_is_a_lower_bound_where_the_seat_or_its_clock_fails() -> None:
     def bounds(streams: tuple[ImuStream, ...], cuts: list[tuple[str, int, int]]) -> list[dict]:
-        found = exposure_document(run(streams, cuts).pipeline, "", 0.0, [])
+        found = exposure_document(exposure_report(run(streams, cuts).pipeline))
         return [found[kind]["head"] for kind in ("sensors", "measured_low_passed")]
 
     streams = noisy_streams(8.0)
@@ -492,7 +493,7 @@ def test_a_model_beyond_its_range_predicts_nan_and_restarts() -> None:
     lost = np.isnan(runs[0].predicted).all(axis=1)
     assert runs[0].pipeline.run_status().divergences == lost.sum() > 0
     assert runs[0].pipeline.run_status().unpredicted_s == pytest.approx(lost.sum() / RATE_HZ, rel=1e-3)
-    document = exposure_document(runs[0].pipeline, "a bag", 3.0, [])
+    document = exposure_document(exposure_report(runs[0].pipeline))
     assert all(one["lower_bound"] and one["missing_s"] > 0.0 for one in document["predicted"].values())
     # Where it is first lost, another integration of the whole chain has a joint beyond the range, and not before.
     block = Chain.of(subject()).simulate(_low_passed(streams[0]), RATE_HZ)

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import signal
-from streams import START_NS, in_turn, noisy_streams, run, subject, write_bag
+from streams import START_NS, in_turn, info, noisy_streams, run, subject, write_bag
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, STANDARD_GRAVITY_MPS2
 from biodyn_core.body.synthesis import ImuStream
@@ -23,7 +23,6 @@ from biodyn_core.conditioning.conditioner import Conditioner, ConditioningSettin
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.recording.recording import Recorder
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.info.document import info
 from biodyn_ros.node.health import WARN, SensorHealth, sensor_status
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import replay

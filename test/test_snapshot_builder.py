@@ -15,6 +15,7 @@ from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.node.health import HealthMonitor, SensorHealth
 from biodyn_ros.node.snapshot_builder import LEAST_SEAT_MPS2, ROWS, SnapshotBuilder
 from biodyn_ros.reports.exposure_json import exposure_document
+from biodyn_ros.reports.exposure_report import exposure_report
 
 GENTLE = {"case": "road", "seconds": 6.0, "seed": 3}
 
@@ -176,7 +177,7 @@ def test_leaps_and_a_dead_sensor_leave_finite_numbers(leap_s):
         ride.drive(shifted, without={"head"} if lap == 2 else ())
     assert ride.snapshots[-1]["seat"]["counted_s"] > 15.0
     assert ride.pipeline.losses("head").missing_s > 3.0
-    json.dumps(exposure_document(ride.pipeline, "", 1.0, []), allow_nan=False)
+    json.dumps(exposure_document(exposure_report(ride.pipeline)), allow_nan=False)
 
 
 def test_a_clipped_sensor_is_a_lower_bound_in_rows_and_shocks():

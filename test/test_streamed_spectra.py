@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
+from streams import held_bytes
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.pipeline.frames import MeasuredFrames
@@ -185,12 +186,12 @@ def test_any_cut_of_a_replay_gives_the_same(cuts: list[int]) -> None:
 
 
 def test_memory_of_a_replay_does_not_grow_with_the_record() -> None:
-    found, most = ReplaySpectra(), 0
+    found, sizes = ReplaySpectra(), []
     block = frames(400)
     for number in range(1000):
         found.add(MeasuredFrames(block.stamps_ns + number * 2 * 10**9, *block[1:]))
-        most = max(most, found.stored)
-    assert most < 4 * 1024 + 400 + 400 + 200 + BINS
+        sizes.append(held_bytes(found))
+    assert max(sizes) < 1_600_000 and max(sizes[300:]) < 1.05 * max(sizes[:300])
 
 
 @pytest.mark.parametrize("samples", [0, 1, 2, 150])

@@ -12,7 +12,7 @@ from streams import RATE_HZ, noisy_streams, subject
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.body.synthesis import ImuStream
 from biodyn_core.pipeline.pipeline import Pipeline
-from biodyn_ros.reports.exposure_json import sensor_warnings
+from biodyn_ros.reports.exposure_report import sensor_warnings
 
 HOUR_NS = 3600 * 10**9
 SECONDS = 8.0

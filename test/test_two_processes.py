@@ -17,10 +17,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
 from ros import STARTUP_S, child, ros_graph
 from std_msgs.msg import Float64
-from streams import noisy_streams, subject, write_bag
+from streams import accel_stamped, noisy_streams, subject, write_bag
 
 from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_ros.bag.cdr import decode_accel_stamped
 from biodyn_ros.base import topics
 from biodyn_ros.base.environment import hold_domain
 from biodyn_ros.base.resources import bag_file
@@ -112,7 +111,7 @@ def owed(topic: str, frames: dict[int, float]) -> set[int]:
 
 def assert_equal_by_stamp(topic: str, messages: list[bytes], frames: dict[int, float]) -> None:
     """Joined by stamp, live and offline agree to 1e-9, and nothing is missing that is owed."""
-    stamps, linear = decode_accel_stamped(messages)
+    stamps, linear = accel_stamped(messages)
     live = dict(zip(stamps.tolist(), linear[:, 2].tolist(), strict=True))
     assert len(live) == len(messages), f"{topic}: a stamp came twice"
     missing = owed(topic, frames) - live.keys()
@@ -229,5 +228,5 @@ def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_warns(tmp_path
             _, errors = live.communicate(timeout=20)
     assert "numba is missing or switched off: kernels run uncompiled" in errors
     # Compiled and uncompiled kernels differ in the last bits alone.
-    stamps, linear = decode_accel_stamped(head)
+    stamps, linear = accel_stamped(head)
     np.testing.assert_allclose(linear[:, 2], [frames[s] for s in stamps.tolist()], rtol=1e-9, atol=1e-9)

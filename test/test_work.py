@@ -391,9 +391,10 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_progress_is_not_printed_without_a_terminal() -> None:
+def test_progress_is_not_printed_without_a_terminal(monkeypatch) -> None:
     stream = io.StringIO()
-    with Progress("fitting", stream) as progress:
+    monkeypatch.setattr(sys, "stderr", stream)
+    with Progress("fitting") as progress:
         progress(1, 2)
     assert stream.getvalue() == ""
 
@@ -403,7 +404,8 @@ def test_progress_shows_percent_and_the_time_of_completion(monkeypatch) -> None:
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     monkeypatch.setattr(time, "time", lambda: now[0])
     stream = Terminal()
-    with Progress("fitting", stream) as progress:
+    monkeypatch.setattr(sys, "stderr", stream)
+    with Progress("fitting") as progress:
         # Half of it was done before, which does not count for the remaining time.
         for seconds, done in ((0.0, 50), (10.0, 60), (0.1, 60), (2.0, 60), (28.0, 100), (5.0, 100)):
             now[0] += seconds
@@ -418,7 +420,8 @@ def test_progress_of_days_names_the_day(monkeypatch) -> None:
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     monkeypatch.setattr(time, "time", lambda: now[0])
     stream = Terminal()
-    with Progress("fitting", stream) as progress:
+    monkeypatch.setattr(sys, "stderr", stream)
+    with Progress("fitting") as progress:
         progress(0, 100)
         now[0] += 86400.0
         progress(1, 100)
@@ -426,11 +429,12 @@ def test_progress_of_days_names_the_day(monkeypatch) -> None:
     assert stream.getvalue().endswith(f"fitting:   1 %, ETA {day}\x1b[K\n")
 
 
-def test_progress_ends_its_line_when_it_is_interrupted() -> None:
+def test_progress_ends_its_line_when_it_is_interrupted(monkeypatch) -> None:
     stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
 
     def work() -> None:
-        with Progress("fitting", stream) as progress:
+        with Progress("fitting") as progress:
             progress(1, 2)
             raise KeyboardInterrupt
 

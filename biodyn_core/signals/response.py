@@ -124,11 +124,6 @@ class SpectraMeter:
         self._segments = np.zeros(outputs, dtype=np.int64)
         self.part()
 
-    @property
-    def stored(self) -> int:
-        """Number of samples held."""
-        return self._rows.shape[0]
-
     def part(self) -> None:
         """Begin another stretch of time, which shares no segment with the one before."""
         self._rows = np.empty((0, 1 + self._segments.size))

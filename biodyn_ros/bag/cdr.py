@@ -43,7 +43,7 @@ class _Layout:
 
     type: str
     body_bytes: int
-    numbers_at: tuple[tuple[int, int], ...]
+    numbers_at: tuple[tuple[int, int], ...] = ()
 
 
 _HEADER_BYTES = 16
@@ -53,8 +53,8 @@ _ACCEL_AT = 200
 _IMU = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3),))
 # The angular velocity, followed by the first element of its covariance.
 _IMU_WITH_GYRO = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3), (_GYRO_AT, 4)))
-_ACCEL_STAMPED = _Layout(ACCEL_STAMPED_TYPE, 48, ((0, 3),))
-_STAMPED = _Layout("message that starts with std_msgs/Header", 0, ())
+_ACCEL_STAMPED = _Layout(ACCEL_STAMPED_TYPE, 48)
+_STAMPED = _Layout("message that starts with std_msgs/Header", 0)
 
 _LITTLE = b"\x00\x01\x00\x00"
 _HEAD = {0: struct.Struct(">iII"), 1: struct.Struct("<iII")}
@@ -114,18 +114,6 @@ def decode_imu_one(message: bytes) -> tuple[int, tuple[float, float, float]]:
     return sec * NS_PER_S + nanosec, (x, y, z)
 
 
-def decode_accel_stamped(messages: Sequence[bytes]) -> tuple[Integers, Floats]:
-    """Header stamps in ns, int64 (n,), and linear accelerations in m/s^2, (n, 3); InputError as `decode_imu`."""
-    stamps_ns, (linear,) = _decode(_ACCEL_STAMPED, *_joined(messages))
-    return stamps_ns, linear
-
-
-def frame_id_of(message: bytes) -> str:
-    """The frame_id of any message whose first field is std_msgs/Header; InputError when it is cut."""
-    start, end = _frame_span(message)
-    return bytes(message[start:end]).rstrip(b"\0").decode("utf-8", errors="replace")
-
-
 def decode_string(message: bytes) -> str:
     """The text of a std_msgs/String; InputError for one that is cut."""
     if len(message) >= _STRING_AT and message[0] == 0 and message[1] <= 1:
@@ -140,7 +128,7 @@ def restamp(message: bytes, stamp_ns: int) -> bytes:
 
     InputError for a message that is cut and for a stamp outside int32 seconds.
     """
-    _frame_span(message)
+    _check_header(message)
     return b"".join((message[:4], _pack_stamp(stamp_ns, message[1]), message[12:]))
 
 
@@ -152,7 +140,7 @@ def shift_stamp(message: bytes, by_ns: int) -> bytes:
 
 def stamp_of(message: bytes) -> int:
     """The header stamp in ns of any message whose first field is std_msgs/Header; InputError when it is cut."""
-    _frame_span(message)
+    _check_header(message)
     sec, nanosec = _STAMP[message[1]].unpack_from(message, 4)
     return int(sec * NS_PER_S + nanosec)
 
@@ -311,12 +299,12 @@ def _refusal(layout: _Layout, message: bytes) -> str:
     return f"{counted(len(message), 'byte')}, but {needed} are needed with a frame_id of {frame_bytes}; {advice}"
 
 
-def _frame_span(message: bytes) -> tuple[int, int]:
-    """Start and end of the frame_id in a stamped message, its NUL included."""
+def _check_header(message: bytes) -> None:
+    """Raise InputError unless the message contains a whole std_msgs/Header."""
     if len(message) >= _HEADER_BYTES and message[0] == 0 and message[1] <= 1:
-        end = _HEADER_BYTES + _HEAD[message[1]].unpack_from(message, 4)[2]
-        if end <= len(message):
-            return _HEADER_BYTES, end
+        frame_bytes = _HEAD[message[1]].unpack_from(message, 4)[2]
+        if _HEADER_BYTES + frame_bytes <= len(message):
+            return
     raise InputError(_refusal(_STAMPED, bytes(message)))
 
 

@@ -123,7 +123,7 @@ def grouped(
 def refuse_foreign(path: Path, formats: Iterable[tuple[str, str]], warnings: list[str]) -> None:
     """Raise InputError if no topic is CDR, and warn of each (topic, format) that is not; an empty bag is accepted.
 
-    A recording without ROS 2 topics cannot be read; a JSON topic beside ROS 2 topics is only omitted.
+    A recording without ROS 2 topics cannot be read; among ROS 2 topics a JSON topic is only omitted.
     """
     formats = list(formats)
     foreign = [(topic, form) for topic, form in formats if form != "cdr"]

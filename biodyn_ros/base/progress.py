@@ -6,8 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from types import TracebackType
-from typing import Final, TextIO
+from typing import Final
 
 OnProgress = Callable[[int, int], None]
 """A callback (done, total)."""
@@ -30,8 +29,8 @@ class Progress:
     results loaded from a file, does not distort it. Leaving the block ends the line, also by an error or Ctrl-C.
     """
 
-    def __init__(self, what: str, stream: TextIO | None = None) -> None:
-        self._what, self._stream = what, sys.stderr if stream is None else stream
+    def __init__(self, what: str) -> None:
+        self._what, self._stream = what, sys.stderr
         self._is_terminal = self._stream.isatty()
         self._first: tuple[float, int] | None = None
         self._shown, self._drawn_at = -1, 0.0
@@ -40,7 +39,7 @@ class Progress:
     def __enter__(self) -> Progress:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._open:
             self._open = False
             print(file=self._stream, flush=True)

@@ -15,6 +15,7 @@ from typing import Final
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 from biodyn_ros.base.files import exists
+from biodyn_ros.base.wording import listed
 
 SHARE: Final = Path("share") / "biodyn_ros"
 
@@ -45,7 +46,7 @@ def subject_file(name_or_path: str | Path) -> Path:
             return bundled
     there = subject_names()
     near = did_you_mean_file(name_or_path) or did_you_mean(Path(name_or_path).stem, there)
-    raise InputError(f"no subject file {name_or_path}{near or ';'} bundled: {_listed(there)}; give others by path")
+    raise InputError(f"no subject file {name_or_path}{near or ';'} bundled: {listed(there)}; give others by path")
 
 
 def package_directory(name: str) -> Path:
@@ -62,7 +63,7 @@ def _find(kind: str, name: str) -> Path:
     if path.exists():
         return path
     there = sorted(entry.name for entry in directory.glob("[!.]*"))
-    raise InputError(f"no {name} in {directory}; there is {_listed(there)}{did_you_mean(name, there)}")
+    raise InputError(f"no {name} in {directory}; there is {listed(there)}{did_you_mean(name, there)}")
 
 
 def _root() -> Path:
@@ -71,7 +72,7 @@ def _root() -> Path:
     for root in roots:
         if (root / "package.xml").is_file() and (root / "config").is_dir():
             return root
-    raise InputError(f"none of {_listed([str(root) for root in roots])} holds the files of biodyn; install it again")
+    raise InputError(f"none of {listed([str(root) for root in roots])} holds the files of biodyn; install it again")
 
 
 def _roots() -> Iterator[Path]:
@@ -83,7 +84,3 @@ def _roots() -> Iterator[Path]:
     yield from (parent / SHARE for parent in here.parents[2:])
     yield Path(sys.prefix) / SHARE
     yield from (Path(prefix) / SHARE for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names) if names else "nothing"

@@ -67,11 +67,6 @@ def exposure_values(exposure: Exposure, root: str) -> dict[str, float]:
     return values
 
 
-def residual_values(exposure: Exposure) -> dict[str, float]:
-    """The residual's rms by topic, m/s^2."""
-    return {RESIDUAL[segment]: rms for segment, (rms, _) in exposure.residual.items()}
-
-
 def seat_values(seat: SeatExposure | None) -> dict[str, float]:
     """The seat's exposure and times to its limits; an unknown time is absent."""
     if seat is None:

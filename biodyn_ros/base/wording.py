@@ -3,22 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Sequence
-from typing import Any, Final
+from collections.abc import Container, Iterable, Sequence
+from typing import Final
 
 from biodyn_core.base.wording import counted, decimal_places, number
 
-ZONE: Final = {
-    "below_action_value": "Below the action values so far",
-    "above_action_value": "Action value reached",
-    "above_limit_value": "Limit value reached",
-    "undecided": "Undecided: no assessment of the seat",
-}
-HORIZONTAL: Final = {
-    "yaw_given": "Horizontal axes from the yaw given.",
-    "worst_direction": "No yaw given: the largest value over all horizontal directions is used for both axes.",
-    "missing": "Vertical only: horizontal data are missing.",
-}
 _GROUPS: Final = {
     "natural_frequency_hz": "natural frequency",
     "damping_ratio": "damping ratio",
@@ -26,7 +15,6 @@ _GROUPS: Final = {
     "stiffening_scale": "stiffening scale",
     "mass_scale": "mass scale",
 }
-_RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv_over_aw_t": "VDV/(aw T^1/4)"}
 
 MODEL: Final = "the model"
 
@@ -118,42 +106,8 @@ def sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('?') else '.'}"
 
 
-def left(kind: str, seat: dict[str, Any]) -> str:
-    """The time left to the `kind` (action or limit) value, from the seat's mapping, in a few words."""
-    if seat["zone"] in ("above_limit_value", f"above_{kind}_value"):  # a lower bound suffices for this
-        return "reached"
-    if seat["withheld"]:
-        return "withheld"
-    seconds = seat[f"time_to_{kind}_value_s"]
-    if seconds is None:
-        return "never reached at this rate"
-    return f"at most {duration(seconds, at_most=True)} left" if seat["lower_bound"] else f"{duration(seconds)} left"
-
-
-def time_left(kind: str, seat: dict[str, Any]) -> str:
-    """The time left to the `kind` (action or limit) value, from the seat's mapping, as a sentence."""
-    name, said = f"{kind.capitalize()} value", left(kind, seat)
-    if said == "withheld":
-        return f"{name}: time left withheld, because {seat['withheld']}."
-    if seat[f"time_to_{kind}_value_s"] is None or said == "reached":
-        return f"{name}: {said}."
-    return f"{name}: {said}, if exposure continues at this rate."
-
-
-def shocks(seat: dict[str, Any]) -> str:
-    """Whether ISO 2631-1 requires more than the rms on the governing axis, from the seat's mapping."""
-    ratios = {_RATIO[name]: ratio for name, ratio in seat["shock_ratios"].items() if name in _RATIO}
-    where = f"ISO 2631-1:1997, axis {words(seat['axis'])}"
-    firing = [
-        f"{name} {number(ratio['value'])} > {ratio['threshold']:g} ({ratio['clause']})"
-        for name, ratio in ratios.items()
-        if ratio["exceeded"]
-    ]
-    if firing:
-        return f"Shocks: additional evaluation required ({where}): {', '.join(firing)}."
-    unknown = [name for name, ratio in ratios.items() if ratio["exceeded"] is None]
-    if seat["lower_bound"] or unknown:
-        why = f"{' and '.join(unknown)} not measured" if unknown else "the seat's values are lower bounds"
-        return f"Shocks: undecided whether additional evaluation is required ({where}): {why}."
-    known = ", ".join(f"{name} {number(ratio['value'])}" for name, ratio in ratios.items())
-    return f"Shocks: no additional evaluation required ({where}): {known}."
+def listed(names: Iterable[str]) -> str:
+    """The first twelve names, and the number of further ones; "none" without any."""
+    names = list(names)
+    more = f" and {len(names) - 12} more" if len(names) > 12 else ""
+    return f"{', '.join(names[:12])}{more}" or "none"

@@ -34,7 +34,7 @@ class Cleaner:
     """`push` samples of the file and get the measured ones; `finish` gives the last one."""
 
     def __init__(self) -> None:
-        self.left_out = OmittedRows()
+        self.omitted = OmittedRows()
         self._before: Samples | None = None
         self._waiting: Samples | None = None
         self._begun = False
@@ -43,7 +43,7 @@ class Cleaner:
     def push(self, samples: Samples) -> Samples:
         """Add a block; the last row is kept, because the next row decides whether it is faded."""
         usable = (np.abs(samples.accel_mps2) < MAX_PLAUSIBLE_MPS2).all(axis=1)
-        self.left_out.unreadable += int((~usable).sum())
+        self.omitted.unreadable += int((~usable).sum())
         samples = samples if usable.all() else samples.rows(usable)
         if not len(samples.stamps_ns):
             return samples
@@ -55,8 +55,8 @@ class Cleaner:
     def finish(self) -> Samples | None:
         """Return the last row, if it is measured, and count the zeros at the end."""
         last = None if self._waiting is None else self._decide(self._waiting, 0)
-        self.left_out.early_end, self._zeros = (self._zeros, 0) if self._begun else (0, self._zeros)
-        self.left_out.late_start += self._zeros
+        self.omitted.early_end, self._zeros = (self._zeros, 0) if self._begun else (0, self._zeros)
+        self.omitted.late_start += self._zeros
         return last
 
     def _decide(self, samples: Samples, ahead: int) -> Samples:
@@ -71,7 +71,7 @@ class Cleaner:
         decided = slice(known, upto)
         self._count(zero[decided])
         good = ~zero[decided] & ~faded[decided]
-        self.left_out.faded += int(faded[decided].sum())
+        self.omitted.faded += int(faded[decided].sum())
         part = seen.rows(decided)
         return part if good.all() else part.rows(good)
 
@@ -83,10 +83,10 @@ class Cleaner:
         before = self._zeros + int(measured[0])
         amid = int(zero[measured[0] : measured[-1]].sum())
         if self._begun:
-            self.left_out.dropouts += before + amid
+            self.omitted.dropouts += before + amid
         else:
-            self.left_out.late_start += before
-            self.left_out.dropouts += amid
+            self.omitted.late_start += before
+            self.omitted.dropouts += amid
         self._begun, self._zeros = True, zero.size - 1 - int(measured[-1])
 
 

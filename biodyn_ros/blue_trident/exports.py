@@ -12,6 +12,7 @@ from biodyn_core.base.segments import SENSORS
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 from biodyn_core.base.wording import counted
 from biodyn_core.base.yaml_files import read_yaml
+from biodyn_ros.base.wording import listed
 from biodyn_ros.blue_trident.capture_u import capture_u, is_capture_u, is_magnetometer
 from biodyn_ros.blue_trident.nexus import is_nexus, nexus
 from biodyn_ros.blue_trident.rows import head_of, lines_of
@@ -27,7 +28,7 @@ class FoundExports:
 
     place: Path
     exports: tuple[Export, ...]
-    aside: tuple[str, ...]
+    ignored: tuple[str, ...]
     refused: tuple[str, ...]
 
     def serials(self) -> list[str]:
@@ -79,22 +80,22 @@ def find_exports(place: Path) -> FoundExports:
         count = counted(len(paths), "file")
         raise InputError(f"{place}: {count} are too many for one recording: give another directory")
     exports: list[Export] = []
-    aside, refused = [], []
+    ignored, refused = [], []
     for path in paths:
         if is_magnetometer(path):
-            aside.append(f"{path.name}: magnetometer, not part of an Imu message")
+            ignored.append(f"{path.name}: magnetometer, not part of an Imu message")
             continue
         if path.suffix.lower() != ".csv":
-            aside.append(f"{path.name}: no CSV file")
+            ignored.append(f"{path.name}: no CSV file")
             continue
         try:
             exports.append(_export_of(path))
         except InputError as error:
             refused.append(str(error))
     if not exports:
-        why = f"; {refused[0]}" if refused else f"; its files: {_listed([path.name for path in paths])}"
+        why = f"; {refused[0]}" if refused else f"; its files: {listed([path.name for path in paths])}"
         raise InputError(f"{place}: no export of Capture.U or Nexus{why}")
-    return FoundExports(place, tuple(exports), tuple(aside), tuple(refused))
+    return FoundExports(place, tuple(exports), tuple(ignored), tuple(refused))
 
 
 def choose(found: FoundExports, mapping: Mapping[str, str], take: str | None) -> ChosenExports:
@@ -106,7 +107,7 @@ def choose(found: FoundExports, mapping: Mapping[str, str], take: str | None) ->
     there = found.serials()
     if not mapping:
         raise InputError(
-            f"{found.place}: no sensor is mapped; serials: {_listed(there)}: use --map {SENSORS[0]}={there[0]}"
+            f"{found.place}: no sensor is mapped; serials: {listed(there)}: use --map {SENSORS[0]}={there[0]}"
         )
     mapping = {sensor: _serial(found, sensor, given) for sensor, given in mapping.items()}
     for sensor, serial in mapping.items():
@@ -121,7 +122,7 @@ def choose(found: FoundExports, mapping: Mapping[str, str], take: str | None) ->
         ]
         if not exports:
             near = did_you_mean(take, takes)
-            raise InputError(f"{found.place}: --take {take}: no such take; takes: {_listed(takes)}{near}")
+            raise InputError(f"{found.place}: --take {take}: no such take; takes: {listed(takes)}{near}")
     for sensor, serial in mapping.items():
         _check_one(found.place, sensor, serial, exports)
     kinds = {export.kind for export in exports}
@@ -139,11 +140,11 @@ def _serial(found: FoundExports, sensor: str, given: str) -> str:
         return given
     ending = [serial for serial in there if serial.casefold().endswith(given.casefold())]
     if len(ending) > 1:
-        raise InputError(f"{where}: {_listed(ending)} end with it: give a complete serial")
+        raise InputError(f"{where}: {listed(ending)} end with it: give a complete serial")
     if not ending:
         ends = [serial[-len(given) :] for serial in there]
         hint = did_you_mean(given, [*there, *ends]) or (f"; {found.refused[0]}" if found.refused else "")
-        raise InputError(f"{where}: no such serial; serials: {_listed(there)}{hint}")
+        raise InputError(f"{where}: no such serial; serials: {listed(there)}{hint}")
     return ending[0]
 
 
@@ -151,13 +152,13 @@ def _check_one(place: Path, sensor: str, serial: str, exports: list[Export]) -> 
     """Raise InputError unless a sensor has exactly one low-g channel and at most one high-g among the exports."""
     for channel in ("low", "high"):
         with_it = [export for export in exports if (serial, channel) in _channels_of(export)]
-        takes = sorted({export.take for export in exports if (serial, channel) in _channels_of(export)})
+        takes = sorted({export.take for export in with_it})
         if len(takes) > 1:
             raise InputError(
-                f"{place}: {serial} ({sensor}) has several takes: {_listed(takes)}: choose with --take TAKE"
+                f"{place}: {serial} ({sensor}) has several takes: {listed(takes)}: choose with --take TAKE"
             )
         if len(with_it) > 1:
-            names = _listed([export.path.name for export in with_it])
+            names = listed([export.path.name for export in with_it])
             raise InputError(f"{place}: {serial} ({sensor}) has a channel twice: {names}: remove one")
         if channel == "low" and not with_it:
             raise InputError(f"{place}: {serial} ({sensor}) has no low-g file in this take: export it")
@@ -174,7 +175,3 @@ def _export_of(path: Path) -> Export:
     raise InputError(
         f"{path}: no export of Capture.U or Nexus: neither unix_timestamp_microsec nor Devices in its first lines"
     )
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "") if names else "nothing"

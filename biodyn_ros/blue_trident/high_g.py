@@ -32,7 +32,7 @@ BESIDE_S: Final = 0.1
 class Replacement:
     """High-g values that replace low-g: weights share (k, 3) of values right_mps2 (k, 3) at stamps_ns (k,).
 
-    taken and left: the replaced and the remaining spans; bias_mps2 (3,): the mean of all stretches.
+    replaced and remaining: spans of saturation; bias_mps2 (3,): the mean of all stretches.
     """
 
     stamps_ns: Integers
@@ -40,8 +40,8 @@ class Replacement:
     right_mps2: Floats
     alignment: Alignment
     bias_mps2: Floats
-    taken: tuple[Span, ...]
-    left: tuple[Span, ...]
+    replaced: tuple[Span, ...]
+    remaining: tuple[Span, ...]
 
     def applied(self, samples: Samples) -> tuple[Samples, Floats]:
         """Samples with high-g instead of saturated values, and the weight of high-g, (n, 3)."""
@@ -102,20 +102,20 @@ class Comparison:
         known = [value for value in biases if value is not None]
         mean = np.mean(known, axis=0) if known else np.zeros(3)
         stamps, share, right = [], [], []
-        taken: list[Span] = []
+        replaced: list[Span] = []
         if known and plausible(alignment):
             for near, value in zip(self._near, biases, strict=True):
                 values = corrected(near.part, alignment, mean if value is None else value)
                 kept = covered(near.spans, near.part, values, self._settings)
                 of_each = shares(near.part.low_s, 1.0 / self._rate_hz, kept)
                 used = of_each.any(axis=1)
-                taken += kept
+                replaced += kept
                 stamps.append(self._epoch_ns + np.rint(1e9 * near.part.low_s[used]).astype(np.int64))
                 share.append(of_each[used])
                 right.append(values[used])
-        done = set(taken)
-        left = [*self._stuck, *(span for near in self._near for span in near.spans if span not in done)]
-        return Replacement(*_in_order(stamps, share, right), alignment, mean, tuple(taken), tuple(left))
+        done = set(replaced)
+        remaining = [*self._stuck, *(span for near in self._near for span in near.spans if span not in done)]
+        return Replacement(*_in_order(stamps, share, right), alignment, mean, tuple(replaced), tuple(remaining))
 
     def _keep(self, channel: Channel, samples: Samples) -> None:
         """Add the samples around saturations, in ascending order of time."""

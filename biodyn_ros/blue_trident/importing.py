@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -23,9 +23,10 @@ from biodyn_ros.blue_trident.cleaning import Cleaner
 from biodyn_ros.blue_trident.exports import ChosenExports, FoundExports, choose, find_exports
 from biodyn_ros.blue_trident.high_g import Comparison, Replacement
 from biodyn_ros.blue_trident.outcome import Outcome, SampleCounts, document_of, ranges
+from biodyn_ros.blue_trident.reader import ExportReader
 from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export, Samples, joined
-from biodyn_ros.blue_trident.survey import SurveyResult, in_time_order, survey
+from biodyn_ros.blue_trident.survey import SurveyResult, survey
 from biodyn_ros.reading.provenance import sha256_of
 from biodyn_ros.reading.saturation import stated
 
@@ -60,33 +61,28 @@ def import_blue_trident(
     """
     found = find_exports(place)
     chosen = choose(found, options.mapping, options.take)
-    _check_start(chosen, options)
+    if options.start_ns is not None and any(export.kind == "Capture.U" for export in chosen.exports):
+        raise InputError("--start: exports of Capture.U have Unix time: omit it")
+    reader = ExportReader(chosen, options.start_ns or 0, progress)
     with BagWriter(bag, compression=options.compression) as writer:
-        outcome = _imported(found, chosen, writer, options, _ReadProgress(chosen, progress))
+        outcome = _imported(found, reader, writer, options)
         document = {"bag": str(bag), **document_of(outcome), "version": __version__}
         _add_provenance(writer, document, outcome)
     return document
 
 
-def _imported(
-    found: FoundExports, chosen: ChosenExports, writer: BagWriter, options: ImportOptions, reading: _ReadProgress
-) -> Outcome:
-    start_ns = options.start_ns or 0
-    read = survey(chosen, options.settings, reading.sizes, start_ns, reading)
+def _imported(found: FoundExports, reader: ExportReader, writer: BagWriter, options: ImportOptions) -> Outcome:
+    chosen, sizes = reader.chosen, reader.sizes
+    read = survey(reader, options.settings)
     _check(chosen, read)
     damage = dict(read.damage)
-    taken = _compared(chosen, read, options, damage, reading) if options.high_g else {}
+    replacements = _compared(reader, read, options.settings, damage) if options.high_g else {}
     for sensor in chosen.sensors.values():
         writer.add_topic(INPUT[sensor], IMU_TYPE)
-    marked = _written(chosen, read, taken, writer, options, reading)
-    hashes = {export: sha256_of([export.path], reading.sizes[export]) for export in chosen.exports}
+    counts = _InterleavedWriter(chosen, read, replacements, writer, options.settings).write_all(reader)
+    hashes = {export: sha256_of([export.path], sizes[export]) for export in chosen.exports}
     how = options.start_ns, options.settings, options.high_g
-    return Outcome(found, chosen, read, taken, marked, damage, reading.sizes, hashes, *how)
-
-
-def _check_start(chosen: ChosenExports, options: ImportOptions) -> None:
-    if options.start_ns is not None and any(export.kind == "Capture.U" for export in chosen.exports):
-        raise InputError("--start: exports of Capture.U have Unix time: omit it")
+    return Outcome(found, chosen, read, replacements, counts, damage, sizes, hashes, *how)
 
 
 def _check(chosen: ChosenExports, read: SurveyResult) -> None:
@@ -113,23 +109,19 @@ def _check(chosen: ChosenExports, read: SurveyResult) -> None:
 
 
 def _compared(
-    chosen: ChosenExports,
-    read: SurveyResult,
-    options: ImportOptions,
-    damage: dict[Export, Damage],
-    reading: _ReadProgress,
+    reader: ExportReader, read: SurveyResult, settings: DualRangeSettings, damage: dict[Export, Damage]
 ) -> dict[str, Replacement]:
     """The high-g replacement by serial, for the sensors that have high-g and are clipped."""
     comparisons: dict[str, Comparison] = {}
     exports: dict[Export, None] = {}
-    for serial in chosen.sensors:
-        low, high = chosen.file_of(serial, "low"), chosen.file_of(serial, "high")
+    for serial in reader.chosen.sensors:
+        low, high = reader.chosen.file_of(serial, "low"), reader.chosen.file_of(serial, "high")
         if read.sensors[serial].clipped() and low is not None and high is not None:
-            comparisons[serial] = Comparison(read.sensors[serial], options.settings, shared=low is high)
+            comparisons[serial] = Comparison(read.sensors[serial], settings, shared=low is high)
             exports |= {low: None, high: None}
-    reading.expect(exports)
-    again = {export: Damage() for export in exports}
-    for parts in in_time_order(list(exports), again, reading.sizes, options.start_ns or 0, reading):
+    reader.expect(exports)
+    again: dict[Export, Damage] = {}
+    for parts in reader.in_time_order(exports, again):
         for part in parts:
             if part.serial in comparisons:
                 comparisons[part.serial].push(part.channel, part.samples)
@@ -137,58 +129,44 @@ def _compared(
     return {serial: comparison.finish() for serial, comparison in comparisons.items()}
 
 
-def _written(
-    chosen: ChosenExports,
-    read: SurveyResult,
-    taken: dict[str, Replacement],
-    writer: BagWriter,
-    options: ImportOptions,
-    reading: _ReadProgress,
-) -> dict[str, SampleCounts]:
-    """Write all sensors interleaved, half a second at a time."""
-    lows = dict.fromkeys(export for export in chosen.exports if any(info.channel == "low" for info in export.channels))
-    cleaners = {serial: Cleaner() for serial in chosen.sensors}
-    turns = _InterleavedWriter(chosen, taken, writer, options.settings)
-    for parts in in_time_order(list(lows), {}, reading.sizes, options.start_ns or 0, reading):
-        for part in parts:
-            if part.channel == "low" and part.serial in cleaners:
-                turns.add(part.serial, cleaners[part.serial].push(part.samples))
-        turns.write(read, final=False)
-    for serial, cleaner in cleaners.items():
-        if (last := cleaner.finish()) is not None:
-            turns.add(serial, last)
-    turns.write(read, final=True)
-    return turns.marked
-
-
 class _InterleavedWriter:
     """Buffers samples, so that the messages of all sensors are written roughly in order of time."""
 
     def __init__(
-        self, chosen: ChosenExports, taken: dict[str, Replacement], writer: BagWriter, settings: DualRangeSettings
+        self,
+        chosen: ChosenExports,
+        read: SurveyResult,
+        replacements: dict[str, Replacement],
+        writer: BagWriter,
+        settings: DualRangeSettings,
     ) -> None:
-        self._sensors, self._taken, self._writer, self._settings = chosen.sensors, taken, writer, settings
+        self._sensors, self._surveys, self._replacements = chosen.sensors, read.sensors, replacements
+        self._writer, self._settings = writer, settings
         self._waiting: dict[str, Samples] = {}
-        self._upto: dict[str, int] = {}
-        self.marked = {serial: SampleCounts() for serial in chosen.sensors}
+        self._latest_ns = {serial: read.sensors[serial].first_ns for serial in chosen.sensors}
+        self._counts = {serial: SampleCounts() for serial in chosen.sensors}
 
-    def add(self, serial: str, samples: Samples) -> None:
+    def write_all(self, reader: ExportReader) -> dict[str, SampleCounts]:
+        """Write the samples of all sensors, half a second of each in turn; return their counts by serial."""
+        for block in reader.cleaned({serial: Cleaner() for serial in self._sensors}, {}):
+            for serial, samples in block:
+                self._add(serial, samples)
+            self._write(final=False)
+        self._write(final=True)
+        return self._counts
+
+    def _add(self, serial: str, samples: Samples) -> None:
         if not len(samples.stamps_ns):
             return
         samples = samples._replace(mag=None)
         old = self._waiting.get(serial)
         self._waiting[serial] = samples if old is None else joined(old, samples)
         # Stamps may decrease: the largest stamp so far counts.
-        self._upto[serial] = max(self._upto.get(serial, -(2**63)), int(samples.stamps_ns.max()))
+        self._latest_ns[serial] = max(self._latest_ns[serial], int(samples.stamps_ns.max()))
 
-    def write(self, read: SurveyResult, final: bool) -> None:
+    def _write(self, final: bool) -> None:
         """Write up to the time that all unfinished sensors have reached, or everything."""
-        ends = []
-        for serial in self._sensors:
-            seen = read.sensors[serial]
-            upto_ns = self._upto.get(serial, seen.first_ns)
-            if upto_ns < seen.last_ns:
-                ends.append(upto_ns)
+        ends = [ns for serial, ns in self._latest_ns.items() if ns < self._surveys[serial].last_ns]
         end_ns = 2**63 - 1 if final or not ends else min(ends)
         while self._waiting:
             begin_ns = min(int(samples.stamps_ns[0]) for samples in self._waiting.values())
@@ -209,18 +187,18 @@ class _InterleavedWriter:
         self._put(serial, samples.rows(slice(0, count)))
 
     def _put(self, serial: str, samples: Samples) -> None:
-        sensor, marked, variance = self._sensors[serial], self.marked[serial], None
+        sensor, counts, variance = self._sensors[serial], self._counts[serial], None
         at_rail = saturated(samples.accel_mps2, self._settings) != 0
-        if serial in self._taken:
-            samples, share = self._taken[serial].applied(samples)
+        if serial in self._replacements:
+            samples, share = self._replacements[serial].applied(samples)
             at_rail &= share == 0.0
             if share.any():
                 # Imu has no flags. Its covariance, of which 0 is "unknown", marks each high-g axis of each sample
                 # and gives its noise.
-                variance = np.where(share > 0.0, np.square(self._taken[serial].alignment.noise_mps2), 0.0)
-                marked.from_high_g += int(share.any(axis=1).sum())
-        marked.clipped += int(at_rail.any(axis=1).sum())
-        marked.written += len(samples.stamps_ns)
+                variance = np.where(share > 0.0, np.square(self._replacements[serial].alignment.noise_mps2), 0.0)
+                counts.from_high_g += int(share.any(axis=1).sum())
+        counts.clipped += int(at_rail.any(axis=1).sum())
+        counts.written += len(samples.stamps_ns)
         payload = encode_imu(samples.stamps_ns, samples.accel_mps2, samples.gyro_radps, sensor, variance)
         self._writer.write(INPUT[sensor], samples.stamps_ns, payload)
 
@@ -233,7 +211,8 @@ def _add_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcom
     values = {key: document[key] for key in ("format", "take", "start")}
     values |= {key: json.dumps(document[key]) for key in ("files", "sensors", "warnings")}
     writer.add_metadata("biodyn", {"made_by": MADE_BY, "version": __version__, **values, **stated(limits)})
-    marks = {outcome.chosen.sensors[serial]: ranges(one) for serial, one in outcome.taken.items() if one.taken}
+    sensors, replacements = outcome.chosen.sensors, outcome.replacements
+    marks = {sensors[serial]: ranges(one) for serial, one in replacements.items() if one.replaced}
     if marks:
         writer.add_metadata(FROM_HIGH_G, marks)
 
@@ -241,23 +220,3 @@ def _add_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcom
 def _limit_mps2(row: dict[str, Any], outcome: Outcome) -> float:
     """The saturation limit of a sensor: that of high-g, or that of low-g if any sample is still clipped."""
     return HIGH_RAIL_MPS2 if row["from_high_g"] and not row["clipped"] else outcome.settings.saturation_mps2
-
-
-class _ReadProgress:
-    """Sums up bytes for a `Progress`; every file is read twice, compared files three times.
-
-    sizes: the initial sizes of the files: a file that grows is read to the same position in every pass.
-    """
-
-    def __init__(self, chosen: ChosenExports, progress: OnProgress) -> None:
-        self.sizes = {export: export.path.stat().st_size for export in chosen.exports}
-        lows = [export for export in chosen.exports if any(info.channel == "low" for info in export.channels)]
-        self._total, self._done, self._progress = 2 * sum(self.sizes[export] for export in lows), 0, progress
-
-    def expect(self, exports: Iterable[Export]) -> None:
-        """Add one more pass over these files."""
-        self._total += sum(self.sizes[export] for export in exports)
-
-    def __call__(self, read: int) -> None:
-        self._done += read
-        self._progress(self._done, max(self._total, self._done))

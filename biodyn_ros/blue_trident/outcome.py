@@ -17,7 +17,6 @@ from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_core.conditioning.range_alignment import Alignment
 from biodyn_ros.base.wording import number, table
-from biodyn_ros.blue_trident.cleaning import OmittedRows
 from biodyn_ros.blue_trident.exports import ChosenExports, FoundExports
 from biodyn_ros.blue_trident.high_g import Replacement
 from biodyn_ros.blue_trident.rows import Damage
@@ -28,6 +27,11 @@ MAX_RANGES: Final = 10_000
 RESAMPLED_RAIL_SHARE: Final = 0.5
 """From this fraction of the range on, samples resampled by Nexus may hide clipped ones."""
 
+_DAMAGE: Final = {
+    "ragged": "rows with a wrong number of cells, left out",
+    "untimed": "rows without a valid time, left out",
+    "no_number": "cells without a valid number",
+}
 _LEFT_OUT: Final = {
     "late_start": "of zeros before it started",
     "dropouts": "of zeros during the recording, now gaps",
@@ -48,13 +52,13 @@ class SampleCounts:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The results of an import; marked and taken are by serial; damage, sizes and hashes by file."""
+    """The results of an import; replacements and counts by serial; damage, sizes and hashes by file."""
 
     found: FoundExports
     chosen: ChosenExports
     read: SurveyResult
-    taken: Mapping[str, Replacement]
-    marked: Mapping[str, SampleCounts]
+    replacements: Mapping[str, Replacement]
+    counts: Mapping[str, SampleCounts]
     damage: Mapping[Export, Damage]
     sizes: Mapping[Export, int]
     hashes: Mapping[Export, str]
@@ -76,20 +80,20 @@ def document_of(outcome: Outcome) -> dict[str, Any]:
         "sensors": {sensor: _row(outcome, by_sensor[sensor]) for sensor in ordered},
         "missing": [sensor for sensor in SENSORS if sensor not in by_sensor],
         "not_mapped": [serial for serial in outcome.found.serials() if serial not in chosen.sensors],
-        "aside": [*outcome.found.aside, *outcome.found.refused],
+        "aside": [*outcome.found.ignored, *outcome.found.refused],
         "warnings": _warnings(outcome, ordered, by_sensor),
     }
 
 
-def ranges(taken: Replacement) -> str:
+def ranges(replacement: Replacement) -> str:
     """The stamp ranges of high-g as JSON, [first_ns, last_ns, axes] each; only their number if they are too many."""
-    if len(taken.taken) > MAX_RANGES:
-        return json.dumps({"ranges": len(taken.taken)})
-    axes = taken.share > 0.0
-    cuts = np.flatnonzero((axes[1:] != axes[:-1]).any(axis=1) | (np.diff(taken.stamps_ns) > 20_000_000)) + 1
+    if len(replacement.replaced) > MAX_RANGES:
+        return json.dumps({"ranges": len(replacement.replaced)})
+    stamps_ns, axes = replacement.stamps_ns, replacement.share > 0.0
+    cuts = np.flatnonzero((axes[1:] != axes[:-1]).any(axis=1) | (np.diff(stamps_ns) > 20_000_000)) + 1
     edges = [0, *cuts.tolist(), len(axes)]
     found = [
-        [int(taken.stamps_ns[lo]), int(taken.stamps_ns[hi - 1]), "".join(np.array(["x", "y", "z"])[axes[lo]])]
+        [int(stamps_ns[lo]), int(stamps_ns[hi - 1]), "".join(np.array(["x", "y", "z"])[axes[lo]])]
         for lo, hi in pairwise(edges)
         if hi > lo
     ]
@@ -156,28 +160,29 @@ def _file(outcome: Outcome, export: Export) -> dict[str, Any]:
 
 
 def _row(outcome: Outcome, serial: str) -> dict[str, Any]:
-    seen, marked, taken = outcome.read.sensors[serial], outcome.marked[serial], outcome.taken.get(serial)
+    seen, counts = outcome.read.sensors[serial], outcome.counts[serial]
+    replacement = outcome.replacements.get(serial)
     return {
         "serial": serial,
-        "samples": marked.written,
+        "samples": counts.written,
         "rate_hz": seen.rate_hz(),
         "first_ns": seen.first_ns,
         "seconds": 1e-9 * (seen.last_ns - seen.first_ns),
-        "left_out": asdict(seen.cleaner.left_out),
+        "left_out": asdict(seen.cleaner.omitted),
         "gaps": seen.gaps,
         "gyro": seen.gyro,
-        "from_high_g": marked.from_high_g,
-        "clipped": marked.clipped,
-        "high_g": _high(taken) if taken else None,
+        "from_high_g": counts.from_high_g,
+        "clipped": counts.clipped,
+        "high_g": _high(replacement) if replacement else None,
     }
 
 
-def _high(taken: Replacement) -> dict[str, Any]:
-    alignment: Alignment = taken.alignment
+def _high(replacement: Replacement) -> dict[str, Any]:
+    alignment: Alignment = replacement.alignment
     return {
-        "taken_over": len(taken.taken),
-        "left": len(taken.left),
-        "bias_mps2": [float(value) for value in taken.bias_mps2],
+        "taken_over": len(replacement.replaced),
+        "left": len(replacement.remaining),
+        "bias_mps2": [float(value) for value in replacement.bias_mps2],
         "gain": list(alignment.gain),
         "gain_measured": list(alignment.measured),
         "delay_s": alignment.delay_s,
@@ -199,32 +204,23 @@ def _warnings(outcome: Outcome, ordered: list[str], by_sensor: Mapping[str, str]
         serial = by_sensor[sensor]
         name = f"{sensor} ({serial})"
         seen = outcome.read.sensors[serial]
-        lines += [f"{name}: rows left out: {line}" for line in _left_out_lines(seen.cleaner.left_out)]
+        left_out = [f"{count} {_LEFT_OUT[cause]}" for cause, count in asdict(seen.cleaner.omitted).items() if count]
+        lines += [f"{name}: rows left out: {', '.join(left_out)}"] if left_out else []
         lines += [f"{name}: {line}" for line in _sensor_lines(outcome, serial, seen)]
     return lines
 
 
 def _damage_lines(path: Path, damage: Damage) -> list[str]:
-    lines = []
     where = f", the first in line {damage.first_line}" if damage.first_line else ""
-    if damage.ragged:
-        lines.append(f"{path.name}: rows with a wrong number of cells, left out: {damage.ragged}{where}")
-    if damage.untimed:
-        lines.append(f"{path.name}: rows without a valid time, left out: {damage.untimed}{where}")
-    if damage.no_number:
-        lines.append(f"{path.name}: cells without a valid number: {damage.no_number}{where}")
+    counts = {name: getattr(damage, name) for name in _DAMAGE}
+    lines = [f"{path.name}: {_DAMAGE[name]}: {count}{where}" for name, count in counts.items() if count]
     if damage.cut:
         lines.append(f"{path.name}: the last line is incomplete and left out; is the file still being written?")
     return lines
 
 
-def _left_out_lines(left_out: OmittedRows) -> list[str]:
-    texts = [f"{count} {_LEFT_OUT[name]}" for name, count in asdict(left_out).items() if count]
-    return [", ".join(texts)] if texts else []
-
-
 def _sensor_lines(outcome: Outcome, serial: str, seen: SensorSurvey) -> list[str]:
-    marked, taken = outcome.marked[serial], outcome.taken.get(serial)
+    counts, replacement = outcome.counts[serial], outcome.replacements.get(serial)
     lines = []
     if seen.back:
         lines.append(
@@ -232,16 +228,15 @@ def _sensor_lines(outcome: Outcome, serial: str, seen: SensorSurvey) -> list[str
         )
     if not seen.gyro:
         lines.append("no gyro in the export")
-    if marked.from_high_g:
+    if counts.from_high_g:
         lines.append(
-            f"{counted(marked.from_high_g, 'sample has', 'samples have')} high-g values where low-g was clipped,"
+            f"{counted(counts.from_high_g, 'sample has', 'samples have')} high-g values where low-g was clipped,"
             " marked by the covariance"
         )
-    if marked.clipped:
-        lines.append(
-            f"{counted(marked.clipped, 'sample remains', 'samples remain')} clipped: {_why(outcome, serial, taken)}"
-        )
-    if marked.clipped and marked.from_high_g:
+    if counts.clipped:
+        remaining = counted(counts.clipped, "sample remains", "samples remain")
+        lines.append(f"{remaining} clipped: {_why(outcome, serial, replacement)}")
+    if counts.clipped and counts.from_high_g:
         lines.append("replay counts the high-g samples as clipped too, because it cannot distinguish them")
     rail = seen.lower_rail_mps2(outcome.settings)
     if rail:
@@ -254,11 +249,11 @@ def _sensor_lines(outcome: Outcome, serial: str, seen: SensorSurvey) -> list[str
     return lines
 
 
-def _why(outcome: Outcome, serial: str, taken: Replacement | None) -> str:
+def _why(outcome: Outcome, serial: str, replacement: Replacement | None) -> str:
     if not outcome.high_g:
         return "high-g is switched off"
     if outcome.chosen.file_of(serial, "high") is None:
         return "no high-g file of this sensor"
-    if taken is None or not (taken.taken or any(taken.bias_mps2)):
+    if replacement is None or not (replacement.replaced or any(replacement.bias_mps2)):
         return "too few valid low-g samples around them to calibrate high-g"
     return "high-g is missing, saturated, stuck or inconsistent there"

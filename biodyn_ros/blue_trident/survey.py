@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -12,17 +11,14 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.conditioning.dual_range import Span, saturated, spans
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_ros.blue_trident.cleaning import Cleaner
-from biodyn_ros.blue_trident.exports import ChosenExports
+from biodyn_ros.blue_trident.reader import ExportReader
 from biodyn_ros.blue_trident.rows import Damage
-from biodyn_ros.blue_trident.samples import Export, Part, Samples
+from biodyn_ros.blue_trident.samples import Export, Samples
 
 GAP_PERIODS: Final = 1.5
 NEAR_RAIL: Final = 0.9
 REPEATED: Final = 4
 """A largest value that repeats so often, slightly below the limit, is a lower saturation limit."""
-
-OnRead = Callable[[int], None]
-"""A callback with the number of bytes read."""
 
 
 @dataclass(eq=False)
@@ -102,42 +98,11 @@ class SurveyResult:
     damage: dict[Export, Damage]
 
 
-def survey(
-    chosen: ChosenExports, settings: DualRangeSettings, sizes: Mapping[Export, int], start_ns: int, on_read: OnRead
-) -> SurveyResult:
-    """Read every low-g channel once, up to the given size of each file; `on_read` is called with the bytes read."""
-    sensors = {serial: SensorSurvey() for serial in chosen.sensors}
+def survey(reader: ExportReader, settings: DualRangeSettings) -> SurveyResult:
+    """Read every low-g channel once."""
+    sensors = {serial: SensorSurvey() for serial in reader.chosen.sensors}
     damage: dict[Export, Damage] = {}
-    for export in chosen.exports:
-        if all(info.channel == "high" for info in export.channels):
-            continue
-        damage[export] = Damage()
-        for read, parts in export.parts(damage[export], start_ns, sizes[export]):
-            for part in parts:
-                if part.channel == "low" and part.serial in sensors:
-                    seen = sensors[part.serial]
-                    seen.push(seen.cleaner.push(part.samples), settings)
-            on_read(read)
-    for seen in sensors.values():
-        if (last := seen.cleaner.finish()) is not None:
-            seen.push(last, settings)
+    for block in reader.cleaned({serial: sensor.cleaner for serial, sensor in sensors.items()}, damage):
+        for serial, samples in block:
+            sensors[serial].push(samples, settings)
     return SurveyResult(sensors, damage)
-
-
-def in_time_order(
-    exports: Sequence[Export], damage: dict[Export, Damage], sizes: Mapping[Export, int], start_ns: int, on_read: OnRead
-) -> Iterator[list[Part]]:
-    """The parts of several files block by block, always from the file with the earliest time."""
-    reading = {export: export.parts(damage.setdefault(export, Damage()), start_ns, sizes[export]) for export in exports}
-    upto = dict.fromkeys(exports, -(2**63))
-    while reading:
-        export = min(reading, key=lambda one: upto[one])
-        block = next(reading[export], None)
-        if block is None:
-            del reading[export]
-            continue
-        read, parts = block
-        ends = [int(part.samples.stamps_ns[-1]) for part in parts if len(part.samples.stamps_ns)]
-        upto[export] = max(ends, default=upto[export])
-        on_read(read)
-        yield parts

@@ -82,27 +82,24 @@ def add_settings(command: CommandParser, title: str, kind: type[Any], everyday: 
     everyday, group = set(everyday), None
     for item in described(kind):
         allowed: Range = item.metadata["range"]
-        default = "none" if item.default is None else f"{item.default:g}" if _is_number(item.default) else item.default
-        how: dict[str, Any] = {"metavar": "TEXT", "help": f"{allowed.meaning} (default {default or 'none'})"}
-        if isinstance(item.default, bool):
-            action = argparse.BooleanOptionalAction if item.default else "store_true"
+        default = item.default
+        how: dict[str, Any]
+        if isinstance(default, bool):
+            action = argparse.BooleanOptionalAction if default else "store_true"
             how = {"action": action, "help": allowed.meaning}
         elif allowed.choices:
             how = {"choices": allowed.choices, "help": f"{allowed.meaning} (default {default})"}
-        elif not isinstance(item.default, str):
-            unit = f" {allowed.unit}" if allowed.unit else ""
-            text = f"{allowed.meaning} ({allowed.lower:g} to {allowed.upper:g}{unit}, default {default})".replace(
-                "%", "%%"
-            )
-            how = {"type": float if item.default is None else type(item.default), "metavar": "N", "help": text}
+        elif isinstance(default, str):
+            how = {"metavar": "TEXT", "help": f"{allowed.meaning} (default {default or 'none'})"}
+        else:
+            unit, shown = f" {allowed.unit}" if allowed.unit else "", "none" if default is None else f"{default:g}"
+            text = f"{allowed.meaning} ({allowed.lower:g} to {allowed.upper:g}{unit}, default {shown})"
+            kind_of = float if default is None else type(default)
+            how = {"type": kind_of, "metavar": "N", "help": text.replace("%", "%%")}
         if item.name not in everyday and group is None:
             group = command.tuning(title)
         place = command if item.name in everyday else group
         place.add_argument("--" + item.name.replace("_", "-"), default=argparse.SUPPRESS, **how)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def settings_of(options: argparse.Namespace, kind: type[T], base: T | None = None) -> T:

@@ -41,7 +41,7 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
     from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
     from biodyn_ros.blue_trident.exports import parse_serials
-    from biodyn_ros.blue_trident.starting import parse_start
+    from biodyn_ros.blue_trident.nexus import parse_start
 
     how = ImportOptions(
         mapping=parse_serials(options.map, options.map_file),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import os
 from typing import Final
 
+from biodyn_ros.base.environment import variables_set
 from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import add_bag, add_map, add_settings, add_time, settings_of, show
 from biodyn_ros.commands.command import Command
@@ -17,8 +17,6 @@ UNCOMPILED_UP_TO: Final = 125_000
 
 Plain Python needs 0.7 s for them. numba needs 0.4 s to load, and 3 s to compile without a cache.
 """
-
-_SWITCH: Final = "NUMBA_DISABLE_JIT"
 
 
 def _add(command: CommandParser) -> None:
@@ -48,16 +46,8 @@ def _run(options: argparse.Namespace) -> None:
 
 def _load_kernels(compiled: bool) -> None:
     """Load the kernels with or without numba; the first import decides for the whole process."""
-    before = os.environ.get(_SWITCH)
-    if not compiled:
-        os.environ[_SWITCH] = "1"
-    try:
+    with variables_set({} if compiled else {"NUMBA_DISABLE_JIT": "1"}):
         importlib.import_module("biodyn_core.kernels")
-    finally:
-        if before is None:
-            os.environ.pop(_SWITCH, None)
-        else:
-            os.environ[_SWITCH] = before
 
 
 COMMAND = Command(

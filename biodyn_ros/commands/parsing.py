@@ -9,7 +9,7 @@ import argparse
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NoReturn
 
 from biodyn_core.base.suggestions import did_you_mean
@@ -28,8 +28,8 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **words: Any) -> None:
         super().__init__(allow_abbrev=False, add_help=False, formatter_class=_Formatter, **words)
-        self.register("type", int, _whole_number)
-        self.register("type", float, _number)
+        self.register("type", int, _typed(int, "a whole number"))
+        self.register("type", float, _typed(float, "a number"))
 
     def error(self, message: str) -> NoReturn:
         """Print one line with a hint, and exit with code 2."""
@@ -176,15 +176,13 @@ def _folded(words: Sequence[str], indent: str, width: int | None = None) -> list
     return [line.replace("\0", " ") for line in lines]
 
 
-def _whole_number(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+def _typed(kind: type, name: str) -> Callable[[str], Any]:
+    """A function that reads a value of that type, with its name in the error."""
 
+    def read(text: str) -> Any:
+        try:
+            return kind(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is not {name}") from None
 
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    return read

@@ -59,7 +59,7 @@ def _run(options: argparse.Namespace) -> None:
         )  # fmt: skip
     from biodyn_ros.replay.text import summary
 
-    show(options, replayed.document, summary(replayed.document))
+    show(options, replayed.document, summary(replayed.report))
 
 
 COMMAND = Command(

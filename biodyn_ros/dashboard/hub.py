@@ -40,7 +40,11 @@ class Hub:
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return
         for name, bins in streams:
-            self._append(self._history.setdefault(name, deque(maxlen=HISTORY_BINS)), bins)
+            history = self._history.setdefault(name, deque(maxlen=HISTORY_BINS))
+            for each in bins:
+                if history and not 0.0 < each[0] - history[-1][0] <= HISTORY_S:
+                    history.clear()  # another clock, a restarted bag, or a long gap
+                history.append(each)
         self.number += 1
         self._recent.append((self.number, json.dumps(snapshot)))  # an event must be on one line
         added, self._added = self._added, asyncio.Event()
@@ -72,13 +76,6 @@ class Hub:
             }
             for name, bins in self._history.items()
         }
-
-    @staticmethod
-    def _append(history: deque[tuple[float, Any, Any]], bins: list[tuple[float, Any, Any]]) -> None:
-        for each in bins:
-            if history and not 0.0 < each[0] - history[-1][0] <= HISTORY_S:
-                history.clear()  # another clock, a restarted bag, or a long gap
-            history.append(each)
 
 
 def _bins(stream: dict[str, Any]) -> list[tuple[float, Any, Any]]:

@@ -17,7 +17,7 @@ from biodyn_core.identification.uncertainty import Estimate
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.fit.report import FitEvent, Report
-from biodyn_ros.reading.provenance import rests_on
+from biodyn_ros.reading.provenance import effect_recordings
 
 Document = dict[str, Any]
 
@@ -72,7 +72,7 @@ def provenance(report: Report) -> Document:
         "version": __version__,
         "seed": report.seed,
         "result": result,
-        "fitted": fitted + rests_on(report.given, besides={each["sha256"] for each in fitted}),
+        "fitted": fitted + effect_recordings(report.given, excluded={each["sha256"] for each in fitted}),
         "held_out": [
             _origin(event) | {"nrmse_rms_percent": by_segment(event.errors[result].nrmse_rms_percent)}
             for event in report.held_out

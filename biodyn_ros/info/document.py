@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.conditioning.conditioner import gravity_search
-from biodyn_ros.bag import BagReader, imu_blocks, open_bag
+from biodyn_ros.bag import BagReader, imu_blocks
 from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.info.survey import Survey
 from biodyn_ros.reading.gravity import search_gravity
@@ -18,24 +17,13 @@ from biodyn_ros.reading.sensors import ReadingOptions, check_seat
 from biodyn_ros.reading.stamps import choose_times, clock_warnings
 
 
-def info(
-    bag: str | Path,
-    options: ReadingOptions | None = None,
-    progress: OnProgress = ignore_progress,
-) -> dict[str, Any]:
-    """Read a bag and return the mapping of `biodyn info --json`.
-
-    `progress` is called with (samples done, all samples). InputError for a file that is no bag, and for a mapped topic
-    that is not in the bag.
-    """
-    with open_bag(bag) as reader:
-        return info_of(reader, str(bag), options or ReadingOptions(), progress)
-
-
 def info_of(
     reader: BagReader, bag: str, options: ReadingOptions, progress: OnProgress = ignore_progress
 ) -> dict[str, Any]:
-    """The same for an open bag; bag: its name in the document."""
+    """Read an open bag and return the mapping of `biodyn info --json`; bag: its name there.
+
+    `progress` is called with (samples done, all samples). InputError for a mapped topic that is not in the bag.
+    """
     sensors = map_sensors(reader, options.mapping)
     topics = imu_topics(reader)
     times = choose_times(reader, topics, options.time)

@@ -9,6 +9,7 @@ from biodyn_core.base.wording import counted
 from biodyn_ros.bag.cdr import IMU_TYPE
 from biodyn_ros.base.wording import number, table
 
+LEGEND: Final = "clock: drift of header stamps against log time; offset: smallest delay of log time after the header"
 _MAX_KINDS: Final = 12
 
 _COLUMNS: Final[tuple[tuple[str, str, Callable[[dict[str, Any]], str]], ...]] = (
@@ -38,7 +39,8 @@ def text_of(document: dict[str, Any]) -> str:
     if rows := document["topics"]:
         cells = [[show(row) for _, _, show in _COLUMNS] for row in rows]
         heads = [[name for name, _, _ in _COLUMNS], [unit for _, unit, _ in _COLUMNS]]
-        below = [*_rejected_lines(rows), *_legend(rows)]
+        legend = [LEGEND] if any(row["clock_ppm"] is not None for row in rows) else []
+        below = [*_rejected_lines(rows), *legend]
         lines += ["", *table([*heads, *cells], left=(0, 1)), *(["", *below] if below else [])]
     if document["other_topics"]:
         lines += ["", *_other_lines(document["other_topics"])]
@@ -55,12 +57,6 @@ def _with_error(value: float | None, error: float | None) -> str:
         return "–"
     digits = 2 if error < 0.1 else 1 if error < 5.0 else 0
     return f"{value:+.{digits}f} ± {error:.{digits}f}"
-
-
-def _legend(rows: list[dict[str, Any]]) -> list[str]:
-    if all(row["clock_ppm"] is None for row in rows):
-        return []
-    return ["clock: drift of header stamps against log time; offset: smallest delay of log time after the header"]
 
 
 def _rejected_lines(rows: list[dict[str, Any]]) -> list[str]:

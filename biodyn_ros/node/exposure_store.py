@@ -23,7 +23,7 @@ from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, remove, st
 from biodyn_ros.base.json_files import keys_of, read_json
 
 SCHEMA: Final = 4
-ASIDE: Final = ".before"
+BACKUP: Final = ".before"
 NO_FILE: Final = "none"
 
 Policy = Literal["fitting", "any", "none"]
@@ -73,12 +73,12 @@ class StateFile:
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
 
-    def set_aside(self) -> Path:
+    def back_up(self) -> Path:
         """Rename the file to a free name, so that the next `save` does not overwrite it; return that path."""
-        names = (f"{self.path.name}{ASIDE}{number or ''}" for number in itertools.count())
-        aside = next(path for name in names if not exists(path := self.path.with_name(name)))
-        self.path.replace(aside)
-        return aside
+        names = (f"{self.path.name}{BACKUP}{number or ''}" for number in itertools.count())
+        backup = next(path for name in names if not exists(path := self.path.with_name(name)))
+        self.path.replace(backup)
+        return backup
 
     def save(self, checkpoint: ExposureCheckpoint) -> None:
         """Write in the background; skipped while an earlier write still runs."""
@@ -128,17 +128,27 @@ class ExposureStore:
         try:
             checkpoint = self._file.read()
             age_h = (stamp_ns - checkpoint.newest_of(sensor)) / 3.6e12 if checkpoint else 0.0
-            why = self._refusal(checkpoint, age_h) if checkpoint else "the file is gone"
+            why = self._refusal(checkpoint, age_h) if checkpoint else "the file no longer exists"
             if checkpoint and not why:
                 exposure.resume(checkpoint)
                 self.resumed = True
                 return f"exposure continues from {self._file.path}"
         except InputError as error:
             why = str(error)
-        return f"exposure starts at zero: {why}; {self._set_aside()}"
+        return f"exposure starts at zero: {why}; {self._back_up()}"
 
     def _refusal(self, checkpoint: ExposureCheckpoint, age_h: float) -> str:
-        return refusal(checkpoint, self._identity, age_h, self._max_age_h, self._policy)
+        """Why a checkpoint of that age, by its stamps, is not continued; empty where it is."""
+        if self._policy == "none":
+            return "kept_exposure is none"
+        if self._policy == "any":
+            return ""
+        if differences := checkpoint.differences(self._identity):
+            return f"the stored exposure has other {differences}"
+        if abs(age_h) > self._max_age_h:
+            when = f"{age_h:.1f} h older" if age_h > 0.0 else f"{-age_h:.1f} h newer"
+            return f"by its stamps it is {when} than the first sample, up to {self._max_age_h:g} h is continued"
+        return ""
 
     def reset(self) -> str:
         """Exposure was reset: delete the file; return a message, empty where there is nothing to report.
@@ -147,13 +157,13 @@ class ExposureStore:
         """
         pending, self.pending, self.resumed = self.pending, False, False
         if pending:
-            return self._set_aside()
+            return self._back_up()
         self._file.remove()
         return ""
 
-    def _set_aside(self) -> str:
+    def _back_up(self) -> str:
         try:
-            return f"the stored exposure is now in {self._file.set_aside()}"
+            return f"the stored exposure is now in {self._file.back_up()}"
         except OSError as error:
             return f"the stored exposure cannot be renamed ({error.strerror})"
 
@@ -188,19 +198,3 @@ def identity_of(subject: Subject, topics: Mapping[str, str]) -> dict[str, str]:
     """The identity of an exposure: digests of the subject without provenance, and of the topic of each sensor."""
     person = {key: value for key, value in subject.to_dict().items() if key != "provenance"}
     return {"subject": digest(person), "sensors": digest(dict(topics))}
-
-
-def refusal(
-    checkpoint: ExposureCheckpoint, identity: Mapping[str, str], age_h: float, max_age_h: float, policy: Policy
-) -> str:
-    """Why a checkpoint of that age, by its stamps, is not continued; empty where it is."""
-    if policy == "none":
-        return "kept_exposure is none"
-    if policy == "any":
-        return ""
-    if differences := checkpoint.differences(identity):
-        return f"the stored exposure has other {differences}"
-    if abs(age_h) > max_age_h:
-        when = f"{age_h:.1f} h older" if age_h > 0.0 else f"{-age_h:.1f} h newer"
-        return f"by its stamps it is {when} than the first sample, up to {max_age_h:g} h is continued"
-    return ""

@@ -44,7 +44,7 @@ OK, WARN, ERROR = range(3)
 
 CAUSES: Final = {
     "unset": ("stamp never set", "stamps never set"),
-    "stray": ("stamp astray", "stamps astray"),
+    "stray": ("implausible stamp", "implausible stamps"),
     "late": ("sample too late", "samples too late"),
     "duplicate": ("sample that came twice", "samples that came twice"),
     "non_finite": ("reading that is no number, or impossible", "readings that are no numbers, or impossible"),
@@ -131,7 +131,7 @@ class SensorHealth:
         self._numbers_from = ahead
 
     def forget_numbers(self) -> None:
-        """Start anew for another publisher, which has its own sequence numbers."""
+        """Start again for another publisher, which has its own sequence numbers."""
         self._numbers_from = None
 
     def refused(self, why: str) -> None:

@@ -72,13 +72,13 @@ class LiveSettings:
     publish_measured: bool = setting(False, "publish the conditioned measurements too")
     exposure_rate_hz: float = setting(2.0, "how often exposure is published", "Hz", 1.0, 10.0)
     state_file: str = setting(
-        "", "file that keeps exposure across restarts; empty: in the user's state directory; none: nowhere"
+        "", "file that stores exposure across restarts; empty: in the user's state directory; none: nowhere"
     )
     kept_exposure: str = setting(
-        "fitting", "which kept exposure a new start continues: a fitting one, any, or none", choices=POLICIES
+        "fitting", "which stored exposure a new start continues: a fitting one, any, or none", choices=POLICIES
     )
     exposure_max_age_h: float = setting(
-        12.0, "how old, by its stamps, a kept exposure may be to be continued", "h", 0.0, 8760.0
+        12.0, "how old, by its stamps, a stored exposure may be to be continued", "h", 0.0, 8760.0
     )
     dashboard: bool = setting(False, "serve the live page while the node is active")
     shock_mps2: float = setting(5.0, "acceleration of the seat from which the page lists a shock", "m/s^2", 0.5, 1000.0)
@@ -174,7 +174,7 @@ class BiodynNode(LifecycleNode):
             for rate_hz, callback in (
                 (DRAIN_RATE_HZ, self._sensors.drain),
                 (REFRESH_RATE_HZ, self._publications.update_subscribers),
-                (self.settings.exposure_rate_hz, self._publish_exposure),
+                (self.settings.exposure_rate_hz, lambda: self._publications.exposure(self.pipeline)),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (SNAPSHOT_RATE_HZ, self._publish_snapshot),
                 (TRANSPORT_RATE_HZ, self._sensors.check_transport),
@@ -245,9 +245,6 @@ class BiodynNode(LifecycleNode):
         frames = self._exposure.push(sensor, stamps_ns, accel_mps2)
         self._publications.frames(frames)
         self._snapshots.add(frames)
-
-    def _publish_exposure(self) -> None:
-        self._publications.exposure(self.pipeline)
 
     def _publish_diagnostics(self) -> None:
         self._statuses = self._health.check(compare_clocks=not self.get_clock().ros_time_is_active)

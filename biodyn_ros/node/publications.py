@@ -92,7 +92,8 @@ class Publications:
         """Publish the figures since reset and of the window."""
         since, rolling = pipeline.exposure(), pipeline.exposure(rolling=True)
         values = topics.exposure_values(since, topics.EXPOSURE) | topics.exposure_values(rolling, topics.ROLLING)
-        values |= topics.residual_values(rolling) | topics.seat_values(pipeline.seat())
+        values |= {topics.RESIDUAL[segment]: rms for segment, (rms, _) in rolling.residual.items()}
+        values |= topics.seat_values(pipeline.seat())
         for topic, value in values.items():
             self._scalars[topic].publish(Float64(data=value))
 

@@ -17,12 +17,13 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import left, words
+from biodyn_ros.base.wording import words
 from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
 from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
-from biodyn_ros.reports.exposure_json import exposure_document
+from biodyn_ros.reports.exposure_json import dri_document
+from biodyn_ros.reports.exposure_report import ChannelExposure
 from biodyn_ros.reports.meter import meter_readings
-from biodyn_ros.reports.verdict import seat_verdict
+from biodyn_ros.reports.verdict import KINDS, left, seat_verdict
 
 LEAST_SEAT_MPS2: Final = 0.05
 """Below this weighted acceleration of the seat a transmissibility would be that of the sensors' noise."""
@@ -58,7 +59,8 @@ class SnapshotBuilder:
     def snapshot(self, pipeline: Pipeline, statuses: list[Status], marks: Iterable[Mark]) -> dict[str, Any]:
         """The content of the page now, finite numbers and texts alone."""
         run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(rolling=True)
-        document = exposure_document(pipeline, "", run.seconds, [])
+        since, seat_losses = pipeline.exposure(), pipeline.losses(SEAT)
+        channel = ChannelExposure(since.sensors[SEAT], seat_losses) if SEAT in since.sensors else None
         by_name = {status.of: status for status in statuses}
         fault, bounds = _seat_fault(by_name), {name for name in SENSORS if pipeline.losses(name).mean_lower_bound}
         extrapolated = run.is_extrapolating and seat is not None
@@ -70,13 +72,13 @@ class SnapshotBuilder:
             "shock_mps2": self._shock_mps2,
             "limits": pipeline.limits.deciding.to_dict(),
             "seconds": run.seconds,
-            "verdict": vars(seat_verdict(document, fault)),
-            "seat": _seat(seat, pipeline.limits.deciding, pipeline.losses(SEAT), fault) if seat else None,
-            "meter": asdict(readings) if (readings := meter_readings(document)) else None,
+            "verdict": vars(seat_verdict(seat, channel and seat_losses, fault)),
+            "seat": _seat(seat, pipeline.limits.deciding, seat_losses, fault) if seat else None,
+            "meter": asdict(readings) if (readings := meter_readings(seat, channel)) else None,
             "rows": _rows(rolling, by_name, bounds),
             "prediction": _status(by_name["prediction"]) | {"extrapolated": extrapolated},
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
-            "dri": document["dri"],
+            "dri": dri_document(since.dri, seat_losses.lower_bound),
             "shocks": [_shock(shock, bounds) for shock in self._shocks.latest()],
             "strip": {name: _strip(bins) for name, bins in self._bins.items()},
             "marks": [asdict(mark) for mark in marks],
@@ -117,7 +119,7 @@ def _seat(seat: SeatExposure, limits: LimitSet, losses: Losses, fault: str) -> d
         "lower_bound": seat.lower_bound,
         "counted_s": seat.seconds,
         "missing_s": losses.missing_s,
-        "left": {kind: left(kind, vars(seat)) for kind in ("action", "limit")},
+        "left": {kind: left(kind, seat) for kind in KINDS},
     }  # fmt: skip
 
 

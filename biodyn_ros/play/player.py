@@ -86,21 +86,21 @@ class Player(Node):
             self.get_logger().warning(f"{name}: not played: no Python class for {types[name]} is installed")
         self._clock_output = self.create_publisher(Clock, "/clock", 10) if self.settings.clock else None
 
-    def wait_for_subscribers(self, going: Callable[[], bool] = lambda: True) -> list[str]:
+    def wait_for_subscribers(self) -> list[str]:
         """Wait, `wait_s` at most, until every topic has a subscriber; return the topics without one."""
         deadline = time.monotonic() + self.settings.wait_s
         unmatched = list(self._outputs)
-        while unmatched and going() and time.monotonic() < deadline:
+        while unmatched and time.monotonic() < deadline:
             time.sleep(POLL_S)
             unmatched = [name for name in self._outputs if self._outputs[name].get_subscription_count() == 0]
         if len(unmatched) < len(self._outputs):
             time.sleep(SETTLING_S)  # a subscriber discovers its publisher slightly later than the publisher it
         return [self._names[name] for name in unmatched]
 
-    def play(self, going: Callable[[], bool] = lambda: True) -> Played:
-        """Publish all messages in order of log time while `going()`; laps follow each other without a gap."""
+    def play(self, running: Callable[[], bool] = lambda: True) -> Played:
+        """Publish all messages in order of log time while `running()`; laps follow each other without a gap."""
         rebase_ns, past_ns = 0, 0
-        while going():
+        while running():
             with open_bag(self.bag) as reader:
                 if self._began_s is None:
                     now_ns = ROSClock().now().nanoseconds
@@ -109,8 +109,8 @@ class Player(Node):
                 if self.settings.keep_stamps:
                     self._next_clock_ns = 0  # the clock jumps back with the stamps
                 moved_ns = 0 if self.settings.keep_stamps else past_ns
-                self._play_once(reader, going, past_ns, rebase_ns + moved_ns)
-            if not self.settings.loop or not going() or not any(self._sent.values()):
+                self._play_once(reader, running, past_ns, rebase_ns + moved_ns)
+            if not self.settings.loop or not running() or not any(self._sent.values()):
                 break
             past_ns += self._lap.length_ns()
         return self.played()
@@ -134,7 +134,7 @@ class Player(Node):
                 )
         time.sleep(SETTLING_S)
 
-    def _play_once(self, reader: BagReader, going: Callable[[], bool], past_ns: int, rebase_ns: int) -> None:
+    def _play_once(self, reader: BagReader, running: Callable[[], bool], past_ns: int, rebase_ns: int) -> None:
         """Publish the bag once; past_ns: the length of all earlier laps."""
         assert self._began_s is not None
         start_ns = reader.start_ns or 0
@@ -148,7 +148,7 @@ class Player(Node):
             due_s = self._began_s + (past_ns + elapsed_ns) * 1e-9 / self.settings.rate
             if due_s > time.monotonic() + 0.0005:
                 time.sleep(max(0.0, due_s - time.monotonic()))
-                if not going():
+                if not running():
                     return
             if self._clock_output and log_ns + rebase_ns >= self._next_clock_ns:
                 self._publish_clock(log_ns + rebase_ns)

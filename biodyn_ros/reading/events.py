@@ -97,10 +97,6 @@ def read_events(
                 prepared.append((BagEvent(str(bag), sha256, recording, is_held_out), ready))
     progress(len(given), len(given))
     if all(event.held_out for event, _ in prepared):
-        raise InputError(_none_left(reasons, len(bags)))
+        several = f"none of the {len(bags)} bags can be fitted; the first: " if len(bags) > 1 else ""
+        raise InputError(f"{several}{reasons[0]}")
     return Events(tuple(prepared), tuple(f"left out: {reason}" for reason in reasons))
-
-
-def _none_left(reasons: Sequence[str], bags: int) -> str:
-    """The reason why no bag to fit remains: that of the first bag."""
-    return reasons[0] if bags == 1 else f"none of the {bags} bags can be fitted; the first: {reasons[0]}"

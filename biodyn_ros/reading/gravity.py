@@ -42,11 +42,8 @@ def gravity_by_bag(
     for bag in bags:
         with open_sensors(bag, options) as sensors:
             own.append(gravity_of(sensors, verticals))
-    return [
-        {sensor: from_other_record(gravity, _in_all_bags(sensor, bags, own)) for sensor, gravity in of_bag.items()}
-        for of_bag in own
-    ]
-
-
-def _in_all_bags(sensor: str, bags: Sequence[str | Path], own: Sequence[Gravities]) -> list[tuple[str, Gravity]]:
-    return [(Path(bag).name, of_bag[sensor]) for bag, of_bag in zip(bags, own, strict=True) if sensor in of_bag]
+    found: dict[str, list[tuple[str, Gravity]]] = {}
+    for bag, of_bag in zip(bags, own, strict=True):
+        for sensor, gravity in of_bag.items():
+            found.setdefault(sensor, []).append((Path(bag).name, gravity))
+    return [{sensor: from_other_record(gravity, found[sensor]) for sensor, gravity in of_bag.items()} for of_bag in own]

@@ -11,6 +11,7 @@ from biodyn_core.base.suggestions import did_you_mean
 from biodyn_ros.bag import BagReader
 from biodyn_ros.bag.cdr import IMU_TYPE
 from biodyn_ros.base.topics import INPUT
+from biodyn_ros.base.wording import listed
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def map_sensors(reader: BagReader, given: dict[str, str]) -> SensorMap:
     check_given(reader, given)
     imus = imu_topics(reader)
     if not imus:
-        there = _listed([f"{topic.name} ({topic.type})" for topic in reader.topics])
+        there = listed([f"{topic.name} ({topic.type})" for topic in reader.topics])
         return SensorMap({}, f"{reader.path}: no {IMU_TYPE} in the bag; its topics: {there}")
     found = {topic: sensor for sensor, topic in given.items()}
     refusal = None
@@ -73,7 +74,7 @@ def map_sensors(reader: BagReader, given: dict[str, str]) -> SensorMap:
         elif matches:
             found[matches[0]] = sensor
     if refusal is None and SEAT not in found.values():
-        refusal = f"{reader.path}: no seat sensor among {_listed(imus)}: give it with --map seat=TOPIC"
+        refusal = f"{reader.path}: no seat sensor among {listed(imus)}: give it with --map seat=TOPIC"
     return SensorMap(dict(sorted(found.items(), key=lambda item: SENSORS.index(item[1]))), refusal)
 
 
@@ -82,12 +83,5 @@ def check_given(reader: BagReader, given: dict[str, str]) -> None:
     imus = imu_topics(reader)
     for sensor, topic in given.items():
         if topic not in imus:
-            there = f"{_listed(imus)}{did_you_mean(topic, imus)}"
+            there = f"{listed(imus)}{did_you_mean(topic, imus)}"
             raise InputError(f"{reader.path}: --map {sensor}={topic}: no such Imu topic; Imu topics: {there}")
-
-
-def _listed(names: Iterable[str]) -> str:
-    """The first twelve names, and the number of further ones."""
-    names = list(names)
-    more = [f"{len(names) - 12} more"] if len(names) > 12 else []
-    return ", ".join([*names[:12], *more]) or "none"

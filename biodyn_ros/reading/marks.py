@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 from biodyn_ros.bag import BagReader
 from biodyn_ros.bag.cdr import STRING_TYPE, decode_string
 from biodyn_ros.base import topics
 
 
-def marks_of(reader: BagReader, begin_ns: int) -> list[dict[str, Any]]:
-    """The marks in order, as `name` and `time_s`: seconds after `begin_ns`, both by the recorder's clock.
+class Mark(NamedTuple):
+    """A mark and its time, seconds after the first sample by the recorder's clock."""
+
+    name: str
+    time_s: float
+
+
+def marks_of(reader: BagReader, begin_ns: int) -> list[Mark]:
+    """The marks in order of time; begin_ns: log time of the first sample.
 
     The node may have another name or a namespace: the last part and the type of a topic identify it.
     """
@@ -21,4 +28,4 @@ def marks_of(reader: BagReader, begin_ns: int) -> list[dict[str, Any]]:
         for block in reader.blocks(named)
         for log_ns, message in zip(block.log_ns.tolist(), block.messages(), strict=True)
     ]
-    return [{"name": name, "time_s": 1e-9 * (log_ns - begin_ns)} for log_ns, name in sorted(found)]
+    return [Mark(name, 1e-9 * (log_ns - begin_ns)) for log_ns, name in sorted(found)]

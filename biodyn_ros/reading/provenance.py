@@ -57,11 +57,11 @@ def sha256_of(files: Iterable[Path], max_bytes: int | None = None) -> str:
     return digest.hexdigest()
 
 
-def rests_on(subject: Subject, besides: Container[str]) -> list[Any]:
+def effect_recordings(subject: Subject, excluded: Container[str]) -> list[Any]:
     """The recordings, as in its file, to which a subject's effects were fitted, without those with these hashes."""
     known = subject.provenance.get("fitted") if subject.effects else None
     earlier = known if isinstance(known, list) else []
-    return [each for each in earlier if isinstance(each, Mapping) and each.get("sha256") not in besides]
+    return [each for each in earlier if isinstance(each, Mapping) and each.get("sha256") not in excluded]
 
 
 def role_of(subject: Subject, sha256: str) -> Role | None:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.clocks import ClockComparison
@@ -15,7 +14,7 @@ from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
 from biodyn_ros.reading.mapping import sensors_of
-from biodyn_ros.reading.marks import marks_of
+from biodyn_ros.reading.marks import Mark, marks_of
 from biodyn_ros.reading.provenance import is_made_by_model
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
@@ -70,7 +69,7 @@ class SensorReading:
         """Warnings about the bag itself."""
         return [*map(str, self._reader.warnings), *self._limit_notes]
 
-    def marks(self) -> list[dict[str, Any]]:
+    def marks(self) -> list[Mark]:
         """The marks of the recording; empty before `blocks` has found its start."""
         return [] if self._begin_ns is None else marks_of(self._reader, self._begin_ns)
 

@@ -9,7 +9,7 @@ import math
 import statistics
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -31,27 +31,21 @@ RATE_TOLERATED_PPM: Final = 500.0
 """No quartz has a larger error: such stamps are counted, not read from a clock."""
 
 
-@dataclass(frozen=True)
-class TimeChoice:
-    """The time of a topic, "header" or "log", and why: asked for, default, or the defect of the header stamps."""
+class TimeChoice(NamedTuple):
+    """The time of a topic, "header" or "log"; defect: why its header stamps are not usable, empty if they are."""
 
     time: str
-    why: str
-
-    @property
-    def fell_back(self) -> bool:
-        """Whether log time is used because the header stamps are not usable."""
-        return self.time == "log" and self.why not in ("default", "asked for")
+    defect: str = ""
 
 
-def choose_times(reader: BagReader, topics: Iterable[str], wish: str) -> dict[str, TimeChoice]:
-    """Choose header or log time for each Imu topic; `wish` is "header" (if usable) or "log".
+def choose_times(reader: BagReader, topics: Iterable[str], requested: str) -> dict[str, TimeChoice]:
+    """Choose header or log time for each Imu topic; requested: "header" (if usable) or "log".
 
     Reads a topic's first messages. InputError as `imu_blocks`.
     """
     topics = tuple(topics)
-    if wish != "header":
-        return dict.fromkeys(topics, TimeChoice(wish, "asked for"))
+    if requested != "header":
+        return dict.fromkeys(topics, TimeChoice(requested))
     found = _first_of_all(reader, topics)
     for topic in topics:
         if topic not in found or found[topic].size < FIRST_MESSAGES:
@@ -64,7 +58,7 @@ def _choice(stamps_ns: Integers) -> TimeChoice:
         return TimeChoice("log", "header stamps are zero")
     if stamps_ns.size > 1 and (stamps_ns == stamps_ns[0]).all():
         return TimeChoice("log", "header stamps do not change")
-    return TimeChoice("header", "default")
+    return TimeChoice("header")
 
 
 def _first_of_all(reader: BagReader, topics: tuple[str, ...]) -> dict[str, Integers]:
@@ -104,8 +98,8 @@ def clock_warnings(clocks: Mapping[str, SensorClock], seconds: float) -> list[st
 
 def _own_warnings(name: str, clock: SensorClock) -> list[str]:
     lines, drift = [], clock.drift
-    if clock.choice.fell_back:
-        lines.append(f"{name}: {clock.choice.why}: log time is used instead")
+    if clock.choice.defect:
+        lines.append(f"{name}: {clock.choice.defect}: log time is used instead")
     if drift is None or clock.choice.time == "log":
         return lines
     if drift.quantum_s:
@@ -126,12 +120,12 @@ def _own_warnings(name: str, clock: SensorClock) -> list[str]:
 
 
 def _mixed(clocks: Mapping[str, SensorClock], by_header: Mapping[str, ClockDrift]) -> list[str]:
-    fell_back = [name for name, clock in clocks.items() if clock.choice.fell_back]
-    if not fell_back or not by_header:
+    defective = [name for name, clock in clocks.items() if clock.choice.defect]
+    if not defective or not by_header:
         return []
     late_ms = 1e3 * statistics.median(drift.offset_s for drift in by_header.values())
     line = (
-        f"{', '.join(fell_back)} by log time, others by header time, and log time is {late_ms:.1f} ms later:"
+        f"{', '.join(defective)} by log time, others by header time, and log time is {late_ms:.1f} ms later:"
         " the residual between them is not reliable; use --time log for all"
     )
     return [line]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,10 +27,10 @@ from biodyn_ros.base.files import check_directory, make_directory, remove
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.reading.gravity import gravity_of
-from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, check_seat, open_sensors
 from biodyn_ros.replay.traces import Traces
-from biodyn_ros.reports.exposure_json import exposure_document, sensor_warnings
+from biodyn_ros.reports.exposure_json import exposure_document
+from biodyn_ros.reports.exposure_report import ExposureReport, exposure_report, sensor_warnings
 
 PREDICTED: Final = "predicted.mcap"
 REPORT: Final = "report.html"
@@ -47,10 +48,15 @@ class ReplayOptions(ReadingOptions):
 
 @dataclass(frozen=True)
 class Replayed:
-    """Result of a replay: the mapping of exposure.json and the pipeline."""
+    """Result of a replay, and its pipeline."""
 
-    document: dict[str, Any]
+    report: ExposureReport
     pipeline: Pipeline
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """The mapping of exposure.json."""
+        return exposure_document(self.report)
 
 
 def replay(
@@ -75,15 +81,13 @@ def replay(
         each(pipeline.finish())
         warnings, marks = sensors.bag_warnings(), sensors.marks()
     check_seat(pipeline.status(SEAT), str(bag))
-    seconds = pipeline.run_status().seconds
     warnings += [f"{name}: not in the bag" for name in SENSORS if name not in sensors.times]
-    warnings += sensor_warnings(pipeline, sensors.times) + sensors.clock_warnings(seconds)
-    document = exposure_document(pipeline, str(bag), seconds, warnings, options.project)
-    document["time"] = sensors.times
-    document["marks"] = marks
-    if sensors.made_by_model:
-        document["bag_made_by_model"] = MADE_BY_MODEL
-    return Replayed(document, pipeline)
+    warnings += sensor_warnings(pipeline, sensors.times) + sensors.clock_warnings(pipeline.run_status().seconds)
+    report = replace(
+        exposure_report(pipeline, str(bag), options.project), warnings=warnings, times=sensors.times, marks=marks,
+        is_made_by_model=sensors.made_by_model,
+    )  # fmt: skip
+    return Replayed(report, pipeline)
 
 
 def replay_to_directory(
@@ -123,7 +127,7 @@ def replay_to_directory(
     if not predicted:
         remove(directory / PREDICTED)
     if report:
-        write_drawn(directory / REPORT, lambda: replay_page(replayed.document, traces))
+        write_drawn(directory / REPORT, lambda: replay_page(replayed.report, traces))
     else:
         remove(directory / REPORT)
     return replayed

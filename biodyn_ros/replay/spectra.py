@@ -44,11 +44,6 @@ class ReplaySpectra:
         self._longest_ns = 0.0
         self._meters: _Meters | None = None
 
-    @property
-    def stored(self) -> int:
-        """Number of rows held: instants and bins."""
-        return self._count + (self._meters.stored if self._meters else 0)
-
     def add(self, measured: MeasuredFrames) -> None:
         """Add instants, which are processed in batches."""
         if measured.stamps_ns.size:
@@ -112,10 +107,6 @@ class _Meters:
         self.waterfall = WaterfallMeter(rate_hz, 2 * len(MEASURED_SEGMENTS))
         highest_hz = min(_MAX_HZ, USABLE * rate_hz)
         self.welch = SpectraMeter(rate_hz, 2 * N_SEGMENTS, SpectrumSettings(highest_hz=highest_hz))
-
-    @property
-    def stored(self) -> int:
-        return self.waterfall.stored + self.welch.stored
 
     def part(self) -> None:
         self.waterfall.part()

@@ -1,107 +1,95 @@
-"""The summary of a recording for the terminal, from the mapping of `exposure.json`."""
+"""The summary of a recording for the terminal."""
 
 from __future__ import annotations
 
-from typing import Any
+from biodyn_core.exposure.injury import Hic
+from biodyn_core.exposure.limit_assessment import SeatExposure
+from biodyn_core.exposure.limits import LimitSet
+from biodyn_ros.base.wording import bound, duration, number, sentence, span
+from biodyn_ros.reading.provenance import MADE_BY_MODEL
+from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport
+from biodyn_ros.reports.verdict import HORIZONTAL, KINDS, ZONE, shocks, time_left
 
-from biodyn_ros.base.wording import HORIZONTAL, ZONE, bound, duration, number, sentence, shocks, span, time_left
 
-
-def summary(document: dict[str, Any]) -> str:
+def summary(report: ExposureReport) -> str:
     """Summary: the seat against its limits, exposure by sensor, prediction and residual, warnings."""
+    seconds, marks = report.run.seconds, ", ".join(f"{mark.name} at {mark.time_s:.3f} s" for mark in report.marks)
     lines = [
-        f"{document['bag']}  subject {document['subject']} ({document['mass_matrix']})",
-        f"{document['seconds']:.1f} s, {document['uncounted_s']:.2f} s of it uncounted, until gravity was known",
+        f"{report.bag}  subject {report.subject} ({report.mass_matrix})",
+        f"{seconds:.1f} s, {report.uncounted_s:.2f} s of it uncounted, until gravity was known",
         "",
-        *_seat_lines(document),
-        *_dri_lines(document),
-        *_mark_lines(document),
+        *(_seat_lines(report.seat, report.limits.deciding) if report.seat else ["seat: nothing counted"]),
+        *_injury_lines(report),
+        *([f"marked: {marks}"] if marks else []),
         "",
         f"{'':14s}{'aw':>9s}{'VDV':>11s}{'predicted':>12s}{'VDV':>11s}{'residual rms':>15s}{'NRMSE':>9s}",
         f"{'':14s}{'m/s^2':>9s}{'m/s^1.75':>11s}{'aw m/s^2':>12s}{'m/s^1.75':>11s}{'m/s^2':>15s}{'%':>9s}",
+        *(_row(name, report) for name in dict.fromkeys([*report.sensors, *report.predicted])),
+        "",
+        "aw and VDV: Wk, vertical, before the low-pass. Predictions are a model's: not validated.",
+        *(f"note: {text}" for text in (*report.warnings, *([MADE_BY_MODEL] if report.is_made_by_model else []))),
     ]
-    names = dict.fromkeys([*document["sensors"], *document["predicted"]])
-    lines += [_row(name, document) for name in names]
-    lines += ["", "aw and VDV: Wk, vertical, before the low-pass. Predictions are a model's: not validated."]
-    lines += [f"note: {text}" for text in (*document["warnings"], document.get("bag_made_by_model")) if text]
     return "\n".join(lines)
 
 
-def _mark_lines(document: dict[str, Any]) -> list[str]:
-    marks = ", ".join(f"{mark['name']} at {mark['time_s']:.3f} s" for mark in document["marks"])
-    return [f"marked: {marks}"] if marks else []
+def _row(name: str, report: ExposureReport) -> str:
+    aw, vdv = _aw_and_vdv(report.sensors.get(name))
+    predicted_aw, predicted_vdv = _aw_and_vdv(report.predicted.get(name))
+    rms, percent = map(number, report.residual.get(name, (None, None)))
+    return f"{name:14s}{aw:>9s}{vdv:>11s}{predicted_aw:>12s}{predicted_vdv:>11s}{rms:>15s}{percent:>9s}"
 
 
-def _row(name: str, document: dict[str, Any]) -> str:
-    measured, predicted = document["sensors"].get(name), document["predicted"].get(name)
-    residual = document["residual"].get(name)
-    cells = [
-        f"{_aw(measured):>9s}{_vdv(measured):>11s}" if measured else f"{'–':>9s}{'–':>11s}",
-        f"{_aw(predicted):>12s}{_vdv(predicted):>11s}" if predicted else f"{'–':>12s}{'–':>11s}",
-        f"{number(residual['rms_mps2']):>15s}{number(residual['nrmse_rms_percent']):>9s}"
-        if residual
-        else f"{'–':>15s}{'–':>9s}",
-    ]
-    return f"{name:14s}" + "".join(cells)
+def _aw_and_vdv(channel: ChannelExposure | None) -> tuple[str, str]:
+    if channel is None:
+        return number(None), number(None)
+    dose, losses = channel
+    return bound(dose.aw_mps2, losses.mean_lower_bound), bound(dose.vdv_mps175, losses.lower_bound)
 
 
-def _aw(figures: dict[str, Any]) -> str:
-    return bound(figures["aw_mps2"], figures["aw_lower_bound"])
-
-
-def _vdv(figures: dict[str, Any]) -> str:
-    return bound(figures["vdv_mps175"], figures["lower_bound"])
-
-
-def _seat_lines(document: dict[str, Any]) -> list[str]:
-    seat, limits = document["seat"], document["limits"]
-    if seat is None:
-        return ["seat: nothing counted"]
-    lower = seat["lower_bound"]
-    a8 = f"{bound(seat['a8_so_far_mps2'], lower)} m/s^2 of {_pair(limits, 'a8_mps2')}"
-    vdv = f"{bound(seat['vdv_so_far_mps175'], lower)} m/s^1.75 of {_pair(limits, 'vdv_mps175')}"
+def _seat_lines(seat: SeatExposure, limits: LimitSet) -> list[str]:
+    a8 = f"{bound(seat.a8_so_far_mps2, seat.lower_bound)} m/s^2 of {_pair(limits.action_a8_mps2, limits.limit_a8_mps2)}"
+    vdv_limits = _pair(limits.action_vdv_mps175, limits.limit_vdv_mps175)
+    vdv = f"{bound(seat.vdv_so_far_mps175, seat.lower_bound)} m/s^1.75 of {vdv_limits}"
     return [
-        f"SEAT: {ZONE[seat['zone']].upper()}",
-        sentence(seat["zone_reason"]),
-        f"seat A(8) so far {a8}, VDV so far {vdv} ({limits['source']})",
+        f"SEAT: {ZONE[seat.zone].upper()}",
+        sentence(seat.zone_reason),
+        f"seat A(8) so far {a8}, VDV so far {vdv} ({limits.source})",
         *_projected(seat),
-        *(time_left(kind, seat) for kind in ("action", "limit")),
-        f"Governed by {seat['governing']}, axis {seat['axis']}. {HORIZONTAL[seat['horizontal']]}",
+        *(time_left(kind, seat) for kind in KINDS),
+        f"Governed by {seat.governing}, axis {seat.axis}. {HORIZONTAL[seat.horizontal]}",
         shocks(seat),
-        *(f"beside, {each['source']}: {ZONE[each['zone']].lower()}" for each in document["limits_beside"]),
+        *(f"also {each.source}: {ZONE[each.zone].lower()}" for each in seat.additional),
     ]
 
 
-def _pair(limits: dict[str, Any], measure: str) -> str:
-    action, limit = limits[f"action_{measure}"], limits[f"limit_{measure}"]
+def _pair(action: float | None, limit: float | None) -> str:
     return "no value stated" if action is None else f"{action:g} / {limit:g}"
 
 
-def _projected(seat: dict[str, Any]) -> list[str]:
-    if seat["projected_from_s"] is None:
+def _projected(seat: SeatExposure) -> list[str]:
+    if seat.projected_from_s is None:
         return []
-    lower = seat["projected_lower_bound"]
-    a8, vdv = (bound(seat[name], lower) for name in ("a8_projected_8h_mps2", "vdv_projected_8h_mps175"))
-    return [f"projected to 8 h from {duration(seat['projected_from_s'])} counted: A(8) {a8} m/s^2, VDV {vdv} m/s^1.75"]
+    a8 = bound(seat.a8_projected_8h_mps2, seat.projected_lower_bound)
+    vdv = bound(seat.vdv_projected_8h_mps175, seat.projected_lower_bound)
+    return [f"projected to 8 h from {duration(seat.projected_from_s)} counted: A(8) {a8} m/s^2, VDV {vdv} m/s^1.75"]
 
 
-def _dri_lines(document: dict[str, Any]) -> list[str]:
-    dri, hic = document["dri"], document["hic15"]
+def _injury_lines(report: ExposureReport) -> list[str]:
+    dri, hic = report.dri, report.hic15
     lines = []
     if dri:
         lines.append(
-            f"DRI {bound(dri['compression'], dri['lower_bound'])} (compression, band {dri['class']}; "
-            f"as printed {number(dri['as_printed'])}); "
-            "a criterion for a single upward pulse, not a dose"
+            f"DRI {bound(dri.compression, report.is_dri_lower_bound)} (compression, band {dri.band}; "
+            f"as printed {number(dri.as_printed)}); a criterion for a single upward pulse, not a dose"
         )
     if hic:
         lines.append(
-            f"HIC15 of the head {bound(hic['resultant'], hic['lower_bound'])} resultant{_window(hic)}, "
-            f"{number(hic['vertical'])} vertical, {number(hic['as_printed'])} with 1 g as printed"
+            f"HIC15 of the head {bound(hic.resultant, report.is_hic_lower_bound)} resultant{_window(hic)}, "
+            f"{number(hic.vertical)} vertical, {number(hic.as_printed)} with 1 g as printed"
         )
     return lines
 
 
-def _window(hic: dict[str, Any]) -> str:
-    window = hic["windows_s"]["resultant"]
+def _window(hic: Hic) -> str:
+    window = hic.windows_s["resultant"]
     return f" ({span(window)} s after counting began)" if window else ""

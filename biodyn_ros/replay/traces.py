@@ -69,12 +69,6 @@ class Traces:
         self._process()
         return self._event
 
-    @property
-    def stored_samples(self) -> int:
-        """Number of rows held: instants and bins."""
-        event = 0 if self._event is None else self._event.predicted_ns.size + self._event.measured_ns.size
-        return self._predicted.stored + self._measured.stored + self.spectra.stored + event
-
     def _process(self) -> None:
         # A prediction comes before the measurement of its instant, so it is there when the event closes.
         self._predicted.process()
@@ -117,10 +111,6 @@ class _Stream:
         none = np.empty((0, channels))
         self.envelope = Envelope(BIN_NS, np.empty(0, dtype=np.int64), none, none)
 
-    @property
-    def stored(self) -> int:
-        return self.waiting + self._recent[0].size + self.envelope.begins_ns.size
-
     def add(self, stamps_ns: Integers, accel_mps2: Floats) -> None:
         if stamps_ns.size:
             self._stamps_ns.append(stamps_ns)
@@ -155,15 +145,10 @@ class _Stream:
 
 def _widened(envelope: Envelope, stamps_ns: Integers, accel_mps2: Floats) -> Envelope:
     """The envelope with further samples, its bins doubled until there are few enough."""
-    width = envelope.width_ns
-    begins, low, high = binned(stamps_ns, accel_mps2, accel_mps2, width)
-    begins, low, high = (np.concatenate(p) for p in zip(_columns(envelope), (begins, low, high), strict=True))
-    begins, low, high = binned(begins, low, high, width)
+    width, *earlier = envelope
+    added = binned(stamps_ns, accel_mps2, accel_mps2, width)
+    begins, low, high = binned(*(np.concatenate(pair) for pair in zip(earlier, added, strict=True)), width)
     while begins.size > ENVELOPE_BINS:
         width *= 2
         begins, low, high = binned(begins, low, high, width)
     return Envelope(width, begins, low, high)
-
-
-def _columns(envelope: Envelope) -> tuple[Integers, Floats, Floats]:
-    return envelope.begins_ns, envelope.low_mps2, envelope.high_mps2

@@ -191,7 +191,7 @@ def _transmitted(upper: Any, lower: Any, frequency_hz: Floats, found: Document, 
     if measured is None and found["predicted"] is None:
         say(upper, "not measured")
     elif measured is None:
-        _beside(upper, "not measured")
+        _note_missing(upper, "not measured")
 
 
 def _seat_to_head(pair: Sequence[Any], document: Document) -> None:
@@ -203,7 +203,7 @@ def _seat_to_head(pair: Sequence[Any], document: Document) -> None:
             if found[side] is not None:
                 _line(axes, frequency_hz, found[side][key], reliable, side, phase=key == "phase_deg")
     if found["measured"] is None:
-        _beside(pair[0], "head not measured")
+        _note_missing(pair[0], "head not measured")
 
 
 def _driving_point(pairs: Sequence[Sequence[Any]], document: Document) -> None:
@@ -272,8 +272,8 @@ def _masses(axes: Any, point: Document) -> None:
     body, upper = point["body_mass_kg"], point["upper_body_mass_kg"]
     axes.axhspan(*(share * body for share in point["printed_band"]), color="#eef1f4", zorder=0)
     axes.axhline(upper, color=SOFT_COLOUR, lw=0.8, ls=DOTTED)
-    beside = axes.secondary_yaxis("right", functions=(lambda kg: kg / body, lambda share: share * body))
-    beside.set_ylabel("over body mass, no unit", color=SOFT_COLOUR)
+    secondary = axes.secondary_yaxis("right", functions=(lambda kg: kg / body, lambda share: share * body))
+    secondary.set_ylabel("over body mass, no unit", color=SOFT_COLOUR)
 
 
 def _frequency_axis(axes: Any, frequency_hz: Floats, ticks_hz: Sequence[float] = _TICKS_HZ) -> None:
@@ -290,7 +290,7 @@ def _frequency_axis(axes: Any, frequency_hz: Floats, ticks_hz: Sequence[float] =
     axes.tick_params(length=2.5, width=0.6)
 
 
-def _beside(axes: Any, text: str) -> None:
+def _note_missing(axes: Any, text: str) -> None:
     """Note a missing line in a panel."""
     axes.set_title(text, loc="right", color=SOFT_COLOUR, fontsize=7.5)
 

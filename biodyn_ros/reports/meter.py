@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
-from biodyn_core.base.segments import SEAT
 from biodyn_core.base.wording import counted
-from biodyn_ros.base.wording import HORIZONTAL
+from biodyn_core.exposure.limit_assessment import SeatExposure
+from biodyn_core.exposure.losses import Losses
+from biodyn_ros.reports.exposure_report import ChannelExposure
+from biodyn_ros.reports.verdict import HORIZONTAL
 
 AXES: Final = ("x", "y", "z")
 
@@ -40,32 +42,31 @@ class MeterReadings:
     bounds: str
 
 
-def meter_readings(document: dict[str, Any]) -> MeterReadings | None:
-    """The readings from the mapping of `exposure.json`; None before the seat has counted anything."""
-    seat, dose = document["seat"], document["sensors"].get(SEAT)
-    if seat is None or dose is None:
+def meter_readings(seat: SeatExposure | None, channel: ChannelExposure | None) -> MeterReadings | None:
+    """The readings of the seat and of its vertical channel; None before it has counted anything."""
+    if seat is None or channel is None:
         return None
+    dose, losses = channel
     return MeterReadings(
-        counted_s=seat["seconds"],
-        axes=tuple(_axis(axis, seat, dose) for axis in AXES),
-        mtvv_mps2=dose["mtvv_mps2"],
-        peak_mps2=dose["peak_mps2"],
-        lower_bound=dose["lower_bound"],
-        note=HORIZONTAL[seat["horizontal"]],
-        bounds=_bounds(seat, dose),
+        counted_s=seat.seconds,
+        axes=tuple(_axis(axis, seat, losses) for axis in AXES),
+        mtvv_mps2=dose.mtvv_mps2,
+        peak_mps2=dose.peak_mps2,
+        lower_bound=losses.lower_bound,
+        note=HORIZONTAL[seat.horizontal],
+        bounds=_bounds(seat, losses),
     )
 
 
-def _axis(axis: str, seat: dict[str, Any], dose: dict[str, Any]) -> AxisReading:
-    aw, vdv = seat["aw_weighted_mps2"], seat["vdv_weighted_mps175"]
+def _axis(axis: str, seat: SeatExposure, losses: Losses) -> AxisReading:
+    aw, vdv = seat.aw_weighted_mps2, seat.vdv_weighted_mps175
     known = axis if axis in aw else "worst_direction"
-    lower = dose["lower_bound"] if axis == "z" else seat["lower_bound"]
-    return AxisReading(axis, aw.get(known), vdv.get(known), dose["aw_lower_bound"], lower)
+    lower = losses.lower_bound if axis == "z" else seat.lower_bound
+    return AxisReading(axis, aw.get(known), vdv.get(known), losses.mean_lower_bound, lower)
 
 
-def _bounds(seat: dict[str, Any], dose: dict[str, Any]) -> str:
-    if dose["lower_bound"]:
-        clipped = dose["clipped_samples"]
-        and_clipped = f", {counted(clipped, 'sample')} clipped" if clipped else ""
-        return f"≥ means at least: {dose['missing_s']:.3f} s are missing{and_clipped}."
-    return "≥ means at least: a horizontal axis has no data." if seat["lower_bound"] else ""
+def _bounds(seat: SeatExposure, losses: Losses) -> str:
+    if losses.lower_bound:
+        and_clipped = f", {counted(losses.clipped, 'sample')} clipped" if losses.clipped else ""
+        return f"≥ means at least: {losses.missing_s:.3f} s are missing{and_clipped}."
+    return "≥ means at least: a horizontal axis has no data." if seat.lower_bound else ""

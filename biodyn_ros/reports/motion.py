@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
+from biodyn_core.validation.validation import SegmentError
 from biodyn_ros.base.wording import number, words
 from biodyn_ros.reports.drawing import (
     BAND_COLOUR,
@@ -20,6 +21,7 @@ from biodyn_ros.reports.drawing import (
     SOFT_COLOUR,
     drawn,
 )
+from biodyn_ros.reports.exposure_report import Residual
 
 EVENT_HALF_NS: Final = 1_000_000_000
 """Time drawn on either side of the strongest instant of an event."""
@@ -28,8 +30,7 @@ _PANELS: Final = (*reversed(SEGMENTS), SEAT)
 """Two columns from the head down, the seat at the bottom over the full width."""
 
 
-@dataclass(frozen=True)
-class Envelope:
+class Envelope(NamedTuple):
     """Smallest and largest value per bin.
 
     begins_ns (m,) ascending, low_mps2 and high_mps2 (m, 6), NaN without a sample.
@@ -57,7 +58,7 @@ class StrongestEvent:
     measured_mps2: Floats
 
 
-def overlay(event: StrongestEvent, origin_ns: int, document: dict[str, Any]) -> Any:
+def overlay(event: StrongestEvent, origin_ns: int, residuals: Mapping[str, Residual | SegmentError | None]) -> Any:
     """Measured and predicted at full rate around the strongest event, one panel per segment and one for the seat."""
 
     def draw(axes: Any, name: str) -> None:
@@ -70,7 +71,7 @@ def overlay(event: StrongestEvent, origin_ns: int, document: dict[str, Any]) -> 
             clipped = np.clip(predicted, -10.0 * extent, 10.0 * extent)
             axes.plot(*_line(event.predicted_ns, clipped, origin_ns), color=PREDICTED_COLOUR, lw=1.3, ls=DASHED)
         axes.set_ylim(-extent, extent)
-        axes.set_title(_note(name, measured, document), loc="right", color=SOFT_COLOUR, fontsize=8.0)
+        axes.set_title(_note(name, measured, residuals.get(name)), loc="right", color=SOFT_COLOUR, fontsize=8.0)
 
     return _draw(draw, 7.4, _seconds(event.measured_ns, origin_ns))
 
@@ -141,17 +142,15 @@ def _extent(measured: Floats | None, predicted: Floats | None) -> float:
     return 1.08 * room or 1.0
 
 
-def _note(name: str, measured: Floats | None, document: dict[str, Any]) -> str:
+def _note(name: str, measured: Floats | None, residual: Residual | SegmentError | None) -> str:
     if name == SEAT:
         return "measured: input of the model"
     if measured is None or not np.isfinite(measured).any():
         return "not measured"
-    residual = document["residual"].get(name)
     if residual is None:
         return ""
-    share = residual["nrmse_rms_percent"]
-    percent = "" if share is None else f", {number(share)} %"
-    return f"whole record: residual {number(residual['rms_mps2'])} m/s² rms{percent}"
+    percent = "" if residual.nrmse_rms_percent is None else f", {number(residual.nrmse_rms_percent)} %"
+    return f"whole record: residual {number(residual.rms_mps2)} m/s² rms{percent}"
 
 
 def _seconds(stamps_ns: Integers, origin_ns: int) -> Floats:

@@ -13,8 +13,9 @@ from typing import Any
 from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros.base.files import remove, write_text
 from biodyn_ros.base.resources import package_directory
-from biodyn_ros.base.wording import bound, duration, number, sentence, shocks, span, typeset, words
+from biodyn_ros.base.wording import bound, duration, number, sentence, span, typeset, words
 from biodyn_ros.reports.drawing import PALETTE
+from biodyn_ros.reports.verdict import shocks
 
 
 def check_reports() -> None:

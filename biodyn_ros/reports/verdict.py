@@ -1,13 +1,32 @@
-"""The verdict on the seat for the replay page and the live page: tone, headline, reasons."""
+"""The assessment of the seat in words, for terminal, pages and live page: zone, time left, shocks, verdict."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Final
 
-from biodyn_core.base.segments import SEAT
-from biodyn_core.base.wording import counted
-from biodyn_ros.base.wording import HORIZONTAL, ZONE, sentence, time_left
+from biodyn_core.base.wording import counted, number
+from biodyn_core.exposure.limit_assessment import SeatExposure
+from biodyn_core.exposure.limits import Kind
+from biodyn_core.exposure.losses import Losses
+from biodyn_ros.base.wording import duration, sentence, words
+
+ZONE: Final = {
+    "below_action_value": "Below the action values so far",
+    "above_action_value": "Action value reached",
+    "above_limit_value": "Limit value reached",
+    "undecided": "Undecided: no assessment of the seat",
+}
+HORIZONTAL: Final = {
+    "yaw_given": "Horizontal axes from the yaw given.",
+    "worst_direction": "No yaw given: the largest value over all horizontal directions is used for both axes.",
+    "missing": "Vertical only: horizontal data are missing.",
+}
+KINDS: Final[tuple[Kind, Kind]] = ("action", "limit")
+
+_RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv_over_aw_t": "VDV/(aw T^1/4)"}
+_TONE: Final = {"below_action_value": "good", "above_action_value": "warn", "above_limit_value": "bad"}
+"""All other zones have no colour."""
 
 
 @dataclass(frozen=True)
@@ -19,32 +38,65 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
-_TONE: Final = {"below_action_value": "good", "above_action_value": "warn", "above_limit_value": "bad"}
-"""All other zones have no colour."""
+def seat_verdict(seat: SeatExposure | None, losses: Losses | None, doubt: str = "") -> Verdict:
+    """The pipeline's assessment of the seat against action and limit values; losses: of the seat, if it has counted.
 
-
-def seat_verdict(document: dict[str, Any], doubt: str = "") -> Verdict:
-    """The pipeline's assessment of the seat against action and limit values.
-
-    document: of `exposure.json`. doubt: a current fault of the seat; with it the verdict is never good, but a reached
-    value remains reached.
+    doubt: a current fault of the seat; with it the verdict is never good, but a reached value remains reached.
     """
-    seat, doubts = document["seat"], (sentence(doubt),) if doubt else ()
+    doubts = (sentence(doubt),) if doubt else ()
     if seat is None:
         return Verdict("none", "Undecided: nothing counted at the seat", doubts)
-    tone, zone = _TONE.get(seat["zone"], "none"), seat["zone"]
-    reasons = [sentence(seat["zone_reason"]), HORIZONTAL[seat["horizontal"]], *_bound_reasons(document)]
+    tone, headline = _TONE.get(seat.zone, "none"), ZONE[seat.zone]
+    reasons = [sentence(seat.zone_reason), HORIZONTAL[seat.horizontal]]
+    if losses and losses.lower_bound:
+        lost = f"{losses.missing_s:.3f} s missing and {counted(losses.clipped, 'sample')} clipped at the seat"
+        reasons.append(f"Values are lower bounds: {lost}.")
     if doubt:
-        seat = seat | {"withheld": doubt}  # no time left is given
+        seat = replace(seat, withheld=doubt)  # no time left is given
         if tone == "good":
-            tone, zone, reasons = "none", "undecided", reasons[1:]
-    times = [time_left(kind, seat) for kind in ("action", "limit")]
-    return Verdict(tone, ZONE[zone], (*doubts, *reasons, *times))
+            tone, headline, reasons = "none", ZONE["undecided"], reasons[1:]
+    return Verdict(tone, headline, (*doubts, *reasons, *(time_left(kind, seat) for kind in KINDS)))
 
 
-def _bound_reasons(document: dict[str, Any]) -> list[str]:
-    seat = document["sensors"].get(SEAT, {"lower_bound": False})
-    if not seat["lower_bound"]:
-        return []
-    missing, clipped = seat["missing_s"], seat["clipped_samples"]
-    return [f"Values are lower bounds: {missing:.3f} s missing and {counted(clipped, 'sample')} clipped at the seat."]
+def left(kind: Kind, seat: SeatExposure) -> str:
+    """The time left to the action or limit value, in a few words."""
+    if seat.zone in ("above_limit_value", f"above_{kind}_value"):  # a lower bound suffices for this
+        return "reached"
+    if seat.withheld:
+        return "withheld"
+    seconds = _seconds_left(kind, seat)
+    if seconds is None:
+        return "never reached at this rate"
+    return f"at most {duration(seconds, at_most=True)} left" if seat.lower_bound else f"{duration(seconds)} left"
+
+
+def time_left(kind: Kind, seat: SeatExposure) -> str:
+    """The time left to the action or limit value, as a sentence."""
+    name, phrase = f"{kind.capitalize()} value", left(kind, seat)
+    if phrase == "withheld":
+        return f"{name}: time left withheld, because {seat.withheld}."
+    if _seconds_left(kind, seat) is None or phrase == "reached":
+        return f"{name}: {phrase}."
+    return f"{name}: {phrase}, if exposure continues at this rate."
+
+
+def _seconds_left(kind: Kind, seat: SeatExposure) -> float | None:
+    return seat.time_to_action_value_s if kind == "action" else seat.time_to_limit_value_s
+
+
+def shocks(seat: SeatExposure) -> str:
+    """Whether ISO 2631-1 requires more than the rms on the governing axis."""
+    where = f"ISO 2631-1:1997, axis {words(seat.axis)}"
+    firing = [
+        f"{_RATIO[ratio.name]} {number(ratio.value)} > {ratio.threshold:g} ({ratio.clause})"
+        for ratio in seat.shock_ratios
+        if ratio.exceeded
+    ]
+    if firing:
+        return f"Shocks: additional evaluation required ({where}): {', '.join(firing)}."
+    unknown = [_RATIO[ratio.name] for ratio in seat.shock_ratios if ratio.exceeded is None]
+    if seat.lower_bound or unknown:
+        why = f"{' and '.join(unknown)} not measured" if unknown else "the seat's values are lower bounds"
+        return f"Shocks: undecided whether additional evaluation is required ({where}): {why}."
+    known = ", ".join(f"{_RATIO[ratio.name]} {number(ratio.value)}" for ratio in seat.shock_ratios)
+    return f"Shocks: no additional evaluation required ({where}): {known}."

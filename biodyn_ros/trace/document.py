@@ -24,7 +24,7 @@ from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.reading.events import BagEvent
-from biodyn_ros.reading.provenance import rests_on
+from biodyn_ros.reading.provenance import effect_recordings
 from biodyn_ros.trace.errors import WHEN, errors_by_use, known, mean_errors
 from biodyn_ros.trace.refit import ParameterChange, Refit, parameter_changes
 from biodyn_ros.trace.report import Report
@@ -103,7 +103,7 @@ def provenance(report: Report) -> Document:
     """
     trace = report.trace
     origins = [_origin(event, case, trace) for event, case in report.events]
-    earlier = rests_on(trace.given, besides={each["sha256"] for each in origins})
+    earlier = effect_recordings(trace.given, excluded={each["sha256"] for each in origins})
     return {
         "made_by": "biodyn trace",
         "version": __version__,

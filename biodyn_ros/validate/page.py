@@ -21,7 +21,7 @@ from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses, injury
 from biodyn_ros.reports.frequency import driving_point, powers, residual_channels, transmissibility, waterfall
 from biodyn_ros.reports.motion import EVENT_HALF_NS, StrongestEvent, overlay
 from biodyn_ros.reports.pages import check_reports, render
-from biodyn_ros.validate.document import error_document, validation_document
+from biodyn_ros.validate.document import validation_document
 from biodyn_ros.validate.report import Report, driving_peaks, is_lower_bound
 
 _TONE: Final = {"agrees": "good", "disagrees": "bad", "undecided": "warn"}
@@ -61,7 +61,7 @@ def validation_page(report: Report) -> str:
         worst_percent=worst_percent,
         event=event,
         event_s=1e-9 * (event.peak_ns - origin_ns) if event else None,
-        overlay_svg=overlay(event, origin_ns, {"residual": error_document(found)}) if event else None,
+        overlay_svg=overlay(event, origin_ns, found.errors) if event else None,
         transmissibility_svg=transmissibility(document, report.limits.least_coherence),
         powers_svg=powers(document),
         driving_svg=driving_point(document),

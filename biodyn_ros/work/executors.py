@@ -29,7 +29,7 @@ from typing import Any, Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros import __version__
-from biodyn_ros.base.environment import ONE_THREAD
+from biodyn_ros.base.environment import ONE_THREAD, variables_set
 
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 
@@ -135,23 +135,8 @@ def _shut_down(executor: Executor, end: Callable[[], None] = lambda: None) -> It
 def _processes(workers: int) -> Iterator[Executor]:
     # Workers exit at the end of this pipe: when its writer is closed here, or when this process dies.
     reader, writer = multiprocessing.Pipe(duplex=False)
-    with reader, writer, _one_thread(), _shut_down(_Processes(workers, reader), writer.close) as executor:
+    with reader, writer, variables_set(ONE_THREAD), _shut_down(_Processes(workers, reader), writer.close) as executor:
         yield executor
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Limit linear algebra to one thread in processes that start meanwhile."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 class _Processes(Executor):

@@ -1,0 +1,159 @@
+"""Exposure report: all results of one recording, for `exposure.json`, terminal and page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from biodyn_core.base.segments import HEAD, SEAT, SENSORS
+from biodyn_core.base.wording import counted
+from biodyn_core.conditioning.conditioner import Mode
+from biodyn_core.exposure.injury import Dri, Hic
+from biodyn_core.exposure.limit_assessment import SeatExposure
+from biodyn_core.exposure.limits import Limits
+from biodyn_core.exposure.losses import Losses
+from biodyn_core.exposure.meters import Dose
+from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.pipeline.run_status import RunStatus
+from biodyn_ros.base.wording import MODEL, left_range, stuck
+from biodyn_ros.reading.marks import Mark
+
+EDGE_S: Final = 0.1
+"""Part of a comparison that may lack its sensor at the start and end of a record, at rest."""
+
+
+class ChannelExposure(NamedTuple):
+    """The dose of one channel, and the losses that make it a lower bound."""
+
+    dose: Dose
+    losses: Losses
+
+
+class Residual(NamedTuple):
+    """Rms of predicted minus measured, m/s^2, and in percent of the measured rms, None where that is zero."""
+
+    rms_mps2: float
+    nrmse_rms_percent: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class ExposureReport:
+    """Results of one recording of run.seconds; channels without a counted sample are absent.
+
+    sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed: comparable with each other.
+    also_weighted: by weighting and sensor. seat: None before it has counted. warnings to is_made_by_model: of the bag;
+    times: the stamps used, by sensor.
+    """
+
+    bag: str
+    subject: str
+    mass_matrix: str
+    path: Mode
+    window_s: float
+    limits: Limits
+    run: RunStatus
+    uncounted_s: float
+    sensors: Mapping[str, ChannelExposure]
+    predicted: Mapping[str, ChannelExposure]
+    measured_low_passed: Mapping[str, ChannelExposure]
+    also_weighted: Mapping[str, Mapping[str, ChannelExposure]]
+    seat: SeatExposure | None
+    msdv_mps15: float | None
+    dri: Dri | None
+    hic15: Hic | None
+    hic36: Hic | None
+    residual: Mapping[str, Residual]
+    warnings: Sequence[str] = ()
+    times: Mapping[str, str] = field(default_factory=dict)
+    marks: Sequence[Mark] = ()
+    is_made_by_model: bool = False
+
+    @property
+    def prediction_status(self) -> str:
+        """Held-out errors of a fit are of another vehicle and seat, so no prediction is validated."""
+        return "extrapolated" if self.run.is_extrapolating else "not_validated"
+
+    @property
+    def is_dri_lower_bound(self) -> bool:
+        """Whether samples of the seat are missing or clipped."""
+        return SEAT in self.sensors and self.sensors[SEAT].losses.lower_bound
+
+    @property
+    def is_hic_lower_bound(self) -> bool:
+        """Whether samples of the head are missing or clipped."""
+        return HEAD in self.sensors and self.sensors[HEAD].losses.lower_bound
+
+
+def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) -> ExposureReport:
+    """Gather the figures of a pipeline since reset; project: to 8 h from under 20 minutes too."""
+    since, run = pipeline.exposure(), pipeline.run_status()
+    lost = {name: pipeline.losses(name) for name in SENSORS}
+    unpredicted = _with_absent(lost[SEAT], run.unpredicted_s)  # predictions use the seat alone and have its losses
+    low_passed = since.measured_low_passed
+    compared = {name: _lost_compared(name, low_passed, lost) for name in low_passed}
+    return ExposureReport(
+        bag=bag,
+        subject=pipeline.subject.name,
+        mass_matrix=pipeline.subject.mass_matrix,
+        path=pipeline.mode,
+        window_s=pipeline.settings.window_s,
+        limits=pipeline.limits,
+        run=run,
+        uncounted_s=max((pipeline.status(name).uncounted_s for name in since.sensors), default=run.seconds),
+        sensors=_channels(since.sensors, lost),
+        predicted=_channels(since.predicted, dict.fromkeys(since.predicted, unpredicted)),
+        measured_low_passed=_channels(low_passed, compared),
+        also_weighted={weighting: _channels(doses, lost) for weighting, doses in since.further.items()},
+        seat=pipeline.seat(project),
+        msdv_mps15=since.msdv_mps15,
+        dri=since.dri,
+        hic15=since.hic15,
+        hic36=since.hic36,
+        residual={
+            name: Residual(rms, percent if math.isfinite(percent) else None)
+            for name, (rms, percent) in since.residual.items()
+        },
+    )
+
+
+def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
+    """Warnings about the conditioning of these sensors and about the model, one line each."""
+    lines = []
+    for name in sensors:
+        status = pipeline.status(name)
+        if status.fault:
+            lines.append(status.fault)
+        elif status.rate_hz is None:
+            lines.append(f"{name}: nothing counted, gravity was not found")
+        lines += [f"{name}: {text}" for text in status.warnings]
+        if status.set_back_s > 0.0:
+            lines.append(f"{name}: its stamps jumped back by {status.set_back_s:.3f} s in total: was its clock set?")
+        if status.flat:
+            lines.append(f"{name}: {stuck(status.flat)}")
+        lost = pipeline.losses(name)
+        if lost.clipped:
+            lines.append(f"{name}: {counted(lost.clipped, 'sample')} clipped: doses and peaks are lower bounds")
+        if lost.missing_s > 0.0:
+            lines.append(f"{name}: {lost.missing_s:.3f} s missing: doses and peaks are lower bounds")
+    if divergences := pipeline.run_status().divergences:
+        lines.append(f"{MODEL}: {left_range(divergences)}")
+    return lines
+
+
+def _channels(doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> dict[str, ChannelExposure]:
+    return {name: ChannelExposure(dose, lost[name]) for name, dose in doses.items()}
+
+
+def _with_absent(lost: Losses, seconds: float) -> Losses:
+    return lost._replace(absent_s=lost.absent_s + seconds)
+
+
+def _lost_compared(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> Losses:
+    """Losses of a low-passed sensor: with those of the seat, and instants without a sample."""
+    if name == SEAT:
+        return lost[SEAT]
+    alone_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
+    seat_s = lost[SEAT].missing_s + (alone_s if alone_s > EDGE_S else 0.0)
+    return _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s))
