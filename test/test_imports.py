@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
+import ordering
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -266,3 +267,8 @@ def test_an_indirect_import_of_ros_is_reported(tmp_path: Path) -> None:
     (tmp_path / "biodyn_ros/bag_reader.py").write_text("from biodyn_ros.node.params import Table")
     (tmp_path / "biodyn_ros/node/params.py").write_text("from rcl_interfaces.msg import ParameterDescriptor")
     assert ros_faults(tmp_path) == ["biodyn_ros.bag_reader: biodyn_ros.node.params imports rcl_interfaces.msg"]
+
+
+def test_the_order_of_tests_names_files_that_exist() -> None:
+    names = {*ordering.SLOW, *ordering.SHARED}
+    assert [name for name in sorted(names) if not (Path(__file__).parent / f"{name}.py").is_file()] == []
