@@ -20,6 +20,7 @@ from world import seats, sensors
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_core.conditioning.channels import interpolated
 from biodyn_core.conditioning.tilt import horizontal_axes, rotation_to_vertical
 from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
 from biodyn_ros.bag import BagWriter
@@ -551,3 +552,11 @@ def test_turns_and_braking_of_a_real_car_match_its_speed(shared_data: Path) -> N
     for expected, found in ((speed * yaw, left), (np.gradient(speed, at_s), ahead)):
         assert np.corrcoef(expected, found)[0, 1] > 0.65
         assert np.polyfit(expected, found, 1)[0] == pytest.approx(1.0, abs=0.2)
+
+
+def test_values_that_are_all_unknown_are_interpolated_as_zero() -> None:
+    values = np.array([[np.nan, 1.0], [2.0, np.nan]])
+    np.testing.assert_array_equal(interpolated(np.arange(2.0), values), np.zeros((2, 2)))
+    np.testing.assert_array_equal(
+        interpolated(np.arange(3.0), np.array([[1.0], [np.nan], [3.0]])), [[1.0], [2.0], [3.0]]
+    )

@@ -318,3 +318,13 @@ def test_a_trace_reports_the_recordings_it_leaves_out(short_bags: dict[str, Path
     assert main(["trace", *bags, "--subject", "subject_1", "-o", str(tmp_path / "out"), "--no-report"]) == 0
     document = json.loads((tmp_path / "out" / "trace.json").read_text())
     assert any(line.startswith("left out: ") and "road_second" in line for line in document["warnings"])
+
+
+def test_gravity_from_rest_at_the_start_has_no_warning() -> None:
+    assert Gravity((0.0, 0.0, 9.8), "begin").warning(vertical_given=False) is None
+
+
+def test_a_record_without_usable_samples_has_no_gravity() -> None:
+    search = gravity_search(ConditioningSettings(), None)
+    search.push(np.array([1, 2], dtype=np.int64), np.full((2, 3), np.nan))
+    assert search.result() is None

@@ -13,10 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from paper import THETAS, printed, shipped
 
+from biodyn_core import body
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
+from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject, load_subject
+from biodyn_ros.base.resources import subject_file
 
 SHIPPED = Path(__file__).parents[1] / "config" / "subjects"
 SUBJECTS = st.builds(
@@ -287,3 +290,10 @@ def test_any_text_is_read_or_refused(tmp_path_factory, text):
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     with pytest.raises(InputError, match="noise"):
         load_subject(path)
+
+
+def test_the_public_names_of_a_body_load_on_first_use() -> None:
+    found = body.Chain.of(body.load_subject(subject_file("subject_1")))
+    assert isinstance(found, Chain) and body.Subject is Subject
+    with pytest.raises(AttributeError, match="has no attribute 'Chains'"):
+        body.Chains  # noqa: B018 - the access is the test
