@@ -37,10 +37,9 @@ SHORT = TraceSettings(
 FEW = ("gain", "clock", "skin", "quadratic_damping", "friction", "lift_off")
 
 
-def few(cases, present=()):
+def few(subject, cases):
     """Candidates of few effects."""
-    tried, untestable = all_candidates(cases, present)
-    return [one for one in tried if one.start.effect.name in FEW], untestable
+    return [one for one in all_candidates(subject, cases) if one.start.effect.name in FEW]
 
 
 def traced(change=hiding.nothing, law=hiding.plain) -> Trace:
@@ -125,7 +124,11 @@ def test_an_effect_that_worsens_the_prediction_is_not_added() -> None:
         return dataclasses.replace(subject, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
 
     cases = hiding.events(9, hiding.louder, hiding.plain)
-    with mock.patch.object(rounds, "all_candidates", few), mock.patch.object(trace_module, "jointly_refitted", worse):
+    with (
+        mock.patch.object(rounds, "all_candidates", few),
+        mock.patch.object(trace_module, "jointly_refitted", worse),
+        mock.patch.object(trace_module, "generalised", worse),
+    ):
         found = trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
     assert found.verdict == "unexplained" and found.effects == () and found.after is found.before
     assert [event.after.mean_percent for event in found.events] == [event.before.mean_percent for event in found.events]

@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from scipy import integrate, interpolate
+from scipy.spatial.transform import Rotation
 from world import body, ride, seats, sensors
 from world.effects import absorbing, blind_forms, development_forms, event, moving, second_forms, sitting, wearing
 from world.effects.background import NOTHING
 from world.effects.draw import KINDS, forms
 from world.effects.effect import Effect, Moment, Person
-from world.effects.event import HELD_HZ, Event
+from world.effects.event import FARTHEST_RAD, HELD_HZ, Event
+from world.seats import GRAVITY_MPS2, RATE_HZ
 
 from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
@@ -792,3 +794,23 @@ def test_the_background_has_the_residual_of_the_paper(tmp_path: Path) -> None:
     fit = fit_joint(cases, Subject("drawn", one.body_mass_kg, 1.75, one.mass_matrix, middle), 0, QUICK)
     percent = np.array([errors.nrmse_rms_percent for errors in fit.errors])
     assert 4.0 < np.median(percent) < 11.0 and percent.min() > 2.0 and percent.max() < 20.0
+
+
+def test_rates_and_forces_of_a_leaning_sensor_agree() -> None:
+    """Its orientation, integrated from its rates, shows gravity where its forces show it."""
+    t = np.arange(3 * round(RATE_HZ)) / RATE_HZ
+    angle = np.column_stack([0.8 * np.sin(3.0 * t) ** 2, -0.6 * np.sin(2.0 * t) ** 2])
+    leaning = Event("road", "synthetic", 0.0, np.zeros((t.size, 3)), angle, 1.0)
+    force, spin = wearing.sensed(0, leaning, np.zeros(t[::2].size), (), NOTHING)
+    turned = Rotation.identity()
+    for rate, measured in zip(0.5 * (spin[1:] + spin[:-1]), force[1:], strict=True):
+        turned = turned * Rotation.from_rotvec(rate / HELD_HZ)
+        np.testing.assert_allclose(turned.apply(measured), [0.0, 0.0, GRAVITY_MPS2], atol=0.01)
+    assert np.abs(force[:, :2]).max() > 5.0
+
+
+def test_segments_lean_no_farther_than_a_spine_allows() -> None:
+    hard = dataclasses.replace(shaken(), accel_mps2=20.0 * shaken().accel_mps2)
+    for sensor, farthest in enumerate(FARTHEST_RAD):
+        beyond = np.abs(hard.leaning_rad(sensor) - hard.angle_rad).max()
+        assert beyond < farthest and (sensor == 0 or beyond > 0.5 * farthest)

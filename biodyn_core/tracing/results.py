@@ -29,7 +29,7 @@ from biodyn_core.tracing.findings import (
 from biodyn_core.tracing.local_fit import PRIOR_SCALES
 from biodyn_core.tracing.nuisance_model import N_THETA
 from biodyn_core.tracing.rounds import Outcome
-from biodyn_core.tracing.screen import all_candidates
+from biodyn_core.tracing.screen import untestable
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_core.tracing.sensor_tilt import sensor_tilts, tilt_deg
 from biodyn_core.tracing.settings import TraceSettings
@@ -75,7 +75,7 @@ def build_result(
         floor_percent=_floor_percent(report, after),
         p_value=best.p_value if best and best.steady else None,
         threshold=first.round.threshold,
-        untestable=tuple(all_candidates([*train, *choose])[1]),
+        untestable=untestable([*train, *choose]),
         left_out=tuple(left_out),
         seed=seed,
         calibrated="anew",
@@ -145,7 +145,7 @@ def build_undecided(
         experiment=to_record(needs, s.floor),
         events=_events(given, before, before, *uses),
         floor_percent=_floor_percent(uses[-1], before),
-        untestable=tuple(all_candidates(everything)[1]) if everything else (),
+        untestable=untestable(everything),
         left_out=tuple(left_out),
         lacking=tuple(lacking),
         seed=seed,
@@ -172,12 +172,16 @@ def _event(case: Case, use: Use, given: Subject, before: Subject, after: Subject
 
 
 def _intervals(outcomes: Sequence[Outcome], added: Sequence[AppliedEffect]) -> list[tuple[Interval, ...]]:
-    """The values of each added effect in the subject, with intervals as wide as those of its local fit."""
+    """The values of each added effect in the subject, with intervals as wide as those of its local fit.
+
+    None where the general form was fitted: its values are correlated, and none is known alone.
+    """
     fits = [outcome.chosen for outcome in outcomes if outcome.adds_effect and outcome.chosen is not None]
     return [
         tuple(
             _interval(p, one.values[p.name], *limits)
-            for p, limits in zip(one.effect.parameters, fit.intervals, strict=False)
+            for p, limits in zip(one.effect.textbook_parameters, fit.intervals, strict=False)
+            if one == one.textbook
         )
         for fit, one in zip(fits[: len(added)], added, strict=True)
     ]
