@@ -14,7 +14,17 @@ import pytest
 from mcap.reader import make_reader
 from scipy import integrate, interpolate
 from world import body, ride, seats, sensors
-from world.effects import absorbing, blind_forms, development_forms, event, moving, second_forms, sitting, wearing
+from world.effects import (
+    absorbing,
+    blind_forms,
+    development_forms,
+    event,
+    moving,
+    second_forms,
+    sitting,
+    third_forms,
+    wearing,
+)
 from world.effects.background import NOTHING
 from world.effects.draw import KINDS, forms
 from world.effects.effect import Effect, Moment, Person
@@ -30,7 +40,7 @@ from biodyn_ros.reading.recordings import read_recordings
 
 WORLD = Path(__file__).parent / "world"
 ALL = (*development_forms.FORMS, *blind_forms.FORMS)
-EVERY = (*ALL, *second_forms.FORMS)
+EVERY = (*ALL, *second_forms.FORMS, *third_forms.FORMS)
 PERSON = dataclasses.replace(
     Person.of(body.drawn(2, np.random.default_rng(3)), 0),
     reach_m=np.array([8.0, 6.0, 5.0, 4.0, 2.0, 2.0]) * 1e-3,
@@ -113,7 +123,7 @@ def test_the_world_of_effects_shares_nothing_with_the_package() -> None:
 
 
 def test_splits_are_disjoint_and_each_has_every_class() -> None:
-    splits = {split: forms(split) for split in ("development", "second", "blind")}
+    splits = {split: forms(split) for split in ("development", "second", "third", "blind")}
     for (_, ours), (_, theirs) in itertools.combinations(splits.items(), 2):
         assert not set(ours) & set(theirs) and not {f.__name__ for f in ours} & {f.__name__ for f in theirs}
     for split, found in splits.items():
