@@ -685,7 +685,7 @@ class AbsorberUnderThePan(Effect):
 class FeedForwardNeck(Effect):
     """A neck that acts on the motion of the pelvis, which does not feel it: coupling without reciprocity: outside."""
 
-    kind, family, unit, strengths, sites = "outside", "outside", "force / k d at the pelvis's reach", (0.3, 1.2), (4, 5)
+    kind, family, unit, strengths, sites = "outside", "outside", "force / k d far out", (0.15, 0.70), (NECK, HEAD)
 
     def act(self, now: Moment, own: Floats) -> None:
         """F = e k d tanh(s_0 / d_0), of the joint of the pelvis."""
@@ -717,11 +717,11 @@ class CommunicatingJoints(Effect):
 class ArmsOnTheWheel(Effect):
     """Arms between the shoulders and a steering wheel that moves with the seat: outside."""
 
-    shoulder_hz: float = between(2.0, 4.0)
+    shoulder_hz: float = between(4.0, 8.0)
     wheel_hz: float = between(3.0, 6.0)
     damping_ratio: float = between(0.15, 0.4)
 
-    kind, family, unit, strengths, sites = "outside", "outside", "kg", (2.0, 7.0), (UPPER_TORSO,)
+    kind, family, unit, strengths, sites = "outside", "outside", "kg", (3.0, 9.0), (UPPER_TORSO,)
     states = 2
 
     def act(self, now: Moment, own: Floats) -> Floats:
@@ -740,7 +740,7 @@ class BracesInCurves(Effect):
     half_mps2: float = between(0.3, 1.0)
     follow_hz: float = between(0.8, 2.0)
 
-    kind, family, unit, strengths, sites = "outside", "outside", "stiffness in curves / k", (0.4, 1.6), (1, 2, 3, 4)
+    kind, family, unit, strengths, sites = "outside", "outside", "stiffness in curves / k", (0.3, 1.2), (*TORSO, NECK)
 
     def signals(self, event: Event, person: Person) -> Floats:
         """tanh(|a_y| / half_mps2), a_y the slow leftward acceleration, (n, 1)."""
