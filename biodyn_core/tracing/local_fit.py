@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -49,7 +49,8 @@ class LocalFit:
     simulation is unstable; nuisance_square: sum of squared nuisance parameters, in typical spreads; prior_scale: the
     most probable of `PRIOR_SCALES`; penalty: of theta and nuisance parameters, in twice the log evidence, at the prior
     scale of the model; residual_square (w,): by window of the events for choosing; intervals: 95 % of each parameter
-    of the effect; at_bound: those of them that end on a bound.
+    of the effect; at_bound: those of them that end on a bound; covariance (p, p): of the parameters on the real line,
+    (0, 0) without intervals.
     """
 
     subject: Subject
@@ -62,6 +63,7 @@ class LocalFit:
     residual_square: Floats
     intervals: tuple[tuple[float, float], ...] = ()
     at_bound: tuple[str, ...] = ()
+    covariance: Floats = field(default_factory=lambda: np.empty((0, 0)))
 
 
 def fit_locally(
@@ -92,10 +94,10 @@ def fit_locally(
     if not (residual_square.max() < RUNAWAY_MPS2**2 and np.isfinite(penalty)):
         return unstable
     applied = problem.applied(at.psi) if start else None
-    intervals = problem.intervals(at) if with_intervals else ()
+    covariance = problem.covariance(at) if with_intervals else np.empty((0, 0))
     return LocalFit(
         at.subject, applied, at.b, at.objective, problem.nuisance_square(at), prior_scale, penalty, residual_square,
-        intervals, problem.at_bound(at.psi),
+        problem.intervals(at, covariance), problem.at_bound(at.psi), covariance,
     )  # fmt: skip
 
 
@@ -201,14 +203,20 @@ class _Problem:
             found.append((square - 2.0 * float(right @ x) + float(x @ data @ x) + penalty, scale, penalty))
         return min(found)[1], next(penalty for _, scale, penalty in found if scale == self._nuisance.prior_scale)
 
-    def intervals(self, at: _Point) -> tuple[tuple[float, float], ...]:
-        """95 % intervals of the effect's parameters, all else fitted as well."""
+    def covariance(self, at: _Point) -> Floats:
+        """Covariance (p, p) of the effect's parameters on the real line, all else fitted as well."""
         if at.psi.size == 0:
-            return ()
+            return np.empty((0, 0))
         data, _ = self._system(at, self.by_psi(at))
         prior = np.diag(self._prior(self._nuisance.prior_scale, at.psi))
-        variance = np.diag(np.linalg.inv(data + prior))[len(self._normal) :]
-        half = 1.96 * np.sqrt(np.maximum(variance, 0.0))
+        own = slice(len(self._normal), None)
+        return np.asarray(np.linalg.inv(data + prior)[own, own])
+
+    def intervals(self, at: _Point, covariance: Floats) -> tuple[tuple[float, float], ...]:
+        """95 % intervals of the effect's parameters; () without their covariance."""
+        if covariance.size == 0:
+            return ()
+        half = 1.96 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
         low, high = (self._ranges.bounded(at.psi + sign * half) for sign in (-1.0, 1.0))
         return tuple(zip(low.tolist(), high.tolist(), strict=True))
 
