@@ -184,6 +184,11 @@ class RestoringForce:
     over_rate: ForceProfile
 
     @property
+    def unmeasured(self) -> bool:
+        """Whether the central torso, which has no sensor, is the segment or one end of the joint."""
+        return self.site == "central_torso" or (self.joint and self.site == "upper_torso")
+
+    @property
     def over_rate_first(self) -> bool:
         """Whether the rate explains the measured force better than the stretch."""
         return self.over_rate.explained > self.over_stretch.explained

@@ -30,7 +30,7 @@ STRETCHES: Final = 25
 RATES: Final = 13
 """Numbers of bins, of equal width from the smallest to the largest value."""
 
-LEAST_SAMPLES: Final = 5
+LEAST_SAMPLES: Final = 3
 """A bin with fewer samples has no mean."""
 
 DRAWS: Final = 40
@@ -190,13 +190,13 @@ def _profile(bins: _Bins, at: Floats, points: _Points, draws: Sequence[tuple[Flo
     """Means over one coordinate; draws: that coordinate and the law's force of the subject after, then of the drawn."""
     laws = np.array([bins.means(*draw) for draw in draws]) if draws else np.full((1, len(bins.centres)), np.nan)
     drawn = laws[1:] if len(laws) > 1 else laws
-    known = np.isfinite(drawn).sum(axis=0) > len(drawn) // 2
-    lower, upper = np.full((2, len(known)), np.nan)
-    if known.any():
-        lower[known], upper[known] = np.nanquantile(drawn[:, known], (0.025, 0.975), axis=0)
+    visited = np.isfinite(drawn).sum(axis=0) > len(drawn) // 2
+    lower, upper = np.full((2, len(visited)), np.nan)
+    if visited.any():
+        lower[visited], upper[visited] = np.nanquantile(drawn[:, visited], (0.025, 0.975), axis=0)
     number, measured = bins.numbers(at), bins.means(at, points.measured_n)
-    rest = np.where(np.isfinite(measured[number]), points.measured_n - measured[number], points.measured_n)
-    whole = float(np.var(points.measured_n))
+    known = np.isfinite(measured[number])
+    whole, rest = points.measured_n[known], (points.measured_n - measured[number])[known]
     return ForceProfile(
         at=bins.centres,
         samples=np.bincount(number, minlength=len(bins.centres)),
@@ -206,7 +206,7 @@ def _profile(bins: _Bins, at: Floats, points: _Points, draws: Sequence[tuple[Flo
         law_n=laws[0],
         lower_n=lower,
         upper_n=upper,
-        explained=max(0.0, 1.0 - float(np.var(rest)) / whole) if whole > 0.0 else 0.0,
+        explained=float(1.0 - np.var(rest) / np.var(whole)) if whole.size and np.var(whole) > 0.0 else 0.0,
     )
 
 
