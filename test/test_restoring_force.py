@@ -162,6 +162,24 @@ def test_nothing_is_missing_of_a_simulated_body_with_its_effect(effect: AppliedE
     assert np.std(left) < 0.02 * np.std(lacking)
 
 
+def test_the_joints_of_the_central_torso_share_one_missing_force() -> None:
+    """Its motion follows from its neighbours by the model: a law of joint 3 appears in joint 4 too, and below them."""
+    case, missing = cases()["cubic"][2], {}
+    for added in (False, True):
+        subject = with_effects(CUBIC) if added else TRUTH
+        chain = Chain.of(subject)
+        targets = [Target.of_joint(joint, chain) for joint in (1, 2, 3, 4)]
+        missing[added] = [
+            missing_force(chain, measured_motion(subject, case, one.high_pass_hz), one)[targets[0].used(case)]
+            for one in targets
+        ]
+    below, third, fourth, above = missing[False]
+    assert np.std(fourth - third) < 0.1 * np.std(third)
+    assert np.std(below) > np.std(third)
+    assert np.std(above) < 0.05 * np.std(third)
+    assert all(np.std(one) < 0.2 * np.std(third) for one in missing[True])
+
+
 def test_two_effects_at_one_place_add() -> None:
     both = applied("lift_off", "pelvis"), STOP
     case = hiding.events(3)[2]
