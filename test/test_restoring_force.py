@@ -16,7 +16,8 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.findings import RestoringForce
+from biodyn_core.tracing import results
+from biodyn_core.tracing.findings import RestoringForce, Surface
 from biodyn_core.tracing.inverse_dynamics import Target, measured_motion, missing_force, simulated_motion
 from biodyn_core.tracing.restoring_force import FittedEffect, restoring_force
 
@@ -31,6 +32,7 @@ LAWS = {
     HARNESS.effect.name: (HARNESS, lambda x: -25000.0 * np.maximum(x - 1e-3, 0.0)),
 }
 EVENTS = 3
+MOTIONS = ("displacement_m", "velocity_mps", "accel_mps2")
 
 
 def with_effects(*effects: AppliedEffect) -> Subject:
@@ -103,6 +105,34 @@ def test_the_band_contains_the_law_and_widens_with_it(name: str) -> None:
     if name != "cubic":  # at the end of its range a strength cannot be drawn larger
         size, width = np.abs(profile.law_n)[known], (profile.upper_n - profile.lower_n)[known]
         assert width[size.argmax()] > 0.1 * size.max() > width[size.argmin()]
+
+
+def test_without_a_covariance_there_is_a_law_and_no_band() -> None:
+    unknown = [FittedEffect(STOP, np.empty((0, 0)))]
+    target = Target.of(STOP, Chain.of(TRUTH))
+    one = restoring_force(target, TRUTH, with_effects(STOP), unknown, cases()["stop"], 0)
+    assert one is not None and np.isfinite(one.over_stretch.law_n).sum() > 10
+    assert np.isnan(one.over_stretch.lower_n).all() and np.isnan(one.over_stretch.upper_n).all()
+
+
+def test_without_an_effect_the_joint_of_the_surface_is_shown() -> None:
+    flat = Surface("pelvis", np.zeros(5), np.zeros(3), np.zeros((3, 5)), 0.5)
+    (one,) = results._restoring_forces(TRUTH, TRUTH, [], flat, cases()["stop"], 0)
+    assert (one.site, one.joint, one.effects) == ("pelvis", True, ())
+    deepest = one.over_stretch.before_n[np.isfinite(one.over_stretch.before_n)][0]
+    assert deepest == one.over_stretch.after_n[0] < -100.0
+    assert results._restoring_forces(TRUTH, TRUTH, [], None, cases()["stop"], 0) == ()
+
+
+def test_the_balance_holds_for_both_mass_matrices() -> None:
+    """And for no motion at all."""
+    body = dataclasses.replace(TRUTH, mass_matrix="cascade", effects=(STOP,))
+    chain, case = Chain.of(body), hiding.events(3)[2]
+    motion = simulated_motion(body, case)
+    for joint in range(6):
+        assert np.abs(missing_force(chain, motion, Target.of_joint(joint, chain))).max() < 1e-6
+    still = dataclasses.replace(motion, **{name: np.zeros_like(motion.accel_mps2) for name in MOTIONS})
+    assert not missing_force(chain, still, Target.of_joint(0, chain)).any()
 
 
 def test_the_surface_counts_every_sample_once() -> None:

@@ -45,10 +45,15 @@ INSIDE: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class FittedEffect:
-    """An effect of the subject after, with the covariance (p, p) of its parameters on the real line."""
+    """An effect of the subject after; covariance (p, p) of its parameters on the real line, (0, 0) if unknown."""
 
     applied: AppliedEffect
     covariance: Floats
+
+    @property
+    def can_be_drawn(self) -> bool:
+        """Whether the covariance is known."""
+        return bool(len(self.covariance) == len(self.applied.effect.parameters) and np.isfinite(self.covariance).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +161,10 @@ def _joined(parts: Sequence[_Points]) -> _Points:
 
 
 def _drawn(after: Subject, found: Sequence[FittedEffect], seed: int) -> Iterator[Subject]:
-    """The subject after, then with the parameters of its effects drawn."""
+    """The subject after, then with the parameters of its effects drawn, if their covariance is known."""
     yield after
     rng = np.random.default_rng(seed)
-    for _ in range(DRAWS):
+    for _ in range(DRAWS if all(one.can_be_drawn for one in found) else 0):
         yield _with(after, {_key(one.applied): _draw(one, rng) for one in found})
 
 
@@ -169,7 +174,9 @@ def _draw(one: FittedEffect, rng: np.random.Generator) -> AppliedEffect:
         return one.applied
     ranges, names = Ranges(parameters), [p.name for p in parameters]
     centre = ranges.unbounded(np.array([one.applied.values[name] for name in names]), INSIDE)
-    values = ranges.bounded(rng.multivariate_normal(centre, one.covariance)).tolist()
+    # An inverse may be asymmetric in its last digits.
+    drawn = rng.multivariate_normal(centre, one.covariance, method="eigh", check_valid="ignore")
+    values = ranges.bounded(drawn).tolist()
     return dataclasses.replace(one.applied, values=dict(zip(names, values, strict=True)))
 
 
@@ -189,7 +196,7 @@ def _law(target: Target, base: Subject, subject: Subject, cases: Sequence[Case])
 def _profile(bins: _Bins, at: Floats, points: _Points, draws: Sequence[tuple[Floats, Floats]]) -> ForceProfile:
     """Means over one coordinate; draws: that coordinate and the law's force of the subject after, then of the drawn."""
     laws = np.array([bins.means(*draw) for draw in draws]) if draws else np.full((1, len(bins.centres)), np.nan)
-    drawn = laws[1:] if len(laws) > 1 else laws
+    drawn = laws[1:]
     visited = np.isfinite(drawn).sum(axis=0) > len(drawn) // 2
     lower, upper = np.full((2, len(visited)), np.nan)
     if visited.any():
