@@ -77,6 +77,14 @@ def test_a_hidden_effect_is_named_with_site_and_size(change, law, name: str, sit
         assert interval.lower < value < interval.upper
     assert found.p_value is not None and found.p_value < 0.05
     assert any(name in line and site in line for line in found.reasons)
+    forces = found.restoring_forces
+    assert len(forces) == (effect.effect.place == "joint")  # a sensor has no force
+    for force in forces:
+        assert (force.site, [one.effect.name for one in force.effects]) == (site, [name])
+        assert force.missing_after_n < 0.3 * force.missing_before_n
+        profile = force.over_rate
+        outside = (profile.measured_n > profile.upper_n + 5.0) | (profile.measured_n < profile.lower_n - 5.0)
+        assert force.over_rate_first and np.isfinite(profile.lower_n).sum() > 8 and not outside.any()
 
 
 @pytest.mark.parametrize(

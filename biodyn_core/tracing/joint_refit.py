@@ -37,6 +37,10 @@ FIRST_EVALUATIONS: Final = 150
 EVALUATIONS: Final = 1500
 """The same from the best end."""
 
+THETA_SPREAD: Final = 0.5
+PSI_SPREAD: Final = 3.0
+"""Prior spreads of ln theta and of effect parameters on the real line in the covariance: they bound what is unknown."""
+
 HALVINGS: Final = 8
 """A start that is unstable is weakened so many times."""
 
@@ -66,6 +70,26 @@ def generalised(subject: Subject, cases: Sequence[Case]) -> Subject:
     if not subject.effects or not subject.effects[-1].effect.general_form:
         return subject
     return refit(subject, cases, general_starts(subject, cases)).subject
+
+
+def covariances(subject: Subject, cases: Sequence[Case], independent: float) -> list[Floats]:
+    """Covariance (p, p) of the parameters of each effect of a refitted subject on the real line, all else fitted too.
+
+    independent: the share of the samples that count as independent. The residual counts as noise.
+    """
+    problem = _Problem(subject, cases, FREE, "trusted", textbook=False)
+    share = np.clip(problem.shares(), INSIDE, 1.0 - INSIDE)
+    residuals, slopes = problem.linearised(problem.theta, share)
+    slopes[:, -share.size :] *= share * (1.0 - share)
+    samples = sum(int(case.compared.sum()) for case in cases)
+    variance = float(residuals @ residuals) / max(independent * samples, 1.0)
+    spread = np.concatenate([np.full(slopes.shape[1] - share.size, THETA_SPREAD), np.full(share.size, PSI_SPREAD)])
+    covariance: Floats = np.asarray(np.linalg.inv(slopes.T @ slopes / variance + np.diag(1.0 / spread**2)))
+    ends = np.cumsum([len(one.effect.parameters) for one in subject.effects]) + covariance.shape[0] - share.size
+    return [
+        covariance[end - len(one.effect.parameters) : end, end - len(one.effect.parameters) : end]
+        for end, one in zip(ends, subject.effects, strict=True)
+    ]
 
 
 def refit(
@@ -167,7 +191,7 @@ class _Problem:
         self._values = np.array([applied.values[p.name] for applied, p in self._parameters])
         # Chosen once, so that the objective is smooth.
         self._substeps: tuple[int, ...] | None = None
-        self._substeps = self._domain(self._shares()).substeps
+        self._substeps = self._domain(self.shares()).substeps
 
     @property
     def theta(self) -> Floats:
@@ -176,7 +200,7 @@ class _Problem:
 
     def objective(self) -> float:
         """The sum of squares at the subject's own values."""
-        residuals, _ = self.linearised(self.theta, self._shares())
+        residuals, _ = self.linearised(self.theta, self.shares())
         return float(residuals @ residuals) if np.isfinite(residuals).all() else PENALTY
 
     def start(self) -> Floats:
@@ -222,7 +246,8 @@ class _Problem:
         step = np.where(share < 0.5, STEP, -STEP)
         return weight * at, weight * (multiples(share + step) - at) / step
 
-    def _shares(self) -> Floats:
+    def shares(self) -> Floats:
+        """The effect parameters of the subject as shares of their ranges, (m,)."""
         return self._ranges.shares(self._values)
 
     def _domain(self, share: Floats) -> TimeDomain:
