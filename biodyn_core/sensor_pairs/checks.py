@@ -86,12 +86,9 @@ def check_sensor(
     rate_hz = min(stretches.highest_rate_hz, slowest_hz)
     learnt = [_spans(one, 1, stretches, settings) for one in good]
     spans = _spans(checked, stretches.stretches, stretches, settings)
-    if not spans or not any(learnt):
-        whose = "the checked recording has" if not spans else "the good recording has"
-        return _undecided(
-            f"{whose} no stretch of {settings.least_s:g} s with both sensors and without a gap of more than"
-            f" {stretches.longest_gap_s:g} s"
-        )
+    for whose, recorded, found in (("checked", checked, spans), *zip(["good"] * len(good), good, learnt, strict=True)):
+        if not found:
+            return _undecided(f"the {whose} recording: {_why_no_stretch(recorded, stretches, settings)}")
     uses_gyro = all(one.reference.gyro_radps is not None for one in everything)
     axis = int(np.argmax(np.abs(good[0].under_test.accel_mps2.mean(axis=0))))
     checks = []
@@ -106,12 +103,26 @@ def check_sensor(
 
 def _spans(recorded: Recorded, count: int, stretches: StretchSettings, settings: PairSettings) -> list[Span]:
     """The stretches of a recording: of the set length, or of the least one if no longer one exists."""
-    common_s = min(s.stamps_s[-1] for s in recorded) - max(s.stamps_s[0] for s in recorded)
+    common_s = _common_s(recorded)
     lengths_s = (min(stretches.stretch_s, common_s), settings.least_s)
     for length_s in (length_s for length_s in lengths_s if settings.least_s <= length_s <= common_s):
         if found := common_spans(*recorded, count, length_s, stretches):
             return found
     return []
+
+
+def _common_s(recorded: Recorded) -> float:
+    """The time that both streams share, negative where they do not overlap."""
+    return min(s.stamps_s[-1] for s in recorded) - max(s.stamps_s[0] for s in recorded)
+
+
+def _why_no_stretch(recorded: Recorded, stretches: StretchSettings, settings: PairSettings) -> str:
+    common_s = _common_s(recorded)
+    if common_s <= 0.0:
+        return "the stamps of both sensors do not overlap: their clocks differ; use --time log"
+    if common_s < settings.least_s:
+        return f"both sensors share {common_s:.1f} s, at least {settings.least_s:g} s are needed: use a longer one"
+    return f"every {settings.least_s:g} s have a gap of more than {stretches.longest_gap_s:g} s: see biodyn info"
 
 
 def _undecided(reason: str) -> SensorCheck:
