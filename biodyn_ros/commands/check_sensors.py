@@ -59,7 +59,7 @@ COMMAND = Command(
     line="checks sensors by others beside them",
     examples=(
         "biodyn check-sensors drive.mcap --good before.mcap",
-        "biodyn check-sensors drive.mcap --good-until 60 --pair head=neck",
+        "biodyn check-sensors drive.mcap --good before.mcap --pair head=neck neck=seat",
     ),
     add=_add,
     run=_run,
