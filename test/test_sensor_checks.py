@@ -15,7 +15,7 @@ from listed import assert_listed
 from numpy.typing import NDArray
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.sensor_pairs.checks import Recorded, check_sensor, combined
+from biodyn_core.sensor_pairs.checks import Finding, Recorded, SensorCheck, check_sensor, combined
 from biodyn_core.sensor_pairs.faults import PARAMETRIZATIONS, fit_fault, size_error
 from biodyn_core.sensor_pairs.pairs import PairCheck
 from biodyn_core.sensor_pairs.settings import PairSettings, StretchSettings
@@ -24,7 +24,10 @@ from biodyn_core.sensor_pairs.transfers import Stretch
 from biodyn_core.tracing.findings import Verdict
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.check_sensors.checking import CheckOptions, Report, SensorPair
 from biodyn_ros.check_sensors.evidence import NAMED, RECORDS, UNNAMED
+from biodyn_ros.check_sensors.records import RecordOptions
+from biodyn_ros.check_sensors.text import text_of
 from biodyn_ros.commands.cli import main
 
 Floats = NDArray[np.float64]
@@ -227,6 +230,18 @@ def test_the_evidence_equals_the_published_counts() -> None:
         counts = (below[k], between[k], above[k])
         assert (found.ratio_below_0_4, found.ratio_0_4_to_0_8, found.ratio_above_0_8) == counts
         assert (found.without_fault, found.records) == (nothing[k - 2], nothing[k - 2] + sum(counts))
+
+
+def test_a_sensor_between_two_opposite_faults_is_suspected() -> None:
+    reading = RecordOptions({}, "header", 600.0)
+    options = CheckOptions((), reading, StretchSettings(), PairSettings())
+    late, early, more = (Finding("effect", "", "clock", (), size) for size in (0.003, -0.003, 0.002))
+    gain = Finding("effect", "", "gain", (), -0.1)
+    for lower, upper, named in ((late, early, ("neck",)), (late, more, ()), (late, gain, ())):
+        pairs = (SensorPair("neck", "seat"), SensorCheck(lower)), (SensorPair("head", "neck"), SensorCheck(upper))
+        report = Report("a", ("b",), 1.0, pairs, (), options)
+        assert report.suspects == named
+        assert ("neck: its two pairs show opposite faults" in text_of(report)) == bool(named)
 
 
 # --- the command -----------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
@@ -15,6 +15,9 @@ from biodyn_core.sensor_pairs.settings import PairSettings, StretchSettings
 from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.check_sensors.records import Record, RecordOptions, present_sensors, read_record
 from biodyn_ros.reading.provenance import bag_sha256
+
+SIGNED: Final = ("clock", "drift", "gain")
+"""Faults whose opposite is a fault as well."""
 
 
 class SensorPair(NamedTuple):
@@ -46,6 +49,20 @@ class Report:
     results: tuple[tuple[SensorPair, SensorCheck], ...]
     notes: tuple[str, ...]
     options: CheckOptions
+
+    @property
+    def suspects(self) -> tuple[str, ...]:
+        """The sensors with a fault by their own reference, and the opposite fault as a reference of another sensor."""
+        as_tested = {pair.under_test: result.finding for pair, result in self.results}
+        as_reference = {pair.reference: result.finding for pair, result in self.results}
+        both = as_tested.keys() & as_reference.keys()
+        return tuple(name for name in as_tested if name in both and _opposite(as_tested[name], as_reference[name]))
+
+
+def _opposite(one: Finding, other: Finding) -> bool:
+    """Whether both findings may be the same signed fault with opposite signs."""
+    common = {one.name, *one.ambiguous_with} & {other.name, *other.ambiguous_with} & set(SIGNED)
+    return bool(common) and one.size * other.size < 0.0
 
 
 def parse_pairs(texts: Sequence[str]) -> tuple[SensorPair, ...]:

@@ -21,6 +21,7 @@ def check_document(report: Report) -> dict[str, Any]:
         "seconds": report.seconds,
         "seed": report.options.seed,
         "pairs": [_pair(pair, result) for pair, result in report.results],
+        "suspects": list(report.suspects),
         "warnings": list(report.notes),
         "version": __version__,
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from biodyn_core.base.wording import counted, number
@@ -39,12 +39,10 @@ RESULTS: Final[Mapping[Verdict, str]] = {
 }
 
 REMEDIES: Final[Mapping[Verdict, str]] = {
+    "none": "a fault that changes the channel by less than 0.8 of the background may be missed",
     "unexplained": "compare mounting, posture and load with the good recording, and record a good one again",
     "not_decidable": "use a recording with more motion or a reference nearer to the sensor",
 }
-
-VISIBLE_RATIO: Final = 0.8
-"""No record with a larger ratio of fault to background had the result "none"."""
 
 HEADS: Final = (
     "sensor", "by", "axis", "result", "size", "95 % interval", "", "background", "before", "after", "stretches",
@@ -75,10 +73,11 @@ def text_of(report: Report) -> str:
     )
     lines += table([heads, *(_row(pair, result) for pair, result in report.results)], left=(0, 1, 2, 3, 6))
     lines += ["", LEGEND]
-    for pair, result in report.results:
-        lines += _explained(pair, result)
+    lines += _explained(report)
+    for name in report.suspects:
+        lines += ["", f"{name}: its two pairs show opposite faults, which indicates {name} itself"]
     verdicts = dict.fromkeys("effect" if f.verdict in NAMING else f.verdict for f in _findings(report))
-    lines += ["", "how sure, one stretch each, by docs/tracing_runs.md:"]
+    lines += ["", "how sure, one stretch each (docs/check_sensors.md):"]
     lines += [f"  {_verdict_title(verdict)}: {sentence_of(verdict)}" for verdict in verdicts]
     return "\n".join([*lines, *(f"note: {line}" for line in report.notes)])
 
@@ -112,29 +111,37 @@ def _title(found: Finding) -> str:
     return " or ".join(FAULTS[name].title for name in (found.name, *found.ambiguous_with))
 
 
-def _explained(pair: SensorPair, result: SensorCheck) -> list[str]:
+def _explained(report: Report) -> list[str]:
+    """The reasons, remedies and differing stretches of all pairs, pairs with the same text together."""
+    pairs: dict[tuple[str, ...], list[str]] = {}
+    for pair, result in report.results:
+        pairs.setdefault(tuple(_explanation(pair, result, report.good)), []).append(
+            f"{pair.under_test} by {pair.reference}"
+        )
+    return [line for (first, *more), all_of in pairs.items() for line in ("", f"{', '.join(all_of)}: {first}", *more)]
+
+
+def _explanation(pair: SensorPair, result: SensorCheck, good: Sequence[str]) -> list[str]:
     """The reason and the remedy of a finding, and the stretches where they differ."""
     found = result.finding
-    lines = ["", f"{pair.under_test} by {pair.reference}: {found.reason}"]
-    if found.verdict == "none":
-        missed = number(VISIBLE_RATIO * found.background_percent)
-        lines.append(f"  a fault that changes the channel by less than {missed} % of its rms may be missed")
+    lines = [found.reason]
     if found.agreeing < found.decidable or len({one.found.name for one in result.checks}) > 1:
-        lines += [f"  {_stretch(one)}" for one in result.checks]
+        lines += [f"  {_stretch(one, good)}" for one in result.checks]
     if found.name:
         lines += [f"  {FAULTS[name].title}: {FAULTS[name].remedy}" for name in (found.name, *found.ambiguous_with)]
         if found.name != "saturation":
             lines.append(
                 f"  the opposite fault of {pair.reference} gives the same result: check both by a third sensor (--pair)"
             )
-    elif found.verdict in REMEDIES and found.decidable + len(result.checks) > 0:
+    elif result.checks:
         lines.append(f"  {REMEDIES[found.verdict]}")
     return lines
 
 
-def _stretch(one: StretchCheck) -> str:
+def _stretch(one: StretchCheck, good: Sequence[str]) -> str:
     found = one.found
-    where = f"{one.span.begin_s:.1f} to {one.span.end_s:.1f} s"
+    against = f", against {good[one.good]}" if len(good) > 1 else ""
+    where = f"{one.span.begin_s:.1f} to {one.span.end_s:.1f} s{against}"
     if not found.name:
         return f"{where}: {RESULTS[found.verdict]}, before {number(found.before_percent)} %"
     fault = FAULTS[found.name]
