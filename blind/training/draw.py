@@ -45,7 +45,7 @@ class TrainingSettings:
     absent: float = 0.8
     counts: tuple[tuple[int, int], ...] = ((2, 4), (2, 4), (2, 4))
     seconds: tuple[Range, ...] = ((8.0, 12.0), (5.0, 7.0), (5.0, 7.0))
-    noise: Range = (1.0, 4.0)
+    noise: Range = (1.0, 2.5)
     missing: float = 0.08
     uses: tuple[sitting.Use, ...] = ("fit", "held")
     recorded: bool = True

@@ -51,6 +51,6 @@ class Mechanism(SensorHooks):
     def act(self, now: Moment, own: Floats) -> Floats | None:
         """Add tensions to `now.joint_n` and forces from outside to `now.up_n`; return the rates (r, s) of own (r, s).
 
-        now has no person.
+        Both begin at 0. Of `now`, x, v, stretch, rate, base_mps2, signal and share are set.
         """
         return None

@@ -99,20 +99,6 @@ def _level(signals: Sequence[Floats], count: int) -> Floats:
     return out
 
 
-class _Clock:
-    """The times of a moment, for rows of events."""
-
-    def __init__(self, events: Sequence[Event]) -> None:
-        self.begin_s = np.array([event.begin_s for event in events])
-        self.whole_s = np.array([event.whole_s for event in events])
-
-    def set(self, now: Moment, half: int) -> None:
-        """Set them after so many half steps."""
-        since_s = 0.5 * half * STEP_S
-        now.time_s = self.begin_s + since_s
-        now.share, now.moving_s = now.time_s / self.whole_s, since_s - REST_S[0]
-
-
 class _Merged:
     """One kind of mechanism in all parties that have it, as one: its rows, and its states' place."""
 
@@ -124,21 +110,23 @@ class _Merged:
         self.shape = (len(events), self.mechanism.states)
         self.place = slice(begin, begin + self.shape[0] * self.shape[1])
         self.signals = _level([one.signals(event) for one, party, _ in members for event in party.events], halves)
-        self.clock = _Clock(events)
+        self.begin_s = np.array([event.begin_s for event in events])
+        self.whole_s = np.array([event.whole_s for event in events])
         self.now = Moment()
 
-    def act(self, half: int, seen: tuple[Floats, ...], joint: Floats, push: Floats, own: Floats) -> Floats | None:
-        """Add to the tensions of joints and the pushes on segments (rows, 6); the rates of the own states.
+    def act(self, half: int, seen: Floats, base: Floats, forces: Floats, own: Floats) -> Floats | None:
+        """Add tensions and pushes to forces (rows, 12); the rates of the own states.
 
-        seen: x, v, stretch, rate and base of all rows.
+        seen: x, v, stretch and rate (4, rows, 6).
         """
         now = self.now
-        now.x, now.v, now.stretch, now.rate, now.base_mps2 = (a[self.rows] for a in seen)
-        now.joint_n, now.up_n, now.signal = joint[self.rows], np.zeros((len(self.rows), 6)), self.signals[half]
-        self.clock.set(now, half)
+        now.x, now.v, now.stretch, now.rate = seen.take(self.rows, axis=1)
+        now.base_mps2, now.signal = base.take(self.rows), self.signals[half]
+        now.share = (self.begin_s + 0.5 * half * STEP_S) / self.whole_s
+        added = np.zeros((self.shape[0], 12))
+        now.joint_n, now.up_n = added[:, :6], added[:, 6:]
         rates = self.mechanism.act(now, own.reshape(self.shape))
-        joint[self.rows] = now.joint_n
-        push[self.rows] += now.up_n
+        forces[self.rows] += added
         return rates
 
 
@@ -157,7 +145,8 @@ class _Acting:
         self.effect, self.rows, self.shape = effect, rows, (count, effect.states)
         self.place = slice(begin, begin + count * effect.states)
         self.signals = _level([effect.signals(event, party.person) for event in party.events], halves)
-        self.clock = _Clock(party.events)
+        self.begin_s = np.array([event.begin_s for event in party.events])
+        self.whole_s = max(event.whole_s for event in party.events)
         self.now = Moment()
         self.now.person = party.person
         self.memory = np.zeros((2, halves // 2 + 2, *self.shape)) if effect.delay_s else None
@@ -166,7 +155,9 @@ class _Acting:
         """Take in what is known before the joints pull."""
         now = self.now
         now.x, now.v, now.base_mps2, now.signal = x[self.rows], v[self.rows], base[self.rows], self.signals[half]
-        self.clock.set(now, half)
+        since_s = 0.5 * half * STEP_S
+        now.time_s = self.begin_s + since_s
+        now.share, now.moving_s = now.time_s / self.whole_s, since_s - REST_S[0]
         if self.memory is not None:
             now.late = self._recalled(0.5 * half - self.effect.delay_s / STEP_S)
 
@@ -227,7 +218,8 @@ class _Flow:
         for members in _by_kind(parties, self.parts):
             self.merged.append(_Merged(members, self.size, len(self.base)))
             self.size = self.merged[-1].place.stop
-        self.stretch, self.rate, self.upward = (np.empty((self.rows, 6)) for _ in range(3))
+        self.upward, self.seen = np.empty((self.rows, 6)), np.empty((4, self.rows, 6))
+        self.stretch, self.rate = self.seen[2:]
 
     def slope(self, half: int, state: Floats, out: Floats) -> None:
         """The state's rate after so many half steps; leaves stretch, rate and upward acceleration behind."""
@@ -244,11 +236,13 @@ class _Flow:
                 stretch[one.rows, moved[0]] += moved[1]
                 rate[one.rows, moved[0]] += moved[2]
         joint = self._joints(stretch, rate)
-        push = self._behind(half, (x, v, stretch, rate, base), joint, state, out) if self.merged else None
+        behind = self._behind(half, x, v, base, state, out) if self.merged else None
+        if behind is not None:
+            joint += behind[:, :6]
         up = -joint
         up[:, :-1] += joint[:, 1:]
-        if push is not None:
-            up += push
+        if behind is not None:
+            up += behind[:, 6:]
         for one in self.acting:
             now = one.now
             now.stretch, now.rate, now.joint_n, now.up_n = (a[one.rows] for a in (stretch, rate, joint, up))
@@ -260,14 +254,14 @@ class _Flow:
         out[:middle] = state[middle : 2 * middle]
         np.subtract(self.upward, base[:, None], out=out[middle : 2 * middle].reshape(-1, 6))
 
-    def _behind(self, half: int, seen: tuple[Floats, ...], joint: Floats, state: Floats, out: Floats) -> Floats:
-        """Let the mechanisms act, all on the tensions of the joints as they are without them; the pushes (rows, 6)."""
-        push = np.zeros((self.rows, 6))
+    def _behind(self, half: int, x: Floats, v: Floats, base: Floats, state: Floats, out: Floats) -> Floats:
+        """Tensions of the joints and pushes on the segments (rows, 12) of the mechanisms."""
+        self.seen[0], self.seen[1], forces = x, v, np.zeros((self.rows, 12))
         for one in self.merged:
-            own = one.act(half, seen, joint, push, state[one.place])
+            own = one.act(half, self.seen, base, forces, state[one.place])
             if own is not None:
                 out[one.place] = own.ravel()
-        return push
+        return forces
 
     def _joints(self, stretch: Floats, rate: Floats) -> Floats:
         """Tension of the joints, (rows, 6)."""
