@@ -186,6 +186,21 @@ def test_bodies_moved_together_keep_their_own_mechanisms(no_rest: None) -> None:
             np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
+def test_drifted_stiffness_is_that_of_a_stiffer_person(no_rest: None) -> None:
+    who, drift = person(), made("drift", SCALES[1])
+    happens = dataclasses.replace(
+        shaken(0.2, 0.0), begin_s=8e5, whole_s=1e6
+    )  # of a sitting so long that it stands still
+    free = drift.slope * 0.6 + drift.wave * np.sin(1.6 * np.pi + drift.phase_rad)
+    factor = 1.0 + 0.5 * np.tanh(free / 0.5)
+    twin = dataclasses.replace(
+        who, stiffness_n_per_m=factor * who.stiffness_n_per_m, stiffening_per_m=who.stiffening_per_m / factor
+    )
+    found, expected = moved([Party(who, [happens], mechanisms=(drift,)), Party(twin, [happens])])
+    scale = np.abs(expected.accel_mps2[0]).max()
+    np.testing.assert_allclose(found.accel_mps2[0], expected.accel_mps2[0], atol=1e-5 * scale)
+
+
 # --- sensors ---------------------------------------------------------------------------------------------------------
 
 
