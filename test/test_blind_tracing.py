@@ -468,8 +468,8 @@ def test_measured_streams_have_the_marks_of_the_background_rows() -> None:
 def test_a_record_does_not_depend_on_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[Any, ...]] = []
 
-    def drawn(count: int, seed: int, *given: Any, first: int) -> list[tuple[int, int]]:
-        asked.append((count, *given))
+    def drawn(count: int, seed: int, *given: Any, first: int, kinds_behind: Sequence[str]) -> list[tuple[int, int]]:
+        asked.append((count, *given, kinds_behind))
         return [(seed, number) for number in range(first, first + count)]
 
     monkeypatch.setattr("blind.tracing.records.sittings_drawn", drawn)

@@ -1079,7 +1079,7 @@ def test_with_and_without_are_the_same_but_for_the_effect() -> None:
 
 
 def test_a_sitting_repeats_alone() -> None:
-    again, first = sitting._draft(1, 5, BRIEF, np.random.default_rng([5, 1])), sittings()[1]
+    again, first = sitting.draft_of(1, 5, BRIEF, np.random.default_rng([5, 1])), sittings()[1]
     np.testing.assert_array_equal(again.theta, first.theta)
     for one, other in zip(again.events, first.events, strict=True):
         np.testing.assert_array_equal(one.event.accel_mps2, other.event.accel_mps2)

@@ -7,4 +7,7 @@ reaches any by the name of its split, so that nobody has to open the module.
 
 `sitting.drawn(count, seed, split, ...)` draws people with something hidden in them and moves them; a sitting writes
 bags, gives the streams with and without what is hidden, and says the truth, which is in neither.
+
+`mixture` has the kinds of background: the paper's (`background`), and mechanisms in the body (`body_mechanisms`) and in
+the sensors (`sensor_mechanisms`).
 """
