@@ -208,7 +208,7 @@ def test_bending_of_the_independent_simulation_is_recovered_with_length_and_axis
         answer = predict(bent, recording.seat_mps2, recording.rate_hz, channels).accel_mps2[:, SEGMENTS.index(site)]
         return np.nan_to_num(answer[begin:] - measured)
 
-    parameters = CATALOGUE["bending"].parameters
+    parameters = CATALOGUE["bending"].textbook_parameters
     bounds = [p.lower for p in parameters], [p.upper for p in parameters]
     found = min(
         (optimize.least_squares(missed, (0.2, axis), bounds=bounds) for axis in parameters[1].grid),

@@ -163,7 +163,7 @@ def test_a_line_that_grows_with_the_motion_has_an_objection() -> None:
 
 def test_a_joint_that_stiffens_between_two_events_is_found() -> None:
     posture = assert_found(by_turns(stiffening()), "posture", JOINT, 0.5, 2.0)
-    assert posture.values == {"jump": pytest.approx(STIFFER, rel=0.15), "at_s": 0.0}
+    assert posture.stated_values == {"jump": pytest.approx(STIFFER, rel=0.15), "at_s": 0.0}
 
 
 def test_gains_are_small_without_a_hidden_cause() -> None:

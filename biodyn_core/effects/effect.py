@@ -338,12 +338,16 @@ class AppliedEffect:
         return bool(strengths) and all(abs(self.values[p.name]) <= p.least for p in strengths)
 
     @property
+    def stated_values(self) -> dict[str, float]:
+        """The values without those that are neutral."""
+        return {p.name: self.values[p.name] for p in self.effect.parameters if self.values[p.name] != p.neutral}
+
+    @property
     def textbook(self) -> AppliedEffect:
         """The same effect with the textbook form of its law."""
         kept = {p.name: self.values[p.name] for p in self.effect.textbook_parameters}
         return AppliedEffect(self.effect, self.site, kept)
 
     def to_dict(self) -> dict[str, Any]:
-        """The mapping of a subject file, without parameters at their neutral value."""
-        values = {p.name: self.values[p.name] for p in self.effect.parameters if self.values[p.name] != p.neutral}
-        return {"name": self.effect.name, "site": self.site, "parameters": values}
+        """The mapping of a subject file."""
+        return {"name": self.effect.name, "site": self.site, "parameters": self.stated_values}

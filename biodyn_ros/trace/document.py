@@ -154,7 +154,7 @@ def _site(applied: AppliedEffect) -> Document:
 def _effect(applied: AppliedEffect, intervals: Sequence[Interval]) -> Document:
     return _site(applied) | {
         "family": applied.effect.family,
-        "parameters": dict(applied.values),
+        "parameters": applied.stated_values,
         "intervals": {each.name: _interval(each) for each in intervals},
     }
 
@@ -162,7 +162,7 @@ def _effect(applied: AppliedEffect, intervals: Sequence[Interval]) -> Document:
 def _sensor(found: SensorFinding) -> Document:
     limit = LIMITS[found.fault.effect.name]
     return _site(found.fault) | {
-        "parameters": dict(found.fault.values),
+        "parameters": found.fault.stated_values,
         "size": limit.size(found.fault.values),
         "unit": limit.unit,
         "limit": limit.limit,
@@ -181,7 +181,7 @@ def _interval(interval: Interval) -> Document:
 
 def _candidate(candidate: RankedCandidate) -> Document:
     return _site(candidate.applied) | {
-        "parameters": dict(candidate.applied.values),
+        "parameters": candidate.applied.stated_values,
         "gain": finite(candidate.gain),
         "score": _score(candidate.p_value) if candidate.steady else None,
         "absorbed": finite(candidate.absorbed),

@@ -128,10 +128,11 @@ def short_name(one: RankedCandidate) -> str:
 
 
 def parameters_of(applied: AppliedEffect, intervals: Sequence[Interval] = ()) -> list[tuple[str, str]]:
-    """Each parameter of an effect as text: its name without unit, its value with interval and unit."""
+    """Each parameter that is not neutral as text: its name without unit, its value with interval and unit."""
     by_name = {each.name: each for each in intervals}
     shown = []
-    for parameter in applied.effect.parameters:
+    stated = applied.stated_values
+    for parameter in (one for one in applied.effect.parameters if one.name in stated):
         interval, value = by_name.get(parameter.name), number(applied.values[parameter.name])
         if interval is not None:
             value, lower, upper = with_interval(*map(finite, (interval.value, interval.lower, interval.upper)))
