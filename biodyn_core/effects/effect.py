@@ -144,12 +144,6 @@ class Effect:
     constant_part: bool = False
     sized_by_training: bool = False
 
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickle an effect of the catalogue by its name, so that every process has one object of it."""
-        from biodyn_core.effects import CATALOGUE  # late: it imports this module
-
-        return (_catalogued, (self.name,)) if CATALOGUE.get(self.name) is self else super().__reduce_ex__(protocol)
-
     @property
     def strengths(self) -> tuple[str, ...]:
         """Names of the parameters that are all 0 in the base chain; empty where presence alone is the effect."""
@@ -168,12 +162,6 @@ class Effect:
     def required_channels(self, site: str) -> tuple[str, ...]:
         """The channels it needs at a site, by their names in a recording."""
         return tuple(name.replace("own.", f"{site}.") for name in self.channels)
-
-
-def _catalogued(name: str) -> Effect:
-    from biodyn_core.effects import CATALOGUE
-
-    return CATALOGUE[name]
 
 
 @dataclass(frozen=True)
