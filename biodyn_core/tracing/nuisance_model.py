@@ -22,7 +22,12 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer, answers
-from biodyn_core.tracing.nuisance_parameters import NuisanceParameter, columns, nonlinear_force_n, nuisance_parameters
+from biodyn_core.tracing.nuisance_parameters import (
+    NuisanceParameter,
+    changes_by,
+    nonlinear_force_n,
+    nuisance_parameters,
+)
 from biodyn_core.tracing.rows import Products, Rows
 from biodyn_core.tracing.settings import NuisanceSettings
 
@@ -169,9 +174,10 @@ def _linearised(
     plain = answer(subject, case)
     rows = Rows(case, plain, s.weights, s.typical)
     slope = np.gradient(plain, 1.0 / case.rate_hz, axis=0)
-    seat = np.stack([s.typical.usual_gain * plain, -s.typical.usual_clock_s * slope], axis=2)
     theta = _by_theta(subject, case)
-    known = rows(np.concatenate([theta, columns(subject, case, plain, parameters), seat], axis=2))
+    seat = (s.typical.usual_gain * plain, -s.typical.usual_clock_s * slope)
+    changes = [*changes_by(subject, case, plain, parameters, rows.decimated), *map(rows.decimated, seat)]
+    known = rows.of_decimated(np.concatenate([rows.decimated(theta), np.stack(changes, axis=2)], axis=2))
     return rows, known, rows.residual(plain)
 
 

@@ -155,8 +155,8 @@ def _changed(nuisance: NuisanceModel, item: tuple[bool, int, Sequence[Candidate]
     residual = rows.residual(plain)
     own = np.empty((*residual.shape, len(candidates)))
     for i, one in enumerate(candidates):
-        change = answer(nuisance.subject, case, (one.start,), plain) - plain
-        own[:, :, i] = rows(change[:, :, None])[:, :, 0]
+        change = rows.decimated(answer(nuisance.subject, case, (one.start,), plain)) - rows.decimated(plain)
+        own[:, :, i] = rows.of_decimated(change[:, :, None])[:, :, 0]
     return _Changes(
         np.matmul(own.transpose(0, 2, 1), known),
         np.einsum("wrc,wrc->wc", own, own),
