@@ -74,7 +74,8 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_ros.trace.document import trace_document
     from biodyn_ros.trace.text import text_of
     from biodyn_ros.trace.tracing import trace_bags, write_traced
-    from biodyn_ros.work.executor_map import parallel_map_of
+    from biodyn_ros.work.executor_map import parallel_map
+    from biodyn_ros.work.executors import executor_of
     from biodyn_ros.work.part_store import PartStore
 
     directory, how = Path(options.output), how_of(options)
@@ -84,7 +85,7 @@ def _run(options: argparse.Namespace) -> None:
     subject, given_yaml = load_subject(given, UNFITTED), given.read_text(encoding="utf-8")
     kept = PartStore(_kept_beside(directory), options.fresh)
     try:
-        with parallel_map_of(options.executor) as parallel:
+        with executor_of(options.executor) as executor, parallel_map(executor) as parallel:
             traced = trace_bags(options.bag, subject, how, kept, lambda line: print(line, file=sys.stderr), parallel)
     except KeyboardInterrupt:
         if kept:

@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from biodyn_core.base.parallel import Item, ParallelMap, Result, Shared, serial_map
-from biodyn_ros.work.executors import Cluster, Processes, executor_of, result_of
+from biodyn_ros.work.executors import Cluster, Processes, result_of
 
 KEPT: Final = 2
 """Shared values that workers keep: a trace alternates between two."""
 
 
 @contextmanager
-def parallel_map_of(text: str) -> Iterator[ParallelMap]:
-    """The parallel map of an executor given as text; raises InputError as `executor_of`."""
-    with executor_of(text) as executor, tempfile.TemporaryDirectory(prefix="biodyn-") as folder:
+def parallel_map(executor: Executor | None) -> Iterator[ParallelMap]:
+    """The parallel map of an executor; an InputError names the stage of a worker that dies."""
+    with tempfile.TemporaryDirectory(prefix="biodyn-") as folder:
         yield serial_map if executor is None else _ExecutorMap(executor, Path(folder))
 
 
