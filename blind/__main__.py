@@ -1,4 +1,4 @@
-"""`python -m blind [recovery | tracing ...]`: one of the blind studies, or both; exit code 1 if a mark is missed."""
+"""`python -m blind [recovery | tracing ... | laws ...]`: a study, or both blind ones; exit code 1 for a missed mark."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from blind.recovery import __main__ as recovery
 from blind.tracing import __main__ as tracing
+from blind.tracing import laws
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -18,8 +19,11 @@ def main(arguments: Sequence[str]) -> int:
         return recovery.main()
     if name == "tracing":
         return tracing.main(rest)
+    if name == "laws":
+        return laws.main(rest)
     print(
-        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and tracing with its options", file=sys.stderr
+        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and tracing and laws with their options",
+        file=sys.stderr,
     )
     return 2
 

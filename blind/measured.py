@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from world import measured, seats
 
-from blind import pairs, transfers
+from biodyn_core.sensor_pairs import pairs, transfers
+from biodyn_core.sensor_pairs.settings import PairSettings
 
 Floats = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ class WithoutFault:
 
     name: str
     still_percent: float
-    found: pairs.PairTrace
+    found: pairs.PairCheck
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class CheckedRecord:
     """One record: the check, the hidden fault, and the ratio of its change to the background."""
 
     name: str
-    found: pairs.PairTrace
+    found: pairs.PairCheck
     fault: str
     size: float
     ratio: float
@@ -72,7 +73,7 @@ def without_fault() -> list[WithoutFault]:
         length = min(round(PIECE_S * pair.rate_hz), len(pair.reference) // 2)
         middle = len(pair.reference) // 2
         earlier, later = (measured.cut(pair, begin, begin + length) for begin in (middle - length, middle))
-        found.append(WithoutFault(pair.name, _still(later), pairs.trace(_pair(later), _pair(earlier))))
+        found.append(WithoutFault(pair.name, _still(later), pairs.check(_pair(later), _pair(earlier))))
     return found
 
 
@@ -80,7 +81,7 @@ def _still(pair: measured.Pair) -> float:
     """Difference in band to the reference's nearest axis, percent."""
     if not pair.turns:
         return float("nan")
-    s = pairs.PairSettings()
+    s = PairSettings()
     band = (pair.rate_hz, s.lowest_hz, s.highest_share * pair.rate_hz)
     output = transfers.in_band(pair.under_test[:, 2], *band)
     apart = output[:, None] - transfers.in_band(pair.reference, *band)
@@ -94,7 +95,7 @@ def run(
     records, truths = measured.records(count, seed)
     answers = []
     for number, record in enumerate(records):
-        answers.append(pairs.trace(_pair(record.later), _pair(record.earlier), seed=number))
+        answers.append(pairs.check(_pair(record.later), _pair(record.earlier), seed=number))
         report(f"record {number + 1} of {count}")
     # The truths are used only after this line.
     return [
@@ -108,7 +109,7 @@ def _ratio(record: measured.Record, truth: measured.Truth) -> float:
 
     The transfer comes from the earlier stretch, so no refit can compensate the change.
     """
-    s, later = pairs.PairSettings(), _pair(record.later)
+    s, later = PairSettings(), _pair(record.later)
     clean = pairs.Pair(later.rate_hz, later.reference, truth.clean_mps2)
     left = pairs.residual(clean, _pair(record.earlier), s)
     band = (later.rate_hz, s.lowest_hz, s.highest_share * later.rate_hz)
@@ -161,7 +162,7 @@ def table(records: Sequence[CheckedRecord]) -> list[str]:
     ]
 
 
-def _line(f: pairs.PairTrace) -> str:
+def _line(f: pairs.PairCheck) -> str:
     """One check as a line."""
     best = max((f.gains or {"": 0.0}).values())
     return (

@@ -16,7 +16,8 @@ SLOW: Final = (
 
 SHARED: Final = (
     "test_data_checks", "test_diagnose", "test_effects", "test_joint_refit", "test_local_fit",
-    "test_nuisance_parameters", "test_preliminary_fit", "test_screen", "test_surface", "test_trace", "test_unsteady",
+    "test_nuisance_parameters", "test_preliminary_fit", "test_restoring_force", "test_screen", "test_surface",
+    "test_trace", "test_unsteady",
 )  # fmt: skip
 """Files whose tests use the simulated events of hiding.py: one worker runs them all and simulates these once."""
 

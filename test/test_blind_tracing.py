@@ -468,8 +468,8 @@ def test_measured_streams_have_the_marks_of_the_background_rows() -> None:
 def test_a_record_does_not_depend_on_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[Any, ...]] = []
 
-    def drawn(count: int, seed: int, *given: Any, first: int) -> list[tuple[int, int]]:
-        asked.append((count, *given))
+    def drawn(count: int, seed: int, *given: Any, first: int, kinds_behind: Sequence[str]) -> list[tuple[int, int]]:
+        asked.append((count, *given, kinds_behind))
         return [(seed, number) for number in range(first, first + count)]
 
     monkeypatch.setattr("blind.tracing.records.sittings_drawn", drawn)
@@ -525,7 +525,8 @@ def test_unreadable_events_are_reported(short_sitting: Sitting) -> None:
 
 def test_scored_forms_are_not_named_in_the_package() -> None:
     root = Path(blind.__file__).parent
-    assert not [path for path in root.rglob("*.py") if "blind_forms" in path.read_text(encoding="utf-8")]
+    texts = [path.read_text(encoding="utf-8") for path in root.rglob("*.py")]
+    assert not [text for text in texts if "blind_forms" in text or "third_forms" in text]
 
 
 def answered_but_one(drawing: Drawing, numbers: list[int]) -> list[int]:

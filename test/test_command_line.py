@@ -129,6 +129,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A directory with the files that the examples name."""
     at = tmp_path_factory.mktemp("examples")
     write_bag(at / "drive.mcap")
+    write_bag(at / "before.mcap", seed=6)
     for name in ("road", "road_2", "pothole", "rail", "rail_2"):
         (at / f"{name}.mcap").symlink_to(at / "drive.mcap")
     for name in ("anna", "anna_fitted"):
@@ -145,10 +146,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return at
 
 
-def write_bag(path: Path) -> None:
+def write_bag(path: Path, seed: int = 5) -> None:
     """The noisy streams on their topics, the seat on one that has to be mapped too."""
     with BagWriter(path) as writer:
-        for stream in noisy_streams():
+        for stream in noisy_streams(seed=seed):
             payload = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "imu")
             for topic in (topics.INPUT[stream.sensor], *(["/car/floor/imu"] if stream.sensor == SEAT else [])):
                 writer.add_topic(topic, IMU_TYPE)

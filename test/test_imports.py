@@ -25,6 +25,7 @@ ROOMS = (
     "validation",
     "identification",
     "tracing",
+    "sensor_pairs",
 )
 """The packages of biodyn_core in the order of their imports: a module imports from its own package and those before."""
 

@@ -8,10 +8,10 @@ import pytest
 from hiding import applied
 
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import AppliedEffect
+from biodyn_core.effects import CATALOGUE, AppliedEffect, Ranges
 from biodyn_core.identification.problem import errors
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.joint_refit import jointly_refitted
+from biodyn_core.tracing.joint_refit import covariances, generalised, jointly_refitted, refit
 
 SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
 
@@ -88,3 +88,38 @@ def test_without_effects_it_fits_theta_from_its_start() -> None:
 def test_values_stay_in_their_ranges_for_a_truth_outside() -> None:
     found = jointly_refitted(fitted(hiding.far_louder, hiding.plain, applied("gain", "neck")), cases(hiding.far_louder))
     assert 0.29 < found.effects[0].values["gain"] <= 0.3
+
+
+def test_the_covariance_is_of_each_effect_and_shrinks_with_more_data() -> None:
+    start = fitted(louder_neck_and_later_head, hiding.plain, applied("gain", "neck"), applied("clock", "head"))
+    found = jointly_refitted(start, cases(louder_neck_and_later_head))
+    few, many = (covariances(found, cases(louder_neck_and_later_head), independent) for independent in (1e-3, 1e-1))
+    assert [one.shape for one in few] == [(1, 1), (2, 2)]
+    for wide, narrow in zip(few, many, strict=True):
+        np.testing.assert_allclose(wide, wide.T, rtol=1e-9)
+        assert (np.linalg.eigvalsh(wide) > 0.0).all() and np.trace(narrow) < 0.1 * np.trace(wide)
+    # The gain of 0.1 on the real line of its range, one standard deviation to either side.
+    ranges = Ranges(CATALOGUE["gain"].parameters)
+    at = ranges.unbounded(np.array([found.effects[0].values["gain"]]), 1e-6)
+    low, high = (ranges.bounded(at + 3.0 * side * np.sqrt(many[0][0, 0]))[0] for side in (-1.0, 1.0))
+    assert low < 0.1 < high and high - low < 0.05
+
+
+def test_a_general_form_comes_nearer_to_a_law_that_the_textbook_form_is_not() -> None:
+    """A joint that is stiffer on one side alone is no quadratic law."""
+    start = fitted(hiding.nothing, hiding.one_sided, applied("asymmetry", "pelvis"))
+    textbook = jointly_refitted(start, cases(law=hiding.one_sided))
+    general = generalised(textbook, cases(law=hiding.one_sided))
+    assert textbook.effects == (textbook.effects[0].textbook,) and general.effects[0].values["exponent"] != 0.0
+    alone, both = (error_percent(one, hiding.nothing, hiding.one_sided) for one in (textbook, general))
+    assert both < 0.9 * alone
+    gain = dataclasses.replace(textbook, effects=(applied("gain", "neck"),))
+    assert generalised(gain, cases()) is gain  # it has no general form
+
+
+def test_a_start_that_is_unstable_is_weakened_and_a_refit_is_never_worse_than_the_subject() -> None:
+    base = hiding.fitted(hiding.louder, hiding.plain)
+    wild = dataclasses.replace(base, effects=(applied("asymmetry", "head", asymmetry_per_m=200.0),))
+    found = refit(base, cases(hiding.louder), [wild], textbook=True)
+    assert found.objective <= refit(base, cases(hiding.louder), [base]).objective * (1.0 + 1e-6)
+    assert np.isfinite(error_percent(found.subject, hiding.louder, hiding.plain))

@@ -48,7 +48,7 @@ def test_theta_and_a_hidden_effect_are_recovered_together(
         assert found.applied.values[parameter] == pytest.approx(value, rel=0.08)
     assert found.subject.effects == (found.applied,)
     assert_theta_is_true(found, 0.02)
-    assert found.at_bound == () and len(found.intervals) == len(found.applied.effect.parameters)
+    assert found.at_bound == () and len(found.intervals) == len(found.applied.effect.textbook_parameters)
     assert found.objective < 0.7 * without(change, law).objective
     assert found.residual_square.sum() < less * without(change, law).residual_square.sum()
 
@@ -102,10 +102,9 @@ def test_parameters_on_a_bound_are_named() -> None:
 
 
 def test_an_unstable_start_has_an_infinite_objective() -> None:
-    (parameter,) = CATALOGUE["cubic"].parameters
-    softer = dataclasses.replace(
-        CATALOGUE["cubic"], parameters=(dataclasses.replace(parameter, lower=-1e12, upper=-1e9, start=-1e10),)
-    )
+    parameter, *general = CATALOGUE["cubic"].parameters
+    changed = dataclasses.replace(parameter, lower=-1e12, upper=-1e9, start=-1e10)
+    softer = dataclasses.replace(CATALOGUE["cubic"], parameters=(changed, *general))
     start = AppliedEffect(softer, "pelvis", {parameter.name: -1e10})
     nuisance = hiding.nuisance(hiding.louder)
     found = fit_locally(nuisance, start)
@@ -116,10 +115,9 @@ def test_an_unstable_start_has_an_infinite_objective() -> None:
 
 def test_derivatives_near_instability_use_the_stable_side() -> None:
     """A slightly larger value is unstable; the gain is finite, and the fit returns to small values."""
-    (parameter,) = CATALOGUE["asymmetry"].parameters
-    wider = dataclasses.replace(
-        CATALOGUE["asymmetry"], parameters=(dataclasses.replace(parameter, lower=-20_000.0, upper=20_000.0),)
-    )
+    parameter, *general = CATALOGUE["asymmetry"].parameters
+    changed = dataclasses.replace(parameter, lower=-20_000.0, upper=20_000.0)
+    wider = dataclasses.replace(CATALOGUE["asymmetry"], parameters=(changed, *general))
     nuisance = hiding.nuisance(hiding.louder)
 
     def at(value: float) -> AppliedEffect:

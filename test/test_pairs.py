@@ -1,4 +1,4 @@
-"""Tracing two channels of one structure: own faults on coloured noise, answers known."""
+"""Check of two channels of one structure: own faults on coloured noise, answers known."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import interpolate, signal
 
 from biodyn_core.base.errors import InputError
-from blind import pairs
+from biodyn_core.sensor_pairs import pairs
 
 Floats = NDArray[np.float64]
 
@@ -49,17 +49,17 @@ def late(values: Floats, late_s: Floats | float) -> Floats:
     return interpolate.CubicSpline(time_s, values)(np.clip(time_s - late_s, 0.0, time_s[-1]))
 
 
-def traced(seed: int, change: Callable[[pairs.Pair], Floats], keep_own: bool = True) -> pairs.PairTrace:
-    """The trace of a later stretch whose channel under test a function has changed."""
+def checked(seed: int, change: Callable[[pairs.Pair], Floats], keep_own: bool = True) -> pairs.PairCheck:
+    """The check of a later stretch whose channel under test a function has changed."""
     earlier, later = two_stretches(seed)
     own = later.own if keep_own else None
     before = earlier if keep_own else dataclasses.replace(earlier, own=None)
     changed = dataclasses.replace(later, under_test=change(later), own=own)
-    return pairs.trace(changed, before, seed=seed)
+    return pairs.check(changed, before, seed=seed)
 
 
 def test_nothing_is_found_without_a_fault() -> None:
-    found = [traced(seed, lambda pair: pair.under_test) for seed in range(8)]
+    found = [checked(seed, lambda pair: pair.under_test) for seed in range(8)]
     assert [one.verdict for one in found].count("none") >= 7
     for one in found:
         assert one.before_percent == one.after_percent
@@ -69,7 +69,7 @@ def test_nothing_is_found_without_a_fault() -> None:
 
 @pytest.mark.parametrize("gain", [-0.08, 0.06])
 def test_the_size_of_a_gain_is_within_a_few_percent(gain: float) -> None:
-    found = traced(1, lambda pair: (1.0 + gain) * pair.under_test)
+    found = checked(1, lambda pair: (1.0 + gain) * pair.under_test)
     assert (found.verdict, found.name, found.unit) == ("effect", "gain", "")
     assert found.size == pytest.approx(gain, abs=0.006)
     assert found.after_percent < found.before_percent
@@ -78,14 +78,14 @@ def test_the_size_of_a_gain_is_within_a_few_percent(gain: float) -> None:
 
 @pytest.mark.parametrize("late_s", [-0.004, 0.0015])
 def test_a_clock_is_found_to_a_fifth_of_a_millisecond(late_s: float) -> None:
-    found = traced(2, lambda pair: late(pair.under_test, late_s))
+    found = checked(2, lambda pair: late(pair.under_test, late_s))
     assert found.name == "clock"
     assert set(found.ambiguous_with) <= {"skin"}  # a stiff skin is a delay
     assert found.size == pytest.approx(late_s, abs=0.0002)
 
 
 def test_a_drift_is_distinguished_from_a_clock_offset() -> None:
-    found = traced(3, lambda pair: late(pair.under_test, 2.5e-4 * np.arange(pair.under_test.size) / RATE_HZ))
+    found = checked(3, lambda pair: late(pair.under_test, 2.5e-4 * np.arange(pair.under_test.size) / RATE_HZ))
     assert (found.name, found.unit) == ("drift", "s/s")
     assert found.size == pytest.approx(2.5e-4, abs=3e-5)
 
@@ -95,10 +95,10 @@ def test_a_tilt_is_found_with_the_other_axes_of_the_sensor() -> None:
         assert pair.own is not None
         return pair.under_test * np.cos(0.12) + np.sin(0.12) * pair.own[:, 0]
 
-    found = traced(4, lean)
+    found = checked(4, lean)
     assert (found.verdict, found.name, found.unit) == ("effect", "tilt", "rad")
     assert found.size == pytest.approx(0.12, abs=0.02)
-    without = traced(4, lean, keep_own=False)
+    without = checked(4, lean, keep_own=False)
     assert without.name != "tilt"
     assert "tilt" not in (without.gains or {})
 
@@ -109,13 +109,13 @@ def test_a_first_order_skin_is_found_by_the_overdamped_one(pole_hz: float) -> No
         b, a = signal.bilinear([1.0], [1.0 / (2.0 * np.pi * pole_hz), 1.0], RATE_HZ)
         return np.asarray(signal.lfilter(b, a, pair.under_test - 9.81)) + 9.81
 
-    found = traced(5, soft)
+    found = checked(5, soft)
     assert (found.name, found.unit) == ("skin", "s")
     assert found.size == pytest.approx(1.0 / (2.0 * np.pi * pole_hz), rel=0.15)
 
 
 def test_clipping_is_found_in_raw_samples_and_masked() -> None:
-    found = traced(6, lambda pair: np.clip(pair.under_test, -14.0, 14.0))
+    found = checked(6, lambda pair: np.clip(pair.under_test, -14.0, 14.0))
     assert (found.verdict, found.name, found.size, found.unit) == ("effect", "saturation", 14.0, "m/s^2")
     assert found.after_percent < 0.5 * found.before_percent
 
@@ -132,11 +132,11 @@ def test_only_a_limit_reached_often_is_clipping() -> None:
 
 def test_without_an_earlier_stretch_only_a_drift_is_found() -> None:
     _, later = two_stretches(7)
-    scaled = pairs.trace(dataclasses.replace(later, under_test=1.1 * later.under_test))
+    scaled = pairs.check(dataclasses.replace(later, under_test=1.1 * later.under_test))
     assert scaled.verdict == "not_decidable"
     assert "are part of the transfer" in scaled.reason
     drifting = late(later.under_test, 4e-4 * np.arange(later.under_test.size) / RATE_HZ)
-    found = pairs.trace(dataclasses.replace(later, under_test=drifting))
+    found = pairs.check(dataclasses.replace(later, under_test=drifting))
     assert (found.verdict, found.name) == ("ambiguous", "drift")
     assert found.size == pytest.approx(4e-4, abs=8e-5)
 
@@ -145,18 +145,18 @@ def test_a_changed_structure_is_unexplained_and_an_unrelated_one_not_decidable()
     earlier, later = two_stretches(8)
     rng = np.random.default_rng(8)
     other = coloured(later.under_test.size, rng)[:, 0]
-    found = pairs.trace(dataclasses.replace(later, under_test=later.under_test + 0.4 * other), earlier)
+    found = pairs.check(dataclasses.replace(later, under_test=later.under_test + 0.4 * other), earlier)
     assert (found.verdict, found.name) == ("unexplained", "")
     strange = dataclasses.replace(earlier, under_test=coloured(earlier.under_test.size, rng)[:, 0])
-    assert pairs.trace(later, strange).verdict == "not_decidable"
+    assert pairs.check(later, strange).verdict == "not_decidable"
 
 
 def test_short_stretches_are_not_decidable_and_other_channels_are_refused() -> None:
     earlier, later = two_stretches(9)
     short = pairs.Pair(RATE_HZ, later.reference[:500], later.under_test[:500])
-    assert pairs.trace(short, earlier).verdict == "not_decidable"
+    assert pairs.check(short, earlier).verdict == "not_decidable"
     with pytest.raises(InputError, match="another rate"):
-        pairs.trace(later, dataclasses.replace(earlier, rate_hz=500.0))
+        pairs.check(later, dataclasses.replace(earlier, rate_hz=500.0))
     with pytest.raises(InputError, match="differ in length"):
         pairs.Pair(RATE_HZ, later.reference[:-1], later.under_test)
     with pytest.raises(InputError, match="not finite"):
@@ -165,16 +165,16 @@ def test_short_stretches_are_not_decidable_and_other_channels_are_refused() -> N
 
 def test_a_dead_or_saturated_channel_is_not_explained() -> None:
     earlier, later = two_stretches(10)
-    dead = pairs.trace(dataclasses.replace(later, under_test=np.full_like(later.under_test, 9.81)), earlier)
+    dead = pairs.check(dataclasses.replace(later, under_test=np.full_like(later.under_test, 9.81)), earlier)
     assert (dead.verdict, dead.name) == ("unexplained", "")
-    flat = pairs.trace(dataclasses.replace(later, under_test=np.clip(later.under_test, 9.7, 9.9)), earlier)
+    flat = pairs.check(dataclasses.replace(later, under_test=np.clip(later.under_test, 9.7, 9.9)), earlier)
     assert (flat.verdict, flat.name) == ("effect", "saturation")
     assert np.isnan(flat.after_percent)
     short = dataclasses.replace(later, under_test=np.clip(later.under_test, None, 12.0))
     short = pairs.Pair(RATE_HZ, short.reference[:250], short.under_test[:250])
-    assert pairs.trace(short, earlier).name == "saturation"
+    assert pairs.check(short, earlier).name == "saturation"
 
 
 def test_the_verdict_repeats() -> None:
-    one, other = (traced(1, lambda pair: 1.06 * pair.under_test) for _ in range(2))
+    one, other = (checked(1, lambda pair: 1.06 * pair.under_test) for _ in range(2))
     assert dataclasses.asdict(one) == dataclasses.asdict(other)

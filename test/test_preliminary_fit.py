@@ -18,7 +18,9 @@ LEAST_FIT = PreliminarySettings().least_fit
 
 
 def tried() -> list[Candidate]:
-    return [one for one in all_candidates(hiding.events(6))[0] if one.start.effect.name in ("gain", "lift_off")]
+    return [
+        one for one in all_candidates(hiding.TRUTH, hiding.events(6)) if one.start.effect.name in ("gain", "lift_off")
+    ]
 
 
 @cache

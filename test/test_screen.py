@@ -9,17 +9,20 @@ import pytest
 from hiding import applied
 from scipy import signal
 
+from biodyn_core.base.segments import SEGMENTS
+from biodyn_core.body.model import predict
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.candidate import Candidate
 from biodyn_core.tracing.nuisance_model import EventSet, NuisanceModel
+from biodyn_core.tracing.reach import Reach
 from biodyn_core.tracing.rows import Rows
-from biodyn_core.tracing.screen import Screening, all_candidates, mean_log_ratio, screen
+from biodyn_core.tracing.screen import Screening, all_candidates, mean_log_ratio, screen, starts, untestable
 
 FEW = ("gain", "clock", "skin", "asymmetry", "quadratic_damping", "relaxation", "friction")
 
 
 def of_names(names: tuple[str, ...]) -> list[Candidate]:
-    return [one for one in all_candidates(hiding.events(6))[0] if one.start.effect.name in names]
+    return [one for one in all_candidates(hiding.TRUTH, hiding.events(6)) if one.start.effect.name in names]
 
 
 @cache
@@ -89,8 +92,9 @@ def test_theta_absorbs_a_mass_and_not_a_sensor_gain() -> None:
 
 
 def test_an_unstable_candidate_has_no_gain_and_does_not_change_others() -> None:
-    (parameter,) = CATALOGUE["cubic"].parameters
-    softer = dataclasses.replace(CATALOGUE["cubic"], parameters=(dataclasses.replace(parameter, lower=-1e12),))
+    parameter, *general = CATALOGUE["cubic"].parameters
+    changed = dataclasses.replace(parameter, lower=-1e12)
+    softer = dataclasses.replace(CATALOGUE["cubic"], parameters=(changed, *general))
     values = {parameter.name: -1e10}
     wild = Candidate(dataclasses.replace(applied("cubic", "pelvis"), effect=softer, values=values), parameter.name)
     gain = Candidate(applied("gain", "neck"), "gain")
@@ -147,17 +151,17 @@ def test_the_mean_log_ratio_averages_windows_then_events() -> None:
 
 def test_untestable_effects_are_listed() -> None:
     made = hiding.events(6)
-    tried, untestable = all_candidates(made)
-    assert {name.split(" at ")[0] for name in untestable} == {"bending", "cross_axis", "pitch", "tilt"}
+    tried = all_candidates(hiding.TRUTH, made)
+    assert {name.split(" at ")[0] for name in untestable(made)} == {"bending", "cross_axis", "pitch", "tilt"}
     assert not {one.start.effect.name for one in tried} & {"bending", "cross_axis", "pitch", "tilt"}
     names = ["seat.x", "seat.y", "seat.rate_x", "seat.rate_y", "head.x", "head.y"]
     names += [f"{upper}.bend_rate_{axis}" for upper in ("neck", "head") for axis in "xy"]
     full = [dataclasses.replace(case, channels=dict.fromkeys(names, case.seat_mps2)) for case in made]
-    tried, untestable = all_candidates(full)
-    assert {name.split(" at ")[0] for name in untestable} == {"tilt"}
+    tried = all_candidates(hiding.TRUTH, full)
+    assert {name.split(" at ")[0] for name in untestable(full)} == {"tilt"}
     assert ("tilt", "head", "lean_x") in {(*one.key, one.strength) for one in tried}
     # A channel has to be in every event.
-    assert {name.split(" at ")[0] for name in all_candidates([*full, made[0]])[1]} == {
+    assert {name.split(" at ")[0] for name in untestable([*full, made[0]])} == {
         "bending", "cross_axis", "pitch", "tilt",
     }  # fmt: skip
 
@@ -165,6 +169,19 @@ def test_untestable_effects_are_listed() -> None:
 def test_a_present_effect_is_no_candidate() -> None:
     made = hiding.events(6)
     there = applied("stop", "pelvis")
-    every, left = ([one.key for one in all_candidates(made, has)[0]] for has in ((), [there]))
+    subjects = [dataclasses.replace(hiding.TRUTH, effects=has) for has in ((), (there,))]
+    every, left = ([one.key for one in all_candidates(subject, made)] for subject in subjects)
     assert ("stop", "pelvis") in every
     assert left == [one for one in every if one != ("stop", "pelvis")]
+
+
+def test_starts_of_a_gap_lie_within_the_reach_of_the_joint() -> None:
+    made = hiding.events(6)
+    responses = [predict(hiding.TRUTH, case.seat_mps2, case.rate_hz, case.channels) for case in made]
+    below = [np.column_stack([np.zeros(len(one.seat_mps2)), one.displacement_m[:, :-1]]) for one in responses]
+    reach = Reach.of(hiding.TRUTH, made)
+    for joint, site in enumerate(SEGMENTS):
+        gaps = [start.values["gap_m"] for _, start in starts(CATALOGUE["stop"], site, reach)]
+        stretches = [one.displacement_m[:, joint] - low[:, joint] for one, low in zip(responses, below, strict=True)]
+        assert len(set(gaps)) == 3 and 0.0 < min(gaps) < max(gaps) < max(np.abs(one).max() for one in stretches)
+        assert reach.at(CATALOGUE["harness"], site) >= reach.stretch_m[joint] * (joint == 0)

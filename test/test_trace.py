@@ -37,10 +37,9 @@ SHORT = TraceSettings(
 FEW = ("gain", "clock", "skin", "quadratic_damping", "friction", "lift_off")
 
 
-def few(cases, present=()):
+def few(subject, cases):
     """Candidates of few effects."""
-    tried, untestable = all_candidates(cases, present)
-    return [one for one in tried if one.start.effect.name in FEW], untestable
+    return [one for one in all_candidates(subject, cases) if one.start.effect.name in FEW]
 
 
 def traced(change=hiding.nothing, law=hiding.plain) -> Trace:
@@ -78,6 +77,14 @@ def test_a_hidden_effect_is_named_with_site_and_size(change, law, name: str, sit
         assert interval.lower < value < interval.upper
     assert found.p_value is not None and found.p_value < 0.05
     assert any(name in line and site in line for line in found.reasons)
+    forces = found.restoring_forces
+    assert len(forces) == (effect.effect.place == "joint")  # a sensor has no force
+    for force in forces:
+        assert (force.site, [one.effect.name for one in force.effects]) == (site, [name])
+        assert force.missing_after_n < 0.3 * force.missing_before_n
+        profile = force.over_rate
+        outside = (profile.measured_n > profile.upper_n + 5.0) | (profile.measured_n < profile.lower_n - 5.0)
+        assert force.over_rate_first and np.isfinite(profile.lower_n).sum() > 8 and not outside.any()
 
 
 @pytest.mark.parametrize(
@@ -125,7 +132,11 @@ def test_an_effect_that_worsens_the_prediction_is_not_added() -> None:
         return dataclasses.replace(subject, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
 
     cases = hiding.events(9, hiding.louder, hiding.plain)
-    with mock.patch.object(rounds, "all_candidates", few), mock.patch.object(trace_module, "jointly_refitted", worse):
+    with (
+        mock.patch.object(rounds, "all_candidates", few),
+        mock.patch.object(trace_module, "jointly_refitted", worse),
+        mock.patch.object(trace_module, "generalised", worse),
+    ):
         found = trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
     assert found.verdict == "unexplained" and found.effects == () and found.after is found.before
     assert [event.after.mean_percent for event in found.events] == [event.before.mean_percent for event in found.events]

@@ -17,7 +17,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from listed import assert_listed
-from pages import NASTY, Page, assert_self_contained, empty_drawings
+from pages import NASTY, Page, assert_self_contained, empty_drawings, lines, svg_text
 from streams import simulated, subject
 
 from biodyn_core.base.errors import InputError
@@ -29,10 +29,12 @@ from biodyn_core.identification.problem import Errors
 from biodyn_core.tracing.findings import (
     ComparedEvent,
     Diagnostics,
+    ForceProfile,
     Interval,
     Need,
     NuisanceValue,
     RankedCandidate,
+    RestoringForce,
     Round,
     SensorFinding,
     Surface,
@@ -43,7 +45,7 @@ from biodyn_ros.base.files import check_directory
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import MADE_BY_MODEL, bag_sha256, role_of
-from biodyn_ros.reports.residuals import residual_spectra, windowed
+from biodyn_ros.reports.residuals import AFTER_COLOUR, BEFORE_COLOUR, residual_spectra, windowed
 from biodyn_ros.trace import tracing
 from biodyn_ros.trace.document import PROOF, refit_document, trace_document, traced_subject
 from biodyn_ros.trace.page import trace_page, worst_event
@@ -194,6 +196,27 @@ def found(verdict: Verdict = "effect", **changed: Any) -> Trace:
         needs=(NEED,) if verdict == "not_decidable" else (),
     )
     return dataclasses.replace(whole, **changed)
+
+
+def profile(law: bool, explained: float) -> ForceProfile:
+    """Four bins of a stop, the last one empty."""
+    at, force = np.array([-0.004, -0.002, 0.0, 0.002]), np.array([-80.0, -20.0, 0.0, NAN])
+    of_law = force if law else np.full(4, NAN)
+    return ForceProfile(
+        at, np.array([3, 9, 50, 0]), force, force + 1.0, 0.1 * force, of_law, 1.2 * of_law, 0.8 * of_law, explained
+    )
+
+
+def restoring(*effects: AppliedEffect, site: str = "pelvis", by_rate: bool = False) -> RestoringForce:
+    """The missing force of a joint, 15 N rms before and 1.5 N after, on two rates by four stretches."""
+    grid = np.array([[-81.0, -21.0, 0.0, NAN], [-79.0, -19.0, NAN, NAN]])
+    return RestoringForce(
+        site=site, joint=all(one.effect.place == "joint" for one in effects), effects=effects, high_pass_hz=1.5,
+        body_mass_kg=58.6, events=("road_2", "rail_2"), carried_n=87.0, missing_before_n=15.0, missing_after_n=1.5,
+        stretch_m=np.array([-0.004, -0.002, 0.0, 0.002]), rate_mps=np.array([-0.1, 0.1]),
+        samples=np.array([[1, 5, 50, 0], [2, 4, 0, 0]]), before_n=grid, after_n=0.1 * grid,
+        over_stretch=profile(bool(effects), 0.9), over_rate=profile(bool(effects), 0.95 if by_rate else 0.1),
+    )  # fmt: skip
 
 
 def nothing() -> Trace:
@@ -389,6 +412,52 @@ def test_every_verdict_has_a_page(verdict: Verdict) -> None:
         ET.fromstring(drawing)
     assert source.count("<svg") == (4 if verdict == "unexplained" else 3)
     assert ("missing force, N" in page.text) is (verdict == "unexplained")
+
+
+def test_the_missing_force_is_drawn_before_and_after_with_its_law() -> None:
+    source = trace_page(Report(found(restoring_forces=(restoring(STOP),))))
+    page, drawing = Page(source), re.findall(r"<svg.*?</svg>", source, flags=re.DOTALL)[2]
+    for expected in (
+        "Missing force Stop in the joint between seat and pelvis", "2 held-out events",
+        "87.0 N carried by the joint, 15.0 N missing before, 1.50 N after", "assumed body mass, 58.6 kg",
+        "below 1.50 Hz",
+    ):  # fmt: skip
+        assert expected in page.text, expected
+    assert "force, N" in svg_text(drawing) and "stretch, mm (negative is compression)" in svg_text(drawing)
+    before, after, law = (
+        [line.points for line in lines(drawing, colour, width)]
+        for colour, width in ((BEFORE_COLOUR, 1.1), (AFTER_COLOUR, 1.1), (AFTER_COLOUR, 1.4))
+    )
+    assert [len(each) for each in (before, after, law)] == [1, 1, 1]
+    assert len(before[0]) == 3  # the empty bin has no point
+    fall = [one[0][0, 1] - one[0][2, 1] for one in (before, after, law)]  # the panels have one scale
+    assert fall[0] == pytest.approx(10.0 * fall[1], rel=0.02) == pytest.approx(fall[2], rel=0.02)
+    assert "no sensor" not in page.text
+
+
+def test_a_missing_force_of_the_rate_on_a_segment_or_without_a_law() -> None:
+    harness = applied("harness", "upper_torso")
+    forces = (restoring(harness, site="upper_torso", by_rate=True), restoring(site="upper_torso"))
+    source = trace_page(Report(found(restoring_forces=forces)))
+    page, drawings = Page(source), re.findall(r"<svg.*?</svg>", source, flags=re.DOTALL)
+    assert "velocity relative to the seat, m/s" in svg_text(drawings[2])
+    assert "force of the effect" not in svg_text(drawings[3])
+    assert "87.0 N needed to move the segment" in page.text
+    assert "Joint between central torso and upper torso" in page.text and "so there is no law" in page.text
+    assert page.text.count("The central torso has no sensor") == 1  # the joint's, not the segment's
+
+
+def test_the_document_has_the_arrays_of_the_missing_force() -> None:
+    (only,) = trace_document(Report(found(restoring_forces=(restoring(STOP),))))["restoring_force"]
+    json.dumps(only, allow_nan=False)
+    assert (only["site"], only["place"], only["effects"]) == ("pelvis", "joint", ["stop"])
+    assert only["rms_n"] == {"carried": 87.0, "missing_before": 15.0, "missing_after": 1.5}
+    assert only["before_n"] == [[-81.0, -21.0, 0.0, None], [-79.0, -19.0, None, None]]
+    assert only["samples"] == [[1, 5, 50, 0], [2, 4, 0, 0]] and len(only["rate_mps"]) == 2
+    assert only["over_stretch"]["law_n"] == [-80.0, -20.0, 0.0, None]
+    assert only["over_stretch"]["law_lower_n"] == [-96.0, -24.0, 0.0, None]
+    section = (Path(__file__).parent.parent / "docs" / "files.md").read_text().split("## trace.json")[1]
+    assert all(f"`{key}`" in section for key in (*only, *only["rms_n"], *only["over_stretch"]))
 
 
 def test_an_unsteady_effect_is_found_and_not_added() -> None:

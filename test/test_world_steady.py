@@ -73,5 +73,5 @@ def test_without_a_stable_weaker_strength_a_stronger_one_is_tried(monkeypatch: p
         return [one if stiff(one) else dataclasses.replace(one, hidden=(np.zeros(1),)) for one in sittings]
 
     monkeypatch.setattr(sitting, "together", together)
-    (found,) = sitting._steady([Sat((Law(0.3),))])
+    (found,) = sitting.steady([Sat((Law(0.3),))])
     assert found.effects[0].strength == pytest.approx(1.2) and found.hidden[0][0] == 0.0

@@ -49,13 +49,23 @@ class Modes:
 
 @dataclass(frozen=True)
 class Response:
-    """Result of `simulate`: absolute accelerations, relative displacements and velocities, each (n, 6)."""
+    """Result of `simulate`: absolute accelerations, displacements and velocities relative to the seat, each (n, 6)."""
 
     rate_hz: float
     seat_mps2: Floats
     accel_mps2: Floats
     displacement_m: Floats
     velocity_mps: Floats
+
+    @property
+    def stretch_m(self) -> Floats:
+        """The stretch of each joint, (n, 6)."""
+        return np.diff(self.displacement_m, axis=1, prepend=0.0)
+
+    @property
+    def stretch_rate_mps(self) -> Floats:
+        """The rate of that stretch, (n, 6)."""
+        return np.diff(self.velocity_mps, axis=1, prepend=0.0)
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,10 @@ class EffectParameter:
     kind: `strength` is 0 in the base chain; a `nuisance` is fitted but not reported as a finding. acts_at is a typical
     value of a parameter that starts at zero. grid holds further values to try, because a wrong shape hides the effect.
     least: a strength up to this counts as zero; smaller ones have no visible effect but need very short steps.
+
+    reach_shares: starts of a length as shares of the reach of its joint or segment, instead of a grid: a law beyond the
+    reach never acts. neutral: the value at which the law is the textbook form; a subject file may omit it. spread:
+    standard deviation of the prior of a fit around it.
     """
 
     name: str
@@ -55,6 +59,9 @@ class EffectParameter:
     acts_at: float = 0.0
     grid: tuple[float, ...] = ()
     least: float = 0.0
+    reach_shares: tuple[float, ...] = ()
+    neutral: float | None = None
+    spread: float = 0.0
 
     @property
     def size(self) -> float:
@@ -122,7 +129,8 @@ def _no_eigenvalue(joint: Joint, values: Values) -> float:
 class Effect:
     """The common part of every effect in the catalogue; the subclasses are the kinds.
 
-    equation and signature are printed: the law, and the pattern of the residual where the effect is missing. sites are
+    equation and signature are printed: the textbook law, and the pattern of the residual where the effect is missing.
+    general_form: the law with all parameters, if it has some with a neutral value. sites are
     those allowed. channels: signals beyond the seat's vertical, such as `seat.x`; `own.` stands for the site. The
     effect can be neither simulated nor tested without them.
 
@@ -140,6 +148,7 @@ class Effect:
     parameters: tuple[EffectParameter, ...]
     sites: tuple[str, ...] = SEGMENTS
     channels: tuple[str, ...] = ()
+    general_form: str = ""
     known_omission: bool = False
     constant_part: bool = False
     sized_by_training: bool = False
@@ -148,6 +157,11 @@ class Effect:
     def strengths(self) -> tuple[str, ...]:
         """Names of the parameters that are all 0 in the base chain; empty where presence alone is the effect."""
         return tuple(p.name for p in self.parameters if p.kind == "strength")
+
+    @property
+    def textbook_parameters(self) -> tuple[EffectParameter, ...]:
+        """The parameters of the textbook form, without those that generalise it."""
+        return tuple(p for p in self.parameters if p.neutral is None)
 
     @property
     def static(self) -> bool:
@@ -291,7 +305,10 @@ class SensorTransform(Effect):
 
 @dataclass(frozen=True)
 class AppliedEffect:
-    """An effect at one site with its values; raises InputError for a site or value that it does not have."""
+    """An effect at one site with its values; raises InputError for a site or value that it does not have.
+
+    Omitted parameters have their neutral value.
+    """
 
     effect: Effect
     site: str
@@ -306,6 +323,8 @@ class AppliedEffect:
         for name in self.values:
             if name not in known:
                 raise InputError(f"{where}: unknown parameter {name!r}, {known_are(name, known)}")
+        neutral = {name: p.neutral for name, p in known.items() if p.neutral is not None}
+        object.__setattr__(self, "values", {**neutral, **self.values})
         missing = [f"{name} ({parameter.allowed})" for name, parameter in known.items() if name not in self.values]
         if missing:
             raise InputError(f"{where}: missing under parameters: {', '.join(missing)}")
@@ -318,6 +337,13 @@ class AppliedEffect:
         strengths = [parameter for parameter in self.effect.parameters if parameter.kind == "strength"]
         return bool(strengths) and all(abs(self.values[p.name]) <= p.least for p in strengths)
 
+    @property
+    def textbook(self) -> AppliedEffect:
+        """The same effect with the textbook form of its law."""
+        kept = {p.name: self.values[p.name] for p in self.effect.textbook_parameters}
+        return AppliedEffect(self.effect, self.site, kept)
+
     def to_dict(self) -> dict[str, Any]:
-        """The mapping of a subject file."""
-        return {"name": self.effect.name, "site": self.site, "parameters": dict(self.values)}
+        """The mapping of a subject file, without parameters at their neutral value."""
+        values = {p.name: self.values[p.name] for p in self.effect.parameters if self.values[p.name] != p.neutral}
+        return {"name": self.effect.name, "site": self.site, "parameters": values}

@@ -6,20 +6,34 @@ from biodyn_core.effects.effect import EffectParameter, Joint, JointForce, Value
 
 
 def force(
-    stretch: float, rate: float, seat: float, softened: float, k_beta: float, rate_mps: float, tau_s: float
+    stretch: float,
+    rate: float,
+    seat: float,
+    softened: float,
+    k_beta: float,
+    b_beta: float,
+    rate_mps: float,
+    exponent: float,
+    tau_s: float,
 ) -> tuple[float, float]:
-    """F = -k beta s stretch with s' = (|rate| / v_t (1 - s) - s) / tau."""
-    return -k_beta * softened * stretch, (abs(rate) / rate_mps * (1.0 - softened) - softened) / tau_s
+    """F = -beta s (k stretch + d b rate) with s' = ((|rate| / v_t)^p (1 - s) - s) / tau."""
+    moving = abs(rate) / rate_mps
+    if exponent != 1.0:
+        moving = moving**exponent
+    return -softened * (k_beta * stretch + b_beta * rate), (moving * (1.0 - softened) - softened) / tau_s
 
 
 def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
-    return joint.stiffness_n_per_m * values["softening"], values["rate_mps"], values["tau_s"]
+    k_beta = joint.stiffness_n_per_m * values["softening"]
+    b_beta = joint.damping_n_s_per_m * values["softening"] * values["damping_share"]
+    return k_beta, b_beta, values["rate_mps"], values["exponent"], values["tau_s"]
 
 
 EFFECT = JointForce(
     name="thixotropy",
     family="state_of_the_body",
     equation="k (1 - beta s), s' = (|rate| / v_t (1 - s) - s) / tau",
+    general_form="(1 - beta s) k, (1 - d beta s) b, s' = ((|rate| / v_t)^p (1 - s) - s) / tau",
     signature="natural frequency drops after a shock and recovers",
     parameters=(
         EffectParameter(
@@ -28,6 +42,10 @@ EFFECT = JointForce(
         ),
         EffectParameter("rate_mps", "m/s", 0.002, 0.5, 0.03),
         EffectParameter("tau_s", "s", 0.5, 20.0, 4.0, grid=(1.0, 4.0, 10.0)),
+        EffectParameter("exponent", "", 0.4, 2.5, 1.0, neutral=1.0, spread=0.4,
+                        source="softening over magnitude differs between studies; the size: no source"),
+        EffectParameter("damping_share", "", 0.0, 1.1, 0.0, grid=(0.0, 1.0), neutral=0.0, spread=0.5,
+                        source="whether damping softens too is not known"),
     ),
     constants=_constants,
     law=force,

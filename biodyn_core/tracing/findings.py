@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from biodyn_core.base.arrays import Floats
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Errors
@@ -138,6 +138,63 @@ class Surface:
 
 
 @dataclass(frozen=True, eq=False)
+class ForceProfile:
+    """Mean forces (b,), N, over bins of stretch (m) or of its rate (m/s), NaN in bins with few samples.
+
+    at: centres. before_n: missing force before; measured_n, after_n: that of the subject after without and with the
+    law. law_n: the law's own force in simulation, with its 95 % band from lower_n to upper_n. explained: share of the
+    variance of the measured force that its mean over the bins has.
+    """
+
+    at: Floats
+    samples: Integers
+    before_n: Floats
+    measured_n: Floats
+    after_n: Floats
+    law_n: Floats
+    lower_n: Floats
+    upper_n: Floats
+    explained: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RestoringForce:
+    """The missing force of a joint, or on a segment, N, by inverse dynamics of the measurement.
+
+    It is proportional to the assumed body_mass_kg. effects: those whose law is shown; none if only the force before is
+    known. carried_n, missing_before_n, missing_after_n: rms. samples, before_n, after_n (r, s): rows by rate_mps (r,),
+    columns by stretch_m (s,), NaN in bins with few samples. Motion below high_pass_hz is the model's.
+    """
+
+    site: str
+    joint: bool
+    effects: tuple[AppliedEffect, ...]
+    high_pass_hz: float
+    body_mass_kg: float
+    events: tuple[str, ...]
+    carried_n: float
+    missing_before_n: float
+    missing_after_n: float
+    stretch_m: Floats
+    rate_mps: Floats
+    samples: Integers
+    before_n: Floats
+    after_n: Floats
+    over_stretch: ForceProfile
+    over_rate: ForceProfile
+
+    @property
+    def unmeasured(self) -> bool:
+        """Whether the central torso, which has no sensor, is the segment or one end of the joint."""
+        return self.site == "central_torso" or (self.joint and self.site == "upper_torso")
+
+    @property
+    def over_rate_first(self) -> bool:
+        """Whether the rate explains the measured force better than the stretch."""
+        return self.over_rate.explained > self.over_stretch.explained
+
+
+@dataclass(frozen=True, eq=False)
 class Diagnostics:
     """Diagnostics of the residual after the refit, before any candidate is tried.
 
@@ -193,6 +250,7 @@ class Trace:
     nuisance: tuple[NuisanceValue, ...] = ()
     diagnostics: Diagnostics | None = None
     surface: Surface | None = None
+    restoring_forces: tuple[RestoringForce, ...] = ()
     p_value: float | None = None
     threshold: float | None = None
     sensors: tuple[SensorFinding, ...] = ()

@@ -1,23 +1,28 @@
 """Joint refit: theta and all effects of a subject fitted together to all events, without nuisance parameters.
 
-Local fits have nuisance parameters. The resulting subject and the reported errors have none.
+Local fits have nuisance parameters and textbook laws. The resulting subject and the reported errors have general laws
+and no nuisance parameters.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats
+from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import AppliedEffect, EffectParameter, Ranges, logistic
-from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
+from biodyn_core.effects import AppliedEffect, Ranges, logistic
+from biodyn_core.identification.objectives import PENALTY, RegularizationTerm, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
+from biodyn_core.identification.settings import Clocks
+from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers
 from biodyn_core.tracing.nuisance_model import FREE
 
 STEP: Final = 1e-4
@@ -26,39 +31,177 @@ STEP: Final = 1e-4
 INSIDE: Final = 0.02
 """A start keeps this share of each range from both ends, as that of theta does."""
 
-EVALUATIONS: Final = 400
-"""Largest number of evaluations of all cases."""
+FIRST_EVALUATIONS: Final = 150
+"""Largest number of evaluations of all cases from each start."""
+
+EVALUATIONS: Final = 1500
+"""The same from the best end."""
+
+THETA_SPREAD: Final = 0.5
+PSI_SPREAD: Final = 3.0
+"""Prior spreads of ln theta and of effect parameters on the real line in the covariance: they bound what is unknown."""
+
+HALVINGS: Final = 8
+"""A start that is unstable is weakened so many times."""
+
+PRIOR_WEIGHT: Final = 1e-5
+"""Weight of the prior of general parameters beside the relative squares of residuals: it decides only what events do
+not."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """A subject with its effects, and the sum of squares (Eq. 33), prior included."""
+
+    subject: Subject
+    objective: float
 
 
 def jointly_refitted(subject: Subject, cases: Sequence[Case]) -> Subject:
-    """The subject with theta and effect parameters of the least sum of squares over all cases (Eq. 33)."""
-    problem = _Problem(subject, cases)
-    theta, phi = mapped(interior(subject.parameters.vector()), FREE)
+    """The subject with theta and the textbook parameters of the least sum of squares over all cases (Eq. 33)."""
+    return refit(subject, cases, [subject], textbook=True).subject
+
+
+def generalised(subject: Subject, cases: Sequence[Case]) -> Subject:
+    """A refitted subject with the general form of its last effect, from several starts, and all refitted again.
+
+    The subject itself if its last effect has no general form.
+    """
+    if not subject.effects or not subject.effects[-1].effect.general_form:
+        return subject
+    return refit(subject, cases, general_starts(subject, cases)).subject
+
+
+def covariances(subject: Subject, cases: Sequence[Case], independent: float) -> list[Floats]:
+    """Covariance (p, p) of the parameters of each effect of a refitted subject on the real line, all else fitted too.
+
+    independent: the share of the samples that count as independent. The residual counts as noise.
+    """
+    problem = _Problem(subject, cases, FREE, "trusted", textbook=False)
+    share = np.clip(problem.shares(), INSIDE, 1.0 - INSIDE)
+    residuals, slopes = problem.linearised(problem.theta, share)
+    slopes[:, -share.size :] *= share * (1.0 - share)
+    samples = sum(int(case.compared.sum()) for case in cases)
+    variance = float(residuals @ residuals) / max(independent * samples, 1.0)
+    spread = np.concatenate([np.full(slopes.shape[1] - share.size, THETA_SPREAD), np.full(share.size, PSI_SPREAD)])
+    covariance: Floats = np.asarray(np.linalg.inv(slopes.T @ slopes / variance + np.diag(1.0 / spread**2)))
+    ends = np.cumsum([len(one.effect.parameters) for one in subject.effects]) + covariance.shape[0] - share.size
+    return [
+        covariance[end - len(one.effect.parameters) : end, end - len(one.effect.parameters) : end]
+        for end, one in zip(ends, subject.effects, strict=True)
+    ]
+
+
+def refit(
+    subject: Subject,
+    cases: Sequence[Case],
+    tried: Sequence[Subject],
+    clocks: Clocks = "trusted",
+    textbook: bool = False,
+    free: Flags = FREE,
+) -> JointFit:
+    """The best of several starts, refitted until it converges; never worse than the subject itself.
+
+    textbook: general parameters keep their values.
+    """
+
+    def problem(one: Subject) -> _Problem:
+        return _Problem(one, cases, free, clocks, textbook)
+
+    ends = [_descended(problem(_stable(one, cases)), FIRST_EVALUATIONS) for one in tried]
+    best = min(ends, key=lambda end: end.objective)
+    last = _descended(problem(best.subject), EVALUATIONS)
+    return min((last, best, JointFit(subject, problem(subject).objective())), key=lambda end: end.objective)
+
+
+def general_starts(subject: Subject, cases: Sequence[Case]) -> list[Subject]:
+    """The subject, and with each combination of the starts of the general parameters of its last effect.
+
+    Strengths then give the change of the answer that the subject's own values give, by least squares.
+    """
+    if not subject.effects:
+        return [subject]
+    *others, last = subject.effects
+    without = dataclasses.replace(subject, effects=tuple(others))
+    plain = np.concatenate([one.ravel() for one in answers(without, cases)])
+
+    def change(one: AppliedEffect) -> Floats:
+        bent = dataclasses.replace(without, effects=(*others, one))
+        return np.concatenate([each.ravel() for each in answers(_stable(bent, cases), cases)]) - plain
+
+    general = [p for p in last.effect.parameters if p.neutral is not None and p.grid]
+    found, own = [subject], change(last)
+    for values in itertools.product(*(p.grid for p in general)):
+        shape = dict(zip((p.name for p in general), values, strict=True))
+        one = dataclasses.replace(last, values={**last.values, **shape})
+        if one == last:
+            continue
+        other = change(one)
+        factor = float(own @ other) / max(float(other @ other), 1e-30)
+        found.append(dataclasses.replace(subject, effects=(*others, _scaled(one, factor))))
+    return found
+
+
+def _stable(subject: Subject, cases: Sequence[Case]) -> Subject:
+    """The subject, with weaker strengths of its last effect if its simulation is unstable."""
+    for _ in range(HALVINGS):
+        if all(np.abs(one).max() < RUNAWAY_MPS2 for one in answers(subject, cases)) or not subject.effects:
+            break
+        *others, last = subject.effects
+        subject = dataclasses.replace(subject, effects=(*others, _scaled(last, 0.5)))
+    return subject
+
+
+def _scaled(applied: AppliedEffect, factor: float) -> AppliedEffect:
+    """The effect with its strengths times a factor, within their ranges."""
+    values = {
+        p.name: min(max(applied.values[p.name] * factor, p.lower), p.upper)
+        for p in applied.effect.parameters
+        if p.kind == "strength"
+    }
+    return dataclasses.replace(applied, values={**applied.values, **values})
+
+
+def _descended(problem: _Problem, evaluations: int) -> JointFit:
+    """The end of the trust region from the problem's own subject."""
+    theta, phi = mapped(interior(problem.theta), problem.free)
     start = np.concatenate([phi, problem.start()])
 
     def linearised(point: Floats) -> tuple[Floats, Floats]:
         at, share = theta(point[: phi.size]), logistic(point[phi.size :])
         residuals, slopes = problem.linearised(at, share)
-        slopes[:, : phi.size] *= slope_by_phi(at)[FREE]
+        slopes[:, : phi.size] *= slope_by_phi(at)[problem.free]
         slopes[:, phi.size :] *= share * (1.0 - share)
         return residuals, slopes
 
-    end, _ = trust_region(linearised, start, EVALUATIONS)
-    return problem.subject(logistic(end[phi.size :]), theta(end[: phi.size]))
+    end, objective = trust_region(linearised, start, evaluations)
+    return JointFit(problem.subject(logistic(end[phi.size :]), theta(end[: phi.size])), objective)
 
 
 class _Problem:
-    """The objective of the cases without a prior; effect parameters are shares of their ranges (m,)."""
+    """The objective of the cases; effect parameters are shares of their ranges (m,)."""
 
-    def __init__(self, subject: Subject, cases: Sequence[Case]) -> None:
-        self._subject, self._cases = subject, cases
-        # Nuisances of an effect stay fixed: a small step of an instant does not change the answer.
-        parameters = [(applied, p) for applied in subject.effects for p in _fitted(applied)]
-        self._ranges = Ranges([p for _, p in parameters])
-        self._values = np.array([applied.values[p.name] for applied, p in parameters])
+    def __init__(self, subject: Subject, cases: Sequence[Case], free: Flags, clocks: Clocks, textbook: bool) -> None:
+        self.free, self._subject, self._cases, self._clocks = free, subject, cases, clocks
+        self._fitted = [
+            one.effect.textbook_parameters if textbook else one.effect.parameters for one in subject.effects
+        ]
+        self._parameters = [(one, p) for one, its in zip(subject.effects, self._fitted, strict=True) for p in its]
+        self._ranges = Ranges([p for _, p in self._parameters])
+        self._values = np.array([applied.values[p.name] for applied, p in self._parameters])
         # Chosen once, so that the objective is smooth.
         self._substeps: tuple[int, ...] | None = None
-        self._substeps = self._domain(self._shares()).substeps
+        self._substeps = self._domain(self.shares()).substeps
+
+    @property
+    def theta(self) -> Floats:
+        """Theta (15,) of the subject."""
+        return self._subject.parameters.vector()
+
+    def objective(self) -> float:
+        """The sum of squares at the subject's own values."""
+        residuals, _ = self.linearised(self.theta, self.shares())
+        return float(residuals @ residuals) if np.isfinite(residuals).all() else PENALTY
 
     def start(self) -> Floats:
         """The start of the effect parameters, on the real line (m,)."""
@@ -68,34 +211,45 @@ class _Problem:
         """The subject with these shares and theta (15,)."""
         values = iter(self._ranges.values(share).tolist())
         effects = tuple(
-            dataclasses.replace(applied, values=dict(applied.values) | {p.name: next(values) for p in _fitted(applied)})
-            for applied in self._subject.effects
+            dataclasses.replace(one, values={**one.values, **{p.name: next(values) for p in its}})
+            for one, its in zip(self._subject.effects, self._fitted, strict=True)
         )
         return dataclasses.replace(self._subject, parameters=Parameters.from_vector(theta), effects=effects)
 
     def linearised(self, theta: Floats, share: Floats) -> tuple[Floats, Floats]:
-        """Residuals and their derivatives by ln theta and by the shares, as `TimeDomain.linearised`."""
+        """Residuals and their derivatives by ln theta and by the shares, as `TimeDomain.linearised`, then the prior."""
         if not share.size:
-            return self._domain(share).linearised(theta, FREE)
+            return self._domain(share).linearised(theta, self.free)
         steps = np.where(share < 0.5, STEP, -STEP)  # inwards
         stepped = [self._domain(share + step) for step in np.diag(steps)]
         others = [
             np.stack([domain.accelerations(number, theta) for domain in stepped], axis=2)
             for number in range(len(self._cases))
         ]
-        residuals, slopes = self._domain(share).linearised(theta, FREE, others)
+        residuals, slopes = self._domain(share).linearised(theta, self.free, others)
         slopes[:, -share.size :] /= steps
-        return residuals, slopes
+        prior, along = self._prior(share)
+        beside = np.zeros((prior.size, slopes.shape[1]))
+        beside[:, -share.size :] = np.diag(along)
+        return np.concatenate([residuals, prior]), np.concatenate([slopes, beside])
 
-    def _shares(self) -> Floats:
+    def _prior(self, share: Floats) -> tuple[Floats, Floats]:
+        """Weighted multiples of the prior spread of each parameter (m,), and their derivatives by its share."""
+
+        def multiples(shares: Floats) -> Floats:
+            return np.array([
+                0.0 if p.neutral is None else (p.at_share(s) - p.neutral) / p.spread
+                for (_, p), s in zip(self._parameters, shares, strict=True)
+            ])  # fmt: skip
+
+        at, weight = multiples(share), np.sqrt(PRIOR_WEIGHT)
+        step = np.where(share < 0.5, STEP, -STEP)
+        return weight * at, weight * (multiples(share + step) - at) / step
+
+    def shares(self) -> Floats:
+        """The effect parameters of the subject as shares of their ranges, (m,)."""
         return self._ranges.shares(self._values)
 
     def _domain(self, share: Floats) -> TimeDomain:
-        theta = self._subject.parameters.vector()
-        return TimeDomain(
-            self._cases, self.subject(share, theta), RegularizationTerm(theta, 0.0), "trusted", self._substeps
-        )
-
-
-def _fitted(applied: AppliedEffect) -> list[EffectParameter]:
-    return [p for p in applied.effect.parameters if p.kind != "nuisance"]
+        subject = self.subject(share, self.theta)
+        return TimeDomain(self._cases, subject, RegularizationTerm(self.theta, 0.0), self._clocks, self._substeps)

@@ -151,7 +151,7 @@ class _Problem:
 
     def __init__(self, nuisance: NuisanceModel, template: AppliedEffect | None) -> None:
         self._nuisance, self._template = nuisance, template
-        parameters = template.effect.parameters if template else ()
+        parameters = template.effect.textbook_parameters if template else ()
         self._names = [p.name for p in parameters]
         self._ranges = Ranges(parameters)
         self._inside = np.array([1e-6 if p.kind == "nuisance" else INSIDE for p in parameters])
@@ -222,8 +222,8 @@ class _Problem:
     def applied(self, psi: Floats) -> AppliedEffect:
         """The effect with its parameters."""
         assert self._template is not None
-        values = self._ranges.bounded(psi).tolist()
-        return dataclasses.replace(self._template, values=dict(zip(self._names, values, strict=True)))
+        fitted = dict(zip(self._names, self._ranges.bounded(psi).tolist(), strict=True))
+        return dataclasses.replace(self._template, values={**self._template.values, **fitted})
 
     def unbounded(self, start: AppliedEffect | None) -> Floats:
         """The values, moved inside their ranges, on the real line (p,)."""

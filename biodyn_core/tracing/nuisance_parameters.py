@@ -15,11 +15,12 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEAT, SEGMENTS
-from biodyn_core.body.model import Chain, Stepper, predict
+from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, JointForce
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.reach import Reach
 from biodyn_core.tracing.settings import TypicalSettings
 
 
@@ -62,17 +63,17 @@ def nuisance_parameters(
     """All nuisance parameters that change these cases."""
     s = settings or TypicalSettings()
     found = [one for sensor in MEASURED_SEGMENTS for one in _of_sensor(sensor, cases, s)]
-    reach_m, rate_mps, rms_mps = _joint_motion(subject, cases)
+    reach = Reach.of(subject, cases)
     damping = Chain.of(subject).damping_n_s_per_m
     for joint, segment in enumerate(SEGMENTS):
         sizes = {
-            "asymmetry": s.usual_bend / reach_m[joint],
-            "cubic": s.usual_bend / reach_m[joint] ** 2,
-            "quadratic_damping": s.usual_bend / rate_mps[joint],
-            "friction": s.usual_bend * damping[joint] * rms_mps[joint],
+            "asymmetry": s.usual_bend / reach.stretch_m[joint],
+            "cubic": s.usual_bend / reach.stretch_m[joint] ** 2,
+            "quadratic_damping": s.usual_bend / reach.rate_mps[joint],
+            "friction": s.usual_bend * damping[joint] * reach.rms_rate_mps[joint],
         }
         laws = [_strength(name, segment, size, size) for name, size in sizes.items()]
-        found += [dataclasses.replace(one, reach_m=float(reach_m[joint])) for one in laws]
+        found += [dataclasses.replace(one, reach_m=float(reach.stretch_m[joint])) for one in laws]
     found += [NuisanceParameter(f"mass of {name}", s.usual_mass, segment=i) for i, name in enumerate(SEGMENTS)]
     if _has_horizontal(SEAT, cases):
         # It moves the whole body, so sensor noise hardly limits its estimate.
@@ -139,18 +140,6 @@ def _strength(name: str, site: str, spread: float, size: float, strength: str = 
     values[strength] = min(size, upper)
     label = f"{name} of {site}" + (f" ({strength})" if len(effect.strengths) > 1 else "")
     return NuisanceParameter(label, spread / values[strength], AppliedEffect(effect, site, values))
-
-
-def _joint_motion(subject: Subject, cases: Sequence[Case]) -> tuple[Floats, Floats, Floats]:
-    """Largest stretch and rate of each joint and its rms rate, (6,) each, medians over the events."""
-    reach, rate, rms = [], [], []
-    for case in cases:
-        response = predict(subject, case.seat_mps2, case.rate_hz, case.channels)
-        stretch, speed = response.displacement_m[case.begin :], response.velocity_mps[case.begin :]
-        reach.append(np.abs(stretch).max(axis=0))
-        rate.append(np.abs(speed).max(axis=0))
-        rms.append(np.sqrt((speed**2).mean(axis=0)))
-    return np.median(reach, axis=0), np.median(rate, axis=0), np.median(rms, axis=0)
 
 
 def _with_heavier(subject: Subject, case: Case, segment: int, share: float) -> Floats:

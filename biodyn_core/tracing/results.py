@@ -8,6 +8,8 @@ from typing import Final
 import numpy as np
 from scipy import signal
 
+from biodyn_core.base.segments import SEGMENTS
+from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import is_fitted
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, EffectParameter, logistic
@@ -21,15 +23,19 @@ from biodyn_core.tracing.findings import (
     Interval,
     Need,
     NuisanceValue,
+    RestoringForce,
     SensorFinding,
     Surface,
     Trace,
     Use,
 )
-from biodyn_core.tracing.local_fit import PRIOR_SCALES
+from biodyn_core.tracing.inverse_dynamics import Target
+from biodyn_core.tracing.joint_refit import covariances
+from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit
 from biodyn_core.tracing.nuisance_model import N_THETA
+from biodyn_core.tracing.restoring_force import FittedEffect, restoring_force
 from biodyn_core.tracing.rounds import Outcome
-from biodyn_core.tracing.screen import all_candidates
+from biodyn_core.tracing.screen import untestable
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_core.tracing.sensor_tilt import sensor_tilts, tilt_deg
 from biodyn_core.tracing.settings import TraceSettings
@@ -72,10 +78,13 @@ def build_result(
         nuisance=_nuisance(outcomes[-1]),
         diagnostics=diagnose(before, first.nuisance, s.diagnostics),
         surface=law,
+        restoring_forces=_restoring_forces(
+            before, after, law if verdict == "unexplained" else None, train, report, s, seed
+        ),
         floor_percent=_floor_percent(report, after),
         p_value=best.p_value if best and best.steady else None,
         threshold=first.round.threshold,
-        untestable=tuple(all_candidates([*train, *choose])[1]),
+        untestable=untestable([*train, *choose]),
         left_out=tuple(left_out),
         seed=seed,
         calibrated="anew",
@@ -130,6 +139,33 @@ def _surface(outcome: Outcome) -> Surface | None:
     return max(found, key=lambda one: one.gain, default=None)
 
 
+def _restoring_forces(
+    before: Subject, after: Subject, law: Surface | None, train: Sequence[Case], report: Sequence[Case],
+    s: TraceSettings, seed: int,
+) -> tuple[RestoringForce, ...]:  # fmt: skip
+    """The missing force at each joint and segment with an added effect; without any, at the joint of a surface."""
+    chain, added = Chain.of(after), after.effects[len(before.effects) :]
+    known = covariances(after, train, s.nuisance.weights.independent)[len(before.effects) :] if added else []
+    fitted = [
+        FittedEffect(one, covariance)
+        for one, covariance in zip(added, known, strict=True)
+        if one.effect.place in ("joint", "segment")
+    ]
+    by_target: dict[tuple[str, str], list[FittedEffect]] = {}
+    for one in fitted:
+        by_target.setdefault((one.applied.effect.place, one.applied.site), []).append(one)
+    targets = [(Target.of(each[0].applied, chain), each) for each in by_target.values()]
+    if not added and law is not None:
+        targets = [(Target.of_joint(SEGMENTS.index(law.site), chain), [])]
+    found = [restoring_force(target, before, after, each, report, seed) for target, each in targets]
+    return tuple(one for one in found if one is not None)
+
+
+def _fits(outcomes: Sequence[Outcome]) -> list[LocalFit]:
+    """The local fits of the chosen effects that a subject can store."""
+    return [outcome.chosen for outcome in outcomes if outcome.adds_effect and outcome.chosen is not None]
+
+
 def build_undecided(
     given: Subject, before: Subject, uses: Sequence[Sequence[Case]], lacking: Sequence[str], needs: Sequence[Need],
     s: TraceSettings, left_out: Sequence[str], seed: int,
@@ -145,7 +181,7 @@ def build_undecided(
         experiment=to_record(needs, s.floor),
         events=_events(given, before, before, *uses),
         floor_percent=_floor_percent(uses[-1], before),
-        untestable=tuple(all_candidates(everything)[1]) if everything else (),
+        untestable=untestable(everything),
         left_out=tuple(left_out),
         lacking=tuple(lacking),
         seed=seed,
@@ -172,14 +208,17 @@ def _event(case: Case, use: Use, given: Subject, before: Subject, after: Subject
 
 
 def _intervals(outcomes: Sequence[Outcome], added: Sequence[AppliedEffect]) -> list[tuple[Interval, ...]]:
-    """The values of each added effect in the subject, with intervals as wide as those of its local fit."""
-    fits = [outcome.chosen for outcome in outcomes if outcome.adds_effect and outcome.chosen is not None]
+    """The values of each added effect in the subject, with intervals as wide as those of its local fit.
+
+    None where the general form was fitted: its values are correlated, and none is known alone.
+    """
     return [
         tuple(
             _interval(p, one.values[p.name], *limits)
-            for p, limits in zip(one.effect.parameters, fit.intervals, strict=False)
+            for p, limits in zip(one.effect.textbook_parameters, fit.intervals, strict=False)
+            if one == one.textbook
         )
-        for fit, one in zip(fits[: len(added)], added, strict=True)
+        for fit, one in zip(_fits(outcomes)[: len(added)], added, strict=True)
     ]
 
 

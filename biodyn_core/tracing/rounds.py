@@ -85,7 +85,7 @@ def one_round(
     """Search for one effect that the subject lacks."""
     first = (first_of_each(train), first_of_each(choose))
     few = _most_probable(NuisanceModel.of(subject, *first, settings.nuisance, parallel), settings)
-    candidates, _ = all_candidates([*train, *choose], subject.effects)
+    candidates = all_candidates(subject, [*train, *choose])
     preliminary = _preliminary(few, candidates, settings, seed, on_stage, checkpoint, parallel)
     nuisance = _most_probable(NuisanceModel.of(subject, train, choose, settings.nuisance, parallel), settings)
     without_effect = WithoutEffect(nuisance)

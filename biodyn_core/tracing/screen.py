@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.parallel import ParallelMap, serial_map
-from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
+from biodyn_core.body.subject import Subject
+from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, EffectParameter
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate, ScreeningResult
 from biodyn_core.tracing.nuisance_model import N_THETA, NuisanceModel
+from biodyn_core.tracing.reach import Reach
 from biodyn_core.tracing.rows import Products
 
 UNSEEN: Final = 1e-9
@@ -58,35 +60,56 @@ class Screening:
         return float(self.cosines[one.index, other.index])
 
 
-def all_candidates(cases: Sequence[Case], present: Sequence[AppliedEffect] = ()) -> tuple[list[Candidate], list[str]]:
-    """Every effect at every site that these cases can show, and the names of those that lack a channel.
+def all_candidates(subject: Subject, cases: Sequence[Case]) -> list[Candidate]:
+    """Every effect at every site that these cases can show, from every combination of its starts.
 
-    An effect that is present is no candidate: added to itself it is the same law beyond its range.
+    An effect of the subject is no candidate: added to itself it is the same law beyond its range.
     """
-    found, untestable = [], []
-    known = {(one.effect.name, one.site) for one in present}
-    for effect in CATALOGUE.values():
-        for site in effect.sites:
-            if (effect.name, site) in known:
-                continue
-            if not all(name in case.channels for case in cases for name in effect.required_channels(site)):
-                untestable.append(f"{effect.name} at {site}")
-                continue
-            found += [
-                Candidate(
-                    AppliedEffect(effect, site, shape | dict.fromkeys(set(effect.strengths) - {strength}, 0.0)),
-                    strength,
-                )
-                for strength in effect.strengths or ("",)
-                for shape in _shapes(effect)
-            ]
-    return found, untestable
+    reach, known = Reach.of(subject, cases), {(one.effect.name, one.site) for one in subject.effects}
+    return [
+        Candidate(applied, strength)
+        for effect in CATALOGUE.values()
+        for site in effect.sites
+        if (effect.name, site) not in known and _is_testable(effect, site, cases)
+        for strength, applied in starts(effect, site, reach)
+    ]
 
 
-def _shapes(effect: Effect) -> list[dict[str, float]]:
-    """Values at which the effect acts, every combination of those that have a grid."""
-    grids = [p.grid or (p.size,) for p in effect.parameters]
-    return [dict(zip((p.name for p in effect.parameters), values, strict=True)) for values in itertools.product(*grids)]
+def starts(effect: Effect, site: str, reach: Reach) -> list[tuple[str, AppliedEffect]]:
+    """Each strength of an effect in turn at a typical value, with every combination of the starts of its shape."""
+    shapes = itertools.product(*(_grid(p, reach.at(effect, site)) for p in effect.textbook_parameters))
+    found = [dict(zip((p.name for p in effect.textbook_parameters), shape, strict=True)) for shape in shapes]
+    return [
+        (strength, AppliedEffect(effect, site, shape | _others(effect, strength)))
+        for strength in effect.strengths or ("",)
+        for shape in found
+    ]
+
+
+def untestable(cases: Sequence[Case]) -> tuple[str, ...]:
+    """Every effect and site that lack a channel in these cases."""
+    return tuple(
+        f"{effect.name} at {site}"
+        for effect in CATALOGUE.values()
+        for site in effect.sites
+        if not _is_testable(effect, site, cases)
+    )
+
+
+def _is_testable(effect: Effect, site: str, cases: Sequence[Case]) -> bool:
+    return all(name in case.channels for case in cases for name in effect.required_channels(site))
+
+
+def _others(effect: Effect, strength: str) -> dict[str, float]:
+    """The other strengths of an effect, at zero."""
+    return {p.name: 0.0 for p in effect.parameters if p.kind == "strength" and p.name != strength}
+
+
+def _grid(parameter: EffectParameter, reach_m: float) -> tuple[float, ...]:
+    """The starts of a parameter."""
+    if parameter.reach_shares:
+        return tuple(min(max(share * reach_m, parameter.lower), parameter.upper) for share in parameter.reach_shares)
+    return parameter.grid or (parameter.size,)
 
 
 def screen(

@@ -113,8 +113,8 @@ def _reach(nuisance: NuisanceModel, joint: int) -> tuple[float, float, float]:
     """Reach of the joint in the events for fitting: stretch m, rate m/s and linear force N."""
     chain = Chain.of(nuisance.subject)
     responses = [predict(nuisance.subject, c.seat_mps2, c.rate_hz, c.channels) for c in nuisance.train.cases]
-    stretch = float(np.median([np.percentile(np.abs(r.displacement_m[:, joint]), REACH) for r in responses]))
-    rate = float(np.median([np.percentile(np.abs(r.velocity_mps[:, joint]), REACH) for r in responses]))
+    stretch = float(np.median([np.percentile(np.abs(r.stretch_m[:, joint]), REACH) for r in responses]))
+    rate = float(np.median([np.percentile(np.abs(r.stretch_rate_mps[:, joint]), REACH) for r in responses]))
     return stretch, rate, float(chain.stiffness_n_per_m[joint]) * stretch
 
 
@@ -123,7 +123,7 @@ def _visited(nuisance: NuisanceModel, joint: int, stretch: float, rate: float) -
     here = np.zeros((len(SPEEDS), len(ACROSS)), dtype=bool)
     for case in nuisance.train.cases:
         response = predict(nuisance.subject, case.seat_mps2, case.rate_hz, case.channels)
-        u, w = response.displacement_m[:, joint] / stretch, response.velocity_mps[:, joint] / rate
+        u, w = response.stretch_m[:, joint] / stretch, response.stretch_rate_mps[:, joint] / rate
         for i, speed in enumerate(SPEEDS):
             for j, at in enumerate(ACROSS):
                 here[i, j] |= bool(((np.abs(u - at) < 0.25) & (np.abs(w - speed) < 0.5)).any())

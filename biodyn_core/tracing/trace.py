@@ -17,7 +17,7 @@ from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import data_checks
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Trace
-from biodyn_core.tracing.joint_refit import jointly_refitted
+from biodyn_core.tracing.joint_refit import generalised, jointly_refitted
 from biodyn_core.tracing.local_fit import PRIOR_SCALES
 from biodyn_core.tracing.preliminary_fit import OnStage
 from biodyn_core.tracing.results import build_result, build_undecided
@@ -103,9 +103,17 @@ def _rounds(
 def _with_joint_refit(
     subject: Subject, outcome: Outcome, train: Sequence[Case], choose: Sequence[Case]
 ) -> tuple[Subject, Outcome]:
-    """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better."""
+    """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better.
+
+    The general form of its law stays if it predicts the events for choosing better than the textbook form.
+    """
     if outcome.chosen is None or not outcome.adds_effect:
         return subject, outcome
-    fitted = jointly_refitted(outcome.chosen.subject, train)
-    before, after = (mean_percent([errors(case, answer(one, case)) for case in choose]) for one in (subject, fitted))
+
+    def percent(one: Subject) -> float:
+        return mean_percent([errors(case, answer(one, case)) for case in choose])
+
+    textbook = jointly_refitted(outcome.chosen.subject, train)
+    fitted = min((textbook, generalised(textbook, train)), key=percent)
+    before, after = percent(subject), percent(fitted)
     return (fitted, outcome) if after < before else (subject, outcome.refused(WORSE.format(before, after)))

@@ -7,14 +7,17 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
+from biodyn_core.base.arrays import Floats
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.findings import (
     ComparedEvent,
     Diagnostics,
+    ForceProfile,
     Interval,
     RankedCandidate,
+    RestoringForce,
     Round,
     SensorFinding,
     Surface,
@@ -75,6 +78,7 @@ def trace_document(report: Report) -> Document:
         "parameters_moved": {each.name: _change(each, adds=trace.adds) for each in parameter_changes(trace)},
         "subject_written": "with_effect" if trace.adds else "as_given",
         "surface": _surface(trace.surface) if trace.surface else None,
+        "restoring_force": [_restoring_force(each) for each in trace.restoring_forces],
         "events": [event_document(event) for event in trace.events],
         "untestable": list(trace.untestable),
         "left_out": list(trace.left_out),
@@ -278,3 +282,44 @@ def _surface(surface: Surface) -> Document:
         "force_n": [[finite(force) for force in row] for row in surface.force_n.tolist()],
         "gain": finite(surface.gain),
     }
+
+
+def _restoring_force(found: RestoringForce) -> Document:
+    return {
+        "site": found.site,
+        "place": "joint" if found.joint else "segment",
+        "effects": [applied.effect.name for applied in found.effects],
+        "events": list(found.events),
+        "body_mass_kg": found.body_mass_kg,
+        "high_pass_hz": found.high_pass_hz,
+        "rms_n": {
+            "carried": finite(found.carried_n),
+            "missing_before": finite(found.missing_before_n),
+            "missing_after": finite(found.missing_after_n),
+        },
+        "stretch_m": found.stretch_m.tolist(),
+        "rate_mps": found.rate_mps.tolist(),
+        "samples": found.samples.tolist(),
+        "before_n": [_known(row) for row in found.before_n],
+        "after_n": [_known(row) for row in found.after_n],
+        "over_stretch": _profile(found.over_stretch),
+        "over_rate": _profile(found.over_rate),
+    }
+
+
+def _profile(found: ForceProfile) -> Document:
+    return {
+        "at": found.at.tolist(),
+        "samples": found.samples.tolist(),
+        "before_n": _known(found.before_n),
+        "measured_n": _known(found.measured_n),
+        "after_n": _known(found.after_n),
+        "law_n": _known(found.law_n),
+        "law_lower_n": _known(found.lower_n),
+        "law_upper_n": _known(found.upper_n),
+        "explained": finite(found.explained),
+    }
+
+
+def _known(values: Floats) -> list[float | None]:
+    return [finite(value) for value in values.tolist()]

@@ -1,4 +1,4 @@
-"""Drawings of a trace: the ranking of candidates, and the surface of a joint."""
+"""Drawings of a trace: the ranking of candidates, the surface of a joint, and missing forces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.tracing.findings import RankedCandidate, Round, Surface
+from biodyn_core.tracing.findings import RankedCandidate, RestoringForce, Round, Surface
 from biodyn_ros.base.wording import number
 from biodyn_ros.reports.drawing import (
     BAND_COLOUR,
@@ -16,7 +16,7 @@ from biodyn_ros.reports.drawing import (
     SOFT_COLOUR,
     drawn,
 )
-from biodyn_ros.reports.residuals import AFTER_COLOUR
+from biodyn_ros.reports.residuals import AFTER_COLOUR, BEFORE_COLOUR, BEFORE_DASHES
 from biodyn_ros.trace.wording import effect_name
 
 AMBIGUOUS_COLOUR: Final = "#e8930c"
@@ -81,6 +81,38 @@ def surface_map(surface: Surface) -> Any:
         figure.colorbar(drawing, ax=axes, label="missing force, N", format="%.3g")
 
     return drawn(6.4, 3.4, fill)
+
+
+def force_panels(found: RestoringForce) -> Any:
+    """The missing force before and after, and beside it the measured force with the law, over stretch or rate."""
+    profile, by_rate = (found.over_rate, True) if found.over_rate_first else (found.over_stretch, False)
+    x = profile.at if by_rate else 1e3 * profile.at
+    label = _coordinate(found, by_rate)
+
+    def fill(figure: Any) -> None:
+        panels = figure.subplots(1, 2 if found.effects else 1, squeeze=False, sharey=True)[0]
+        for axes in panels:
+            axes.axhline(0.0, color=SOFT_COLOUR, lw=0.6)
+            axes.set_xlabel(label, color=SOFT_COLOUR)
+        panels[0].set_ylabel("force, N", color=SOFT_COLOUR)
+        panels[0].set_title("missing force", loc="left", fontweight="bold")
+        panels[0].plot(
+            x, profile.before_n, color=BEFORE_COLOUR, lw=1.1, ls=BEFORE_DASHES, marker="o", ms=4.0, mfc="white"
+        )
+        if found.effects:
+            panels[0].plot(x, profile.after_n, color=AFTER_COLOUR, lw=1.1, marker="s", ms=3.2)
+            panels[1].fill_between(x, profile.lower_n, profile.upper_n, color=BAND_COLOUR, alpha=0.6, lw=0.0)
+            panels[1].plot(x, profile.law_n, color=AFTER_COLOUR, lw=1.4)
+            panels[1].plot(x, profile.measured_n, color=MEASURED_COLOUR, lw=0.0, marker="o", ms=4.0)
+            panels[1].set_title("force of the effect", loc="left", fontweight="bold")
+
+    return drawn(10.4 if found.effects else 6.4, 3.0, fill)
+
+
+def _coordinate(found: RestoringForce, by_rate: bool) -> str:
+    if found.joint:
+        return "rate of stretch, m/s" if by_rate else "stretch, mm (negative is compression)"
+    return "velocity relative to the seat, m/s" if by_rate else "displacement relative to the seat, mm"
 
 
 def _keys(candidates: Sequence[RankedCandidate]) -> set[tuple[str, str]]:

@@ -14,13 +14,14 @@ from biodyn_ros.base.wording import parameter_name
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
 from biodyn_ros.trace.document import PROOF
-from biodyn_ros.trace.drawings import SHOWN, ranking, surface_map
+from biodyn_ros.trace.drawings import SHOWN, force_panels, ranking, surface_map
 from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known, known, mean_errors
 from biodyn_ros.trace.refit import parameter_changes
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.wording import (
     diagnostic_lines,
     effect_name,
+    force_place,
     grouped,
     headline,
     parameters_of,
@@ -78,6 +79,7 @@ def trace_page(report: Report) -> str:
         time_svg=over_time(worst) if worst is not None else None,
         spectra_svg=over_frequency(compared),
         rounds=[(each, ranking(each), _objections(each)) for each in trace.rounds if each.ranking],
+        forces=[(each, force_place(each), force_panels(each)) for each in trace.restoring_forces],
         surface_svg=surface_map(trace.surface) if trace.surface is not None else None,
     )  # fmt: skip
 

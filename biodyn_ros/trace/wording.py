@@ -9,7 +9,7 @@ from typing import Final
 
 from biodyn_core.base.segments import SEAT, SEGMENTS
 from biodyn_core.effects import CATALOGUE, AppliedEffect, EffectParameter
-from biodyn_core.tracing.findings import Diagnostics, Interval, RankedCandidate, SensorFinding, Trace
+from biodyn_core.tracing.findings import Diagnostics, Interval, RankedCandidate, RestoringForce, SensorFinding, Trace
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import number, parameter_name, sentence, with_interval, words
@@ -107,6 +107,13 @@ def effect_name(name: str, site: str) -> str:
     return f"{words(name)} {_place(name, site)}"
 
 
+def force_place(found: RestoringForce) -> str:
+    """The place of a missing force with its effects: "stop in the joint between seat and pelvis"."""
+    if found.effects:
+        return grouped(found.effects, " and ")[0]
+    return _joint(found.site)
+
+
 def grouped(effects: Sequence[AppliedEffect], joined: str = " or ") -> list[str]:
     """Effects by name, those of one place together: "stop or cubic in the joint between seat and pelvis"."""
     by_place: dict[str, list[str]] = {}
@@ -201,11 +208,15 @@ def _either(trace: Trace) -> str:
 def _place(name: str, site: str) -> str:
     place = CATALOGUE[name].place
     if place == "joint":
-        below = (SEAT, *SEGMENTS)[SEGMENTS.index(site)]
-        return f"in the joint between {words(below)} and {words(site)}"
+        return f"in the {_joint(site)}"
     if place == "sensor":
         return f"of the sensor on the {words(site)}"
     return "of the seat" if place == "seat" else f"on the {words(site)}"
+
+
+def _joint(site: str) -> str:
+    below = (SEAT, *SEGMENTS)[SEGMENTS.index(site)]
+    return f"joint between {words(below)} and {words(site)}"
 
 
 def _first_reason(trace: Trace) -> str:

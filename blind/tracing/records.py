@@ -74,6 +74,7 @@ def sittings(drawing: Drawing, numbers: Sequence[int], seed: int, split: Split, 
         plan,
         drawing.ratio,
         first=first,
+        kinds_behind=drawing.background,
     )
     return [found[number - first] for number in numbers]
 

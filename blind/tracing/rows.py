@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, Literal
 
+from world.effects.mixture import PAPER
+
 from biodyn_core.effects import CATALOGUE
 from blind.tracing.outcome import Outcome
 
@@ -33,7 +35,8 @@ class Drawing:
 
     ratio: intended by the simulation's linear estimate; the score's ratio decides the row of a record. It is usually
     half to twice the intended one. Counts give about forty records for each row by ratio, and a row with fewer gets
-    further ones. coloured: adds noise of 0.3 m/s^2 that does not follow the input.
+    further ones. coloured: adds noise of 0.3 m/s^2 that does not follow the input. background: kinds of
+    `mixture.KINDS`; the paper's alone has scale 1, else scales are drawn; level multiplies them.
     """
 
     name: str
@@ -44,6 +47,7 @@ class Drawing:
     kinds: tuple[str, ...] = KINDS
     coloured: bool = False
     needs: Needs = "causes"
+    background: tuple[str, ...] = (PAPER,)
 
 
 DRAWINGS: Final = (

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from world import body, sensors
+from world import body, ride, sensors
 from world.effects import event, wearing
 from world.effects.effect import WORN, Effect, Person
 from world.effects.moving import Party, moved, runs_away
@@ -83,7 +83,7 @@ class _Seen:
             first = len(self.few) + i * (FREE + 1)
             plain = _heard(one, went[i].accel_mps2, ())
             model, *beside = (
-                np.concatenate([_thinned(accel[:, at - 1]) for accel in m.accel_mps2 for at in WORN])
+                np.concatenate([_thinned(accel[:, at - 1]) for accel in m.accel_mps2 for at in _worn(one)])
                 for m in went[first : first + FREE + 1]
             )
             weight = np.concatenate([np.full(part.size, 1.0 / part.std()) for part in np.split(model, _ends(one))])
@@ -109,14 +109,15 @@ class _Seen:
 
 def _heard(one: Sitting, accel_mps2: Sequence[Floats], effects: Sequence[Effect]) -> Floats:
     """Upward readings of the sensors on the body without noise: events, then sensors, in one vector."""
-    parts = []
+    parts: list[Floats] = []
+    changes = (*one.mechanisms, *effects)
     for planned, accel in zip(one.events, accel_mps2, strict=True):
         time_s = np.arange(len(accel)) / event.HELD_HZ
-        for at in WORN:
-            force, _ = wearing.sensed(at, planned.event, accel[:, at - 1], effects, one.background)
-            late_s = one.background.late_s[at] + sum(e.clock_late_s(at, planned.event, time_s) for e in effects)
+        for at in _worn(one):
+            force, _ = wearing.sensed(at, planned.event, accel[:, at - 1], changes, one.background)
+            late_s = one.background.late_s[at] + sum(e.clock_late_s(at, planned.event, time_s) for e in changes)
             up = np.interp(time_s - late_s, time_s, force[:, 2])
-            for effect in effects:
+            for effect in changes:
                 up = effect.reading(at, up)
             parts.append(_thinned(up - sensors.GRAVITY_MPS2))
     return np.concatenate(parts)
@@ -128,10 +129,15 @@ def _thinned(values: Floats) -> Floats:
     return signal.sosfiltfilt(sos, values)[::EVERY]
 
 
+def _worn(one: Sitting) -> list[int]:
+    """The places of the sensors that the body wears."""
+    return [at for at in WORN if ride.SENSORS[at] in one.worn]
+
+
 def _ends(one: Sitting) -> NDArray[np.int64]:
     """Where the next sensor or event begins in such a vector."""
     counts = [-(-len(planned.event.accel_mps2[::2]) // EVERY) for planned in one.events]
-    return np.cumsum(np.repeat(counts, len(WORN)))[:-1]
+    return np.cumsum(np.repeat(counts, len(_worn(one))))[:-1]
 
 
 def _without(base: Floats, values: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Draws effects by the name of their split; `blind` is for scoring only (see the package's docstring)."""
+"""Draws effects by the name of their split; `third` and `blind` are for scoring only (see the package's docstring)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from world.effects.effect import Effect
 
-Split = Literal["development", "second", "blind"]
+Split = Literal["development", "second", "third", "blind"]
 
 KINDS: Final = (
     "asymmetry", "cubic", "stop", "quadratic_damping", "friction", "hysteresis", "relaxation", "thixotropy", "posture",

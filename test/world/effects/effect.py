@@ -103,8 +103,28 @@ def between(low: float, high: float) -> Any:
     return field(default=0.5 * (low + high), metadata={"range": (low, high)})
 
 
+class SensorHooks:
+    """Changes of the sensors; the default of each hook changes nothing."""
+
+    def lean_rad(self, sensor: int, event: Event) -> Floats | None:
+        """Roll and pitch of a sensor relative to its segment, (n, 2) on the grid of the event."""
+        return None
+
+    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
+        """Acceleration of the sensor for accelerations (m, 3) of its segment at `HELD_HZ`."""
+        return accel_mps2
+
+    def clock_late_s(self, sensor: int, event: Event, time_s: Floats) -> Floats | float:
+        """Delay of the sensor's clock at its own time_s (m,) within the event."""
+        return 0.0
+
+    def reading(self, sensor: int, force_mps2: Floats) -> Floats:
+        """Reading of the sensor for a specific force (m, 3) in its own axes."""
+        return force_mps2
+
+
 @dataclass(frozen=True)
-class Effect:
+class Effect(SensorHooks):
     """One thing a record can hide. Of `strength` 0 it hides nothing; shapes are fields made by `between`.
 
     kind and family are those of the catalogue ("outside": of none). site is a joint or segment from below, a place in
@@ -141,8 +161,6 @@ class Effect:
             "strength": self.strength, "unit": self.unit,
         }  # fmt: skip
 
-    # --- in the body
-
     @property
     def delay_s(self) -> float:
         """How late `Moment.late` is; 0 for effects that look at now."""
@@ -163,24 +181,6 @@ class Effect:
     def act(self, now: Moment, own: Floats) -> Floats | None:
         """Add forces to `now`; return the rates (r, s) of the effect's states (r, s), which begin at 0."""
         return None
-
-    # --- in the sensors
-
-    def lean_rad(self, sensor: int, event: Event) -> Floats | None:
-        """Roll and pitch of a sensor relative to its segment, (n, 2) on the grid of the event."""
-        return None
-
-    def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
-        """Acceleration of the sensor for accelerations (m, 3) of its segment at `HELD_HZ`."""
-        return accel_mps2
-
-    def clock_late_s(self, sensor: int, event: Event, time_s: Floats) -> Floats | float:
-        """Delay of the sensor's clock at its own time_s (m,) within the event."""
-        return 0.0
-
-    def reading(self, sensor: int, force_mps2: Floats) -> Floats:
-        """Reading of the sensor for a specific force (m, 3) in its own axes."""
-        return force_mps2
 
 
 def smooth_sign(rate: Floats, width: float) -> Floats:

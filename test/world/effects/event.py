@@ -31,6 +31,9 @@ SWAY_DAMPING: Final = 0.35
 NOD_RAD_PER_MPS2: Final = np.array([0.0, 0.004, 0.007, 0.010, 0.015, 0.030, 0.060])
 """Lean of segments per sideways acceleration."""
 
+FARTHEST_RAD: Final = np.array([0.5, 0.15, 0.2, 0.25, 0.3, 0.4, 0.6])
+"""How far they can lean: the spine and the neck end there."""
+
 
 @dataclass(frozen=True, eq=False)
 class Event:
@@ -81,7 +84,8 @@ class Event:
     def leaning_rad(self, sensor: int) -> Floats:
         """Roll and pitch of the seat or a segment, (n, 2): of the seat, and a part from horizontal acceleration."""
         forward, left = self.aside_mps2(sensor).T
-        return self.angle_rad + NOD_RAD_PER_MPS2[sensor] * np.column_stack([-left, forward])
+        angle = NOD_RAD_PER_MPS2[sensor] * np.column_stack([-left, forward]) / FARTHEST_RAD[sensor]
+        return self.angle_rad + FARTHEST_RAD[sensor] * angle / np.sqrt(1.0 + angle**2)
 
     def spin_radps(self, sensor: int) -> Floats:
         """Rates of roll and pitch, (n, 2)."""

@@ -7,7 +7,7 @@ the states of past steps by cubic Hermite curves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from world.effects.background import NOTHING, Background
 from world.effects.effect import Effect, Moment, Person
 from world.effects.event import HELD_HZ, REST_S, Event
+from world.effects.mechanism import Mechanism
 
 Floats = NDArray[np.float64]
 
@@ -27,12 +28,13 @@ RUNAWAY_MPS2: Final = 1e4
 
 @dataclass(frozen=True, eq=False)
 class Party:
-    """One person in several events, with the same effects in each; all at once."""
+    """One person in several events, with the same effects and background in each; all at once."""
 
     person: Person
     events: Sequence[Event]
     effects: tuple[Effect, ...] = ()
     background: Background = NOTHING
+    mechanisms: tuple[Mechanism, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,7 @@ class Moved:
 def moved(parties: Sequence[Party]) -> list[Moved]:
     """Move all parties from rest; events shorter than the longest go on at rest, which is cut off again."""
     flow = _Flow(parties)
-    steps, rows = (len(flow.base) - 1) // 2, flow.rows
+    steps, first_end, rows = (len(flow.base) - 1) // 2, flow.last.min(), flow.rows
     accel = np.empty((steps + 1, rows, 6))
     reach, rise, squares = (np.zeros((rows, 6)) for _ in range(3))
     state, stages = np.zeros(flow.size), np.empty((4, flow.size))
@@ -62,16 +64,18 @@ def moved(parties: Sequence[Party]) -> list[Moved]:
         flow.slope(2 * n, state, first)
         flow.remember(n, state, first)
         accel[n] = flow.upward
-        np.minimum(reach, flow.stretch, out=reach)
-        np.maximum(rise, state[: 6 * rows].reshape(rows, 6), out=rise)
-        squares += flow.rate**2
+        # Beyond the longest event of a party nothing counts: a person does not depend on the others.
+        on = slice(None) if n <= first_end else flow.last >= n
+        reach[on] = np.minimum(reach[on], flow.stretch[on])
+        rise[on] = np.maximum(rise[on], state[: 6 * rows].reshape(rows, 6)[on])
+        squares[on] += flow.rate[on] ** 2
         if n == steps:
             break
         flow.slope(2 * n + 1, state + 0.5 * STEP_S * first, second)
         flow.slope(2 * n + 1, state + 0.5 * STEP_S * second, third)
         flow.slope(2 * n + 2, state + STEP_S * third, fourth)
         state += weights @ stages
-    rate = np.sqrt(squares / (steps + 1))
+    rate = np.sqrt(squares / (flow.last[:, None] + 1))
     return [
         Moved(
             tuple(accel[: len(event.accel_mps2[::2]), r.start + i].copy() for i, event in enumerate(party.events)),
@@ -93,6 +97,44 @@ def _level(signals: Sequence[Floats], count: int) -> Floats:
         out[: len(one), i] = one
         out[len(one) :, i] = one[-1]
     return out
+
+
+class _Merged:
+    """One kind of mechanism in all parties that have it, as one: its rows, and its states' place."""
+
+    def __init__(self, members: Sequence[tuple[Mechanism, Party, slice]], begin: int, halves: int) -> None:
+        ones = [one for one, _, _ in members]
+        events = [event for _, party, _ in members for event in party.events]
+        self.mechanism = type(ones[0]).merged(ones, [len(party.events) for _, party, _ in members])
+        self.rows = np.concatenate([np.arange(rows.start, rows.stop) for _, _, rows in members])
+        self.shape = (len(events), self.mechanism.states)
+        self.place = slice(begin, begin + self.shape[0] * self.shape[1])
+        self.signals = _level([one.signals(event) for one, party, _ in members for event in party.events], halves)
+        self.begin_s = np.array([event.begin_s for event in events])
+        self.whole_s = np.array([event.whole_s for event in events])
+        self.now = Moment()
+
+    def act(self, half: int, seen: Floats, base: Floats, forces: Floats, own: Floats) -> Floats | None:
+        """Add tensions and pushes to forces (rows, 12); the rates of the own states.
+
+        seen: x, v, stretch and rate (4, rows, 6).
+        """
+        now = self.now
+        now.x, now.v, now.stretch, now.rate = seen.take(self.rows, axis=1)
+        now.base_mps2, now.signal = base.take(self.rows), self.signals[half]
+        now.share = (self.begin_s + 0.5 * half * STEP_S) / self.whole_s
+        added = np.zeros((self.shape[0], 12))
+        now.joint_n, now.up_n = added[:, :6], added[:, 6:]
+        rates = self.mechanism.act(now, own.reshape(self.shape))
+        forces[self.rows] += added
+        return rates
+
+
+def _by_kind(parties: Sequence[Party], parts: Sequence[slice]) -> Iterator[list[tuple[Mechanism, Party, slice]]]:
+    """The members of each kind of mechanism in the body."""
+    members = [(one, p, rows) for p, rows in zip(parties, parts, strict=True) for one in p.mechanisms if one.in_body]
+    for kind in dict.fromkeys(type(one) for one, _, _ in members):
+        yield [member for member in members if type(member[0]) is kind]
 
 
 class _Acting:
@@ -161,6 +203,9 @@ class _Flow:
             for event in party.events
         ]
         longest = max(map(len, seats))
+        ends_at = [(max(len(event.accel_mps2) for event in party.events) + 1) // 2 for party in parties]
+        self.last = np.repeat(ends_at, counts)
+        """The last step of each row's party."""
         # One sample of rest, so that it is rest that goes on; and an even number of half steps.
         self.base = _level([np.append(seat, 0.0) for seat in seats], longest + 1 + longest % 2)
         self.acting: list[_Acting] = []
@@ -169,7 +214,12 @@ class _Flow:
             for effect in party.effects:
                 self.acting.append(_Acting(effect, party, rows, self.size, len(self.base)))
                 self.size += len(party.events) * effect.states
-        self.stretch, self.rate, self.upward = (np.empty((self.rows, 6)) for _ in range(3))
+        self.merged: list[_Merged] = []
+        for members in _by_kind(parties, self.parts):
+            self.merged.append(_Merged(members, self.size, len(self.base)))
+            self.size = self.merged[-1].place.stop
+        self.upward, self.seen = np.empty((self.rows, 6)), np.empty((4, self.rows, 6))
+        self.stretch, self.rate = self.seen[2:]
 
     def slope(self, half: int, state: Floats, out: Floats) -> None:
         """The state's rate after so many half steps; leaves stretch, rate and upward acceleration behind."""
@@ -186,8 +236,13 @@ class _Flow:
                 stretch[one.rows, moved[0]] += moved[1]
                 rate[one.rows, moved[0]] += moved[2]
         joint = self._joints(stretch, rate)
+        behind = self._behind(half, x, v, base, state, out) if self.merged else None
+        if behind is not None:
+            joint += behind[:, :6]
         up = -joint
         up[:, :-1] += joint[:, 1:]
+        if behind is not None:
+            up += behind[:, 6:]
         for one in self.acting:
             now = one.now
             now.stretch, now.rate, now.joint_n, now.up_n = (a[one.rows] for a in (stretch, rate, joint, up))
@@ -198,6 +253,15 @@ class _Flow:
         self.upward -= self.alpha * v
         out[:middle] = state[middle : 2 * middle]
         np.subtract(self.upward, base[:, None], out=out[middle : 2 * middle].reshape(-1, 6))
+
+    def _behind(self, half: int, x: Floats, v: Floats, base: Floats, state: Floats, out: Floats) -> Floats:
+        """Tensions of the joints and pushes on the segments (rows, 12) of the mechanisms."""
+        self.seen[0], self.seen[1], forces = x, v, np.zeros((self.rows, 12))
+        for one in self.merged:
+            own = one.act(half, self.seen, base, forces, state[one.place])
+            if own is not None:
+                out[one.place] = own.ravel()
+        return forces
 
     def _joints(self, stretch: Floats, rate: Floats) -> Floats:
         """Tension of the joints, (rows, 6)."""

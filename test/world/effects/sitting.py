@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from world import body, ride, seats, sensors
-from world.effects import absorbing, background, bags, event
+from world.effects import absorbing, background, bags, event, mixture
 from world.effects.background import Background
 from world.effects.draw import KINDS, Split, effect
 from world.effects.effect import Effect, Person
 from world.effects.event import Event
+from world.effects.mechanism import Mechanism
+from world.effects.mixture import PAPER
 from world.effects.moving import Party, moved, runs_away
 from world.effects.wearing import Stream, stream
 
@@ -46,6 +48,9 @@ TOGETHER: Final = 6
 FACTORS: Final = (*(0.5**n for n in range(1, 9)), 2.0, 4.0, 8.0)
 """Of a strength that makes a body run away, tried in turn."""
 
+OF_SCALES: Final = 1
+"""Marks the generator of the scales of a background."""
+
 GLANCE_S: Final = 6.0
 """Of an event is enough to tell how far a person goes, and how much of an effect stays visible."""
 
@@ -63,7 +68,8 @@ class Planned:
 class Sitting:
     """One person's sitting. plain and hidden are accelerations by event, (n, 6) at `HELD_HZ`, without and with effects.
 
-    Both have the same person, background, seats, mountings and noise.
+    Both have the same person, background, seats, mountings and noise. background is of the paper's kind, mechanisms are
+    of the other kinds, scales has the scale of each. Every sensor in worn has a stream.
     """
 
     body_mass_kg: float
@@ -79,24 +85,27 @@ class Sitting:
     hidden: tuple[Floats, ...]
     seed: int
     ratio: float | None = None
+    mechanisms: tuple[Mechanism, ...] = ()
+    scales: Mapping[str, float] = field(default_factory=dict)
 
     def party(self, effects: tuple[Effect, ...]) -> Party:
         """The person in all events."""
-        return Party(self.person, [planned.event for planned in self.events], effects, self.background)
+        events = [planned.event for planned in self.events]
+        return Party(self.person, events, effects, self.background, self.mechanisms)
 
     def streams(self, index: int, with_effects: bool = True) -> dict[str, Stream]:
         """Output of the sensors in one event."""
         accel = (self.hidden if with_effects else self.plain)[index]
-        effects = self.effects if with_effects else ()
+        changes = (*self.mechanisms, *(self.effects if with_effects else ()))
         happens = self.events[index].event
         up = np.column_stack([happens.accel_mps2[::2, 2], accel])
         return {
             name: stream(
-                at, self.worn[name], happens, up[:, at], effects, self.background,
+                at, self.worn[name], happens, up[:, at], changes, self.background,
                 np.random.default_rng([self.seed, index, at]),
             )
             for at, name in enumerate(ride.SENSORS)
-            if name in ride.WORN
+            if name in self.worn
         }  # fmt: skip
 
     def write(self, directory: Path, with_effects: bool = True) -> list[Path]:
@@ -113,6 +122,7 @@ class Sitting:
         return {
             "effects": [one.truth() for one in self.effects],
             "level": self.level,
+            "background": dict(self.scales),
             "ratio": self.ratio,
             "theta": self.theta.tolist(),
             "mass_matrix": self.mass_matrix,
@@ -132,31 +142,45 @@ def drawn(
     ratio: tuple[float, float] | None = None,
     chosen: Callable[[int], Effect] | None = None,
     first: int = 0,
+    kinds_behind: Sequence[str] = (PAPER,),
 ) -> list[Sitting]:
     """Sittings that hide so many effects each (0: none), of different kinds, on a background of a level.
 
-    ratio: each sitting's effects are made stronger or weaker together until their own residual over the background's,
-    as `absorbing.ratios` sees it, is about one drawn from this range; where that cannot be, it is what it is, and
-    `truth` says it. chosen: the effect of a sitting by its number, instead of drawing. Sittings do not depend on count;
-    first is the number of the first.
+    kinds_behind: kinds of the background; level multiplies their scales, which `mixture.scales` draws. ratio: each
+    sitting's effects are made stronger or weaker together until their own residual over the background's, as
+    `absorbing.ratios` sees it, is about one drawn from this range; where that cannot be, it is what it is, and `truth`
+    says it. chosen: the effect of a sitting by its number, instead of drawing. Sittings do not depend on count; first
+    is the number of the first.
     """
     found: list[Sitting] = []
     end = first + count
     for begin in range(first, end, TOGETHER):
         rngs = [np.random.default_rng([seed, i]) for i in range(begin, min(begin + TOGETHER, end))]
-        drafts = _travelled([_draft(begin + i, seed, plan, rng) for i, rng in enumerate(rngs)])
+        drafts = travelled([draft_of(begin + i, seed, plan, rng) for i, rng in enumerate(rngs)])
         settled = []
         for i, (draft, rng) in enumerate(zip(drafts, rngs, strict=True)):
-            behind = background.drawn(draft.person, level, rng)
+            # A generator of their own: the draws of the paper's kind alone must not change.
+            scales = mixture.scales(kinds_behind, np.random.default_rng([seed, begin + i, OF_SCALES]))
+            behind = with_background(draft, {kind: level * scale for kind, scale in scales.items()}, rng)
             hiding = (chosen(begin + i),) if chosen else _hiding(split, kinds, effects, rng)
-            settled.append(dataclasses.replace(draft, background=behind, effects=hiding, level=level))
+            settled.append(dataclasses.replace(behind, effects=hiding, level=level))
         if ratio and any(one.effects for one in settled):
             settled = absorbing.scaled(settled, [float(np.exp(rng.uniform(*np.log(ratio)))) for rng in rngs])
-        found += _steady(together(settled))
+        found += steady(together(settled))
     return found
 
 
-def _steady(sittings: Sequence[Sitting]) -> list[Sitting]:
+def with_background(draft: Sitting, scales: Mapping[str, float], rng: np.random.Generator) -> Sitting:
+    """A sitting with a background of these scales by kind; rng draws the paper's kind."""
+    return dataclasses.replace(
+        draft,
+        background=background.drawn(draft.person, scales.get(PAPER, 0.0), rng),
+        mechanisms=mixture.mechanisms(draft.person, scales, [draft.seed]),
+        scales=scales,
+    )
+
+
+def steady(sittings: Sequence[Sitting]) -> list[Sitting]:
     """The same with other strengths of effects that make a body unstable.
 
     Weaker by halves first; then stronger, because a law may be stiffer at a lower strength.
@@ -184,7 +208,7 @@ def together(sittings: Sequence[Sitting]) -> list[Sitting]:
     ]
 
 
-def _draft(number: int, seed: int, plan: Plan, rng: np.random.Generator) -> Sitting:
+def draft_of(number: int, seed: int, plan: Plan, rng: np.random.Generator) -> Sitting:
     """A person, the events to come and the sensors worn; every other person's M holds cascade masses."""
     people, row = body.drawn(2, rng), number % 2
     return Sitting(
@@ -226,7 +250,7 @@ def _hiding(split: Split, kinds: Sequence[str], count: int, rng: np.random.Gener
     return tuple(effect(split, rng, (str(kind),)) for kind in chosen)
 
 
-def _travelled(sittings: Sequence[Sitting]) -> list[Sitting]:
+def travelled(sittings: Sequence[Sitting]) -> list[Sitting]:
     """Persons who know how far they go, from one event of each case that is for fitting."""
     few = [dataclasses.replace(one, events=first_of_each(one.events)) for one in sittings]
     travels = moved([one.party(()) for one in few])

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy import interpolate
+from scipy.spatial.transform import Rotation
 
 from world import sensors
 from world.effects.background import Background
@@ -39,12 +40,12 @@ def sensed(
         accel = effect.sensor_acceleration(sensor, event, accel)
         beyond = effect.lean_rad(sensor, event)
         lean = lean if beyond is None else lean + beyond[::2]
-    spin = np.gradient(lean, 1.0 / HELD_HZ, axis=0)
-    angle = np.column_stack([lean, np.zeros(len(lean))])
     force = accel + np.array([0.0, 0.0, sensors.GRAVITY_MPS2])
-    # Rotation of the axes by small angles (some hundredths), to second order.
-    turned = np.cross(angle, force)
-    return force - turned + 0.5 * np.cross(angle, turned), np.column_stack([spin, np.zeros(len(spin))])
+    # First about the forward axis by roll, then about the left axis of the sensor, which has rolled, by pitch.
+    axes = Rotation.from_euler("XY", lean)
+    roll, pitch = np.gradient(lean, 1.0 / HELD_HZ, axis=0).T
+    spin = np.column_stack([roll * np.cos(lean[:, 1]), pitch, roll * np.sin(lean[:, 1])])
+    return axes.apply(force, inverse=True), spin
 
 
 def stream(

@@ -17,11 +17,20 @@ from scipy import ndimage
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.base.wording import counted
+from biodyn_core.sensor_pairs.faults import (
+    PARAMETRIZATIONS,
+    FaultFit,
+    background_fits,
+    by_chance,
+    fit_fault,
+    fit_faults,
+    size_error,
+    weights,
+)
+from biodyn_core.sensor_pairs.settings import PairSettings
+from biodyn_core.sensor_pairs.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
 from biodyn_core.tracing.findings import NAMING, Verdict
-from blind.faults import PARAMETRIZATIONS, FaultFit, background_change, by_chance, fit_fault, fit_faults, weights
-from blind.transfers import RIDGES, Shape, Stretch, best_shape, filled, in_band, percent
 
 RECONSTRUCTIONS: Final = 20
 """Iterations of the replacement of clipped samples."""
@@ -29,43 +38,35 @@ RECONSTRUCTIONS: Final = 20
 LEAST_KEPT: Final = 0.25
 """Least share of unclipped samples of a stretch."""
 
+INTERVAL_ERRORS: Final = 1.96
+"""Half the length of a 95 % interval, in standard errors."""
+
 SIMILAR_SHARE: Final = 0.8
 """A candidate with this share of the best gain is ambiguous with it."""
 
 
-@dataclass(frozen=True)
-class PairSettings:
-    """Settings of a check."""
+@dataclass(frozen=True, eq=False)
+class Clipping:
+    """Clipped samples of a channel: a mask (n,), their number in the raw samples, and their largest |value|."""
 
-    lowest_hz: float = setting(0.5, "lowest frequency compared, above gravity and biases", "Hz", 0.05, 10.0)
-    highest_share: float = setting(0.36, "highest frequency compared, in shares of the rate", "", 0.05, 0.48)
-    transfer_s: float = setting(0.06, "longest background filter before and after", "s", 0.0, 1.0)
-    window_s: float = setting(0.5, "length of a window", "s", 0.05, 10.0)
-    least_s: float = setting(5.0, "shortest stretch", "s", 0.5, 3600.0)
-    least_explained: float = setting(
-        0.4, "least share of a channel's rms that the reference has to predict", "", 0.0, 1.0
-    )
-    replicates: int = setting(2000, "random draws of the largest gain", "", 100, 1_000_000)
-    chance: float = setting(0.05, "share of random draws above the threshold", "", 0.001, 0.5)
-    change_ratio: float = setting(2.0, "multiple of the background's own gain between both halves", "", 0.0, 100.0)
-    least_ratio: float = setting(0.3, "least change of a fault over the background", "", 0.0, 10.0)
-    most_residual: float = setting(
-        2.0, "error over the background's above which a fault explains nothing", "", 1.0, 100.0
-    )
-    floor: float = setting(1.3, "error over the background's above which it is unexplained", "", 1.0, 10.0)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
+    flags: Flags
+    count: int
+    limit_mps2: float
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A stretch of synchronous raw channels: reference (n, k), under test (n,) and its sensor's other axes (n, 2)."""
+    """A stretch of synchronous raw channels: reference (n, k), under test (n,) and its sensor's other axes (n, 2).
+
+    clipping: of the channel under test where it is resampled, because clipping is visible in raw samples alone; None:
+    found in its samples.
+    """
 
     rate_hz: float
     reference: Floats
     under_test: Floats
     own: Floats | None = None
+    clipping: Clipping | None = None
 
     def __post_init__(self) -> None:
         n = self.under_test.size
@@ -74,14 +75,18 @@ class Pair:
         if not (np.isfinite(self.reference).all() and np.isfinite(self.under_test).all()):
             raise InputError("pair: samples are not finite; fill them or cut them out")
 
+    def clipped(self) -> Clipping:
+        """The given clipped samples, or those that the samples show."""
+        return clipping_of(self.under_test) if self.clipping is None else self.clipping
+
 
 @dataclass(frozen=True, eq=False)
-class PairTrace:
+class PairCheck:
     """The result of a check.
 
-    name, size: of the fault, in its unit; gains: cross-validated mean log ratios of squared errors by candidate;
-    threshold: the required gain. Percent of the channel's rms: background in the earlier stretch; before: with its
-    transfer in the checked stretch; after: with the fault as well.
+    name, size: of the fault, in its unit; lower, upper: its 95 % interval, NaN without one. gains: cross-validated
+    mean log ratios of squared errors by candidate; threshold: the required gain. Percent of the channel's rms:
+    background in the earlier stretch; before: with its transfer in the checked stretch; after: with the fault as well.
     """
 
     verdict: Verdict
@@ -89,6 +94,8 @@ class PairTrace:
     name: str = ""
     size: float = 0.0
     unit: str = ""
+    lower: float = math.nan
+    upper: float = math.nan
     ambiguous_with: tuple[str, ...] = ()
     background_percent: float = math.nan
     before_percent: float = math.nan
@@ -124,6 +131,12 @@ def clipped_samples(values: Floats) -> Flags:
     return flags
 
 
+def clipping_of(values: Floats) -> Clipping:
+    """The clipped samples of raw samples (n,)."""
+    flags = clipped_samples(values)
+    return Clipping(flags, int(flags.sum()), float(np.abs(values[flags]).max()) if flags.any() else math.nan)
+
+
 def _stretch(pair: Pair, s: PairSettings, clipped: Flags) -> Stretch:
     """A pair in band, without clipped samples and their neighbours."""
     band = (pair.rate_hz, s.lowest_hz, s.highest_share * pair.rate_hz)
@@ -137,7 +150,7 @@ def _stretch(pair: Pair, s: PairSettings, clipped: Flags) -> Stretch:
 
 def _good(pair: Pair, s: PairSettings) -> Stretch:
     """A pair in band, clipped samples interpolated."""
-    clipped = clipped_samples(pair.under_test)
+    clipped = pair.clipped().flags
     return _stretch(dataclasses.replace(pair, under_test=filled(pair.under_test, clipped)), s, clipped)
 
 
@@ -164,7 +177,7 @@ def residual(pair: Pair, baseline: Pair, settings: PairSettings | None = None) -
     return np.where(stretch.keep, stretch.output - best_shape(good, s.transfer_s)[0].predict(good, stretch), 0.0)
 
 
-def trace(pair: Pair, baseline: Pair | None = None, seed: int = 0, settings: PairSettings | None = None) -> PairTrace:
+def check(pair: Pair, baseline: Pair | None = None, seed: int = 0, settings: PairSettings | None = None) -> PairCheck:
     """Check a channel against its reference, with an earlier stretch of both without a fault.
 
     Without that stretch only clipping and a drift are found. Raises InputError if both stretches differ in rate or
@@ -175,7 +188,8 @@ def trace(pair: Pair, baseline: Pair | None = None, seed: int = 0, settings: Pai
         baseline.rate_hz != pair.rate_hz or baseline.reference.shape[1:] != pair.reference.shape[1:]
     ):
         raise InputError("pair: the earlier stretch has another rate or other channels")
-    clipped = clipped_samples(pair.under_test)
+    clipping = pair.clipped()
+    clipped = clipping.flags
     if not clipped.any():
         return _unclipped(pair, baseline, clipped, seed, s)
     found = _unclipped(pair, baseline, clipped, seed, s)
@@ -184,30 +198,32 @@ def trace(pair: Pair, baseline: Pair | None = None, seed: int = 0, settings: Pai
     return dataclasses.replace(
         found,
         verdict="effect",
-        reason=f"{counted(clipped.sum(), 'raw sample lies', 'raw samples lie')} at the limit, masked{besides}",
+        reason=f"{counted(clipping.count, 'raw sample lies', 'raw samples lie')} at the limit, masked{besides}",
         name="saturation",
-        size=float(np.abs(pair.under_test[clipped]).max()),
+        size=clipping.limit_mps2,
         unit="m/s^2",
+        lower=math.nan,
+        upper=math.nan,
         ambiguous_with=(),
         before_percent=whole.before_percent,
         after_percent=found.before_percent,
     )
 
 
-def _unclipped(pair: Pair, baseline: Pair | None, clipped: Flags, seed: int, s: PairSettings) -> PairTrace:
+def _unclipped(pair: Pair, baseline: Pair | None, clipped: Flags, seed: int, s: PairSettings) -> PairCheck:
     """The check with clipped samples masked."""
     shortest = min(p.under_test.size / p.rate_hz for p in (pair, baseline) if p is not None)
     if shortest < s.least_s:
-        return PairTrace("not_decidable", f"{shortest:.1f} s, at least {s.least_s:g} s of each stretch are needed")
+        return PairCheck("not_decidable", f"{shortest:.1f} s, at least {s.least_s:g} s of each stretch are needed")
     stretch = _stretch(_reconstructed(pair, baseline, clipped, s), s, clipped)
     if stretch.keep.mean() < LEAST_KEPT:
-        return PairTrace("not_decidable", f"{100.0 * stretch.keep.mean():.0f} % of the stretch is left to compare")
+        return PairCheck("not_decidable", f"{100.0 * stretch.keep.mean():.0f} % of the stretch is left to compare")
     if baseline is None:
         return _without_baseline(stretch, seed, s)
     return _with_baseline(stretch, _good(baseline, s), seed, s)
 
 
-def _without_baseline(stretch: Stretch, seed: int, s: PairSettings) -> PairTrace:
+def _without_baseline(stretch: Stretch, seed: int, s: PairSettings) -> PairCheck:
     """The check by a transfer from the stretch itself, which contains every constant fault: only a drift is found."""
     expected = Shape(round(0.5 * s.transfer_s * stretch.rate_hz), RIDGES[1]).predict(stretch, stretch)
     # The transfer contains the mean delay as well.
@@ -220,7 +236,7 @@ def _without_baseline(stretch: Stretch, seed: int, s: PairSettings) -> PairTrace
     )
     before = percent(stretch.output - expected, stretch.output, stretch.keep)
     seen = one.gain > threshold and before <= 100.0 * (1.0 - s.least_explained)
-    return PairTrace(
+    return PairCheck(
         "ambiguous" if seen else "not_decidable",
         "a drift, or a structure that changes" if seen else "clock, gain, tilt and skin are part of the transfer",
         "drift" if seen else "",
@@ -233,7 +249,7 @@ def _without_baseline(stretch: Stretch, seed: int, s: PairSettings) -> PairTrace
     )
 
 
-def _with_baseline(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) -> PairTrace:
+def _with_baseline(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) -> PairCheck:
     """The check by the background of the earlier stretch."""
     names = tuple(name for name in PARAMETRIZATIONS if name != "tilt" or stretch.own is not None)
     shape, background = best_shape(good, s.transfer_s)
@@ -241,12 +257,11 @@ def _with_baseline(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) 
     before = percent(stretch.output - expected, stretch.output, stretch.keep)
     if background > 100.0 * (1.0 - s.least_explained):
         reason = f"the reference does not predict {background:.0f} % of the channel in the earlier stretch"
-        return PairTrace("not_decidable", reason, background_percent=background, before_percent=before)
+        return PairCheck("not_decidable", reason, background_percent=background, before_percent=before)
     fits = fit_faults(stretch, expected, names)
-    chance, change = (
-        by_chance(stretch, expected, fits, s.replicates, s.chance, seed),
-        s.change_ratio * background_change(good, shape, names),
-    )
+    background_faults = background_fits(good, shape, names)
+    chance = by_chance(stretch, expected, fits, s.replicates, s.chance, seed)
+    change = s.change_ratio * max(0.0, *(fit.gain for half in background_faults for fit in half.values()))
     threshold = max(chance, change, math.log1p(s.least_ratio**2))
     best = max(names, key=lambda name: fits[name].gain)
     one = fits[best]
@@ -254,13 +269,16 @@ def _with_baseline(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) 
     seen = one.gain > threshold and after <= s.most_residual * background
     like = tuple(n for n in names if n != best and fits[n].gain > threshold and _as_good(fits[n], one)) if seen else ()
     far = before > s.floor * background
+    half_length = INTERVAL_ERRORS * size_error(one, [half[best] for half in background_faults]) if seen else math.nan
     verdict: Verdict = ("ambiguous" if like else "effect") if seen else ("unexplained" if far else "none")
-    return PairTrace(
+    return PairCheck(
         verdict,
         REASONS[verdict],
         best if seen else "",
         one.size if seen else 0.0,
         one.unit if seen else "",
+        one.size - half_length,
+        one.size + half_length,
         like,
         background_percent=background,
         before_percent=before,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,9 +12,12 @@ from scipy import optimize
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.effects import CATALOGUE, SensorTransform
-from blind.transfers import Shape, Stretch, across, window_sums
+from biodyn_core.sensor_pairs.transfers import Shape, Stretch, across, window_sums
 
 Map = Callable[[Floats], Floats]
+
+DIFFERENCE: Final = 1e-3
+"""Step of a derivative by a free value, relative."""
 
 OVERDAMPED: Final = 10.0
 """The catalogue's skin with this damping ratio is a first-order lag, within a percent."""
@@ -71,13 +74,17 @@ PARAMETRIZATIONS: Final = _parametrizations()
 
 @dataclass(frozen=True, eq=False)
 class FaultFit:
-    """One candidate: cross-validated residual (n,) and log ratios (w,), size and unit, and its changes (n,)."""
+    """One candidate: cross-validated residual (n,) and log ratios (w,), size and unit, and its changes (n,).
+
+    error: standard error of the size by the scatter of the windows.
+    """
 
     residual: Floats
     ratios: Floats
     size: float
     unit: str
     changes: tuple[Floats, ...]
+    error: float
 
     @property
     def gain(self) -> float:
@@ -122,7 +129,28 @@ def fit_fault(forms: tuple[Parametrization, ...], stretch: Stretch, expected: Fl
     known = sums[0] > 0.0
     ratios = np.log(sums[0][known] / np.maximum(sums[1][known], 1e-300))
     changes = tuple(shown(free) - expected for shown, (free, _) in zip(maps, fits, strict=True))
-    return FaultFit(residual, ratios, forms[best].size(fits[best][0]), forms[best].unit, changes)
+    error = _standard_error(forms[best], maps[best], fits[best][0], stretch, weight)
+    return FaultFit(residual, ratios, forms[best].size(fits[best][0]), forms[best].unit, changes, error)
+
+
+def _standard_error(form: Parametrization, shown: Map, free: Floats, stretch: Stretch, weight: Floats) -> float:
+    """Standard error of a size by the sandwich formula, with windows as clusters; infinite where it is not defined."""
+    steps = DIFFERENCE * np.maximum(np.abs(free), 0.1) * np.eye(free.size)
+    columns = [(shown(free + step) - shown(free - step)) / (2.0 * step.sum()) for step in steps]
+    slope = np.array([(form.size(free + step) - form.size(free - step)) / (2.0 * step.sum()) for step in steps])
+    square, weighted = weight**2, weight**2 * (stretch.output - shown(free))
+    scores = np.column_stack([window_sums(column * weighted, stretch.keep, stretch.length) for column in columns])
+    curvature = np.array([[float(np.sum(square * one * other)) for other in columns] for one in columns])
+    try:
+        direction = np.linalg.solve(curvature, slope)
+    except np.linalg.LinAlgError:
+        return math.inf
+    return float(np.sqrt(np.sum((scores @ direction) ** 2)))
+
+
+def size_error(fit: FaultFit, in_background: Sequence[FaultFit]) -> float:
+    """Standard error of a size: by the scatter of the windows, and by the sizes that the background alone feigns."""
+    return math.sqrt(fit.error**2 + sum(one.size**2 for one in in_background) / max(len(in_background), 1))
 
 
 def weights(residual: Floats, keep: Flags, length: int) -> Floats:
@@ -170,10 +198,11 @@ def by_chance(
     return -math.log1p(-min(float(np.quantile(largest, 1.0 - chance)), 0.99))
 
 
-def background_change(good: Stretch, shape: Shape, names: tuple[str, ...]) -> float:
-    """The largest gain of a candidate in one half with the transfer of the other, which random draws do not contain."""
+def background_fits(good: Stretch, shape: Shape, names: tuple[str, ...]) -> tuple[dict[str, FaultFit], ...]:
+    """Candidates by name, fitted to each half with the transfer of the other: changes of the background itself.
+
+    Random draws do not contain them.
+    """
     expected = across(good, shape)
     late = np.arange(good.output.size) >= good.output.size // 2
-    return max(
-        0.0, *(one.gain for half in (late, ~late) for one in fit_faults(good.only(half), expected, names).values())
-    )
+    return tuple(fit_faults(good.only(half), expected, names) for half in (late, ~late))

@@ -1,0 +1,1 @@
+"""Check of a sensor by another one that was recorded beside it."""

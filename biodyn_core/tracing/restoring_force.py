@@ -1,0 +1,229 @@
+"""Restoring force: the missing force of a joint or segment over stretch and rate, before and after, with its law.
+
+Masri and Caughey, A nonparametric identification technique for nonlinear dynamic problems, J. Appl. Mech. 46, 1979.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.body.model import Chain
+from biodyn_core.body.subject import Subject
+from biodyn_core.effects import AppliedEffect, Ranges
+from biodyn_core.identification.problem import Case
+from biodyn_core.tracing.findings import ForceProfile, RestoringForce
+from biodyn_core.tracing.inverse_dynamics import (
+    Target,
+    inertial_force,
+    measured_motion,
+    missing_force,
+    simulated_motion,
+)
+
+STRETCHES: Final = 25
+RATES: Final = 13
+"""Numbers of bins, of equal width from the smallest to the largest value."""
+
+LEAST_SAMPLES: Final = 3
+"""A bin with fewer samples has no mean."""
+
+DRAWS: Final = 40
+"""Subjects drawn for the band of a law."""
+
+LONGEST_S: Final = 60.0
+"""Events are used in order until they are longer together."""
+
+INSIDE: Final = 1e-6
+"""Parameters on a bound keep this share of their range from it."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedEffect:
+    """An effect of the subject after; covariance (p, p) of its parameters on the real line, (0, 0) if unknown."""
+
+    applied: AppliedEffect
+    covariance: Floats
+
+    @property
+    def can_be_drawn(self) -> bool:
+        """Whether the covariance is known."""
+        return bool(len(self.covariance) == len(self.applied.effect.parameters) and np.isfinite(self.covariance).all())
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Samples (n,): stretch m, rate m/s, and forces N: carried; missing before, without and with the law."""
+
+    stretch_m: Floats
+    rate_mps: Floats
+    carried_n: Floats
+    before_n: Floats
+    measured_n: Floats
+    after_n: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Bins:
+    """Bins of equal width over the range of a coordinate."""
+
+    edges: Floats
+
+    @classmethod
+    def over(cls, values: Floats, count: int) -> _Bins:
+        """From the smallest to the largest value."""
+        return cls(np.linspace(values.min(), values.max(), count + 1))
+
+    @property
+    def centres(self) -> Floats:
+        return np.asarray(0.5 * (self.edges[1:] + self.edges[:-1]))
+
+    def numbers(self, values: Floats) -> Integers:
+        """The bin of each value; -1 below and the number of bins above the range."""
+        found = np.searchsorted(self.edges, values, side="right") - 1
+        return np.where(values == self.edges[-1], len(self.edges) - 2, found)
+
+    def means(self, at: Floats, values: Floats) -> Floats:
+        """Mean of values (n,) in each bin of their coordinate, NaN for few."""
+        return _means(self.numbers(at), values, len(self.edges) - 1)
+
+
+def restoring_force(
+    target: Target, before: Subject, after: Subject, found: Sequence[FittedEffect], cases: Sequence[Case], seed: int
+) -> RestoringForce | None:
+    """The missing force at a target in events; None if they have too few usable samples.
+
+    found: the effects at the target that the subject after has and the one before lacks; without any there is no law.
+    """
+    shown = _within(cases)
+    base = _with(after, {_key(one.applied): None for one in found})
+    points = _joined([_points(target, before, base, after, case) for case in shown])
+    if len(points.stretch_m) < LEAST_SAMPLES:
+        return None
+    stretches, rates = _Bins.over(points.stretch_m, STRETCHES), _Bins.over(points.rate_mps, RATES)
+    draws = [_law(target, base, subject, shown) for subject in _drawn(after, found, seed)] if found else []
+    cells = stretches.numbers(points.stretch_m) + STRETCHES * rates.numbers(points.rate_mps)
+    shape = (RATES, STRETCHES)
+    return RestoringForce(
+        site=target.site,
+        joint=target.joint,
+        effects=tuple(one.applied for one in found),
+        high_pass_hz=target.high_pass_hz,
+        body_mass_kg=after.body_mass_kg,
+        events=tuple(case.name for case in shown),
+        carried_n=_rms(points.carried_n),
+        missing_before_n=_rms(points.before_n),
+        missing_after_n=_rms(points.after_n),
+        stretch_m=stretches.centres,
+        rate_mps=rates.centres,
+        samples=np.bincount(cells, minlength=STRETCHES * RATES).reshape(shape),
+        before_n=_means(cells, points.before_n, STRETCHES * RATES).reshape(shape),
+        after_n=_means(cells, points.after_n, STRETCHES * RATES).reshape(shape),
+        over_stretch=_profile(stretches, points.stretch_m, points, [(law[0], law[2]) for law in draws]),
+        over_rate=_profile(rates, points.rate_mps, points, [(law[1], law[2]) for law in draws]),
+    )
+
+
+def _within(cases: Sequence[Case]) -> list[Case]:
+    """The first events that are long enough together, each loading condition in turn."""
+    turns = [sum(earlier.case == case.case for earlier in cases[:number]) for number, case in enumerate(cases)]
+    ordered = [case for _, case in sorted(zip(turns, cases, strict=True), key=lambda one: one[0])]
+    ends = np.cumsum([len(case.seat_mps2) / case.rate_hz for case in ordered])
+    return ordered[: int(np.searchsorted(ends, LONGEST_S)) + 1]
+
+
+def _key(applied: AppliedEffect) -> tuple[str, str]:
+    return applied.effect.name, applied.site
+
+
+def _with(subject: Subject, changed: Mapping[tuple[str, str], AppliedEffect | None]) -> Subject:
+    """The subject with effects replaced, or removed."""
+    effects = [changed.get(_key(one), one) for one in subject.effects]
+    return dataclasses.replace(subject, effects=tuple(one for one in effects if one is not None))
+
+
+def _points(target: Target, before: Subject, base: Subject, after: Subject, case: Case) -> _Points:
+    """The usable samples of one event, all of one motion: below the high-pass it is that of the subject after."""
+    motion, used = measured_motion(after, case, target.high_pass_hz), target.used(case)
+    forces = (missing_force(Chain.of(subject), motion, target) for subject in (before, base, after))
+    everything = (*target.coordinates(motion), inertial_force(Chain.of(after), motion, target), *forces)
+    return _Points(*(one[used] for one in everything))
+
+
+def _joined(parts: Sequence[_Points]) -> _Points:
+    names = [field.name for field in dataclasses.fields(_Points)]
+    return _Points(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _drawn(after: Subject, found: Sequence[FittedEffect], seed: int) -> Iterator[Subject]:
+    """The subject after, then with the parameters of its effects drawn, if their covariance is known."""
+    yield after
+    rng = np.random.default_rng(seed)
+    for _ in range(DRAWS if all(one.can_be_drawn for one in found) else 0):
+        yield _with(after, {_key(one.applied): _draw(one, rng) for one in found})
+
+
+def _draw(one: FittedEffect, rng: np.random.Generator) -> AppliedEffect:
+    parameters = one.applied.effect.parameters
+    if not parameters:
+        return one.applied
+    ranges, names = Ranges(parameters), [p.name for p in parameters]
+    centre = ranges.unbounded(np.array([one.applied.values[name] for name in names]), INSIDE)
+    # An inverse may be asymmetric in its last digits.
+    drawn = rng.multivariate_normal(centre, one.covariance, method="eigh", check_valid="ignore")
+    values = ranges.bounded(drawn).tolist()
+    return dataclasses.replace(one.applied, values=dict(zip(names, values, strict=True)))
+
+
+def _law(target: Target, base: Subject, subject: Subject, cases: Sequence[Case]) -> tuple[Floats, Floats, Floats]:
+    """Stretch m, rate m/s and force N (n,) of the effects of a subject that its base lacks, in simulation."""
+    parts, chain = [], Chain.of(base)
+    for case in cases:
+        with np.errstate(all="ignore"):
+            motion, used = simulated_motion(subject, case), target.used(case)
+            force = missing_force(chain, motion, target)
+        finite = used & np.isfinite(force)
+        parts.append([one[finite] for one in (*target.coordinates(motion), force)])
+    stretch, rate, force = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return stretch, rate, force
+
+
+def _profile(bins: _Bins, at: Floats, points: _Points, draws: Sequence[tuple[Floats, Floats]]) -> ForceProfile:
+    """Means over one coordinate; draws: that coordinate and the law's force of the subject after, then of the drawn."""
+    laws = np.array([bins.means(*draw) for draw in draws]) if draws else np.full((1, len(bins.centres)), np.nan)
+    drawn = laws[1:]
+    visited = np.isfinite(drawn).sum(axis=0) > len(drawn) // 2
+    lower, upper = np.full((2, len(visited)), np.nan)
+    if visited.any():
+        lower[visited], upper[visited] = np.nanquantile(drawn[:, visited], (0.025, 0.975), axis=0)
+    number, measured = bins.numbers(at), bins.means(at, points.measured_n)
+    known = np.isfinite(measured[number])
+    whole, rest = points.measured_n[known], (points.measured_n - measured[number])[known]
+    return ForceProfile(
+        at=bins.centres,
+        samples=np.bincount(number, minlength=len(bins.centres)),
+        before_n=bins.means(at, points.before_n),
+        after_n=bins.means(at, points.after_n),
+        measured_n=measured,
+        law_n=laws[0],
+        lower_n=lower,
+        upper_n=upper,
+        explained=float(1.0 - np.var(rest) / np.var(whole)) if whole.size and np.var(whole) > 0.0 else 0.0,
+    )
+
+
+def _means(cells: Integers, values: Floats, count: int) -> Floats:
+    """Mean of values (n,) in each of `count` cells, NaN for few; cells outside are dropped."""
+    inside = (cells >= 0) & (cells < count)
+    samples = np.bincount(cells[inside], minlength=count)
+    sums = np.bincount(cells[inside], values[inside], minlength=count)
+    return np.where(samples >= LEAST_SAMPLES, sums / np.maximum(samples, 1), np.nan)
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,1 @@
+"""`biodyn check-sensors`: sensors checked by others that were recorded beside them."""

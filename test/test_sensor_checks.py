@@ -1,0 +1,317 @@
+"""Sensors with own clocks, checked by their neighbours: streams of known motion, their bags, and the command."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from listed import assert_listed
+from numpy.typing import NDArray
+
+from biodyn_core.base.errors import InputError
+from biodyn_core.sensor_pairs.checks import Finding, Recorded, SensorCheck, check_sensor, combined
+from biodyn_core.sensor_pairs.faults import PARAMETRIZATIONS, fit_fault, size_error
+from biodyn_core.sensor_pairs.pairs import PairCheck
+from biodyn_core.sensor_pairs.settings import PairSettings, StretchSettings
+from biodyn_core.sensor_pairs.streams import Span, Stream, common_spans, pair_of, stream_of
+from biodyn_core.sensor_pairs.transfers import Stretch
+from biodyn_core.tracing.findings import Verdict
+from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.check_sensors.checking import CheckOptions, Report, SensorPair
+from biodyn_ros.check_sensors.evidence import NAMED, RECORDS, UNNAMED
+from biodyn_ros.check_sensors.records import RecordOptions
+from biodyn_ros.check_sensors.text import text_of
+from biodyn_ros.commands.cli import main
+
+Floats = NDArray[np.float64]
+Motion = Callable[[Floats], Floats]
+Change = Callable[[Floats, Floats], tuple[Floats, Floats]]
+
+ROOT = Path(__file__).resolve().parents[1]
+START_NS = 1_767_225_600 * 10**9
+SECONDS = 14.0
+SHORT = ("--stretch-s", "6", "--stretches", "1", "--replicates", "200")
+"""Options that make a run short."""
+
+
+def motion(seed: int, rms: float = 2.0, most_hz: float = 18.0) -> Motion:
+    """Acceleration (n, 3) of a structure at any times (n,): lines of random frequency from 1 Hz on, and gravity."""
+    rng = np.random.default_rng(seed)
+    hz, phase = rng.uniform(1.0, most_hz, (60, 3)), rng.uniform(0.0, 2.0 * np.pi, (60, 3))
+    scale = rms * math.sqrt(2.0 / 60.0)
+
+    def at(time_s: Floats) -> Floats:
+        return scale * np.sin(2.0 * np.pi * time_s[:, None, None] * hz + phase).sum(axis=1)
+
+    return at
+
+
+def neck(time_s: Floats) -> Floats:
+    return motion(1)(time_s) + np.array([0.0, 0.0, 9.81])
+
+
+def head(time_s: Floats) -> Floats:
+    """A stiff structure above, with a twentieth of own motion."""
+    moved = neck(time_s)
+    return moved @ np.array([[1.0, 0.0, 0.1], [0.0, 1.0, 0.0], [0.0, 0.0, 0.95]]) + motion(2, 0.1)(time_s)
+
+
+def stamps(rate_hz: float, seconds: float = SECONDS, seed: int = 0, begin_s: float = 0.0) -> Floats:
+    """Jittered sampling times."""
+    count = round(seconds * rate_hz)
+    return begin_s + np.arange(count) / rate_hz + 1e-5 * np.random.default_rng(seed).standard_normal(count)
+
+
+def stream(of: Motion, rate_hz: float, seconds: float = SECONDS, seed: int = 0, begin_s: float = 0.0) -> Stream:
+    time_s = stamps(rate_hz, seconds, seed, begin_s)
+    return Stream(time_s, of(time_s), None)
+
+
+def unchanged(time_s: Floats, accel: Floats) -> tuple[Floats, Floats]:
+    return time_s, accel
+
+
+def write_bag(path: Path, change: Change = unchanged, begin_s: float = 0.0, sensors: str = "neck head") -> Path:
+    """A bag of both sensors, at 120 and 101 Hz; `change` may alter stamps and samples of the head."""
+    with BagWriter(path) as writer:
+        for name, of, rate_hz in (("neck", neck, 120.0), ("head", head, 101.0)):
+            if name in sensors.split():
+                time_s = stamps(rate_hz, begin_s=begin_s)
+                stamps_s, accel = change(time_s, of(time_s)) if name == "head" else (time_s, of(time_s))
+                stamps_ns = START_NS + np.round(1e9 * stamps_s).astype(np.int64)
+                writer.add_topic(f"imu/{name}/data", IMU_TYPE)
+                writer.write(f"imu/{name}/data", stamps_ns, encode_imu(stamps_ns, accel, None, "imu"))
+    return path
+
+
+# --- streams ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_stream_has_no_unset_repeated_or_invalid_samples() -> None:
+    stamps_ns = START_NS + np.array([0, 0, 10, 20, 30, 40, 50]) * 1_000_000
+    stamps_ns[6] = 0
+    accel = np.arange(21.0).reshape(7, 3)
+    accel[1], accel[3, 2] = accel[0], math.nan
+    found = stream_of(stamps_ns, accel, np.zeros((7, 3)), START_NS)
+    np.testing.assert_allclose(found.stamps_s, [0.0, 0.01, 0.03, 0.04])
+    np.testing.assert_array_equal(found.accel_mps2, accel[[0, 2, 4, 5]])
+    assert found.gyro_radps is None
+    with pytest.raises(InputError, match="fewer than three"):
+        stream_of(stamps_ns[:3], accel[:3], None, START_NS)
+    back = START_NS + np.array([0, 5000, 10, 20]) * 1_000_000
+    with pytest.raises(InputError, match="set back"):
+        stream_of(back, accel[[0, 2, 4, 5]], None, START_NS)
+
+
+@pytest.mark.parametrize(("reference_hz", "own_hz", "rate_hz"), [(120.0, 101.0, 101.0), (1129.3, 1127.0, 250.0)])
+def test_channels_of_two_clocks_are_on_one_grid(reference_hz: float, own_hz: float, rate_hz: float) -> None:
+    one, other = stream(neck, reference_hz, 8.0, 1), stream(head, own_hz, 8.0, 2)
+    lost = Stream(np.delete(one.stamps_s, 300), np.delete(one.accel_mps2, 300, axis=0), None)
+    pair = pair_of(lost, other, Span(1.0, 7.0), 2, rate_hz, gyro=False)
+    at = 1.0 + np.arange(pair.under_test.size) / rate_hz
+    inner = slice(20, -20)
+    away = np.abs(at - one.stamps_s[300]) > 0.1
+    np.testing.assert_allclose(pair.under_test[inner], head(at)[inner, 2], atol=0.02)
+    np.testing.assert_allclose(pair.reference[inner][away[inner]], neck(at)[inner][away[inner]], atol=0.02)
+    assert pair.own is not None
+    np.testing.assert_allclose(pair.own[inner], head(at)[inner, :2], atol=0.02)
+    assert not pair.clipped().flags.any()
+
+
+def test_clipping_of_raw_samples_survives_resampling() -> None:
+    fast = stream(head, 1129.3, 8.0)
+    limited = Stream(fast.stamps_s, np.minimum(fast.accel_mps2, 12.0), None)
+    clipping = pair_of(stream(neck, 1129.3, 8.0), limited, Span(1.0, 7.0), 2, 250.0, gyro=False).clipped()
+    within = (fast.stamps_s >= 1.0) & (fast.stamps_s < 7.0)
+    assert clipping.limit_mps2 == 12.0
+    assert clipping.count == pytest.approx((limited.accel_mps2[within, 2] == 12.0).sum(), abs=2)
+    true = head(1.0 + np.arange(clipping.flags.size) / 250.0)[:, 2] > 12.05
+    assert clipping.flags[true].all()
+    assert clipping.flags.mean() < 1.5 * true.mean() + 0.02
+
+
+def test_a_stretch_has_motion_and_no_gap() -> None:
+    def moving_late(time_s: Floats) -> Floats:
+        return motion(1)(time_s) * np.where(time_s < 20.0, 0.1, 1.0)[:, None] + 9.81
+
+    one, other = stream(moving_late, 100.0, 40.0), stream(head, 100.0, 40.0)
+    settings = StretchSettings()
+    assert [span.begin_s >= 19.0 for span in common_spans(one, other, 1, 6.0, settings)] == [True]
+    assert len(common_spans(one, other, 3, 6.0, settings)) == 3
+    gap = (other.stamps_s > 25.0) & (other.stamps_s < 35.0)
+    broken = Stream(other.stamps_s[~gap], other.accel_mps2[~gap], None)
+    for span in common_spans(one, broken, 3, 6.0, settings):
+        assert not span.begin_s < 30.0 < span.end_s
+
+
+# --- results ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("late_s", "name"), [(0.0, ""), (0.003, "clock")])
+def test_a_late_clock_is_found_between_sensors_of_different_rates(late_s: float, name: str) -> None:
+    good = Recorded(stream(neck, 120.0, 8.0), stream(head, 101.0, 8.0))
+    own = stream(head, 101.0, 8.0, 3, 20.0)
+    later = Recorded(stream(neck, 120.0, 8.0, 2, 20.0), Stream(own.stamps_s + late_s, own.accel_mps2, None))
+    result = check_sensor(later, [good], 0, StretchSettings(stretches=1), PairSettings(replicates=200))
+    found = result.finding
+    assert (found.name, result.axis, result.uses_gyro, found.decidable) == (name, "z", False, 1)
+    assert result.rate_hz == pytest.approx(101.0, rel=1e-3)
+    if name:
+        assert found.lower < late_s < found.upper
+        assert found.size == pytest.approx(late_s, abs=0.0003)
+
+
+def test_sensors_that_cannot_be_compared_have_a_reason() -> None:
+    good = Recorded(stream(neck, 120.0, 8.0), stream(head, 101.0, 8.0))
+    for later, reason in (
+        (Recorded(stream(neck, 120.0, 8.0), stream(head, 20.0, 8.0)), "rate of 20.0 Hz is too low"),
+        (Recorded(stream(neck, 120.0, 3.0), stream(head, 101.0, 8.0)), "share 3.0 s, at least 5 s"),
+        (Recorded(stream(neck, 120.0, 8.0), stream(head, 101.0, 8.0, 0, 100.0)), "do not overlap"),
+    ):
+        found = check_sensor(later, [good], 0, StretchSettings(), PairSettings()).finding
+        assert found.verdict == "not_decidable"
+        assert reason in found.reason
+
+
+def one_check(verdict: Verdict, name: str = "", size: float = 0.0, others: tuple[str, ...] = ()) -> PairCheck:
+    return PairCheck(verdict, verdict, name, size, "s", size - 1.0, size + 1.0, others)
+
+
+def test_the_finding_is_that_of_more_than_half_of_the_decidable_stretches() -> None:
+    late = [one_check("effect", "clock", size) for size in (2.0, 4.0, 5.0)]
+    none, unknown, clipped = one_check("none"), one_check("not_decidable"), one_check("effect", "saturation", 9.0)
+    found = combined([*late, none, unknown])
+    assert (found.verdict, found.name, found.agreeing, found.decidable) == ("effect", "clock", 3, 4)
+    assert (found.size, found.lower, found.upper) == (4.0, 1.0, 6.0)
+    assert combined([late[0], none]).verdict == "unexplained"
+    assert combined([late[0], none]).reason == "the stretches differ: clock in 1, none in 1"
+    assert combined([unknown, unknown]).verdict == "not_decidable"
+    assert combined([none, none, clipped]).name == "saturation"
+    growing = combined([one_check("effect", "drift", 1.0), late[0], late[1]])
+    assert (growing.verdict, growing.name, growing.ambiguous_with) == ("ambiguous", "clock", ("drift",))
+
+
+def test_the_standard_error_of_a_gain_is_the_scatter_of_repetitions() -> None:
+    rng, count, length = np.random.default_rng(3), 2000, 50
+    signal = rng.standard_normal(count)
+    sizes, errors = [], []
+    for _ in range(60):
+        output = 1.05 * signal + 0.2 * np.repeat(rng.uniform(0.5, 1.5, count // length), length) * rng.standard_normal(
+            count
+        )
+        stretch = Stretch(100.0, signal[:, None], output, None, np.ones(count, dtype=np.bool_), length)
+        fit = fit_fault(PARAMETRIZATIONS["gain"], stretch, signal, np.ones(count))
+        sizes.append(fit.size)
+        errors.append(size_error(fit, []))
+    assert np.mean(sizes) == pytest.approx(0.05, abs=0.002)
+    assert np.mean(errors) == pytest.approx(np.std(sizes), rel=0.25)
+
+
+def test_the_evidence_equals_the_published_counts() -> None:
+    page = (ROOT / "docs/tracing_runs.md").read_text(encoding="utf-8")
+    section = page.split("## Faults in measured streams")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| (?!\d+ rec|---)(.*) \|$", section, re.MULTILINE)
+    cells = [[int(number) for number in re.findall(r"\d+", row.split("|", 1)[1])] for row in rows]
+    nothing, above, between, below = cells
+    assert sum(row[0] for row in cells) == RECORDS
+    alone, among = (sum(row[k] for row in (above, between, below)) for k in (1, 2))
+    wrong = nothing[1] + sum(row[3] for row in (above, between, below))
+    assert (NAMED.records, NAMED.right, NAMED.right_alone) == (among + wrong, among, alone)
+    assert f"in {NAMED.covered} of {NAMED.intervals} records" in section
+    for k, verdict in ((4, "none"), (5, "unexplained"), (6, "not_decidable")):
+        found = UNNAMED[verdict]  # type: ignore[index]
+        counts = (below[k], between[k], above[k])
+        assert (found.ratio_below_0_4, found.ratio_0_4_to_0_8, found.ratio_above_0_8) == counts
+        assert (found.without_fault, found.records) == (nothing[k - 2], nothing[k - 2] + sum(counts))
+
+
+def test_a_sensor_between_two_opposite_faults_is_suspected() -> None:
+    reading = RecordOptions({}, "header", 600.0)
+    options = CheckOptions((), reading, StretchSettings(), PairSettings())
+    late, early, more = (Finding("effect", "", "clock", (), size) for size in (0.003, -0.003, 0.002))
+    gain = Finding("effect", "", "gain", (), -0.1)
+    for lower, upper, named in ((late, early, ("neck",)), (late, more, ()), (late, gain, ())):
+        pairs = (SensorPair("neck", "seat"), SensorCheck(lower)), (SensorPair("head", "neck"), SensorCheck(upper))
+        report = Report("a", ("b",), 1.0, pairs, (), options)
+        assert report.suspects == named
+        assert ("neck: its two pairs show opposite faults" in text_of(report)) == bool(named)
+
+
+# --- the command -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """good.mcap; late.mcap, whose head is late by 4 ms; only_neck.mcap."""
+    at = tmp_path_factory.mktemp("bags")
+    write_bag(at / "good.mcap")
+    write_bag(at / "late.mcap", lambda time_s, accel: (time_s + 0.004, accel), begin_s=50.0)
+    write_bag(at / "only_neck.mcap", begin_s=90.0, sensors="neck")
+    shutil.copy(at / "good.mcap", at / "copy.mcap")
+    return at
+
+
+def test_the_command_finds_a_late_sensor(capsys: pytest.CaptureFixture[str], bags: Path) -> None:
+    words = ["check-sensors", str(bags / "late.mcap"), "--good", str(bags / "good.mcap"), *SHORT]
+    assert main([*words, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert_listed("check-sensors", document)
+    (pair,) = document["pairs"]
+    assert (pair["sensor"], pair["reference"], pair["fault"], pair["axis"]) == ("head", "neck", "clock", "z")
+    assert pair["lower"] < 0.004 < pair["upper"]
+    assert pair["size"] == pytest.approx(0.004, abs=0.0004)
+    assert len(pair["stretches"]) == 1
+    assert main(words) == 0
+    out = capsys.readouterr().out
+    for text in ("delay", " ms ", "the opposite fault of neck", "of 300 measured records", "neck: no gyro"):
+        assert text in out
+
+
+def test_the_good_part_of_the_bag_itself_is_enough(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    def gain(time_s: Floats, accel: Floats) -> tuple[Floats, Floats]:
+        return time_s, np.where(time_s[:, None] < 7.0, 1.0, 1.15) * accel
+
+    bag = str(write_bag(tmp_path / "bag.mcap", gain))
+    words = ["check-sensors", bag, "--good-until", "7", "--pair", "imu/head/data=imu/neck/data", *SHORT, "--json"]
+    assert main(words) == 0
+    (pair,) = json.loads(capsys.readouterr().out)["pairs"]
+    assert (pair["fault"], pair["ambiguous_with"], pair["unit"]) == ("gain", [], "")
+    assert pair["size"] == pytest.approx(0.15, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("good.mcap", "one of the arguments --good --good-until is required"),
+        ("good.mcap --good good.mcap", "the same recording"),
+        ("good.mcap --good copy.mcap", "the same recording as good.mcap"),
+        ("good.mcap --good late.mcap --good-until 5", "not allowed with"),
+        ("good.mcap --good-until 3", "--good-until 3: both parts need 5 s, and the recording is 14.0 s long"),
+        ("good.mcap --good only_neck.mcap", "a pair needs two sensors that all bags have"),
+        ("good.mcap --good only_neck.mcap --pair head=neck", "only_neck.mcap: it has no sensor or Imu topic head"),
+        ("good.mcap --good late.mcap --pair head=nekc", "did you mean neck?"),
+        ("good.mcap --good late.mcap --pair head", "--pair head: expected SENSOR=REFERENCE"),
+        ("good.mcap --good late.mcap --pair head=head", "two different sensors"),
+        ("good.mcap --good late.mcap --pair head=neck head=neck", "given twice"),
+        ("good.mcap --good late.mcap --stretch-s 1", "stretch_s is 1, allowed are 5 to 120 s"),
+        ("missing.mcap --good good.mcap", "cannot be read"),
+    ],
+)
+def test_bad_input_is_one_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bags: Path, words: str, message: str
+) -> None:
+    monkeypatch.chdir(bags)
+    try:
+        code = main(["check-sensors", *words.split()])
+    except SystemExit as end:
+        code = int(end.code or 0)
+    out = capsys.readouterr()
+    assert (code, out.out, len(out.err.strip().splitlines())) == (2, "", 1), out.err
+    assert message in out.err
