@@ -57,6 +57,17 @@ def die(cases: list[str]) -> Search:
     os._exit(3)
 
 
+def counted(shared: list[str], item: str) -> tuple[str, int]:
+    """The item, and the number of items that this copy of the shared list has received."""
+    shared.append(item)
+    return item, len(shared)
+
+
+def die_at_c(shared: str, item: str) -> str:
+    """Both texts; the item "c" ends its process."""
+    return os._exit(3) if item == "c" else shared + item
+
+
 def fit_or_die(entry: Entry, options: FitOptions, draw: bool) -> SubjectFit:
     """The result of a fit; the fit of Ben ends its process."""
     if entry.name == "ben":

@@ -106,7 +106,7 @@ def arguments_of(command: str) -> list[str]:
     """The arguments of a biodyn command, patterns of files expanded, with the options of a small search."""
     program, *arguments = (word for part in shlex.split(command) for word in expanded(part))
     assert program == "biodyn"
-    if arguments[0] == "fit" and "--executor" not in arguments:
+    if arguments[0] in ("fit", "trace") and "--executor" not in arguments:
         arguments += ["--executor", "none"]
     return [*arguments, *SMALL.get(arguments[0], [])]
 

@@ -315,7 +315,12 @@ def test_a_fit_leaves_out_recordings_and_stops_only_without_any(
 
 def test_a_trace_reports_the_recordings_it_leaves_out(short_bags: dict[str, Path], tmp_path: Path) -> None:
     bags = [str(short_bags[name]) for name in ("road_whole", "road_second")]
-    assert main(["trace", *bags, "--subject", "subject_1", "-o", str(tmp_path / "out"), "--no-report"]) == 0
+    assert (
+        main(
+            ["trace", *bags, "--subject", "subject_1", "-o", str(tmp_path / "out"), "--no-report", "--executor", "none"]
+        )
+        == 0
+    )
     document = json.loads((tmp_path / "out" / "trace.json").read_text())
     assert any(line.startswith("left out: ") and "road_second" in line for line in document["warnings"])
 

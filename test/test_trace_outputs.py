@@ -682,7 +682,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     given: dict[str, Any] = {}
 
     def trace(
-        train: Any, held_out: Any, subject: Any, settings: Any, seed: int, on_stage: Any, checkpoint: Any
+        train: Any, held_out: Any, subject: Any, settings: Any, seed: int, on_stage: Any, checkpoint: Any, parallel: Any
     ) -> Trace:
         given.update(train=train, held_out=held_out, subject=subject, settings=settings, seed=seed)
         on_stage("screening", 0.0)
@@ -811,7 +811,17 @@ def test_the_use_of_each_bag_is_printed_before_the_computation(
         return method(*given, **options)
 
     monkeypatch.setattr(sys.modules["biodyn_core.tracing.trace"], "trace", trace)
-    command = ["trace", "--subject", "subject_1", "-o", str(tmp_path / "out"), "--no-report", "--json"]
+    command = [
+        "trace",
+        "--subject",
+        "subject_1",
+        "--executor",
+        "none",
+        "-o",
+        str(tmp_path / "out"),
+        "--no-report",
+        "--json",
+    ]
     assert main([*command, *map(str, bags.values())]) == 0
     assert main([*command, str(bags["road"]), "--hold-out", str(bags["rail_2"]), str(bags["rail_1"])]) == 0
     by_default, by_name = begun

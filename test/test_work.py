@@ -5,6 +5,7 @@ import dataclasses
 import io
 import json
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -13,9 +14,11 @@ import time
 from collections import Counter
 from functools import cache
 from pathlib import Path
+from unittest import mock
 
 import chores
 import fitting
+import hiding
 import numpy as np
 import pytest
 from expecting import refusal, until
@@ -26,15 +29,24 @@ from hypothesis.extra.numpy import arrays
 from biodyn_core.base.errors import InputError
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import LOWER, UPPER
+from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.identify import Task, fingerprint, identify
 from biodyn_core.identification.phase1 import Search, SwarmSettings
 from biodyn_core.identification.phase2 import Refined
 from biodyn_core.identification.settings import FitSettings
+from biodyn_core.tracing import rounds
+from biodyn_core.tracing.screen import all_candidates
+from biodyn_core.tracing.settings import BASE, FloorSettings, TraceSettings
+from biodyn_core.tracing.surface import HAT
+from biodyn_core.tracing.trace import trace
 from biodyn_ros.base.environment import ONE_THREAD
 from biodyn_ros.base.json_files import MAX_BYTES
 from biodyn_ros.base.progress import Progress
+from biodyn_ros.trace.document import trace_document
+from biodyn_ros.trace.report import Report
 from biodyn_ros.work import executors
 from biodyn_ros.work.checkpoint import Checkpoint, decoded, encoded
+from biodyn_ros.work.executor_map import parallel_map
 from biodyn_ros.work.executors import as_done, executor_of, result_of
 from biodyn_ros.work.tasks import Work
 
@@ -162,6 +174,68 @@ def test_a_killed_worker_affects_no_other_task(processes, tmp_path: Path) -> Non
     done = dict(as_done(processes, calls))
     assert len(done) == len(calls) and [n for n, future in done.items() if future.exception()] == [0]
     assert result_of(done[4], "search d").evaluations == 3
+
+
+# --- the parallel map ------------------------------------------------------------------------------------------------
+
+SMALL = TraceSettings(
+    replicates=20, refined=2, most_effects=1, floor=FloorSettings(road_s=1.0, shocks=1, hard_shocks=1),
+    base=dataclasses.replace(BASE, swarm=SwarmSettings(particles=10, iterations=10, starts=2), evaluations=60),
+)  # fmt: skip
+
+
+def tried(cases, present=()):
+    """Candidates of a sensor, a joint and the seat."""
+    found, untestable = all_candidates(cases, present)
+    return [
+        one for one in found if one.key in (("gain", "neck"), ("cubic", "pelvis"), ("lift_off", "pelvis"))
+    ], untestable
+
+
+def traced(executor) -> str:
+    """The document of a small trace, all digits, without its duration."""
+    cases = hiding.events(9)
+    with parallel_map(executor) as parallel, mock.patch.object(rounds, "all_candidates", tried):
+        found = trace(cases[:3], cases[3:], hiding.TRUTH, SMALL, 1, parallel=parallel)
+    return json.dumps(trace_document(Report(found, seconds=0.0)), sort_keys=True)
+
+
+def test_a_trace_has_the_same_digits_on_two_processes(processes) -> None:
+    reference = traced(None)
+    assert json.loads(reference)["candidates"]
+    assert traced(processes) == reference
+
+
+@pytest.mark.parametrize("text", ["none", "threads:2", "processes:1", "cluster"])
+def test_a_shared_value_is_sent_once_to_each_worker(text: str, request: pytest.FixtureRequest) -> None:
+    address = request.getfixturevalue("cluster") if text == "cluster" else text
+    letters, first, second = ["a", "b", "c", "d"], ["x"], ["y"]
+    with executor_of(address) as executor, parallel_map(executor) as parallel:
+        seen = [list(parallel("search", chores.counted, shared, letters)) for shared in (first, second, first)]
+    assert [[letter for letter, _ in each] for each in seen] == [letters] * 3
+    workers = 2 if text == "cluster" else 1
+    most = [max(count for _, count in each) for each in seen]
+    assert most[0] > 4 // workers and most[1] > 4 // workers
+    assert most[2] > 8 // workers, "the first value was sent again"
+
+
+def test_a_killed_worker_names_the_stage_of_a_map(processes) -> None:
+    with parallel_map(processes) as parallel:
+        found = parallel("screening", chores.die_at_c, "x", ["a", "b", "c", "d"])
+        assert [next(found), next(found)] == ["xa", "xb"]
+        with pytest.raises(InputError, match=r"^screening: its worker process died, killed or out of memory"):
+            next(found)
+        assert list(parallel("screening", chores.die_at_c, "y", ["a", "b"])) == ["ya", "yb"]
+
+
+def test_an_effect_of_the_catalogue_is_one_object_in_every_process() -> None:
+    assert all(copied(effect) is effect for effect in CATALOGUE.values())
+    assert copied(HAT) == HAT
+
+
+def copied(value):
+    """The value as another process receives it."""
+    return pickle.loads(pickle.dumps(value))  # noqa: S301 - written here
 
 
 # --- interrupted -----------------------------------------------------------------------------------------------------

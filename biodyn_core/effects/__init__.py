@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copyreg
 import importlib
+import pickle
 import pkgutil
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from biodyn_core.effects.effect import (
     AppliedEffect,
@@ -32,6 +34,20 @@ def _catalogue() -> Mapping[str, Effect]:
 
 CATALOGUE: Final = _catalogue()
 """Every effect by its name."""
+
+
+def _catalogued(name: str) -> Effect:
+    return CATALOGUE[name]
+
+
+def _reduced(effect: Effect) -> Any:
+    """An effect of the catalogue is pickled by its name, so that every process has one object of it."""
+    known = CATALOGUE.get(effect.name) is effect
+    return (_catalogued, (effect.name,)) if known else object.__reduce_ex__(effect, pickle.DEFAULT_PROTOCOL)
+
+
+for _kind in {type(effect) for effect in CATALOGUE.values()}:
+    copyreg.pickle(_kind, _reduced)
 
 __all__ = [
     "CATALOGUE", "AppliedEffect", "ChainEffect", "Effect", "EffectParameter", "Joint", "JointForce", "JointLimit",

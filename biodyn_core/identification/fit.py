@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters
 from biodyn_core.body.subject import Subject
@@ -77,15 +78,21 @@ def fit_cases(cases: Sequence[Case], subject: Subject, seed: int, settings: FitS
     ]
 
 
-def fit_joint(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings | None = None) -> Fit:
+def fit_joint(
+    cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings | None = None,
+    parallel: ParallelMap = serial_map,
+) -> Fit:  # fmt: skip
     """Fit one theta to all cases, as `fit_cases`; raises InputError where the chain diverges from every start."""
     s = settings or FitSettings()
-    return Fit.of(refine(cases, subject, search_all(cases, subject, seed, s), s), cases, subject, s)
+    searches = search_all(cases, subject, seed, s, parallel)
+    return Fit.of(refine(cases, subject, searches, s, parallel), cases, subject, s)
 
 
-def search_all(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings) -> tuple[Search, ...]:
+def search_all(
+    cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings, parallel: ParallelMap = serial_map
+) -> tuple[Search, ...]:
     """Phase 1 of all cases, in order: one search per case, or one for all."""
-    return tuple(search_group(group, subject, seed, settings) for group in search_groups(cases, settings))
+    return tuple(search_group(group, subject, seed, settings, parallel) for group in search_groups(cases, settings))
 
 
 def search_groups(cases: Sequence[Case], settings: FitSettings) -> list[list[Case]]:
@@ -93,9 +100,11 @@ def search_groups(cases: Sequence[Case], settings: FitSettings) -> list[list[Cas
     return [list(cases)] if settings.phase1 == "pooled" else [[case] for case in cases]
 
 
-def search_group(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings) -> Search:
+def search_group(
+    cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings, parallel: ParallelMap = serial_map
+) -> Search:
     """Phase 1 of one group."""
-    return search(Surrogate(cases, subject.mass_matrix, settings.surrogate), seed, settings.swarm)
+    return search(Surrogate(cases, subject.mass_matrix, settings.surrogate), seed, settings.swarm, parallel)
 
 
 def searches_by_case(searches: Sequence[Search], cases: int, settings: FitSettings) -> list[Sequence[Search]]:

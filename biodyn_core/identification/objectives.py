@@ -23,7 +23,7 @@ from biodyn_core.body.subject import MassMatrix, Subject
 from biodyn_core.effects import apply_to_seat, apply_to_sensors
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import Clocks, Regularization, SurrogateSettings
-from biodyn_core.kernels.cost import LANES, integrate_lanes
+from biodyn_core.kernels.cost import LANES, difference_quotients, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
 
 N_LINEAR: Final = STIFFENING
@@ -203,7 +203,9 @@ class TimeDomain:
         """The same with the accelerations themselves as last column, (n, 5, p + 1)."""
         points = _difference_points(theta, free)
         self.evaluations += len(points)
-        return _differences(self._accelerations_at(number, points))
+        values = self._accelerations_at(number, points)
+        difference_quotients(values, _STEP)
+        return values
 
     def clock_delays_s(self, number: int, theta: Floats) -> Floats:
         """Delay of each segment's sensor at the middle of one case, s, and its growth per second, (5, 2)."""

@@ -21,6 +21,7 @@ from scipy import optimize
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.parameters import from_log
 from biodyn_core.identification.objectives import Surrogate
 from biodyn_core.identification.settings import SwarmSettings
@@ -65,13 +66,12 @@ def reached(costs: Floats) -> int:
     return int(np.count_nonzero(costs <= costs.min() * (1.0 + SAME_OPTIMUM)))
 
 
-def search(surrogate: Surrogate, seed: int, settings: SwarmSettings | None = None) -> Search:
+def search(
+    surrogate: Surrogate, seed: int, settings: SwarmSettings | None = None, parallel: ParallelMap = serial_map
+) -> Search:
     """Run the swarms; the random generator of each depends on the seed and its number alone."""
     s = settings or SwarmSettings()
-    generators = [np.random.default_rng(sequence) for sequence in np.random.SeedSequence(seed).spawn(s.starts)]
-    swarms = [minimise(surrogate.costs, surrogate.lower, surrogate.upper, rng, s) for rng in generators]
-    if s.polish:
-        swarms = [_descend(surrogate, swarm) for swarm in swarms]
+    swarms = list(parallel("search", _swarm, (surrogate, s), np.random.SeedSequence(seed).spawn(s.starts)))
     swarms.sort(key=lambda swarm: swarm.cost)
     return Search(
         from_log([swarm.point for swarm in swarms]),
@@ -79,6 +79,13 @@ def search(surrogate: Surrogate, seed: int, settings: SwarmSettings | None = Non
         sum(swarm.evaluations for swarm in swarms),
         sum((swarm.penalties for swarm in swarms), Counter()),
     )
+
+
+def _swarm(problem: tuple[Surrogate, SwarmSettings], sequence: np.random.SeedSequence) -> Swarm:
+    """One swarm, with its descent if wanted."""
+    surrogate, s = problem
+    swarm = minimise(surrogate.costs, surrogate.lower, surrogate.upper, np.random.default_rng(sequence), s)
+    return _descend(surrogate, swarm) if s.polish else swarm
 
 
 def minimise(

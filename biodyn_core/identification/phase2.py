@@ -12,6 +12,7 @@ from scipy import optimize
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.parameters import LOWER, MASS_SCALE, N_PARAMETERS, STIFFENING, UPPER, from_sigmoid, to_sigmoid
 from biodyn_core.body.subject import Subject
 from biodyn_core.identification.objectives import N_LINEAR, PENALTY, RegularizationTerm, TimeDomain
@@ -49,27 +50,48 @@ class Refined:
     penalties: Counter[str]
 
 
-def refine(cases: Sequence[Case], subject: Subject, searches: Sequence[Search], settings: FitSettings) -> Refined:
+def refine(
+    cases: Sequence[Case], subject: Subject, searches: Sequence[Search], settings: FitSettings,
+    parallel: ParallelMap = serial_map,
+) -> Refined:  # fmt: skip
     """Phase 2 from the results of phase 1: refine the best starts by Eq. 33 and return the best.
 
     Raises InputError where the chain diverges from every start.
     """
     starts, ranked = _starts(cases, subject, searches, settings)
-    problem = TimeDomain(
-        cases, subject, RegularizationTerm(starts[0], settings.lambda_2, settings.regularization), settings.clocks
-    )
-    run = least_squares if settings.refine == "least-squares" else nelder_mead
-    ends = [run(problem, interior(start), settings.free, settings.evaluations) for start in starts]
-    best = min(range(len(ends)), key=lambda number: ends[number][1])
+    shared = (cases, subject, starts[0], settings)
+    ends = list(parallel("refinement", _end, shared, list(starts)))
+    best = min(range(len(ends)), key=lambda number: ends[number].objective)
     # Repeat from there, off the bounds: a simplex can collapse, and a step can stop in a corner.
-    again = run(problem, interior(ends[best][0]), settings.free, settings.evaluations)
-    if again[1] < ends[best][1]:
+    again = _end(shared, ends[best].theta)
+    evaluations = sum(end.evaluations for end in (*ends, again))
+    penalties = sum((end.penalties for end in (*ends, again)), Counter[str]())
+    if again.objective < ends[best].objective:
         ends[best] = again
-    theta, objective = ends[best]
-    if objective >= PENALTY:
+    end = ends[best]
+    if end.objective >= PENALTY:
         raise InputError(f"{cases[0].name}: the chain diverges from every start; look for outliers in the recording")
-    costs = np.sort([cost for _, cost in ends])
-    return Refined(theta, starts[0], objective, costs, problem.evaluations + ranked, problem.penalties)
+    costs = np.sort([one.objective for one in ends])
+    return Refined(end.theta, starts[0], end.objective, costs, evaluations + ranked, penalties)
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """The end of one start: theta (15,) and its objective, and the evaluations on the way."""
+
+    theta: Floats
+    objective: float
+    evaluations: int
+    penalties: Counter[str]
+
+
+def _end(shared: tuple[Sequence[Case], Subject, Floats, FitSettings], start: Floats) -> _End:
+    """Refine one start; shared: cases, subject, reference of the regularization, settings."""
+    cases, subject, reference, s = shared
+    problem = TimeDomain(cases, subject, RegularizationTerm(reference, s.lambda_2, s.regularization), s.clocks)
+    run = least_squares if s.refine == "least-squares" else nelder_mead
+    theta, objective = run(problem, interior(start), s.free, s.evaluations)
+    return _End(theta, objective, problem.evaluations, problem.penalties)
 
 
 def _starts(

@@ -135,6 +135,19 @@ def _at_rest(constants: Floats, seat: float) -> Floats:
 
 
 @compiled
+def difference_quotients(values: Floats, step: float) -> None:
+    """Subtract the last column of values (n, s, c) from the others and divide these by step, in place.
+
+    NumPy takes ten times as long, because its inner loop has only c elements.
+    """
+    last = values.shape[2] - 1
+    for n in range(values.shape[0]):
+        for s in range(values.shape[1]):
+            for c in range(last):
+                values[n, s, c] = (values[n, s, c] - values[n, s, last]) / step
+
+
+@compiled
 def integrate_lanes(
     seat: Floats,
     constants: Floats,

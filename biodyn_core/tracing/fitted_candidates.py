@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -37,22 +38,28 @@ class WithoutEffect:
         return self._fits[prior_scale]
 
 
-def fit_candidate(without_effect: WithoutEffect, one: Candidate, start: AppliedEffect) -> Candidate | None:
-    """Fit a candidate to all events; None if the simulation is unstable.
+def fits_at_scales(nuisance: NuisanceModel, start: AppliedEffect) -> list[tuple[float, LocalFit]]:
+    """Fits of an effect to all events, with their prior scales: the most probable without and with the effect.
 
-    Its gain is the smaller one of two prior scales: the most probable without and with the effect.
+    Empty if the simulation is unstable.
     """
-    nuisance = without_effect.nuisance
     local = fit_locally(nuisance, start)
     if local.applied is None or not np.isfinite(local.objective):
-        return None
-    gains = [_gains(without_effect, local, nuisance.prior_scale)]
-    if local.prior_scale != nuisance.prior_scale:
-        again = fit_locally(nuisance.at_scale(local.prior_scale), local.applied)
-        if np.isfinite(again.objective):
-            gains.append(_gains(without_effect, again, local.prior_scale))
-            local = again
-    fit = CandidateFit(local, min(gains, key=np.mean), _conditions(nuisance))
+        return []
+    if local.prior_scale == nuisance.prior_scale:
+        return [(nuisance.prior_scale, local)]
+    again = fit_locally(nuisance.at_scale(local.prior_scale), local.applied)
+    both = [(nuisance.prior_scale, local), (local.prior_scale, again)]
+    return both if np.isfinite(again.objective) else both[:1]
+
+
+def fitted_candidate(
+    without_effect: WithoutEffect, one: Candidate, fits: Sequence[tuple[float, LocalFit]]
+) -> Candidate:
+    """A candidate with its `fits_at_scales`, at least one; its gain is the smaller one of both prior scales."""
+    nuisance = without_effect.nuisance
+    gains = [_gains(without_effect, local, scale) for scale, local in fits]
+    fit = CandidateFit(fits[-1][1], min(gains, key=np.mean), _conditions(nuisance))
     return dataclasses.replace(
         one, fit=dataclasses.replace(fit, typical_multiple=nuisance.typical_multiple(fit.applied))
     )

@@ -265,17 +265,17 @@ class _Problem:
         if at.psi.size == 0:
             return []
         slopes = zip(*(self._slopes(at, step) for step in PSI_STEP * np.eye(at.psi.size)), strict=True)
-        return [
-            rows(np.stack(of_case, axis=2)) for rows, of_case in zip(self._nuisance.train.rows, slopes, strict=True)
-        ]
+        all_rows = zip(self._nuisance.train.rows, slopes, strict=True)
+        return [rows.of_decimated(np.stack(of_case, axis=2)) for rows, of_case in all_rows]
 
     def _slopes(self, at: _Point, step: Floats) -> list[Floats]:
-        """Derivatives (n, 5) of the answers along a step; backward if the forward simulation is unstable."""
+        """Derivatives (m, 5) of the decimated answers along a step; backward if the forward simulation is unstable."""
         for signed in (step, -step):
             stepped = self._answers(at, at.psi + signed)
             if all(np.abs(one).max() < RUNAWAY_MPS2 for one in stepped):
                 break
-        return [(one - plain) / signed.sum() for one, plain in zip(stepped, at.answers, strict=True)]
+        each = zip(self._nuisance.train.rows, stepped, at.answers, strict=True)
+        return [(rows.decimated(one) - rows.decimated(plain)) / signed.sum() for rows, one, plain in each]
 
     def _answers(self, at: _Point, psi: Floats) -> list[Floats]:
         """Answers (n, 5) in each event for fitting, for other parameters of the effect."""

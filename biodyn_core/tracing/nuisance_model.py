@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import PARAMETERS
 from biodyn_core.body.subject import Subject
@@ -21,7 +22,12 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer, answers
-from biodyn_core.tracing.nuisance_parameters import NuisanceParameter, columns, nonlinear_force_n, nuisance_parameters
+from biodyn_core.tracing.nuisance_parameters import (
+    NuisanceParameter,
+    changes_by,
+    nonlinear_force_n,
+    nuisance_parameters,
+)
 from biodyn_core.tracing.rows import Products, Rows
 from biodyn_core.tracing.settings import NuisanceSettings
 
@@ -73,13 +79,16 @@ class NuisanceModel:
 
     @classmethod
     def of(
-        cls, subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: NuisanceSettings | None = None
-    ) -> NuisanceModel:
+        cls, subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: NuisanceSettings | None = None,
+        parallel: ParallelMap = serial_map,
+    ) -> NuisanceModel:  # fmt: skip
         """Linearise the answers of a fitted subject in all events around its theta."""
         s = settings or NuisanceSettings()
         parameters = tuple(nuisance_parameters(subject, train, s.typical))
         spread = np.concatenate([np.full(N_THETA, s.theta_spread), np.ones(len(parameters) + 2)])
-        sets = [_event_set(subject, cases, parameters, s) for cases in (train, choose)]
+        shared = (subject, parameters, s)
+        events = list(parallel("linearising", _linearised, shared, [*train, *choose]))
+        sets = [_event_set(*each) for each in ((train, events[: len(train)]), (choose, events[len(train) :]))]
         independent = s.weights.independent
         weight = np.full(sets[0].products.square.size, independent)
         return cls(subject, parameters, 1.0 / spread**2, sets[0], sets[1], weight, independent).reweighted()
@@ -152,21 +161,24 @@ class NuisanceModel:
         return np.asarray(np.linalg.solve(self.normal(w), w @ products.cross))
 
 
-def _event_set(
-    subject: Subject, cases: Sequence[Case], parameters: Sequence[NuisanceParameter], s: NuisanceSettings
-) -> EventSet:
-    rows, known, residuals = [], [], []
-    for case in cases:
-        plain = answer(subject, case)
-        one = Rows(case, plain, s.weights, s.typical)
-        rows.append(one)
-        slope = np.gradient(plain, 1.0 / case.rate_hz, axis=0)
-        seat = np.stack([s.typical.usual_gain * plain, -s.typical.usual_clock_s * slope], axis=2)
-        theta = _by_theta(subject, case)
-        known.append(one(np.concatenate([theta, columns(subject, case, plain, parameters), seat], axis=2)))
-        residuals.append(one.residual(plain))
-    products = Products.of(known, residuals, [one.samples for one in rows])
-    return EventSet(tuple(cases), tuple(rows), tuple(known), products)
+def _event_set(cases: Sequence[Case], events: Sequence[tuple[Rows, Floats, Floats]]) -> EventSet:
+    rows, known, residuals = zip(*events, strict=True) if events else ((), (), ())
+    return EventSet(tuple(cases), rows, known, Products.of(known, residuals, [one.samples for one in rows]))
+
+
+def _linearised(
+    shared: tuple[Subject, Sequence[NuisanceParameter], NuisanceSettings], case: Case
+) -> tuple[Rows, Floats, Floats]:
+    """Rows of an event, its known columns (w, r, k) and its residual (w, r)."""
+    subject, parameters, s = shared
+    plain = answer(subject, case)
+    rows = Rows(case, plain, s.weights, s.typical)
+    slope = np.gradient(plain, 1.0 / case.rate_hz, axis=0)
+    theta = _by_theta(subject, case)
+    seat = (s.typical.usual_gain * plain, -s.typical.usual_clock_s * slope)
+    changes = [*changes_by(subject, case, plain, parameters, rows.decimated), *map(rows.decimated, seat)]
+    known = rows.of_decimated(np.concatenate([rows.decimated(theta), np.stack(changes, axis=2)], axis=2))
+    return rows, known, rows.residual(plain)
 
 
 def _by_theta(subject: Subject, case: Case) -> Floats:

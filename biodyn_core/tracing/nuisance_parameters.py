@@ -8,7 +8,7 @@ A candidate has to explain a part of the residual that remains beside them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -93,18 +93,24 @@ def nonlinear_force_n(chain: Chain, applied: AppliedEffect, reach_m: float) -> f
     return max(abs(float(effect.law(stretch, 0.0, 0.0, *constants))) for stretch in (-reach_m, reach_m))
 
 
-def columns(subject: Subject, case: Case, plain: Floats, parameters: Sequence[NuisanceParameter]) -> Floats:
-    """Change of the answer by each parameter, per typical spread, (n, 5, d); plain (n, 5) is the answer without."""
-    out = np.empty((*plain.shape, len(parameters)))
-    for i, one in enumerate(parameters):
+def changes_by(
+    subject: Subject, case: Case, plain: Floats, parameters: Sequence[NuisanceParameter],
+    decimated: Callable[[Floats], Floats],
+) -> list[Floats]:  # fmt: skip
+    """Change (m, 5) of the answer by each parameter, per typical spread, decimated from (n, 5).
+
+    plain (n, 5) is the answer without.
+    """
+    before, found = decimated(plain), []
+    for one in parameters:
         if one.applied is not None:
-            out[:, :, i] = one.spread * (answer(subject, case, (one.applied,), plain) - plain)
+            found.append(one.spread * (decimated(answer(subject, case, (one.applied,), plain)) - before))
         elif one.seat_axis:
             seat_mps2 = case.seat_mps2 + one.spread * case.channels[one.seat_axis]
-            out[:, :, i] = answer(subject, dataclasses.replace(case, seat_mps2=seat_mps2)) - plain
+            found.append(decimated(answer(subject, dataclasses.replace(case, seat_mps2=seat_mps2))) - before)
         else:
-            out[:, :, i] = _with_heavier(subject, case, one.segment, one.spread) - plain
-    return out
+            found.append(decimated(_with_heavier(subject, case, one.segment, one.spread)) - before)
+    return found
 
 
 def _of_sensor(sensor: str, cases: Sequence[Case], s: TypicalSettings) -> list[NuisanceParameter]:

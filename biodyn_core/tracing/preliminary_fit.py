@@ -13,9 +13,10 @@ from typing import Any, Final
 import numpy as np
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.candidate import Candidate, PreliminaryFit, ScreeningResult
-from biodyn_core.tracing.local_fit import evidence_gain, fit_locally
+from biodyn_core.tracing.local_fit import LocalFit, evidence_gain, fit_locally
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.screen import Screening, mean_log_ratio, screen
 from biodyn_core.tracing.settings import PreliminarySettings
@@ -45,15 +46,15 @@ class PreliminaryFits:
 
 def preliminary_fits(
     few: NuisanceModel, candidates: Sequence[Candidate], replicates: int, seed: int, on_stage: OnStage,
-    settings: PreliminarySettings | None = None,
+    settings: PreliminarySettings | None = None, parallel: ParallelMap = serial_map,
 ) -> PreliminaryFits:  # fmt: skip
     """Screen all candidates on few events, and fit each effect at each site from its best shape."""
     s = settings or PreliminarySettings()
-    screening = screen(few, candidates, replicates, seed, lambda share: on_stage("screening", share))
+    screening = screen(few, candidates, replicates, seed, lambda share: on_stage("screening", share), parallel)
     without, p = fit_locally(few, None, STEPS), few.choose.products
     chosen, found = _selected(screening, s), []
-    for number, one in enumerate(chosen):
-        local = fit_locally(few, _sized(one, s), STEPS, least_decrease=LEAST_DECREASE)
+    fits = parallel("preliminary fits", _fitted_to_few, few, [_sized(one, s) for one in chosen])
+    for number, (one, local) in enumerate(zip(chosen, fits, strict=True)):
         if local.applied is not None and np.isfinite(local.objective):
             ratio = mean_log_ratio(without.residual_square, local.residual_square[:, None], p.event, p.samples)
             gain = float(ratio[0]) + evidence_gain(few, without, local)
@@ -61,6 +62,10 @@ def preliminary_fits(
             found.append(dataclasses.replace(one, preliminary=result))
         on_stage("preliminary fits", (number + 1) / len(chosen))
     return PreliminaryFits(screening, tuple(found))
+
+
+def _fitted_to_few(few: NuisanceModel, start: AppliedEffect) -> LocalFit:
+    return fit_locally(few, start, STEPS, least_decrease=LEAST_DECREASE)
 
 
 def _selected(screening: Screening, s: PreliminarySettings) -> list[Candidate]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.identify import fingerprint
@@ -17,7 +18,13 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.candidate import Candidate
 from biodyn_core.tracing.choice import chosen, ranked, required_gain, rivals
 from biodyn_core.tracing.findings import Round
-from biodyn_core.tracing.fitted_candidates import WithoutEffect, fit_candidate, residual_ratio, unsteady_candidates
+from biodyn_core.tracing.fitted_candidates import (
+    WithoutEffect,
+    fits_at_scales,
+    fitted_candidate,
+    residual_ratio,
+    unsteady_candidates,
+)
 from biodyn_core.tracing.local_fit import LocalFit, fit_locally
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.preliminary_fit import (
@@ -73,14 +80,14 @@ class Outcome:
 
 def one_round(
     subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: TraceSettings, seed: int,
-    on_stage: OnStage, checkpoint: Checkpoint | None = None,
+    on_stage: OnStage, checkpoint: Checkpoint | None = None, parallel: ParallelMap = serial_map,
 ) -> Outcome:  # fmt: skip
     """Search for one effect that the subject lacks."""
     first = (first_of_each(train), first_of_each(choose))
-    few = _most_probable(NuisanceModel.of(subject, *first, settings.nuisance), settings)
+    few = _most_probable(NuisanceModel.of(subject, *first, settings.nuisance, parallel), settings)
     candidates = all_candidates(subject, [*train, *choose])
-    preliminary = _preliminary(few, candidates, settings, seed, on_stage, checkpoint)
-    nuisance = _most_probable(NuisanceModel.of(subject, train, choose, settings.nuisance), settings)
+    preliminary = _preliminary(few, candidates, settings, seed, on_stage, checkpoint, parallel)
+    nuisance = _most_probable(NuisanceModel.of(subject, train, choose, settings.nuisance, parallel), settings)
     without_effect = WithoutEffect(nuisance)
     without = without_effect.at(nuisance.prior_scale)
     if not np.isfinite(without.objective):
@@ -89,7 +96,7 @@ def one_round(
             f"{subject.name}: the simulation is unstable in one of {names}; look for outliers, leave it out"
         )
     screening = preliminary.screening
-    fitted = _fitted(few, preliminary, without_effect, settings, on_stage)
+    fitted = _fitted(few, preliminary, without_effect, settings, on_stage, parallel)
     fitted += unsteady_candidates(nuisance, without, screening, settings.unsteady)
     fitted = sorted(fitted, key=lambda one: -one.fitted.gain)
     chance_gain = float(np.quantile(screening.chance, settings.evidence.chance_quantile))
@@ -106,17 +113,17 @@ def one_round(
 
 def _fitted(
     few: NuisanceModel, preliminary: PreliminaryFits, without_effect: WithoutEffect, settings: TraceSettings,
-    on_stage: OnStage,
+    on_stage: OnStage, parallel: ParallelMap,
 ) -> list[Candidate]:  # fmt: skip
     """The candidates of the shortlist, fitted to all events, without those that are unstable."""
     found = []
     shortlist = preliminary.shortlist(settings.refined)
-    for number, one in enumerate(shortlist):
-        many = number < settings.preliminary.many_starts
-        start = _best_start(few, preliminary.screening, one, settings.preliminary) if many else one.tried.applied
-        fitted = fit_candidate(without_effect, one, start)
-        if fitted is not None:
-            found.append(fitted)
+    on_stage("fitting candidates", 0.0)
+    starts = _best_starts(few, preliminary.screening, shortlist, settings.preliminary, parallel)
+    all_fits = parallel("fitting candidates", fits_at_scales, without_effect.nuisance, starts)
+    for number, (one, fits) in enumerate(zip(shortlist, all_fits, strict=True)):
+        if fits:
+            found.append(fitted_candidate(without_effect, one, fits))
         on_stage("fitting candidates", (number + 1) / len(shortlist))
     return found
 
@@ -142,13 +149,13 @@ def _most_probable(nuisance: NuisanceModel, settings: TraceSettings) -> Nuisance
 
 def _preliminary(
     few: NuisanceModel, candidates: Sequence[Candidate], settings: TraceSettings, seed: int, on_stage: OnStage,
-    checkpoint: Checkpoint | None,
+    checkpoint: Checkpoint | None, parallel: ParallelMap,
 ) -> PreliminaryFits:  # fmt: skip
     """The stored preliminary fits of the same events, theta, channels and settings, or new ones, which are stored."""
     key = f"preliminary {fingerprint([*few.train.cases, *few.choose.cases], few.subject, seed, settings)}"
     if checkpoint is not None and key in checkpoint:
         return from_checkpoint(checkpoint[key], candidates)
-    found = preliminary_fits(few, candidates, settings.replicates, seed, on_stage, settings.preliminary)
+    found = preliminary_fits(few, candidates, settings.replicates, seed, on_stage, settings.preliminary, parallel)
     if checkpoint is not None:
         checkpoint[key] = to_checkpoint(found)
     return found
@@ -162,18 +169,37 @@ def first_of_each(cases: Sequence[Case]) -> list[Case]:
     return list(first.values())
 
 
-def _best_start(few: NuisanceModel, screening: Screening, one: Candidate, s: PreliminarySettings) -> AppliedEffect:
-    """The best fit to few events: from the preliminary fit, or from the other shapes and strengths."""
-    start = one.tried.applied
-    others = [
+def _best_starts(
+    few: NuisanceModel, screening: Screening, shortlist: Sequence[Candidate], s: PreliminarySettings,
+    parallel: ParallelMap,
+) -> list[AppliedEffect]:  # fmt: skip
+    """The start of each candidate: its preliminary fit; of the first ones the best fit to few events from all starts.
+
+    These are the preliminary fit, and all shapes and strengths.
+    """
+    all_starts = [(one.tried.applied, *_shapes(screening, one, s)) for one in shortlist[: s.many_starts]]
+    flat = [start for starts in all_starts for start in starts]
+    fits = parallel("fitting candidates", _fitted_to_few, few, flat)
+    found = [one.tried.applied for one in shortlist]
+    for number, starts in enumerate(all_starts):
+        best = min([next(fits) for _ in starts], key=lambda fit: fit.objective)
+        if best.applied is not None and np.isfinite(best.objective):
+            found[number] = best.applied
+    return found
+
+
+def _shapes(screening: Screening, one: Candidate, s: PreliminarySettings) -> list[AppliedEffect]:
+    """Every shape of a candidate's effect at its site, with every strength of a start."""
+    return [
         scaled(other.start, other.strength, size)
         for other in screening.candidates
         for size in s.strengths
         if other.key == one.key
     ]
-    fits = [fit_locally(few, each, STEPS) for each in (start, *others)]
-    best = min(fits, key=lambda fit: fit.objective)
-    return start if best.applied is None or not np.isfinite(best.objective) else best.applied
+
+
+def _fitted_to_few(few: NuisanceModel, start: AppliedEffect) -> LocalFit:
+    return fit_locally(few, start, STEPS)
 
 
 def _not_fitted(screening: Screening, fitted: Sequence[Candidate]) -> list[Candidate]:

@@ -34,7 +34,7 @@ class Rows:
     def __init__(self, case: Case, answer: Floats, weights: WeightSettings, typical: TypicalSettings) -> None:
         self._begin, self._every = case.begin, max(1, round(case.rate_hz / DECIMATED_HZ))
         self.rate_hz = rate_hz = case.rate_hz / self._every
-        measured, compared = self._decimated(case.measured_mps2), self._decimated(case.compared)
+        measured, compared = self.decimated(case.measured_mps2), self.decimated(case.compared)
         self._weight = np.where(compared, 1.0 / _expected(measured, compared, rate_hz, weights), 0.0)
         self._length = max(1, round(weights.counted_s * rate_hz))
         self.windows = max(1, len(measured) // self._length)
@@ -42,7 +42,7 @@ class Rows:
         self.samples = used.sum(axis=1).astype(np.float64)
         self._measured = measured
         self.typical_clock_s = typical.usual_clock_s
-        slope = np.gradient(self._decimated(answer), 1.0 / rate_hz, axis=0)
+        slope = np.gradient(self.decimated(answer), 1.0 / rate_hz, axis=0)
         # The clock has the prior of a nuisance parameter; the levels carry no information.
         spread = np.array(
             [typical.usual_clock_s * np.sqrt(weights.independent), typical.usual_level_mps2, typical.usual_level_mps2]
@@ -52,17 +52,19 @@ class Rows:
 
     def __call__(self, values: Floats) -> Floats:
         """Rows (w, r, k) of values (n, 5, k), by window."""
-        decimated = self._decimated(values) * self._weight[:, :, None]
+        return self.of_decimated(self.decimated(values))
+
+    def of_decimated(self, values: Floats) -> Floats:
+        """Rows (w, r, k) of `decimated` values (m, 5, k); with many columns decimate each before they are stacked."""
+        weighted = values * self._weight[:, :, None]
         for s, (shapes, solve) in enumerate(self._own):
-            decimated[:, s] -= shapes @ (solve @ decimated[:, s])
-        whole = decimated[: self.windows * self._length]
+            weighted[:, s] -= shapes @ (solve @ weighted[:, s])
+        whole = weighted[: self.windows * self._length]
         return np.ascontiguousarray(whole.reshape(self.windows, -1, values.shape[2]))
 
     def residual(self, answer: Floats) -> Floats:
         """Rows (w, r) of the measurement less an answer (n, 5)."""
-        whole = np.zeros((len(answer), answer.shape[1], 1))
-        whole[self._begin :: self._every, :, 0] = self._measured - self._decimated(answer)
-        return self(whole)[:, :, 0]
+        return self.of_decimated((self._measured - self.decimated(answer))[:, :, None])[:, :, 0]
 
     def moving_mps2(self, parts: int) -> Floats:
         """Measured acceleration in each part of each window, rms over samples and segments, (w * parts,)."""
@@ -70,7 +72,8 @@ class Rows:
         each = whole.shape[1] // parts * parts
         return np.asarray(np.sqrt((whole[:, :each].reshape(self.windows * parts, -1) ** 2).mean(axis=1)))
 
-    def _decimated(self, values: NDArray[Any]) -> NDArray[Any]:
+    def decimated(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The samples (m, ...) of values (n, ...) that rows have."""
         return values[self._begin :: self._every]
 
     def _event_shapes(self, slope: Floats, spread: Floats) -> list[tuple[Floats, Floats]]:

@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, EffectParameter
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate, ScreeningResult
-from biodyn_core.tracing.nuisance_model import N_THETA, EventSet, NuisanceModel
+from biodyn_core.tracing.nuisance_model import N_THETA, NuisanceModel
 from biodyn_core.tracing.reach import Reach
 from biodyn_core.tracing.rows import Products
 
@@ -113,14 +114,24 @@ def _grid(parameter: EffectParameter, reach_m: float) -> tuple[float, ...]:
 
 def screen(
     nuisance: NuisanceModel, candidates: Sequence[Candidate], replicates: int = 400, seed: int = 0,
-    on_progress: Callable[[float], None] = lambda share: None,
+    on_progress: Callable[[float], None] = lambda share: None, parallel: ParallelMap = serial_map,
 ) -> Screening:  # fmt: skip
     """Screen candidates.
 
     Random draws: the signs of whole windows of the residual are drawn for both event sets, and all is refitted (wild
     bootstrap by blocks). A draw keeps the spectrum of the residual and follows the seat as the residual does.
     """
-    sets = [_Changes.of(nuisance, events, candidates, on_progress) for events in (nuisance.train, nuisance.choose)]
+    items = [
+        (is_train, number, candidates)
+        for is_train, events in ((True, nuisance.train), (False, nuisance.choose))
+        for number in range(len(events.cases))
+    ]
+    changes = []
+    for one in parallel("screening", _changed, nuisance, items):
+        changes.append(one)
+        on_progress(len(changes) / len(items))
+    trained = len(nuisance.train.cases)
+    sets = [_Changes.of(each) for each in (changes[:trained], changes[trained:])]
     linear = _Linear.of(nuisance, *sets)
     gains = linear.gains(nuisance.train.products, nuisance.choose.products, [one.with_residual for one in sets])
     screening = Screening((), linear.chance(replicates, np.random.default_rng(seed)), linear.cosines(sets[0]))
@@ -148,32 +159,33 @@ class _Changes:
     rows: tuple[NDArray[np.float32], ...]
 
     @classmethod
-    def of(
-        cls,
-        nuisance: NuisanceModel,
-        events: EventSet,
-        candidates: Sequence[Candidate],
-        on_progress: Callable[[float], None],
-    ) -> _Changes:
-        parts, kept = [], []
-        for number, (case, rows, known) in enumerate(zip(events.cases, events.rows, events.known, strict=True)):
-            plain = answer(nuisance.subject, case)
-            residual = rows.residual(plain)
-            own = np.empty((*residual.shape, len(candidates)))
-            for i, one in enumerate(candidates):
-                change = answer(nuisance.subject, case, (one.start,), plain) - plain
-                own[:, :, i] = rows(change[:, :, None])[:, :, 0]
-            parts.append(
-                (
-                    np.matmul(own.transpose(0, 2, 1), known),
-                    np.einsum("wrc,wrc->wc", own, own),
-                    np.einsum("wrc,wr->wc", own, residual, optimize=True),
-                )
-            )
-            kept.append(own.reshape(-1, len(candidates)).astype(np.float32))
-            on_progress((number + 1) / len(events.cases))
-        with_known, own_square, with_residual = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return cls(with_known, own_square, with_residual, tuple(kept))
+    def of(cls, events: Sequence[_Changes]) -> _Changes:
+        """Those of all events from those of each."""
+        return cls(
+            np.concatenate([one.with_known for one in events]),
+            np.concatenate([one.own for one in events]),
+            np.concatenate([one.with_residual for one in events]),
+            tuple(rows for one in events for rows in one.rows),
+        )
+
+
+def _changed(nuisance: NuisanceModel, item: tuple[bool, int, Sequence[Candidate]]) -> _Changes:
+    """The products of candidates in one event: for fitting or not, by its number."""
+    is_train, number, candidates = item
+    events = nuisance.train if is_train else nuisance.choose
+    case, rows, known = events.cases[number], events.rows[number], events.known[number]
+    plain = answer(nuisance.subject, case)
+    residual = rows.residual(plain)
+    own = np.empty((*residual.shape, len(candidates)))
+    for i, one in enumerate(candidates):
+        change = rows.decimated(answer(nuisance.subject, case, (one.start,), plain)) - rows.decimated(plain)
+        own[:, :, i] = rows.of_decimated(change[:, :, None])[:, :, 0]
+    return _Changes(
+        np.matmul(own.transpose(0, 2, 1), known),
+        np.einsum("wrc,wrc->wc", own, own),
+        np.einsum("wrc,wr->wc", own, residual, optimize=True),
+        (own.reshape(-1, len(candidates)).astype(np.float32),),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.identification.fit import fit_joint, mean_percent
@@ -37,12 +38,14 @@ def trace(
     seed: int = 0,
     on_stage: OnStage = lambda stage, share: None,
     checkpoint: Checkpoint | None = None,
+    parallel: ParallelMap = serial_map,
 ) -> Trace:
     """Find the effect that a subject's model lacks.
 
     Theta and sizes are fitted to `train`; half of `held_out` chooses the effect, the other half gives the errors.
-    checkpoint: stored results of the long stages, read if they are of the same problem, and extended. Raises InputError
-    if nothing can be fitted. Too little data is no error, but the verdict `not_decidable`.
+    checkpoint: stored results of the long stages, read if they are of the same problem, and extended. parallel: runs
+    independent fits; the numbers do not depend on it. Raises InputError if nothing can be fitted. Too little data is no
+    error, but the verdict `not_decidable`.
     """
     s = settings or TraceSettings()
     train, held_out, left_out = data_checks.usable(train, held_out, s.floor)
@@ -52,11 +55,11 @@ def trace(
     if not train:
         return build_undecided(subject, subject, uses, lacking, needs, s, left_out, seed)
     on_stage("fitting parameters", 0.0)
-    before = _refitted(train, subject, s, seed, checkpoint)
+    before = _refitted(train, subject, s, seed, checkpoint, parallel)
     if lacking:
         return build_undecided(subject, before, uses, lacking, needs, s, left_out, seed)
     known = set(checkpoint or ())
-    rounds = _rounds(before, train, choose, s, seed, on_stage, checkpoint)
+    rounds = _rounds(before, train, choose, s, seed, on_stage, checkpoint, parallel)
     outcomes = [outcome for _, outcome in rounds]
     after = rounds[-1][0] if is_explained(outcomes, s) else before
     found = build_result(subject, before, after, outcomes, uses, s, left_out, seed)
@@ -65,13 +68,14 @@ def trace(
 
 
 def _refitted(
-    train: Sequence[Case], subject: Subject, s: TraceSettings, seed: int, checkpoint: Checkpoint | None
-) -> Subject:
+    train: Sequence[Case], subject: Subject, s: TraceSettings, seed: int, checkpoint: Checkpoint | None,
+    parallel: ParallelMap,
+) -> Subject:  # fmt: skip
     """The subject with one theta fitted to all events."""
     key = f"theta {fingerprint(train, subject, seed, s.base)}"
     if checkpoint is not None and key in checkpoint:
         return dataclasses.replace(subject, parameters=Parameters.from_vector(np.array(checkpoint[key])), provenance={})
-    found = fit_joint(train, subject, seed, s.base).subject
+    found = fit_joint(train, subject, seed, s.base, parallel).subject
     if checkpoint is not None:
         checkpoint[key] = found.parameters.vector().tolist()
     return found
@@ -79,12 +83,12 @@ def _refitted(
 
 def _rounds(
     subject: Subject, train: Sequence[Case], choose: Sequence[Case], s: TraceSettings, seed: int, on_stage: OnStage,
-    checkpoint: Checkpoint | None,
+    checkpoint: Checkpoint | None, parallel: ParallelMap,
 ) -> list[tuple[Subject, Outcome]]:  # fmt: skip
     """Greedy rounds until one chooses nothing; each with the subject after it."""
     found: list[tuple[Subject, Outcome]] = []
     for number in range(s.most_effects):
-        outcome = one_round(subject, train, choose, s, seed + number, on_stage, checkpoint)
+        outcome = one_round(subject, train, choose, s, seed + number, on_stage, checkpoint, parallel)
         subject, outcome = _with_joint_refit(subject, outcome, train, choose)
         found.append((subject, outcome))
         best = outcome.round.chosen

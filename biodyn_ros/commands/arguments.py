@@ -49,6 +49,15 @@ def _seed(text: str) -> int:
     return int(text)
 
 
+def add_executor(command: CommandParser) -> None:
+    """Add the option for the executor of independent tasks."""
+    command.add_argument(
+        "--executor", default="processes", metavar="WHERE",
+        help="none, processes[:N], threads[:N] or a Dask scheduler's tcp://HOST:PORT, on trusted networks only"
+        " (default processes)",
+    )  # fmt: skip
+
+
 def add_held_out(command: CommandParser, text: str) -> None:
     """Add the options for held-out bags and for loading conditions."""
     command.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="BAG", help=text)

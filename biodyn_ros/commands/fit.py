@@ -12,6 +12,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import (
     add_all_settings,
+    add_executor,
     add_held_out,
     add_reading,
     add_seed,
@@ -62,11 +63,7 @@ def _add(command: CommandParser) -> None:
     command.add_argument("--no-report", action="store_true", help="do not write OUT.fit.html or campaign.html")
     add_seed(command, "seed of random numbers")
     command.add_argument("--resume", action="store_true", help="continue an interrupted fit")
-    command.add_argument(
-        "--executor", default="processes", metavar="WHERE",
-        help="none, processes[:N], threads[:N] or a Dask scheduler's tcp://HOST:PORT, on trusted networks only"
-        " (default processes)",
-    )  # fmt: skip
+    add_executor(command)
     add_reading(command)
     add_all_settings(command, _kinds())
     command.add_argument(

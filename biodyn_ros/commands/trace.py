@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from biodyn_core.base.errors import InputError
 from biodyn_ros.commands.arguments import (
     add_all_settings,
+    add_executor,
     add_held_out,
     add_reading,
     add_seed,
@@ -59,6 +60,7 @@ def _add(command: CommandParser) -> None:
         "--fresh", action="store_true", help="recompute the results that DIR.kept.json stores of an earlier trace"
     )
     command.add_argument("--no-report", action="store_true", help="do not write trace.html")
+    add_executor(command)
     add_reading(command)
     add_all_settings(command, _kinds())
     command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory for the results")
@@ -72,6 +74,8 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_ros.trace.document import trace_document
     from biodyn_ros.trace.text import text_of
     from biodyn_ros.trace.tracing import trace_bags, write_traced
+    from biodyn_ros.work.executor_map import parallel_map
+    from biodyn_ros.work.executors import executor_of
     from biodyn_ros.work.part_store import PartStore
 
     directory, how = Path(options.output), how_of(options)
@@ -81,7 +85,8 @@ def _run(options: argparse.Namespace) -> None:
     subject, given_yaml = load_subject(given, UNFITTED), given.read_text(encoding="utf-8")
     kept = PartStore(_kept_beside(directory), options.fresh)
     try:
-        traced = trace_bags(options.bag, subject, how, kept, lambda line: print(line, file=sys.stderr))
+        with executor_of(options.executor) as executor, parallel_map(executor) as parallel:
+            traced = trace_bags(options.bag, subject, how, kept, lambda line: print(line, file=sys.stderr), parallel)
     except KeyboardInterrupt:
         if kept:
             print(

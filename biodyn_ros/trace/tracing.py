@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.subject import Subject
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
@@ -59,10 +60,12 @@ def trace_bags(
     options: TraceOptions | None = None,
     kept: MutableMapping[str, Any] | None = None,
     say: Callable[[str], None] = lambda line: None,
+    parallel: ParallelMap = serial_map,
 ) -> Report:
     """Trace bags; raises InputError, one line, for bags that cannot be read or compared.
 
     kept: the checkpoint of earlier traces, such as a `PartStore`. say: gets the use of each bag before the long work.
+    parallel: as `trace`.
     """
     from biodyn_core.tracing.trace import trace  # late: refused bags do not need it
 
@@ -77,7 +80,10 @@ def trace_bags(
     for line in _uses(fitted, spare, by_name=bool(o.held_out)):
         say(line)
     with stage_lines(Progress) as on_stage:
-        found = trace(fitted, spare, subject, settings=o.settings, seed=o.seed, on_stage=on_stage, checkpoint=kept)
+        found = trace(
+            fitted, spare, subject,
+            settings=o.settings, seed=o.seed, on_stage=on_stage, checkpoint=kept, parallel=parallel,
+        )  # fmt: skip
     hashes = [event.sha256 for event, case in prepared if use_of(event, case, found) == "train"]
     return Report(
         trace=found,

@@ -135,11 +135,11 @@ def _shut_down(executor: Executor, end: Callable[[], None] = lambda: None) -> It
 def _processes(workers: int) -> Iterator[Executor]:
     # Workers exit at the end of this pipe: when its writer is closed here, or when this process dies.
     reader, writer = multiprocessing.Pipe(duplex=False)
-    with reader, writer, variables_set(ONE_THREAD), _shut_down(_Processes(workers, reader), writer.close) as executor:
+    with reader, writer, variables_set(ONE_THREAD), _shut_down(Processes(workers, reader), writer.close) as executor:
         yield executor
 
 
-class _Processes(Executor):
+class Processes(Executor):
     """Pools of one process each, used by threads, so that a process that dies loses its own task alone."""
 
     def __init__(self, workers: int, reader: Connection) -> None:
@@ -209,14 +209,36 @@ def _cluster(address: str) -> Iterator[Executor]:
         raise InputError(f"{address}: no Dask scheduler responds there ({reason}); start one: dask scheduler") from None
     with quiet, client:
         _check_workers(client, address)
-        # Pure tasks are hashed by their arguments, which costs more time than it saves.
-        executor = client.get_executor(pure=False)
+        executor = Cluster(client)
         try:
             yield executor
         except BaseException:
             executor.shutdown(wait=False)
             raise
         executor.shutdown()
+
+
+class Cluster(Executor):
+    """The workers of a Dask client."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        # Pure tasks are hashed by their arguments, which costs more time than it saves.
+        self._executor = client.get_executor(pure=False)
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+        """See `concurrent.futures.Executor`."""
+        found: Future[Any] = self._executor.submit(function, *arguments, **named)
+        return found
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """See `concurrent.futures.Executor`; tasks that wait for a worker are cancelled unless wait is set."""
+        self._executor.shutdown(wait)
+
+    def scattered(self, value: Any) -> Any:
+        """A reference that tasks receive as the value, which is sent to every worker now."""
+        (reference,) = self._client.scatter([value], broadcast=True, hash=False)
+        return reference
 
 
 def _check_workers(client: Any, address: str) -> None:
