@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copyreg
 import importlib
-import pickle
 import pkgutil
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -36,6 +35,10 @@ CATALOGUE: Final = _catalogue()
 """Every effect by its name."""
 
 
+PROTOCOL: Final = 4
+"""Protocol of the copies between processes: the default of Python 3.12."""
+
+
 def _catalogued(name: str) -> Effect:
     return CATALOGUE[name]
 
@@ -43,7 +46,7 @@ def _catalogued(name: str) -> Effect:
 def _reduced(effect: Effect) -> Any:
     """An effect of the catalogue is pickled by its name, so that every process has one object of it."""
     known = CATALOGUE.get(effect.name) is effect
-    return (_catalogued, (effect.name,)) if known else object.__reduce_ex__(effect, pickle.DEFAULT_PROTOCOL)
+    return (_catalogued, (effect.name,)) if known else object.__reduce_ex__(effect, PROTOCOL)
 
 
 for _kind in {type(effect) for effect in CATALOGUE.values()}:
