@@ -42,8 +42,8 @@ class CandidateFit:
     """The fit to all events.
 
     gains (e,): log ratio in each event for choosing, whose loading conditions are conditions. typical_multiple: size in
-    spreads of the typical deviation. steady: False if the effect is fitted again in every window or between events.
-    objection: why it is no cause, if known.
+    spreads of the typical deviation. fitted_at: the prior scale of the fit. steady: False if the effect is fitted again
+    in every window or between events. objection: why it is no cause, if known.
     """
 
     local: LocalFit
@@ -51,6 +51,7 @@ class CandidateFit:
     conditions: tuple[str, ...]
     steady: bool = True
     typical_multiple: float = np.inf
+    fitted_at: float = PRIOR_SCALES[0]
     objection: str = ""
 
     @property

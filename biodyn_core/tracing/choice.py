@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from biodyn_core.base.wording import counted
-from biodyn_core.identification.fit import at_bound
 from biodyn_core.tracing.candidate import Candidate, CandidateFit
+from biodyn_core.tracing.evidence import theta_moved_to_bound
 from biodyn_core.tracing.findings import RankedCandidate
 from biodyn_core.tracing.fitted_candidates import WithoutEffect, residual_ratio
 from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit
-from biodyn_core.tracing.nuisance_model import FREE, NuisanceModel
+from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.screen import Screening
 from biodyn_core.tracing.settings import TraceSettings
 
@@ -51,13 +51,8 @@ def _objections(fit: CandidateFit, nuisance: NuisanceModel, without: LocalFit, s
     if not fit.improves_enough(settings.evidence):
         found.append(f"improves only {fit.improved_events} of {counted(fit.gains.size, 'event')}")
     found += [why for why in (fit.objection, fit.why_typical(settings)) if why]
-    before = {
-        name
-        for subject in (nuisance.subject, without.subject)
-        for name in at_bound(subject.parameters.vector(), FREE, settings.evidence.near_bound)
-    }
-    after = at_bound(fit.local.subject.parameters.vector(), FREE)
-    return [*found, *(f"{name} moves to its bound" for name in after if name not in before)]
+    moved = theta_moved_to_bound(nuisance, without, fit.local, settings.evidence.near_bound)
+    return [*found, *(f"{name} moves to its bound" for name in moved)]
 
 
 def chosen(

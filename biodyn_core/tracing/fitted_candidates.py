@@ -19,9 +19,14 @@ from biodyn_core.tracing.unsteady import unsteady_causes
 
 def residual_ratio(nuisance: NuisanceModel, fit: LocalFit) -> float:
     """Residual of the median event for choosing, rms, in multiples of a good model's."""
+    return float(np.sqrt(np.median(np.square(residual_ratios(nuisance, fit)))))
+
+
+def residual_ratios(nuisance: NuisanceModel, fit: LocalFit) -> tuple[float, ...]:
+    """Residual of each event for choosing, rms, in multiples of a good model's."""
     p, square = nuisance.choose.products, fit.residual_square
     each = [(square[p.event == e].sum(), p.samples[p.event == e].sum()) for e in np.unique(p.event)]
-    return float(np.sqrt(np.median([total / max(samples, 1.0) for total, samples in each])))
+    return tuple(float(np.sqrt(total / max(samples, 1.0))) for total, samples in each)
 
 
 class WithoutEffect:
@@ -59,7 +64,8 @@ def fitted_candidate(
     """A candidate with its `fits_at_scales`, at least one; its gain is the smaller one of both prior scales."""
     nuisance = without_effect.nuisance
     gains = [_gains(without_effect, local, scale) for scale, local in fits]
-    fit = CandidateFit(fits[-1][1], min(gains, key=np.mean), _conditions(nuisance))
+    fitted_at, local = fits[-1]
+    fit = CandidateFit(local, min(gains, key=np.mean), _conditions(nuisance), fitted_at=fitted_at)
     return dataclasses.replace(
         one, fit=dataclasses.replace(fit, typical_multiple=nuisance.typical_multiple(fit.applied))
     )

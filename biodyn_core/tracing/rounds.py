@@ -17,6 +17,8 @@ from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.candidate import Candidate
 from biodyn_core.tracing.choice import chosen, ranked, required_gain, rivals
+from biodyn_core.tracing.diagnose import diagnose
+from biodyn_core.tracing.evidence import Evidence, evidence_of
 from biodyn_core.tracing.findings import Round
 from biodyn_core.tracing.fitted_candidates import (
     WithoutEffect,
@@ -78,11 +80,47 @@ class Outcome:
         return residual_ratio(self.nuisance, self.chosen or self.without)
 
 
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The fits of a round before its decision; fitted: candidates fitted to all events, the largest gain first."""
+
+    without_effect: WithoutEffect
+    screening: Screening
+    preliminary: tuple[Candidate, ...]
+    fitted: tuple[Candidate, ...]
+
+    @property
+    def nuisance(self) -> NuisanceModel:
+        """The nuisance model of all events."""
+        return self.without_effect.nuisance
+
+    @property
+    def without(self) -> LocalFit:
+        """The fit without an effect."""
+        return self.without_effect.at(self.nuisance.prior_scale)
+
+    def evidence(self, settings: TraceSettings) -> Evidence:
+        """The evidence of all candidates."""
+        diagnostics = diagnose(self.nuisance.subject, self.nuisance, settings.diagnostics)
+        return evidence_of(
+            self.without_effect, self.screening, self.preliminary, self.fitted, diagnostics,
+            settings.evidence.near_bound,
+        )  # fmt: skip
+
+
 def one_round(
     subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: TraceSettings, seed: int,
     on_stage: OnStage, checkpoint: Checkpoint | None = None, parallel: ParallelMap = serial_map,
 ) -> Outcome:  # fmt: skip
     """Search for one effect that the subject lacks."""
+    return decided(search(subject, train, choose, settings, seed, on_stage, checkpoint, parallel), settings)
+
+
+def search(
+    subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: TraceSettings, seed: int,
+    on_stage: OnStage, checkpoint: Checkpoint | None = None, parallel: ParallelMap = serial_map,
+) -> Search:  # fmt: skip
+    """Fit all candidates: each to few events, the best ones to all events."""
     first = (first_of_each(train), first_of_each(choose))
     few = _most_probable(NuisanceModel.of(subject, *first, settings.nuisance, parallel), settings)
     candidates = all_candidates(subject, [*train, *choose])
@@ -98,17 +136,23 @@ def one_round(
     screening = preliminary.screening
     fitted = _fitted(few, preliminary, without_effect, settings, on_stage, parallel)
     fitted += unsteady_candidates(nuisance, without, screening, settings.unsteady)
-    fitted = sorted(fitted, key=lambda one: -one.fitted.gain)
+    by_gain = tuple(sorted(fitted, key=lambda one: -one.fitted.gain))
+    return Search(without_effect, screening, preliminary.candidates, by_gain)
+
+
+def decided(found: Search, settings: TraceSettings) -> Outcome:
+    """Choose at most one of the candidates."""
+    nuisance, without, screening, fitted = found.nuisance, found.without, found.screening, found.fitted
     chance_gain = float(np.quantile(screening.chance, settings.evidence.chance_quantile))
-    threshold = max(required_gain(without_effect, settings), chance_gain)
+    threshold = max(required_gain(found.without_effect, settings), chance_gain)
     rows = [ranked(one, nuisance, without, screening, settings) for one in fitted]
     rest = [ranked(one, nuisance, without, screening, settings) for one in _not_fitted(screening, fitted)]
     ranking = (*rows, *rest)
     index = chosen(rows, fitted, threshold, settings)
     if index is None:
         return Outcome(Round(ranking, threshold, None, ()), nuisance, without, None)
-    found = Round(ranking, threshold, rows[index], rivals(index, rows, fitted, screening, settings))
-    return Outcome(found, nuisance, without, _with_intervals(nuisance, fitted[index]))
+    best = Round(ranking, threshold, rows[index], rivals(index, rows, fitted, screening, settings))
+    return Outcome(best, nuisance, without, _with_intervals(nuisance, fitted[index]))
 
 
 def _fitted(

@@ -9,10 +9,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.settings import TiltSettings
+
+
+def mean_tilts(cases: Sequence[Case]) -> dict[str, float]:
+    """Mean tilt over all events, as a share of g, of each sensor with a gyro in every event."""
+    return {name: float(np.linalg.norm(tilt)) for name, tilt in _mean_tilts(cases).items()}
+
+
+def _mean_tilts(cases: Sequence[Case]) -> dict[str, Floats]:
+    return {
+        sensor: np.mean([case.mean_tilts[sensor] for case in cases], axis=0)
+        for sensor in MEASURED_SEGMENTS
+        if cases and all(sensor in case.mean_tilts for case in cases)
+    }
 
 
 def sensor_tilts(
@@ -25,10 +39,7 @@ def sensor_tilts(
     s = settings or TiltSettings()
     limit = s.most_typical * spread * (s.plain_share if plain else 1.0)
     found = []
-    for sensor in MEASURED_SEGMENTS:
-        if not cases or not all(sensor in case.mean_tilts for case in cases):
-            continue
-        mean_tilt = np.mean([case.mean_tilts[sensor] for case in cases], axis=0)
+    for sensor, mean_tilt in _mean_tilts(cases).items():
         if float(np.linalg.norm(mean_tilt)) > limit:
             x, y = np.clip(mean_tilt, -0.4, 0.4).tolist()
             found.append(AppliedEffect(CATALOGUE["tilt"], sensor, {"lean_x": x, "lean_y": y}))

@@ -55,7 +55,7 @@ def trace(
     if not train:
         return build_undecided(subject, subject, uses, lacking, needs, s, left_out, seed)
     on_stage("fitting parameters", 0.0)
-    before = _refitted(train, subject, s, seed, checkpoint, parallel)
+    before = refitted(train, subject, s, seed, checkpoint, parallel)
     if lacking:
         return build_undecided(subject, before, uses, lacking, needs, s, left_out, seed)
     known = set(checkpoint or ())
@@ -67,7 +67,7 @@ def trace(
     return dataclasses.replace(found, calibrated="anew" if computed else "found")
 
 
-def _refitted(
+def refitted(
     train: Sequence[Case], subject: Subject, s: TraceSettings, seed: int, checkpoint: Checkpoint | None,
     parallel: ParallelMap,
 ) -> Subject:  # fmt: skip

@@ -57,6 +57,20 @@ def scaled(sittings: Sequence[Sitting], wanted: Sequence[float]) -> list[Sitting
     return calm
 
 
+def scaled_once(sittings: Sequence[Sitting], wanted: Sequence[float]) -> list[Sitting]:
+    """As `scaled` by one simulation, as if ratios were proportional to strengths: for many bodies, where speed counts.
+
+    Each has the ratio that is expected of its strength.
+    """
+    found = []
+    for one, ratio, aim in zip(sittings, ratios(sittings), wanted, strict=True):
+        factor = float(np.clip(aim / max(ratio, 1e-3), 0.1, 10.0)) if np.isfinite(ratio) else 0.1
+        effects = tuple(_limited(effect, factor) for effect in one.effects)
+        given = max((new.strength / old.strength for new, old in zip(effects, one.effects, strict=True)), default=1.0)
+        found.append(dataclasses.replace(one, effects=effects, ratio=ratio * given if np.isfinite(ratio) else None))
+    return found
+
+
 def ratios(sittings: Sequence[Sitting]) -> list[float]:
     """Rms of (residual with effects minus residual without) over rms without; one event of each case."""
     return _Seen(sittings).ratios(sittings)

@@ -68,8 +68,9 @@ class Planned:
 class Sitting:
     """One person's sitting. plain and hidden are accelerations by event, (n, 6) at `HELD_HZ`, without and with effects.
 
-    Both have the same person, background, seats, mountings and noise. background is of the paper's kind, mechanisms are
-    of the other kinds, scales has the scale of each. Every sensor in worn has a stream.
+    plain is empty after `with_effects_only`. Both have the same person, background, seats, mountings and noise.
+    background is of the paper's kind, mechanisms are of the other kinds, scales has the scale of each. Every sensor in
+    worn has a stream.
     """
 
     body_mass_kg: float
@@ -131,6 +132,9 @@ class Sitting:
         }
 
 
+Simulate = Callable[[Sequence[Sitting]], list[Sitting]]
+
+
 def drawn(
     count: int,
     seed: int,
@@ -180,8 +184,8 @@ def with_background(draft: Sitting, scales: Mapping[str, float], rng: np.random.
     )
 
 
-def steady(sittings: Sequence[Sitting]) -> list[Sitting]:
-    """The same with other strengths of effects that make a body unstable.
+def steady(sittings: Sequence[Sitting], simulate: Simulate | None = None) -> list[Sitting]:
+    """The same with other strengths of effects that make a body unstable; simulate: `together` unless given.
 
     Weaker by halves first; then stronger, because a law may be stiffer at a lower strength.
     """
@@ -192,7 +196,7 @@ def steady(sittings: Sequence[Sitting]) -> list[Sitting]:
             break
         others = [tuple(effect.scaled(factor) for effect in drawn_so[i].effects) for i in wild]
         changed = [dataclasses.replace(drawn_so[i], effects=own) for i, own in zip(wild, others, strict=True)]
-        for i, one in zip(wild, together(changed), strict=True):
+        for i, one in zip(wild, (simulate or together)(changed), strict=True):
             found[i] = one
     return found
 
@@ -206,6 +210,12 @@ def together(sittings: Sequence[Sitting]) -> list[Sitting]:
         dataclasses.replace(one, plain=went[i].accel_mps2, hidden=hidden.get(i, went[i]).accel_mps2)
         for i, one in enumerate(sittings)
     ]
+
+
+def with_effects_only(sittings: Sequence[Sitting]) -> list[Sitting]:
+    """Simulate all events of sittings with their effects; plain stays empty."""
+    went = moved([one.party(one.effects) for one in sittings])
+    return [dataclasses.replace(one, hidden=each.accel_mps2) for one, each in zip(sittings, went, strict=True)]
 
 
 def draft_of(number: int, seed: int, plan: Plan, rng: np.random.Generator) -> Sitting:
