@@ -12,6 +12,7 @@ MASS: Final = SprungMass("liner_hz")
 EFFECT = SegmentForce(
     name="added_mass",
     family="added_mass",
+    variant_of="sprung_mass",
     equation="m (x_m'' + a_s) = -k (x_m - x_i) - c (x_m' - x_i'), k = m (2 pi f)^2, reaction on the segment",
     general_form="k (1 + |x_m - x_i| / L)^q, L = 10 mm, and a spring m (2 pi f_h)^2 from the mass to the seat",
     signature="first visible in the channel below",

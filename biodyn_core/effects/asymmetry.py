@@ -21,6 +21,7 @@ def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
 EFFECT = JointForce(
     name="asymmetry",
     family="stiffening",
+    variant_of="nonlinear_stiffness",
     equation="F += k a stretch^2",
     general_form="F += k a stretch^2 (1 + |stretch| / L)^q, L = 1 mm",
     signature="a shift of the level and a second harmonic, in shocks only",

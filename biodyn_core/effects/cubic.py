@@ -21,6 +21,7 @@ def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
 EFFECT = JointForce(
     name="cubic",
     family="stiffening",
+    variant_of="nonlinear_stiffness",
     equation="F += k c stretch^3",
     general_form="F += k c stretch^3 (1 + |stretch| / L)^q, L = 1 mm",
     signature="shocks only, growing with the cube of the level",

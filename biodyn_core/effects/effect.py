@@ -134,9 +134,10 @@ class Effect:
     those allowed. channels: signals beyond the seat's vertical, such as `seat.x`; `own.` stands for the site. The
     effect can be neither simulated nor tested without them.
 
-    Read by tracing alone. known_omission: the base chain is known to lack it, so it is always fitted, accepted if one
-    event improves, and chosen before any other law. constant_part: if it varies from window to window, a subject can
-    carry its constant part. sized_by_training: if it varies between events, only the events for fitting set its size.
+    Read by tracing alone. variant_of: the mechanism that it is one law of, its own name if empty. known_omission: the
+    base chain is known to lack it, so it is always fitted, accepted if one event improves, and chosen before any other
+    law. constant_part: if it varies from window to window, a subject can carry its constant part. sized_by_training: if
+    it varies between events, only the events for fitting set its size.
     """
 
     place: ClassVar[Place]
@@ -149,9 +150,15 @@ class Effect:
     sites: tuple[str, ...] = SEGMENTS
     channels: tuple[str, ...] = ()
     general_form: str = ""
+    variant_of: str = ""
     known_omission: bool = False
     constant_part: bool = False
     sized_by_training: bool = False
+
+    @property
+    def mechanism(self) -> str:
+        """The mechanism: effects of one mechanism differ in the form of the law, not in its variables."""
+        return self.variant_of or self.name
 
     @property
     def strengths(self) -> tuple[str, ...]:

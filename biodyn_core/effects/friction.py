@@ -51,6 +51,7 @@ def _max_own_eigenvalue_per_s(joint: Joint, values: Values) -> float:
 EFFECT = JointForce(
     name="friction",
     family="dry_friction",
+    variant_of="dry_friction",
     equation="F += F_c z, z' = min((|rate| + v_0) / d, 1000 / s) (rate / sqrt(rate^2 + v_0^2) - z)",
     general_form="F += F_c z (1 + s exp(-|rate| / v_s))",
     signature="damping that falls with amplitude",

@@ -25,6 +25,7 @@ def _max_added_stiffness_damping(joint: Joint, values: Values) -> tuple[float, f
 EFFECT = JointForce(
     name="hysteresis",
     family="dry_friction",
+    variant_of="dry_friction",
     equation="F += alpha z, z' = (rate / d_y) (1 - z^2 (.5 + .5 sgn(rate z)))",
     general_form="F += alpha z, z' = (rate / d_y) (1 - |z|^n s), s = 1 if rate z > 0, else u",
     signature="stiff at small amplitude",

@@ -43,6 +43,7 @@ def _max_added_stiffness_damping(joint: Joint, values: Values) -> tuple[float, f
 EFFECT = JointForce(
     name="stop",
     family="stiffening",
+    variant_of="nonlinear_stiffness",
     equation="F -= k_s max(0, -stretch - d0)",
     general_form="F -= k_s u (1 + u / L)^q, u = max(0, -stretch - d0) with a knee of width w, L = 1 mm",
     signature="spikes of 5 to 20 ms at the deepest compression",

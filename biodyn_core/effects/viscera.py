@@ -12,6 +12,7 @@ MASS: Final = SprungMass("natural_frequency_hz")
 EFFECT = SegmentForce(
     name="viscera",
     family="memory",
+    variant_of="sprung_mass",
     equation="m_v (x_v'' + a_s) = -k_v (x_v - x_i) - c_v (x_v' - x_i'), reaction on the segment",
     general_form="k_v (1 + |x_v - x_i| / L)^q, L = 10 mm",
     signature="a dip and a peak at 4 to 6 Hz",

@@ -9,7 +9,6 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit
-from biodyn_core.tracing.settings import EvidenceSettings, TraceSettings
 
 
 @dataclass(frozen=True)
@@ -69,22 +68,6 @@ class CandidateFit:
     def improved_events(self) -> int:
         """The number of events with a positive gain."""
         return int(np.count_nonzero(self.gains > 0.0))
-
-    def improves_enough(self, s: EvidenceSettings) -> bool:
-        """Whether it improves enough events or loading conditions; one event suffices for a known omission."""
-        if self.applied.effect.known_omission:
-            return self.improved_events > 0
-        improved = {condition for condition, gain in zip(self.conditions, self.gains, strict=True) if gain > 0.0}
-        return self.improved_events >= s.least_events or len(improved) >= s.least_conditions
-
-    def why_typical(self, s: TraceSettings) -> str:
-        """Why it is within the typical range of bodies and sensors; empty if it is beyond."""
-        if not self.steady and self.gain <= s.evidence.unsteady_gain:
-            return f"a gain up to {s.evidence.unsteady_gain:g} is typical of a cause that varies with time"
-        farthest = s.farthest if self.local.prior_scale > PRIOR_SCALES[-1] else 1.0
-        if self.typical_multiple < farthest:
-            return f"its size is {self.typical_multiple:.3g} times the typical one, less than {farthest:g}"
-        return ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,23 +24,23 @@ of `held_out`, which influences neither."""
 class RankedCandidate:
     """A candidate in the ranking of a round.
 
-    gain: mean log ratio of the squared residual without over with the effect in the events for choosing, theta and
-    nuisance parameters refitted, plus the gain in evidence of the nuisance parameters; refitted: whether it comes from
-    a fit to all events or from the linear step of screening. p_value: how often the largest random gain is as large.
-    absorbed: share of the effect's energy that theta explains. improved_events: number of events with a positive gain.
-    objections: reasons against it. steady: False if the effect is fitted again in every window or between events; it
-    always gains a little, and its p_value has no meaning. typical: whether its size is within the typical range.
+    probability: of this effect at this site. gain: mean log ratio of the squared residual without over with the effect
+    in the events for choosing, theta and nuisance parameters refitted, plus the gain in evidence of the nuisance
+    parameters; refitted: whether it comes from a fit to all events or from the linear step of screening. p_value: how
+    often the largest random gain is as large. absorbed: share of the effect's energy that theta explains.
+    improved_events: number of events with a positive gain. remarks: on its fit. steady: False if the effect is fitted
+    again in every window or between events; it always gains a little, and its p_value has no meaning.
     """
 
     applied: AppliedEffect
+    probability: float
     gain: float
     refitted: bool
     p_value: float
     absorbed: float
     improved_events: int
-    objections: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     steady: bool = True
-    typical: bool = False
 
     @property
     def key(self) -> tuple[str, str]:
@@ -50,12 +50,22 @@ class RankedCandidate:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One greedy step: the candidates, best first, the gain to exceed, the chosen one if any, and its rivals."""
+    """One greedy step: the candidates, the most probable first, the chosen one if any, and its rivals.
+
+    answers: the probability of each mechanism, of `none` and of `outside`, the largest first; likely: those of them in
+    the 90 % set. rivals: the best candidate of each other mechanism in that set, and other sites of the chosen one.
+    """
 
     ranking: tuple[RankedCandidate, ...]
-    threshold: float
+    answers: Mapping[str, float]
+    likely: tuple[str, ...]
     chosen: RankedCandidate | None
-    ambiguous_with: tuple[RankedCandidate, ...]
+    rivals: tuple[RankedCandidate, ...]
+
+    @property
+    def best(self) -> str:
+        """The most probable answer."""
+        return next(iter(self.answers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +237,8 @@ class Trace:
     faults beside the verdict. needs: recordings missing for a verdict. intervals: for each of the effects.
     floor_percent: error by sensor noise alone, None if unknown. untestable: effects that lack a channel. left_out:
     events or sensors that are not used, with the reason. experiment: the next recordings. calibrated: whether the
-    threshold was computed or read from an earlier trace. nuisance: largest multiple first.
+    screening was computed or read from an earlier trace. nuisance: largest multiple first. named_from: probability from
+    which one cause is named. power: share of such recordings in which an effect of ratio 0.5 is named.
     """
 
     verdict: Verdict
@@ -245,6 +256,7 @@ class Trace:
     effects: tuple[AppliedEffect, ...] = ()
     intervals: tuple[tuple[Interval, ...], ...] = ()
     ambiguous_with: tuple[AppliedEffect, ...] = ()
+    power: float | None = None
     family: str = ""
     rounds: tuple[Round, ...] = ()
     nuisance: tuple[NuisanceValue, ...] = ()
@@ -252,7 +264,7 @@ class Trace:
     surface: Surface | None = None
     restoring_forces: tuple[RestoringForce, ...] = ()
     p_value: float | None = None
-    threshold: float | None = None
+    named_from: float | None = None
     sensors: tuple[SensorFinding, ...] = ()
     lacking: tuple[str, ...] = ()
     needs: tuple[Need, ...] = ()

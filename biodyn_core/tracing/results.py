@@ -18,12 +18,12 @@ from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.diagnose import diagnose
 from biodyn_core.tracing.experiments import separating, to_record
 from biodyn_core.tracing.findings import (
-    NAMING,
     ComparedEvent,
     Interval,
     Need,
     NuisanceValue,
     RestoringForce,
+    Round,
     SensorFinding,
     Surface,
     Trace,
@@ -31,16 +31,23 @@ from biodyn_core.tracing.findings import (
 )
 from biodyn_core.tracing.inverse_dynamics import Target
 from biodyn_core.tracing.joint_refit import covariances
-from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit
+from biodyn_core.tracing.local_fit import LocalFit
 from biodyn_core.tracing.nuisance_model import N_THETA
+from biodyn_core.tracing.probability import packaged
 from biodyn_core.tracing.restoring_force import FittedEffect, restoring_force
 from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.screen import untestable
-from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
+from biodyn_core.tracing.sensor_limits import LIMITS
 from biodyn_core.tracing.sensor_tilt import sensor_tilts, tilt_deg
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.surface import surface
-from biodyn_core.tracing.verdict import is_explained, named, verdict_of
+from biodyn_core.tracing.verdict import named, reasons_of, verdict_of
+
+POWER_RATIO: Final = 0.5
+"""Ratio of the effect whose power is stated with the verdict `none`."""
+
+LIKELY_FAULT: Final = 0.05
+"""A sensor fault with at least this probability is reported."""
 
 NOISE_BAND_HZ: Final = (60.0, 85.0)
 """In this band bodies hardly move, so the error of a model is sensor noise."""
@@ -52,48 +59,53 @@ def build_result(
 ) -> Trace:  # fmt: skip
     """The result of a trace with rounds; uses are the events for fitting, for choosing and for reporting."""
     train, choose, report = uses
-    first, explained = outcomes[0], is_explained(outcomes, s)
-    law = None if explained else _surface(first)
-    tilts = _tilts(first, [*train, *choose], s)  # events for reporting do not influence the verdict
-    beyond = [one for one in tilts if not within_limits(one)]
-    verdict, reasons = verdict_of(outcomes, law, beyond, s)
-    not_storable = _not_storable(outcomes) if explained else ()
+    first = outcomes[0]
+    verdict = verdict_of(first.round, s.named_from)
+    law = _surface(first) if verdict == "unexplained" else None
+    tilts = sensor_tilts([*train, *choose], s.nuisance.typical.usual_lean, s.tilt)  # nothing is decided by a report
     added = after.effects[len(before.effects) :]
-    tilted = tuple(beyond) if verdict in NAMING else ()
-    rivals = tuple(one.applied for one in first.round.ambiguous_with) if explained else ()
-    best = first.round.chosen or next((one for one in first.round.ranking if one.steady), None)
+    causes = tuple(one.round.chosen.applied for one in outcomes if one.round.chosen is not None)
+    tilted = tuple(one for one in tilts if any(_same(one, cause) for cause in causes))
+    not_added = _not_added(outcomes, tilted)
+    rivals = tuple(one.applied for one in first.round.rivals)
+    best = first.round.chosen or max(first.round.ranking, key=lambda one: (one.steady, one.gain))
+    samples = first.nuisance.independent_samples
     return Trace(
         verdict=verdict,
-        reasons=(*reasons, *map(_varies, not_storable), *map(_is_tilted, tilted), *_on_bounds(added)),
+        reasons=(
+            *reasons_of(first.round, s.named_from),
+            *_why_not_added(outcomes, tilted),
+            *map(_is_tilted, tilted),
+            *_on_bounds(added),
+        ),
         given=given,
         before=before,
         after=after,
-        effects=(*tilted, *added, *not_storable),
-        intervals=(*(() for _ in tilted), *_intervals(outcomes, added), *(() for _ in not_storable)),
+        effects=(*tilted, *added, *not_added),
+        intervals=(*(() for _ in tilted), *_intervals(outcomes, added), *(() for _ in not_added)),
         ambiguous_with=rivals,
-        family=_family([*(added or not_storable or tilted)[:1], *rivals]),
-        experiment=separating([one.effect for one in (*(added or not_storable)[:1], *rivals)]),
+        power=packaged().power.named(POWER_RATIO, samples) if verdict == "none" else None,
+        family=_family([*causes[:1], *rivals]),
+        experiment=separating([one.effect for one in (*causes[:1], *rivals)]),
         events=_events(given, before, after, train, choose, report),
         rounds=tuple(outcome.round for outcome in outcomes),
         nuisance=_nuisance(outcomes[-1]),
         diagnostics=diagnose(before, first.nuisance, s.diagnostics),
         surface=law,
-        restoring_forces=_restoring_forces(
-            before, after, law if verdict == "unexplained" else None, train, report, s, seed
-        ),
+        restoring_forces=_restoring_forces(before, after, law, train, report, s, seed),
         floor_percent=_floor_percent(report, after),
-        p_value=best.p_value if best and best.steady else None,
-        threshold=first.round.threshold,
+        p_value=best.p_value if best.steady else None,
+        named_from=s.named_from,
         untestable=untestable([*train, *choose]),
         left_out=tuple(left_out),
         seed=seed,
         calibrated="anew",
-        sensors=_sensors(outcomes, [one for one in tilts if one not in tilted], explained),
+        sensors=_sensors(first.round, [one for one in tilts if one not in tilted], causes),
     )
 
 
-def _varies(one: AppliedEffect) -> str:
-    return f"{named(one)} varies with time, so it cannot be stored in a subject"
+def _same(one: AppliedEffect, other: AppliedEffect) -> bool:
+    return one.effect is other.effect and one.site == other.site
 
 
 def _is_tilted(one: AppliedEffect) -> str:
@@ -103,32 +115,36 @@ def _is_tilted(one: AppliedEffect) -> str:
     )
 
 
-def _not_storable(outcomes: Sequence[Outcome]) -> tuple[AppliedEffect, ...]:
-    """The chosen effects that cannot be stored in a subject."""
-    fits = [outcome.chosen for outcome in outcomes if not outcome.adds_effect]
-    return tuple(one.applied for one in fits if one is not None and one.applied is not None)
+def _not_added(outcomes: Sequence[Outcome], tilted: Sequence[AppliedEffect]) -> tuple[AppliedEffect, ...]:
+    """The chosen effects that the subject does not get, without the tilts by gyros."""
+    fits = [one.chosen.applied for one in outcomes if one.chosen is not None and not one.adds_effect]
+    return tuple(one for one in fits if one is not None and not any(_same(one, tilt) for tilt in tilted))
 
 
-def _tilts(outcome: Outcome, cases: Sequence[Case], s: TraceSettings) -> tuple[AppliedEffect, ...]:
-    """The sensors with an atypical tilt; less is typical for a body without deviations and effects."""
-    plain = outcome.nuisance.prior_scale == PRIOR_SCALES[-1] and outcome.chosen is None
-    return sensor_tilts(cases, s.nuisance.typical.usual_lean, plain, s.tilt)
+def _why_not_added(outcomes: Sequence[Outcome], tilted: Sequence[AppliedEffect]) -> list[str]:
+    """A line for each of `_not_added`."""
+    others = [one for one in outcomes if one.chosen is not None and not one.adds_effect]
+    return [
+        f"{named(one.chosen.applied)}: {one.why or 'it varies with time, so it cannot be stored in a subject'}"
+        for one in others
+        if one.chosen is not None and one.chosen.applied in _not_added([one], tilted) and one.chosen.applied is not None
+    ]
 
 
-def _sensors(outcomes: Sequence[Outcome], tilts: Sequence[AppliedEffect], explained: bool) -> tuple[SensorFinding, ...]:
-    """Tilts by gyros, and sensor faults with more than the required gain that were not accepted."""
-    first = outcomes[0].round
+def _sensors(
+    first: Round, tilts: Sequence[AppliedEffect], causes: Sequence[AppliedEffect]
+) -> tuple[SensorFinding, ...]:
+    """Tilts by gyros, and likely sensor faults that are not among the causes."""
     tried = {one.key: one for one in reversed(first.ranking)}
-    causes = {one.round.chosen.key for one in outcomes if one.round.chosen is not None} if explained else set()
-    found = {}
-    for key, one in tried.items():
-        refused = one.typical and one.steady  # the gain of a cause that varies with time may be by chance
-        strong = one.refitted and one.gain > first.threshold and (refused or one is first.chosen)
-        if key[0] in LIMITS and strong and key not in causes:
-            found[key] = SensorFinding(one.applied, "fit", one.gain, False)
+    named_causes = {(one.effect.name, one.site) for one in causes}
+    found = {
+        key: SensorFinding(one.applied, "fit", one.gain, False)
+        for key, one in tried.items()
+        if key[0] in LIMITS and one.refitted and one.probability >= LIKELY_FAULT and key not in named_causes
+    }
     for tilt in tilts:
         key = (tilt.effect.name, tilt.site)
-        found[key] = SensorFinding(tilt, "gyro", tried[key].gain if key in tried else None, key in causes)
+        found[key] = SensorFinding(tilt, "gyro", tried[key].gain if key in tried else None, key in named_causes)
     return tuple(found.values())
 
 

@@ -16,7 +16,7 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.candidate import Candidate
-from biodyn_core.tracing.choice import chosen, ranked, required_gain, rivals
+from biodyn_core.tracing.choice import choose
 from biodyn_core.tracing.diagnose import diagnose
 from biodyn_core.tracing.evidence import Evidence, evidence_of
 from biodyn_core.tracing.findings import Round
@@ -38,6 +38,7 @@ from biodyn_core.tracing.preliminary_fit import (
     scaled,
     to_checkpoint,
 )
+from biodyn_core.tracing.probability import probabilities
 from biodyn_core.tracing.screen import Screening, all_candidates
 from biodyn_core.tracing.settings import PreliminarySettings, TraceSettings
 
@@ -47,12 +48,13 @@ Checkpoint = MutableMapping[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A round with its fits: without an effect and, if one is chosen, with it."""
+    """A round with its fits: without an effect and, if one is chosen, with it; why: the reason if it is not added."""
 
     round: Round
     nuisance: NuisanceModel
     without: LocalFit
     chosen: LocalFit | None
+    why: str = ""
 
     @property
     def adds_effect(self) -> bool:
@@ -60,14 +62,11 @@ class Outcome:
         return self.chosen is not None and len(self.chosen.subject.effects) > len(self.nuisance.subject.effects)
 
     def refused(self, why: str) -> Outcome:
-        """The round with its effect refused for the subject; a cause that varies with time stays chosen."""
-        candidate, fit = self.round.chosen, self.chosen
-        assert candidate is not None and fit is not None
-        if not candidate.steady:
-            return dataclasses.replace(self, chosen=dataclasses.replace(fit, subject=self.nuisance.subject))
-        objected = dataclasses.replace(candidate, objections=(*candidate.objections, why))
-        ranking = tuple(objected if one is candidate else one for one in self.round.ranking)
-        return dataclasses.replace(self, round=Round(ranking, self.round.threshold, None, ()), chosen=None)
+        """The round with its effect named but not added to the subject, for this reason."""
+        assert self.chosen is not None
+        return dataclasses.replace(
+            self, chosen=dataclasses.replace(self.chosen, subject=self.nuisance.subject), why=why
+        )
 
     @property
     def before(self) -> float:
@@ -109,27 +108,27 @@ class Search:
 
 
 def one_round(
-    subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: TraceSettings, seed: int,
-    on_stage: OnStage, checkpoint: Checkpoint | None = None, parallel: ParallelMap = serial_map,
+    subject: Subject, train: Sequence[Case], held: Sequence[Case], settings: TraceSettings, seed: int,
+    on_stage: OnStage, checkpoint: Checkpoint | None = None, parallel: ParallelMap = serial_map, least: float = 0.0,
 ) -> Outcome:  # fmt: skip
-    """Search for one effect that the subject lacks."""
-    return decided(search(subject, train, choose, settings, seed, on_stage, checkpoint, parallel), settings)
+    """Search for one effect that the subject lacks; least: the probability that its mechanism needs."""
+    return decided(search(subject, train, held, settings, seed, on_stage, checkpoint, parallel), settings, least)
 
 
 def search(
-    subject: Subject, train: Sequence[Case], choose: Sequence[Case], settings: TraceSettings, seed: int,
+    subject: Subject, train: Sequence[Case], held: Sequence[Case], settings: TraceSettings, seed: int,
     on_stage: OnStage, checkpoint: Checkpoint | None = None, parallel: ParallelMap = serial_map,
 ) -> Search:  # fmt: skip
     """Fit all candidates: each to few events, the best ones to all events."""
-    first = (first_of_each(train), first_of_each(choose))
+    first = (first_of_each(train), first_of_each(held))
     few = _most_probable(NuisanceModel.of(subject, *first, settings.nuisance, parallel), settings)
-    candidates = all_candidates(subject, [*train, *choose])
+    candidates = all_candidates(subject, [*train, *held])
     preliminary = _preliminary(few, candidates, settings, seed, on_stage, checkpoint, parallel)
-    nuisance = _most_probable(NuisanceModel.of(subject, train, choose, settings.nuisance, parallel), settings)
+    nuisance = _most_probable(NuisanceModel.of(subject, train, held, settings.nuisance, parallel), settings)
     without_effect = WithoutEffect(nuisance)
     without = without_effect.at(nuisance.prior_scale)
     if not np.isfinite(without.objective):
-        names = ", ".join(case.name for case in choose)
+        names = ", ".join(case.name for case in held)
         raise InputError(
             f"{subject.name}: the simulation is unstable in one of {names}; look for outliers, leave it out"
         )
@@ -140,19 +139,14 @@ def search(
     return Search(without_effect, screening, preliminary.candidates, by_gain)
 
 
-def decided(found: Search, settings: TraceSettings) -> Outcome:
-    """Choose at most one of the candidates."""
-    nuisance, without, screening, fitted = found.nuisance, found.without, found.screening, found.fitted
-    chance_gain = float(np.quantile(screening.chance, settings.evidence.chance_quantile))
-    threshold = max(required_gain(found.without_effect, settings), chance_gain)
-    rows = [ranked(one, nuisance, without, screening, settings) for one in fitted]
-    rest = [ranked(one, nuisance, without, screening, settings) for one in _not_fitted(screening, fitted)]
-    ranking = (*rows, *rest)
-    index = chosen(rows, fitted, threshold, settings)
-    if index is None:
-        return Outcome(Round(ranking, threshold, None, ()), nuisance, without, None)
-    best = Round(ranking, threshold, rows[index], rivals(index, rows, fitted, screening, settings))
-    return Outcome(best, nuisance, without, _with_intervals(nuisance, fitted[index]))
+def decided(found: Search, settings: TraceSettings, least: float = 0.0) -> Outcome:
+    """Choose at most one of the candidates; least: the probability that its mechanism needs."""
+    nuisance, without, screening = found.nuisance, found.without, found.screening
+    p = probabilities(found.evidence(settings))
+    rest = _not_fitted(screening, found.fitted)
+    choice = choose(found.fitted, rest, p, least, nuisance, without, screening, settings.evidence.near_bound)
+    fit = None if choice.index is None else _with_intervals(nuisance, choice.fitted[choice.index])
+    return Outcome(choice.round, nuisance, without, fit)
 
 
 def _fitted(

@@ -30,14 +30,14 @@ def _mean_tilts(cases: Sequence[Case]) -> dict[str, Floats]:
 
 
 def sensor_tilts(
-    cases: Sequence[Case], spread: float, plain: bool, settings: TiltSettings | None = None
+    cases: Sequence[Case], spread: float, settings: TiltSettings | None = None
 ) -> tuple[AppliedEffect, ...]:
     """Sensors with an atypical mean tilt over all events, as effects; only sensors with a gyro in every event.
 
-    spread: the typical tilt, as a share of g. plain: nothing else of this body and its sensors deviates.
+    spread: the typical tilt, as a share of g.
     """
     s = settings or TiltSettings()
-    limit = s.most_typical * spread * (s.plain_share if plain else 1.0)
+    limit = s.most_typical * spread
     found = []
     for sensor, mean_tilt in _mean_tilts(cases).items():
         if float(np.linalg.norm(mean_tilt)) > limit:

@@ -1,7 +1,6 @@
-"""Settings of a trace: every threshold of its decisions.
+"""Settings of a trace.
 
-The thresholds come from simulated bodies with development forms of effects alone. Options of the command carry the
-names of the fields with a `setting`; the others are not everyday options.
+Options of the command carry the names of the fields with a `setting`; the others are not everyday options.
 """
 
 from __future__ import annotations
@@ -104,19 +103,12 @@ class PreliminarySettings:
 
 @dataclass(frozen=True)
 class EvidenceSettings:
-    """Conditions on a candidate beside its gain."""
+    """Facts of the evidence."""
 
-    least_events: int = 3
-    least_conditions: int = 2
-    """An effect must improve this many events, or events of this many loading conditions."""
-    unsteady_gain: float = 0.25
-    """Gain of a cause re-estimated in every window without any effect; 0.17 at most in 94 such bodies."""
     good_fit: float = 0.9
     """Below this multiple of a good model's residual, the prior scale of a body can be estimated."""
     near_bound: float = 0.1
     """Theta this close to a bound without an effect, as a share of its range, is not moved there by the effect."""
-    chance_quantile: float = 0.95
-    """The gain has to exceed this quantile of the largest random gains."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +137,6 @@ class TiltSettings:
 
     most_typical: float = 3.0
     """Largest typical tilt, in multiples of `usual_lean`."""
-    plain_share: float = 0.3
-    """Share of that limit (1.3 deg) for a body that deviates in nothing else."""
 
 
 @dataclass(frozen=True)
@@ -162,40 +152,10 @@ class TraceSettings:
     """Settings of a trace."""
 
     most_effects: int = setting(3, "largest number of effects that are added", "", 1, 10)
-    least_gain: float = setting(
-        0.15, "required gain, mean log ratio; bodies without a missing effect reach it", "", 0.0, 5.0
-    )
-    plain_gain: float = setting(0.07, "required gain for a body without deviations and without effects", "", 0.0, 5.0)
-    departing: float = setting(
-        0.8, "increase of the required gain, as a share, for bodies with typical deviations", "", 0.0, 100.0
-    )
-    farthest: float = setting(
-        4.0, "spreads of a typical deviation up to which it is no cause in a body with deviations", "", 0.0, 100.0
-    )
-    least_lift_off: float = setting(0.05, "required gain of lift-off from the seat", "", 0.0, 5.0)
-    overwhelming: float = setting(
-        2.5,
-        "multiple of the required gain from which an effect with a parameter on its bound is chosen",
-        "",
-        1.0,
-        100.0,
-    )
+    named_from: float = setting(0.8, "probability from which one cause is named", "", 0.5, 1.0)
     replicates: int = setting(200, "random draws of the largest gain", "", 20, 100_000)
     refined: int = setting(12, "candidates that are fitted to all events", "", 1, 1000)
-    near: float = setting(0.8, "share of the best gain from which another effect explains as much", "", 0.1, 1.0)
-    near_alike: float = setting(0.6, "the same share for an effect with a similar residual", "", 0.1, 1.0)
-    alike: float = setting(0.6, "cosine from which two residuals are similar", "", 0.1, 1.0)
     enough: float = setting(0.5, "multiple of a good model's residual below which the search ends", "", 0.0, 100.0)
-    unusual: float = setting(
-        1.15, "multiple of a good model's residual above which the residual is unexplained", "", 1.0, 100.0
-    )
-    most_stretched: float = setting(
-        30.0, "sum of squared nuisance parameters above which they are not typical", "", 0.0, 1e6
-    )
-    usual_left: float = setting(
-        0.65, "median residual of bodies without a missing effect, as a multiple of a good model's", "", 0.0, 10.0
-    )
-    least_closed: float = setting(0.45, "share of the excess residual that effects must remove", "", 0.0, 1.0)
     floor: FloorSettings = field(default_factory=FloorSettings)
     nuisance: NuisanceSettings = field(default_factory=NuisanceSettings)
     base: FitSettings = BASE

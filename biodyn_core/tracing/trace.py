@@ -23,7 +23,6 @@ from biodyn_core.tracing.preliminary_fit import OnStage
 from biodyn_core.tracing.results import build_result, build_undecided
 from biodyn_core.tracing.rounds import Checkpoint, Outcome, one_round
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.verdict import is_explained
 
 WORSE: Final = (
     "without nuisance parameters the error of the events for choosing is {:.1f} % before and {:.1f} % with it"
@@ -61,7 +60,7 @@ def trace(
     known = set(checkpoint or ())
     rounds = _rounds(before, train, choose, s, seed, on_stage, checkpoint, parallel)
     outcomes = [outcome for _, outcome in rounds]
-    after = rounds[-1][0] if is_explained(outcomes, s) else before
+    after = rounds[-1][0]
     found = build_result(subject, before, after, outcomes, uses, s, left_out, seed)
     computed = checkpoint is None or set(checkpoint) != known
     return dataclasses.replace(found, calibrated="anew" if computed else "found")
@@ -85,17 +84,17 @@ def _rounds(
     subject: Subject, train: Sequence[Case], choose: Sequence[Case], s: TraceSettings, seed: int, on_stage: OnStage,
     checkpoint: Checkpoint | None, parallel: ParallelMap,
 ) -> list[tuple[Subject, Outcome]]:  # fmt: skip
-    """Greedy rounds until one chooses nothing; each with the subject after it."""
+    """Greedy rounds until one adds nothing; each with the subject after it."""
     found: list[tuple[Subject, Outcome]] = []
     for number in range(s.most_effects):
-        outcome = one_round(subject, train, choose, s, seed + number, on_stage, checkpoint, parallel)
+        least = s.named_from if found else 0.0  # a further effect has to be named, the first one may be ambiguous
+        outcome = one_round(subject, train, choose, s, seed + number, on_stage, checkpoint, parallel, least)
         subject, outcome = _with_joint_refit(subject, outcome, train, choose)
         found.append((subject, outcome))
-        best = outcome.round.chosen
-        if best is None or not best.steady:  # another round would find the same cause again
-            break
         fit = outcome.chosen
-        if fit is not None and outcome.after < s.enough and fit.prior_scale == PRIOR_SCALES[-1]:
+        if fit is None or not outcome.adds_effect:  # another round would find the same cause again
+            break
+        if outcome.after < s.enough and fit.prior_scale == PRIOR_SCALES[-1]:
             break
     return found
 

@@ -21,7 +21,7 @@ from blind.tracing.outcome import Cause
 from blind.tracing.records import Record, causes, record
 from blind.training.draw import OUTSIDE, TrainingBody, TrainingSettings, drawn, sittings
 
-CHUNK = 8
+CHUNK = 12
 """Bodies that one process simulates at once."""
 
 SEED = 0

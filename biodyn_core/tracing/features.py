@@ -1,0 +1,185 @@
+"""Features of the evidence: bounded numbers of each candidate and of the body, which a learned model weighs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.base.arrays import Floats
+from biodyn_core.effects import CATALOGUE
+from biodyn_core.tracing.evidence import BodyEvidence, CandidateEvidence, Evidence, FitEvidence
+from biodyn_core.tracing.settings import TypicalSettings
+
+LEAST_GAIN: Final = 1e-3
+"""Smaller gains count as this one."""
+
+_TYPICAL_TILT: Final = TypicalSettings().usual_lean
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Features of one round: of candidates (c, f) by `CANDIDATE_NAMES`, of the body (b,) by `BODY_NAMES`."""
+
+    keys: tuple[tuple[str, str], ...]
+    of_candidates: Floats
+    of_body: Floats
+
+    @property
+    def mechanisms(self) -> tuple[str, ...]:
+        """The mechanism of each candidate."""
+        return tuple(CATALOGUE[effect].mechanism for effect, _ in self.keys)
+
+
+@dataclass(frozen=True)
+class _Context:
+    """What a candidate is compared with: the best gain of all, and the best one of each mechanism."""
+
+    body: BodyEvidence
+    best: float
+    of_mechanisms: dict[str, float]
+
+    def best_other(self, mechanism: str) -> float:
+        """The best gain of another mechanism."""
+        return max((gain for name, gain in self.of_mechanisms.items() if name != mechanism), default=LEAST_GAIN)
+
+
+def features(evidence: Evidence) -> Features:
+    """The features of a round's evidence."""
+    context = _context(evidence)
+    rows = [_of_candidate(one, context) for one in evidence.candidates]
+    keys = tuple(one.key for one in evidence.candidates)
+    of_candidates = np.array(rows, dtype=np.float64).reshape(len(rows), len(CANDIDATE_NAMES))
+    return Features(keys, of_candidates, np.array(_of_body(evidence, context)))
+
+
+def _context(evidence: Evidence) -> _Context:
+    found: dict[str, float] = {}
+    for one in evidence.candidates:
+        mechanism = CATALOGUE[one.effect].mechanism
+        found[mechanism] = max(found.get(mechanism, LEAST_GAIN), _best_gain(one))
+    return _Context(evidence.body, max(found.values(), default=LEAST_GAIN), found)
+
+
+def _best_gain(one: CandidateEvidence) -> float:
+    """The gain of the furthest stage, at least `LEAST_GAIN`."""
+    if one.fit is not None:
+        return max(one.fit.gain, LEAST_GAIN)
+    return max(min(one.tried[0] if one.tried else one.screened, one.screened), LEAST_GAIN)
+
+
+def _log(value: float, least: float, most: float) -> float:
+    """The decimal logarithm within limits."""
+    return float(np.log10(min(max(value, least), most)))
+
+
+def _above(value: float, knots: Sequence[float]) -> list[float]:
+    """Piecewise linear basis: by how much a value exceeds each knot."""
+    return [max(0.0, value - knot) for knot in knots]
+
+
+GAIN_KNOTS: Final = (-2.5, -2.0, -1.5, -1.0, -0.5, 0.0)
+MARGIN_KNOTS: Final = (-0.5, -0.2, 0.0, 0.2, 0.5)
+RESIDUAL_KNOTS: Final = (-0.3, 0.0, 0.3, 0.6)
+
+
+def _of_candidate(one: CandidateEvidence, context: _Context) -> list[float]:
+    gain = _log(_best_gain(one), LEAST_GAIN, 10.0)
+    margin = gain - _log(context.best_other(CATALOGUE[one.effect].mechanism), LEAST_GAIN, 10.0)
+    behind = gain - _log(context.best, LEAST_GAIN, 10.0)
+    body = context.body
+    return [
+        gain, *_above(gain, GAIN_KNOTS),
+        np.clip(margin, -1.5, 1.0), *_above(min(margin, 1.0), MARGIN_KNOTS),
+        max(behind, -1.5), float(behind == 0.0),
+        float(one.tried is None), float(one.fit is None),
+        _log(one.screened, LEAST_GAIN, 10.0), one.absorbed,
+        *_of_fit(one.fit, body),
+        *_of_varying(one.varying),
+        float(one.site in body.bracket and CATALOGUE[one.effect].place == "joint"),
+        _own_coherence(one, body),
+        _log(body.tilts.get(one.site, 0.0) / _TYPICAL_TILT, 0.1, 30.0) if one.effect == "tilt" else 0.0,
+        _log(body.jump or 1.0, 0.005, 1.0) if one.effect == "posture" else 0.0,
+    ]  # fmt: skip
+
+
+def _of_fit(fit: FitEvidence | None, body: BodyEvidence) -> list[float]:
+    """The features of a fit to all events; all 0 without."""
+    if fit is None:
+        return [0.0] * len(_FIT_NAMES)
+    gains = np.array(fit.gains)
+    error = float(gains.std(ddof=1) / np.sqrt(gains.size)) if gains.size > 1 else abs(fit.gain)
+    conditions = sorted(set(body.conditions))
+    by_condition = [float(gains[np.array(body.conditions) == name].mean()) for name in conditions]
+    multiple, fitted = fit.typical_multiple, -float(np.log1p(-min(fit.decrease, 0.9999)))
+    before = float(np.median(body.residuals))
+    return [
+        float(np.mean(gains > 0.0)), float(np.clip(fit.gain / max(error, 1e-4), -3.0, 8.0)),
+        min(by_condition) / max(*map(abs, by_condition), 1e-3) if len(by_condition) > 1 else 0.0,
+        _log(max(fit.evidence_gain, 0.0), LEAST_GAIN, 10.0),
+        _log(fit.decrease, 1e-3, 1.0), _log(fitted / max(fit.gain, LEAST_GAIN), 0.1, 10.0),
+        _log(fit.residual, 0.1, 10.0), _log(fit.residual / max(before, 1e-3), 0.03, 1.5),
+        _log(fit.nuisance_square / max(body.nuisance_square, 1e-3), 1e-2, 1e2),
+        _log(fit.prior_scale, 0.1, 1.0), _log(fit.prior_scale / body.prior_scale, 0.1, 10.0),
+        float(multiple is None), _log(multiple, 0.1, 30.0) if multiple is not None else 0.0,
+        _log(multiple * body.prior_scale, 0.1, 30.0) if multiple is not None else 0.0,
+        float(fit.on_bound > 0), float(fit.theta_on_bound > 0), _log(fit.theta_shift, 1e-3, 1.0),
+    ]  # fmt: skip
+
+
+def _of_varying(varying: tuple[tuple[float, ...], bool] | None) -> list[float]:
+    if varying is None:
+        return [0.0, 0.0, 0.0]
+    gain = _log(float(np.mean(varying[0])), LEAST_GAIN, 10.0)
+    return [gain + 3.0, max(0.0, gain + 0.6), float(varying[1])]
+
+
+def _own_coherence(one: CandidateEvidence, body: BodyEvidence) -> float:
+    """The largest coherent share of the channels that an effect needs at its site."""
+    channels = CATALOGUE[one.effect].required_channels(one.site)
+    return max((body.coherent[name][1] for name in channels if name in body.coherent), default=0.0)
+
+
+def _of_body(evidence: Evidence, context: _Context) -> list[float]:
+    body = evidence.body
+    residual = _log(body.residual_at_unit_scale, 0.1, 30.0)
+    best = _log(context.best, LEAST_GAIN, 10.0)
+    fits = [one.fit for one in evidence.candidates if one.fit is not None]
+    left = min((one.residual for one in fits), default=float(np.median(body.residuals)))
+    others = sorted(context.of_mechanisms.values())
+    return [
+        residual, *_above(residual, RESIDUAL_KNOTS),
+        _log(float(np.median(body.residuals)), 0.1, 30.0),
+        _log(body.nuisance_square, 1e-2, 1e3), _log(body.prior_scale, 0.1, 1.0),
+        best, *_above(best, GAIN_KNOTS),
+        _log(context.best / max(body.chance[1], LEAST_GAIN), 0.1, 100.0), _log(body.chance[1], LEAST_GAIN, 10.0),
+        _log(left, 0.1, 30.0), best - _log(others[-2] if len(others) > 1 else LEAST_GAIN, LEAST_GAIN, 10.0),
+        _log(body.samples, 10.0, 1e4),
+        float(np.clip(body.level_slope or 0.0, -2.0, 2.0)), _log(body.jump or 1.0, 0.005, 1.0),
+        _log(body.drift, 1e-3, 10.0), _log(body.transfer, 1.0, 10.0), float(body.known_effects > 0),
+    ]  # fmt: skip
+
+
+def _knots(name: str, count: int) -> list[str]:
+    return [name, *(f"{name} above {i}" for i in range(count))]
+
+
+_FIT_NAMES: Final = (
+    "improved share", "t", "worst condition", "evidence gain", "decrease", "decrease over gain", "residual",
+    "residual over before", "nuisance over before", "prior scale", "prior scale over before", "nothing typical",
+    "typical multiple", "typical multiple at scale", "on bound", "theta on bound", "theta shift",
+)  # fmt: skip
+
+CANDIDATE_NAMES: Final = (
+    *_knots("gain", len(GAIN_KNOTS)), *_knots("margin", len(MARGIN_KNOTS)), "behind best", "best", "not tried",
+    "not fitted", "screened", "absorbed", *_FIT_NAMES, "varying", "varying above", "varying objected", "in bracket",
+    "coherence", "gyro tilt", "jump",
+)  # fmt: skip
+
+BODY_NAMES: Final = (
+    *_knots("residual", len(RESIDUAL_KNOTS)), "residual at scale", "nuisance", "prior scale",
+    *_knots("best gain", len(GAIN_KNOTS)), "best over chance", "chance", "residual left", "lead", "samples",
+    "level slope", "jump", "drift", "transfer", "known effects",
+)  # fmt: skip
