@@ -1,4 +1,7 @@
-"""`python -m blind [recovery | tracing ... | laws ...]`: a study, or both blind ones; exit code 1 for a missed mark."""
+"""`python -m blind [recovery | tracing ... | laws ... | train ...]`: a study, or both blind ones without a name.
+
+The exit code is 1 for a missed mark.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from collections.abc import Sequence
 from blind.recovery import __main__ as recovery
 from blind.tracing import __main__ as tracing
 from blind.tracing import laws
+from blind.training import __main__ as training
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -21,8 +25,10 @@ def main(arguments: Sequence[str]) -> int:
         return tracing.main(rest)
     if name == "laws":
         return laws.main(rest)
+    if name == "train":
+        return training.main(rest)
     print(
-        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and tracing and laws with their options",
+        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and with options tracing, laws, train",
         file=sys.stderr,
     )
     return 2

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 from outcomes import CLOCK, ROWS, SKIN, STOP, outcome
 
-from blind.tracing.marks import Mark, by_class, marks, most_frequent, true_class_results, wilson
+from blind.tracing.marks import Mark, by_class, calibration_error, marks, most_frequent, true_class_results, wilson
 from blind.tracing.outcome import Cause, Outcome, site_distance
 from blind.tracing.rows import CONDITIONS, DRAWINGS, drawings
 
@@ -53,40 +53,62 @@ def test_distances_of_sites(name: str, site: str, other: str, away: int) -> None
     assert site_distance(name, site, other) == away == site_distance(name, other, site)
 
 
+CUBIC = Cause("cubic", "pelvis", "stiffening")
+"""Of the mechanism of a stop."""
+
+
 def test_a_class_is_right_if_it_is_named_first_and_alone() -> None:
     right = outcome("strong", "effect", [SKIN], [SKIN])
+    variant = outcome("strong", "effect", [CUBIC], [STOP])
     unsure = outcome("strong", "ambiguous", [SKIN], [SKIN], [CLOCK])
     wrong = outcome("strong", "effect", [CLOCK], [SKIN])
     too_many = outcome("strong", "effect", [SKIN, STOP], [SKIN])
     quiet = outcome("strong", "unexplained", [], [SKIN])
-    every = (right, unsure, wrong, too_many, quiet)
-    assert [one.class_right for one in every] == [True, False, False, True, False]
-    assert [one.family_right for one in every] == [True, True, True, False, False]
-    assert [one.wrong_single for one in every] == [False, False, True, True, False]
-    assert [one.in_set for one in every] == [True, True, False, True, False]
-    assert [one.set_size for one in every] == [1, 2, 1, 2, 0]
-    assert [one.site_distance for one in every] == [0, None, None, 0, None]
-    assert [one.named for one in every] == ["skin", "ambiguous", "clock", "skin", "unexplained"]
+    every = (right, variant, unsure, wrong, too_many, quiet)
+    assert [one.class_right for one in every] == [True, True, False, False, True, False]
+    assert [one.family_right for one in every] == [True, True, True, True, False, False]
+    assert [one.wrong_single for one in every] == [False, False, False, True, True, False]
+    assert [one.in_set for one in every] == [True, True, True, False, True, False]
+    assert [one.set_size for one in every] == [1, 1, 2, 1, 2, 1]
+    assert [one.site_distance for one in every] == [0, 0, None, None, 0, None]
+    assert [one.named for one in every] == [
+        "skin", "nonlinear_stiffness", "ambiguous", "clock", "skin", "unexplained"
+    ]  # fmt: skip
+
+
+BREATH = Cause("outside", "", "memory")
 
 
 @pytest.mark.parametrize(
-    ("verdict", "effect", "best", "gain", "against", "fate"),
+    ("true", "ratio", "right"),
     [
-        ("effect", SKIN, SKIN, 1.0, (), "named"),
-        ("effect", CLOCK, CLOCK, 1.0, (), "another class named"),
-        ("ambiguous", SKIN, SKIN, 1.0, (), "several named as possible"),
-        ("none", None, CLOCK, 0.1, (), "another class had the largest gain"),
-        ("not_decidable", None, None, None, (), "another class had the largest gain"),
-        ("unexplained", None, SKIN, 1.0, ("f_n ends on a bound",), "the true class had the largest gain"),
-        ("none", None, SKIN, 0.1, (), "... as its gain was too small"),
-        ("unexplained", None, SKIN, 1.0, (), "... as it removed too little"),
+        ([], None, {"none"}),
+        ([STOP], 0.4, {"nonlinear_stiffness"}),
+        ([STOP], 0.2, {"nonlinear_stiffness", "none"}),
+        ([BREATH], 2.0, {"outside"}),
+        ([SKIN, STOP], None, {"skin", "nonlinear_stiffness"}),
+    ],
+)
+def test_right_answers(true: list[Cause], ratio: float | None, right: set[str]) -> None:
+    assert outcome("strong", "none", [], true, ratio=ratio).right_answers == right
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effect", "probabilities", "likely", "fate"),
+    [
+        ("effect", SKIN, {"skin": 0.9}, ("skin",), "named"),
+        ("effect", CLOCK, {"clock": 0.9}, ("clock",), "another class named"),
+        ("ambiguous", SKIN, {"skin": 0.6, "clock": 0.4}, ("skin", "clock"), "the most probable answer, with less"),
+        ("none", None, {"none": 0.6, "skin": 0.4}, ("none", "skin"), "another answer is more probable, and it is in"),
+        ("none", None, {"none": 0.9, "skin": 0.1}, ("none",), "another answer is more probable, and it is not in"),
+        ("not_decidable", None, {}, (), "another answer is more probable, and it is not in"),
     ],
 )
 def test_outcomes_of_a_true_class(
-    verdict: str, effect: Cause | None, best: Cause | None, gain: float | None, against: tuple[str, ...], fate: str
+    verdict: str, effect: Cause | None, probabilities: dict[str, float], likely: tuple[str, ...], fate: str
 ) -> None:
     plain = outcome("strong", verdict, [effect] if effect else [], [SKIN], before_percent=4.0, floor_percent=2.0)
-    answer = dataclasses.replace(plain.answer, best=best, best_gain=gain, against=against, threshold=0.2)
+    answer = dataclasses.replace(plain.answer, probabilities=probabilities, likely=likely)
     for oracle_percent, closes in ((3.1, 1), (3.2, 0), (None, 0)):  # squares, of which half way from 16 to 4 is 10
         true = dataclasses.replace(plain.score, oracle_percent=oracle_percent)
         nonzero = {row: counts for row, counts in true_class_results([Outcome(answer, true)]).items() if counts[1]}
@@ -94,82 +116,106 @@ def test_outcomes_of_a_true_class(
         assert row.startswith(fate) and counts == (closes, 1)
 
 
+def test_the_closed_share_is_of_the_squared_gap() -> None:
+    score = outcome("strong", "effect", [SKIN], [SKIN], before_percent=5.0, floor_percent=3.0).score
+    assert score.closed(3.0) == 1.0 and score.closed(5.0) == 0.0 == score.closed(None)
+    assert score.closed(4.0) == pytest.approx((25.0 - 16.0) / (25.0 - 9.0))
+    assert dataclasses.replace(score, floor_percent=5.0).closed(4.0) is None
+
+
+def test_the_calibration_error_is_the_weighted_distance_of_the_bins() -> None:
+    assert calibration_error([(0.95, True)] * 19 + [(0.95, False)]) == pytest.approx(0.0)
+    assert calibration_error([(0.5, True)] * 10) == pytest.approx(0.5)
+    assert calibration_error([(0.25, False)] * 3 + [(1.0, True)]) == pytest.approx(0.75 * 0.25)
+
+
 # --- rows ------------------------------------------------------------------------------------------------------------
 
 
-def test_false_alarms_are_counted_in_both_kinds_of_noise() -> None:
-    quiet = [outcome("nothing", "none") for _ in range(57)] + [outcome("nothing_coloured", "unexplained")] * 38
-    loud = [outcome("nothing", "effect", [SKIN]), outcome("nothing_coloured", "ambiguous", [SKIN], [], [CLOCK])]
-    beside = [outcome("background", "effect", [SKIN])] * 10
-    row = "nothing hidden, with and without coloured noise"
-    mark = judged(row, quiet + loud * 2 + beside)["false alarms"]  # 4 of 99
-    assert (mark.records, mark.met, mark.reached) == (99, True, pytest.approx(4 / 99))
-    mark = judged(row, quiet + loud * 3)["false alarms"]  # 6 of 101
-    assert (mark.met, mark.text) == (False, "5.9 % (2.8 to 12.4) of 101")
+@pytest.mark.parametrize(
+    ("row", "drawing"),
+    [
+        ("nothing hidden, sensor noise", "nothing"),
+        ("nothing hidden, loud coloured noise", "nothing_coloured"),
+        ("nothing hidden, background", "background"),
+    ],
+)
+def test_named_causes_are_counted_for_each_kind_of_noise(row: str, drawing: str) -> None:
+    quiet = [outcome(drawing, "none")] * 50 + [outcome(drawing, "unexplained")] * 6
+    quiet += [outcome(drawing, "ambiguous", [SKIN], [], [CLOCK])] * 2  # no single cause
+    beside = [outcome("strong", "effect", [SKIN])] * 10
+    found = judged(row, [*quiet, *[outcome(drawing, "effect", [SKIN])] * 3, *beside])  # 3 of 61
+    mark = found["a single cause named"]
+    assert (mark.records, mark.met, mark.reached) == (61, True, pytest.approx(3 / 61))
+    assert mark.text == "4.9 % (1.7 to 13.5) of 61" and found["a verdict is given"].met
+    found = judged(row, [*quiet, *[outcome(drawing, "effect", [SKIN])] * 4, outcome(drawing, "not_decidable")])
+    assert not any(one.met for one in found.values())
 
 
-def test_background_alone_counts_named_and_added_effects() -> None:
-    kept = [outcome("background", "none")] * 17 + [outcome("background", "ambiguous", [SKIN], [], [CLOCK])]
-    both = judged("background only, nothing hidden", [*kept, *[outcome("background", "effect", [SKIN])] * 2])
-    assert both["a single cause named"].reached == pytest.approx(0.1) and both["a single cause named"].met
-    assert both["an effect added to the subject"].reached == pytest.approx(0.15)  # the ambiguous one as well
-    assert not both["an effect added to the subject"].met
-
-
-def test_sensor_noise_counts_class_site_and_error() -> None:
+def test_sensor_noise_counts_class_site_and_errors() -> None:
     near = dataclasses.replace(STOP, site="lower_torso")
     far = dataclasses.replace(STOP, site="head")
+    common = {"ratio": 0.31, "floor_percent": 1.0, "before_percent": 3.0}
     records = [
-        *[outcome("sensor_noise", "effect", [STOP], [STOP], floor_percent=1.0, after_percent=1.1)] * 17,
-        *[outcome("sensor_noise", "effect", [near], [STOP], floor_percent=1.0, after_percent=1.2)] * 2,
-        outcome("sensor_noise", "effect", [far], [STOP], floor_percent=1.0, after_percent=None),
+        *[outcome("sensor_noise", "effect", [STOP], [STOP], **common, after_percent=1.1, oracle_percent=1.0)] * 17,
+        *[outcome("sensor_noise", "effect", [near], [STOP], **common, after_percent=1.3, oracle_percent=3.0)] * 2,
+        outcome("sensor_noise", "effect", [far], [STOP], **common, after_percent=None),
     ]
-    found = judged("catalogue effect, sensor noise", records)
-    assert [mark.reached for mark in found.values()] == pytest.approx([1.0, 0.85, 0.95, 1.1])
+    found = judged("sensor noise, ratio > 0.3", records)
+    assert [mark.reached for mark in found.values()] == pytest.approx([1.0, 0.95, 1.1, 1.0])
     assert all(mark.met for mark in found.values())
-    found = judged("catalogue effect, sensor noise", [*records, outcome("sensor_noise", "failed", [], [STOP])])
-    assert [mark.met for mark in found.values()] == [True, False, False, True]  # 20, 17 and 19 of 21
+    failed = [outcome("sensor_noise", "failed", [], [STOP], ratio=0.5)] * 4
+    found = judged("sensor noise, ratio > 0.3", [*records, *failed])
+    assert [mark.met for mark in found.values()] == [False, False, True, True]  # 20 and 19 of 24
+    weak = [outcome("sensor_noise", "failed", [], [STOP], ratio=0.29)] * 40
+    assert judged("sensor noise, ratio > 0.3", [*records, *weak])["class"].records == 20
 
 
 def test_background_rows_go_by_the_ratio_of_the_score() -> None:
+    strong = {"ratio": 0.81, "before_percent": 5.0, "floor_percent": 3.0}
     records = [
-        outcome("strong", "effect", [SKIN], [SKIN], ratio=0.81, recovered=0.9),
-        outcome("weak", "ambiguous", [CLOCK], [SKIN], [STOP], ratio=0.8),
+        outcome("strong", "effect", [SKIN], [SKIN], **strong, after_percent=3.0),
+        outcome("strong", "effect", [SKIN], [SKIN], **strong, after_percent=4.0),
+        outcome("medium", "none", [], [SKIN], **strong),
+        outcome("weak", "ambiguous", [CLOCK], [SKIN], [SKIN, STOP], ratio=0.8),
         outcome("strong", "effect", [SKIN], [SKIN], ratio=0.41),
         outcome("medium", "effect", [CLOCK], [SKIN], ratio=0.4),
         outcome("medium", "effect", [CLOCK], [SKIN], ratio=None),
         outcome("outside", "effect", [CLOCK], [SKIN], ratio=3.0),
     ]
-    strong = judged("with background, ratio > 0.8", records)
-    assert [mark.records for mark in strong.values()] == [1, 1, 1]
+    above = judged("with background, ratio > 0.8", records)
+    assert {mark.records for mark in above.values()} == {3}
+    assert above["class"].reached == above["in the 90 % set"].reached == pytest.approx(2 / 3)
+    assert above["size of the set, mean"].reached == 1.0
+    closed = above["closed share of the gap, median"]
+    assert (closed.reached, closed.lower) == (pytest.approx(9.0 / 16.0), None)
     between = judged("with background, ratio 0.4 to 0.8", records)
-    assert between["truth in the reported set"].reached == 0.5
-    assert between["size of the set where there is one, mean"].reached == 1.5
-    weak = judged("with background, ratio < 0.4", records)["a wrong single cause named"]
-    assert (weak.records, weak.reached, weak.met) == (1, 1.0, False)
+    assert (between["class"].reached, between["in the 90 % set"].reached) == (0.5, 1.0)
 
 
-def test_energy_recovered_is_a_median_with_zeros_for_the_wrong() -> None:
-    values = [0.0, 0.0, 0.7, 0.9, 1.0]
-    records = [outcome("strong", "effect", [SKIN], [SKIN], ratio=2.0, recovered=value) for value in values]
-    mark = judged("with background, ratio > 0.8", records)["energy recovered, median"]
-    assert (mark.reached, mark.met, mark.lower) == (0.7, True, None)
-    # A record of which even the oracle takes off nothing has no such value, and is not counted among them.
-    records.append(outcome("strong", "effect", [SKIN], [SKIN], ratio=2.0, recovered=None))
-    mark = judged("with background, ratio > 0.8", records)["energy recovered, median"]
-    assert (mark.records, mark.text) == (6, "0.70 of 5")
-
-
-def test_an_effect_outside_the_catalogue_may_be_unexplained_or_of_its_family() -> None:
-    breath = Cause("outside", "", "memory")
+def test_a_wrong_single_cause_is_counted_outside_the_catalogue() -> None:
     records = [
-        *[outcome("outside", "unexplained", [], [breath], ratio=1.0)] * 7,
-        outcome("outside", "effect", [Cause("reflex", "pelvis", "memory")], [breath], ratio=1.0),
-        outcome("outside", "none", [], [breath], ratio=1.0),
-        outcome("outside", "ambiguous", [SKIN], [breath], [STOP], ratio=1.0),
+        *[outcome("outside", "unexplained", [], [BREATH], ratio=1.0)] * 17,
+        *[outcome("outside", "effect", [Cause("reflex", "pelvis", "memory")], [BREATH], ratio=1.0)] * 3,
+        outcome("outside", "effect", [SKIN], [BREATH], ratio=0.7),
     ]
-    found = judged("effect outside the catalogue, ratio > 0.8", records)
-    assert [(mark.reached, mark.met) for mark in found.values()] == [(0.8, True), (0.1, True)]
+    (mark,) = judged("effect outside the catalogue, ratio > 0.8", records).values()
+    assert (mark.reached, mark.met) == (0.15, True)
+
+
+def test_calibration_counts_the_most_probable_answers() -> None:
+    records = [
+        *[outcome("background", "none", p=0.9)] * 9,
+        outcome("background", "effect", [SKIN], p=0.9),
+        *[outcome("strong", "unexplained", [], [SKIN], ratio=1.0, p=0.6)] * 2,
+        outcome("outside", "unexplained", [], [BREATH], ratio=2.0, p=0.6),
+        outcome("strong", "not_decidable", [], [SKIN]),
+        outcome("two", "effect", [CLOCK], [SKIN, STOP]),
+    ]
+    sure, error = judged("calibration", records).values()
+    assert (sure.reached, sure.values, sure.met) == (0.9, 10, True)
+    assert error.reached == pytest.approx((0.0 + 3.0 * (0.6 - 1.0 / 3.0)) / 13.0) and not error.met
+    assert error.text == "0.06 of 13" and error.required == "<= 0.05"
 
 
 def test_two_effects_are_found_both_or_one() -> None:
@@ -180,7 +226,7 @@ def test_two_effects_are_found_both_or_one() -> None:
         outcome("two", "ambiguous", [SKIN], two, [STOP]),
     ]
     found = judged("two effects", records)
-    assert [(mark.reached, mark.met) for mark in found.values()] == [(0.6, True), (0.9, True)]
+    assert [(mark.reached, mark.met) for mark in found.values()] == [(0.9, True), (0.6, True)]
 
 
 def test_a_row_with_too_few_records_misses_its_marks() -> None:
@@ -209,7 +255,7 @@ def test_classes_are_counted_beside_the_most_frequent_one() -> None:
         outcome("strong", "effect", [SKIN], [STOP]),
         outcome("background", "none"),
     ]
-    skin, stop = by_class(records)
+    stop, skin = by_class(records)
     assert (skin.name, skin.records, skin.class_right, skin.family_right, skin.site_right) == ("skin", 3, 1, 2, 1)
     assert skin.named == (("clock", 1), ("skin", 1), ("unexplained", 1))
     assert (stop.records, stop.class_right, stop.named) == (1, 0, (("skin", 1),))

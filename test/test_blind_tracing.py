@@ -333,8 +333,8 @@ def a_trace(known: Record) -> Trace:
     applied = AppliedEffect(skin, "head", {p.name: p.size for p in skin.parameters})
     after = dataclasses.replace(known.subject, effects=(applied,))
     late = AppliedEffect(CATALOGUE["clock"], "head", {p.name: p.size for p in CATALOGUE["clock"].parameters})
-    linear = RankedCandidate(applied, 0.4, False, 0.1, 0.0, 0)
-    best = RankedCandidate(late, 0.3, True, 0.1, 0.0, 1, ("helps in 1 of 2 events",))
+    best = RankedCandidate(applied, 0.85, 0.4, True, 0.1, 0.0, 2)
+    other = RankedCandidate(late, 0.1, 0.3, True, 0.1, 0.0, 1)
     blank = np.zeros((1, 5))
     events = tuple(
         ComparedEvent(use, "road", use, 1.0, blank, blank, blank, _error(before), _error(before / 2.0))
@@ -344,7 +344,8 @@ def a_trace(known: Record) -> Trace:
         verdict="effect", reasons=("it helps", "nothing else does"), given=known.subject, before=known.subject,
         after=after, experiment="", events=events, floor_percent=None, untestable=(), left_out=(), seed=0,
         calibrated="found", effects=(applied,), intervals=((),), family="sensor",
-        rounds=(Round((linear, best), 0.2, None, ()),), p_value=0.01, threshold=0.2,
+        rounds=(Round((best, other), {"skin": 0.85, "clock": 0.1, "none": 0.05}, ("skin", "clock"), best, (other,)),),
+        p_value=0.01,
     )  # fmt: skip
 
 
@@ -357,7 +358,8 @@ def test_a_trace_becomes_plain_data() -> None:
     answer = Answer.of(line_of(answered("strong", 3, known, a_trace)))
     assert (answer.row, answer.number, answer.verdict) == ("strong", 3, "effect")
     assert answer.effects == (SKIN,)
-    assert (answer.best, answer.best_gain, answer.against) == (CLOCK, 0.3, ("helps in 1 of 2 events",))
+    assert answer.probabilities == {"skin": 0.85, "clock": 0.1, "none": 0.05}
+    assert (answer.most_probable, answer.likely) == ("skin", ("skin", "clock"))
     assert (answer.before_percent, answer.after_percent) == (5.0, 2.5)  # of what is held out
     assert answer.unseen == ("held_out", "held_out")
     assert Subject.from_dict(SUBJECT.to_dict() | {"effects": list(answer.applied)}).effects[0].site == "head"
@@ -420,14 +422,15 @@ def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.Monkey
     published: list[About] = []
     monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
     monkeypatch.setattr(command, "publish", lambda root, about, outcomes, found: published.append(about))
-    monkeypatch.setattr(command, "thresholds", lambda: "0" * 64)
+    monkeypatch.setattr(command, "decision", lambda: "0" * 64)
+    few = [dataclasses.replace(one, count=30) if one.name == "medium" else one for one in DRAWINGS]
+    monkeypatch.setattr(command, "drawings", lambda names, count: few)
     monkeypatch.setattr(command.streams, "outcomes", lambda seed: [])
     monkeypatch.setattr(command, "run", lambda what, doing, report: study.run(what, in_sequence, answers, scores))
     assert command.main(["--out", str(tmp_path), "--seed", "3"]) == 1
     (about,) = published
-    weak = next(one.count for one in DRAWINGS if one.name == "weak")
-    filled_up = FILLING * (ROWS["with background, ratio < 0.4"].least - weak)
-    assert (about.seed, about.records) == (3, sum(one.count for one in DRAWINGS) + filled_up)
+    filled_up = FILLING * (ROWS["with background, ratio 0.4 to 0.8"].least - 30)
+    assert (about.seed, about.records) == (3, sum(one.count for one in few) + filled_up)
     assert about.sealed == (tmp_path / "3" / study.SEAL).read_text().split()[1]
     commits = iter(["one", "two"])
     monkeypatch.setattr(command, "commit", lambda: next(commits))
@@ -462,7 +465,7 @@ def test_measured_streams_have_the_marks_of_the_background_rows() -> None:
         graded("tilt", 0.1, "unexplained", ""),
     ]
     found = [mark.reached for mark in marks(records, MEASURED)]
-    assert found == [0.5, 0.5, 1.0, 1.0, 2.0, 0.0]
+    assert found == [0.5, 0.5, 0.5]
 
 
 def test_a_record_does_not_depend_on_the_others(monkeypatch: pytest.MonkeyPatch) -> None:

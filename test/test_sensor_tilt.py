@@ -28,23 +28,22 @@ def leans(**degrees: tuple[float, float]) -> Case:
     return dataclasses.replace(event(), mean_tilts=found)
 
 
-def named(*cases: Case, plain: bool = False) -> dict[str, float]:
+def named(*cases: Case) -> dict[str, float]:
     """The tilt of each reported sensor, degrees."""
-    return {one.site: tilt_deg(one) for one in sensor_tilts(cases, USUAL, plain)}
+    return {one.site: tilt_deg(one) for one in sensor_tilts(cases, USUAL)}
 
 
 def test_a_tilted_sensor_is_found_with_its_tilt() -> None:
-    (found,) = sensor_tilts([leans(neck=(6.0, -2.0), head=(0.5, 0.0))] * 2, USUAL, plain=False)
+    (found,) = sensor_tilts([leans(neck=(6.0, -2.0), head=(0.5, 0.0))] * 2, USUAL)
     assert (found.effect.name, found.site) == ("tilt", "neck")
     assert found.values["lean_x"] == pytest.approx(np.sin(np.deg2rad(6.0)))
     assert found.values["lean_y"] == pytest.approx(-np.sin(np.deg2rad(2.0)))
     assert tilt_deg(found) == pytest.approx(6.32, abs=0.02)
 
 
-def test_a_typical_tilt_is_reported_for_a_plain_body_only() -> None:
-    case = leans(head=(2.0, 0.0), neck=(1.0, 0.0))
-    assert named(case) == {}
-    assert named(case, plain=True) == {"head": pytest.approx(2.0)}
+def test_a_typical_tilt_is_not_reported() -> None:
+    """Typical are up to three times 0.025 g, 4.3 deg."""
+    assert named(leans(head=(4.2, 0.0), neck=(4.4, 0.0))) == {"neck": pytest.approx(4.4)}
 
 
 def test_tilts_of_several_events_are_averaged() -> None:
@@ -63,7 +62,7 @@ def test_the_seat_is_left_out() -> None:
 
 
 def test_a_large_tilt_is_clipped_to_the_range_of_the_effect() -> None:
-    (found,) = sensor_tilts([leans(head=(40.0, 0.0))], USUAL, plain=False)
+    (found,) = sensor_tilts([leans(head=(40.0, 0.0))], USUAL)
     assert found.values["lean_x"] == 0.4
 
 

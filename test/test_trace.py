@@ -11,23 +11,22 @@ from hiding import applied
 
 from biodyn_core.body.parameters import UNFITTED, Parameters
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import rounds
 from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate, CandidateFit, ScreeningResult
-from biodyn_core.tracing.choice import chosen, ranked, required_gain
+from biodyn_core.tracing.choice import choose
 from biodyn_core.tracing.data_checks import FloorSettings, split_held_out
 from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
-from biodyn_core.tracing.fitted_candidates import WithoutEffect, residual_ratio
-from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, fit_locally
-from biodyn_core.tracing.nuisance_model import NuisanceModel
-from biodyn_core.tracing.results import _sensors, _tilts, build_result
+from biodyn_core.tracing.local_fit import LocalFit, fit_locally
+from biodyn_core.tracing.probability import Probabilities
+from biodyn_core.tracing.results import LIKELY_FAULT, _sensors
 from biodyn_core.tracing.screen import Screening, all_candidates
-from biodyn_core.tracing.settings import EvidenceSettings, TraceSettings
+from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace
-from biodyn_core.tracing.verdict import verdict_of
+from biodyn_core.tracing.verdict import reasons_of, verdict_of
 
 SHORT = TraceSettings(
     replicates=60, refined=2, most_effects=2, floor=FloorSettings(road_s=1.0, shocks=1, hard_shocks=1)
@@ -119,8 +118,9 @@ def test_held_out_events_do_not_influence_the_result_and_a_seed_repeats_it() -> 
     held_out = [spoiled[i] if cases[i].name in aside else cases[i] for i in range(3, 9)]
     with mock.patch.object(rounds, "all_candidates", few):
         found = trace(cases[:3], held_out, hiding.TRUTH, SHORT, 1)
-    assert found.effects[0].values == same.effects[0].values and found.threshold == same.threshold
+    assert found.effects[0].values == same.effects[0].values and found.named_from == same.named_from
     assert [one.gain for one in found.rounds[0].ranking] == [one.gain for one in same.rounds[0].ranking]
+    assert found.rounds[0].answers == same.rounds[0].answers
     np.testing.assert_array_equal(found.after.parameters.vector(), same.after.parameters.vector())
     assert (found.reasons, found.p_value) == (same.reasons, same.p_value)
     for ours, theirs in zip(held_out_events(found), held_out_events(same), strict=True):
@@ -138,10 +138,11 @@ def test_an_effect_that_worsens_the_prediction_is_not_added() -> None:
         mock.patch.object(trace_module, "generalised", worse),
     ):
         found = trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
-    assert found.verdict == "unexplained" and found.effects == () and found.after is found.before
+    assert found.verdict == "effect" and found.added == () and found.after is found.before
+    assert [(one.effect.name, one.site) for one in found.not_added] == [("gain", "neck")]
     assert [event.after.mean_percent for event in found.events] == [event.before.mean_percent for event in found.events]
-    (line,) = [line for line in found.reasons if line.startswith("gain at neck")]
-    assert "without nuisance parameters" in line
+    (line,) = [line for line in found.reasons if "without nuisance parameters" in line]
+    assert line.startswith("gain at neck")
 
 
 def test_nothing_hidden_is_no_effect() -> None:
@@ -189,7 +190,7 @@ def test_untestable_effects_are_listed_and_not_ranked() -> None:
 def undecided(train: list[Case], held_out: list[Case], settings: TraceSettings = SHORT) -> Trace:
     found = trace(train, held_out, hiding.TRUTH, settings, 1)
     assert found.verdict == "not_decidable" and found.calibrated == "not"
-    assert found.effects == () and found.rounds == () and found.p_value is None and found.threshold is None
+    assert found.effects == () and found.rounds == () and found.p_value is None and found.named_from is None
     assert set(found.lacking) <= set(found.reasons)
     return found
 
@@ -252,11 +253,9 @@ def test_a_clipping_sensor_is_left_out_and_named() -> None:
     assert np.isnan(event.measured_mps2[:, hiding.HEAD]).all()
 
 
-GOOD_FIT = EvidenceSettings().good_fit
-
-
-def screened(effect: AppliedEffect, gain: float) -> Candidate:
-    return Candidate(effect, "", 0, ScreeningResult(gain, 1.0, 1.0, 0.1, 0.005))
+@cache
+def without() -> LocalFit:
+    return fit_locally(hiding.nuisance(), None)
 
 
 @pytest.mark.parametrize(
@@ -267,83 +266,15 @@ def test_effects_declare_their_exceptions(declared: str, names: set[str]) -> Non
     assert {effect.name for effect in CATALOGUE.values() if getattr(effect, declared)} == names
 
 
-@pytest.mark.parametrize("is_omission", [False, True])
-def test_a_known_omission_needs_one_improved_event(is_omission: bool) -> None:
-    """Any other effect needs three events, or two loading conditions."""
-    name = "lift_off" if is_omission else "cubic"
-    local = dataclasses.replace(without(), applied=applied(name, "pelvis"))
-    settings = EvidenceSettings()
-    one, two = (CandidateFit(local, np.array([0.1, *gains]), ("road",) * 3) for gains in ((-1.0, -1.0), (0.1, -1.0)))
-    assert one.improves_enough(settings) is two.improves_enough(settings) is is_omission
-    assert two.improves_enough(dataclasses.replace(settings, least_events=2))
-    assert dataclasses.replace(two, conditions=("road", "rail", "rail")).improves_enough(settings)
-
-
-@cache
-def without() -> LocalFit:
-    return fit_locally(hiding.nuisance(), None)
-
-
-def always(nuisance: NuisanceModel, fit: LocalFit) -> WithoutEffect:
-    """The same fit at every prior scale."""
-    without_effect = WithoutEffect(nuisance)
-    without_effect._fits.update(dict.fromkeys(PRIOR_SCALES, fit))
-    return without_effect
-
-
-def test_the_required_gain_grows_with_the_prior_scale() -> None:
-    nuisance, settings = hiding.nuisance(), TraceSettings()
-    least = [required_gain(always(nuisance.at_scale(scale), without()), settings) for scale in sorted(PRIOR_SCALES)]
-    assert least[0] == settings.plain_gain and (np.diff(least) > 0.0).all()
-    assert least[-1] == pytest.approx((1.0 + settings.departing) * settings.least_gain)
-
-
-def test_the_required_gain_is_larger_after_an_added_effect() -> None:
-    nuisance, settings = hiding.nuisance().at_scale(PRIOR_SCALES[-1]), TraceSettings()
-    added = dataclasses.replace(
-        nuisance, subject=dataclasses.replace(nuisance.subject, effects=(applied("cubic", "pelvis"),))
-    )
-    assert required_gain(always(nuisance, without()), settings) == settings.plain_gain
-    assert required_gain(always(added, without()), settings) == pytest.approx(settings.least_gain)
-
-
-def test_a_small_gain_of_an_unsteady_cause_is_typical() -> None:
-    settings = TraceSettings()
-    for gain, steady, expected in ((0.2, False, True), (0.3, False, False), (0.2, True, False)):
-        local = dataclasses.replace(without(), applied=applied("clock", "head"), prior_scale=PRIOR_SCALES[-1])
-        fit = CandidateFit(local, np.full(6, gain), ("road",) * 6, steady=steady)
-        assert bool(fit.why_typical(settings)) == expected
-
-
-def test_the_least_gain_is_required_for_a_large_residual() -> None:
-    nuisance, settings = hiding.nuisance(), TraceSettings()
-    times = 2.0 * GOOD_FIT / residual_ratio(nuisance, without())
-    much = dataclasses.replace(without(), residual_square=times**2 * without().residual_square)
-    assert residual_ratio(nuisance, much) == pytest.approx(2.0 * GOOD_FIT)
-    assert [required_gain(always(nuisance.at_scale(scale), much), settings) for scale in PRIOR_SCALES] == [
-        settings.least_gain
-    ] * 5
-
-
-def test_a_law_of_typical_size_is_a_cause_only_in_a_body_without_deviations() -> None:
-    nuisance, settings = hiding.nuisance(), TraceSettings()
-    (typical,) = [one for one in nuisance.parameters if one.name == "friction of pelvis"]
-    assert typical.applied is not None
-    spread_n = typical.spread * typical.applied.values["friction_n"]
-
-    def against(spreads: float, prior_scale: float) -> tuple[str, ...]:
-        effect = applied("friction", "pelvis", friction_n=spreads * spread_n)
-        local = dataclasses.replace(without(), applied=effect, prior_scale=prior_scale)
-        fit = CandidateFit(local, np.full(6, 0.3), ("road",) * 6, typical_multiple=nuisance.typical_multiple(effect))
-        one = dataclasses.replace(screened(effect, 0.3), fit=fit)
-        screening = Screening((), np.zeros(1), np.zeros((0, 0)))
-        return ranked(one, nuisance, without(), screening, settings).objections
-
-    (why,) = against(3.5, 0.32)
-    assert why == "its size is 3.5 times the typical one, less than 4"
-    assert against(4.5, 0.32) == against(3.5, PRIOR_SCALES[-1]) == ()
-    (why,) = against(0.9, PRIOR_SCALES[-1])
-    assert why == "its size is 0.9 times the typical one, less than 1"
+def test_effects_of_one_mechanism_are_laws_of_the_same_variables() -> None:
+    mechanisms: dict[str, set[str]] = {}
+    for effect in CATALOGUE.values():
+        mechanisms.setdefault(effect.mechanism, set()).add(effect.name)
+    assert {name: effects for name, effects in mechanisms.items() if effects != {name}} == {
+        "nonlinear_stiffness": {"asymmetry", "cubic", "stop"},
+        "dry_friction": {"friction", "hysteresis"},
+        "sprung_mass": {"viscera", "added_mass"},
+    }
 
 
 def test_a_drifting_clock_counts_by_its_delay_in_the_middle_of_an_event() -> None:
@@ -364,19 +295,9 @@ def test_a_stop_counts_by_its_force_at_the_reach_of_the_joint() -> None:
     assert nuisance.typical_multiple(applied("relaxation", "pelvis")) == np.inf
 
 
-def test_a_small_tilt_is_reported_only_for_a_body_without_deviations() -> None:
-    settings, stop = TraceSettings(), RankedCandidate(applied("stop", "pelvis"), 0.4, True, 0.005, 0.1, 6)
-    cases = [dataclasses.replace(hiding.events(6)[0], mean_tilts={"neck": (float(np.sin(np.deg2rad(2.0))), 0.0)})]
-    plain = hiding.nuisance().at_scale(PRIOR_SCALES[-1])
-    nothing_else = rounds.Outcome(Round((stop,), 0.5, None, ()), plain, without(), None)
-    beside = dataclasses.replace(nothing_else, round=Round((stop,), 0.2, stop, ()), chosen=without())
-    assert [one.site for one in _tilts(nothing_else, cases, settings)] == ["neck"]
-    assert _tilts(beside, cases, settings) == ()
-
-
 def test_a_sensor_tilt_is_reported_and_is_no_cause() -> None:
-    """1.8 deg on the mean, by the gyro; recordings correct it, so it does not explain the residual."""
-    lean = {"neck": (float(np.sin(np.deg2rad(1.8))), 0.0)}
+    """6 deg on the mean, by the gyro; recordings correct it, so it does not explain the residual."""
+    lean = {"neck": (float(np.sin(np.deg2rad(6.0))), 0.0)}
     cases = [dataclasses.replace(case, mean_tilts=lean) for case in hiding.events(9)]
     with mock.patch.object(rounds, "all_candidates", few):
         found = trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
@@ -384,127 +305,131 @@ def test_a_sensor_tilt_is_reported_and_is_no_cause() -> None:
     (beside,) = found.sensors
     assert (beside.fault.effect.name, beside.fault.site, beside.source) == ("tilt", "neck", "gyro")
     assert not beside.explains and beside.gain is None  # no tilt was tried: the channels are missing
-    same = traced()
-    assert found.reasons == same.reasons and found.threshold == same.threshold and same.sensors == ()
+    assert traced().sensors == ()
 
 
-def test_a_sensor_tilt_beyond_the_data_sheet_is_named() -> None:
-    """6 deg, where 4.01 are allowed."""
-    lean = {"neck": (float(np.sin(np.deg2rad(6.0))), 0.0)}
-    cases = [dataclasses.replace(case, mean_tilts=lean) for case in hiding.events(6)]
-    outcome = dataclasses.replace(round_with(applied("gain", "neck", gain=0.01), 0.4), chosen=None)
-    outcome = dataclasses.replace(outcome, round=dataclasses.replace(outcome.round, chosen=None))
-    subject = hiding.nuisance().subject
-    found = build_result(subject, subject, subject, [outcome], (cases[:3], cases[3:], ()), TraceSettings(), (), 1)
-    assert found.verdict == "effect" and found.sensors == () and not found.adds
-    assert [(one.effect.name, one.site) for one in found.effects] == [("tilt", "neck")]
-    assert any("a mean tilt of 6.0 deg" in line for line in found.reasons)
+# --- the decision, from probabilities --------------------------------------------------------------------------------
 
 
-def round_with(effect: AppliedEffect, before_ratio: float) -> rounds.Outcome:
-    """A round with a chosen effect: the residual ratio before it, and a tenth of it after."""
-    nuisance, ratio = hiding.nuisance(), residual_ratio(hiding.nuisance(), without())
-    one = RankedCandidate(effect, 0.8, True, 0.005, 0.1, 6)
-    before, after = (
-        dataclasses.replace(without(), residual_square=(times / ratio) ** 2 * without().residual_square)
-        for times in (before_ratio, 0.1 * before_ratio)
+def fitted(name: str, site: str, gain: float = 0.4, steady: bool = True) -> Candidate:
+    """A candidate fitted to three events."""
+    fit = CandidateFit(
+        dataclasses.replace(without(), applied=applied(name, site)), np.full(3, gain), ("road",) * 3, steady=steady
     )
-    return rounds.Outcome(Round((one,), 0.2, one, ()), nuisance, before, after)
+    return dataclasses.replace(screened(name, site, gain), fit=fit)
+
+
+def screened(name: str, site: str, gain: float = 0.1) -> Candidate:
+    return Candidate(applied(name, site), "", 0, ScreeningResult(gain, 1.0, 1.0, 0.1, 0.005))
+
+
+def decided(given: dict[tuple[str, str], float], fits: list[Candidate], rest=(), none=0.0, outside=0.0, least=0.0):
+    """The choice among candidates with these probabilities; an answer of 0.1 is in the 90 % set."""
+    p = Probabilities(tuple(given), np.array(list(given.values())), none, outside, 0.1)
+    screening = Screening((), np.zeros(1), np.zeros((0, 0)))
+    return choose(fits, rest, p, least, hiding.nuisance(), without(), screening, 0.1)
+
+
+CUBIC, STOP, SKIN, FRICTION = ("cubic", "pelvis"), ("stop", "pelvis"), ("skin", "head"), ("friction", "neck")
+
+
+def test_the_most_probable_candidate_of_the_most_probable_mechanism_is_chosen() -> None:
+    """Two laws of one mechanism are more probable together than the most probable candidate alone."""
+    fits = [fitted(*SKIN, 0.5), fitted(*CUBIC, 0.3), fitted(*STOP, 0.4)]
+    choice = decided({SKIN: 0.35, CUBIC: 0.3, STOP: 0.2}, fits, none=0.15)
+    assert choice.round.chosen is not None and choice.round.chosen.key == CUBIC
+    assert choice.index is not None and choice.fitted[choice.index].key == CUBIC
+    assert choice.round.best == "nonlinear_stiffness" and choice.round.answers["nonlinear_stiffness"] == 0.5
+    assert [one.key for one in choice.round.ranking] == [SKIN, CUBIC, STOP]
+    assert choice.round.likely == ("nonlinear_stiffness", "skin", "none")
+    assert [one.key for one in choice.round.rivals] == [SKIN]  # the other law of the mechanism is no rival
+
+
+@pytest.mark.parametrize(("none", "outside"), [(0.5, 0.0), (0.0, 0.5)])
+def test_nothing_is_chosen_where_none_or_outside_is_most_probable(none: float, outside: float) -> None:
+    choice = decided({SKIN: 0.4, CUBIC: 0.1}, [fitted(*SKIN), fitted(*CUBIC)], none=none, outside=outside)
+    assert choice.index is None and choice.round.chosen is None and choice.round.rivals == ()
+
+
+def test_a_further_effect_needs_a_probability() -> None:
+    given, fits = {SKIN: 0.7, CUBIC: 0.1}, [fitted(*SKIN), fitted(*CUBIC)]
+    assert decided(given, fits, none=0.2, least=0.7).index == 0
+    assert decided(given, fits, none=0.2, least=0.71).index is None
+
+
+def test_other_likely_sites_and_screened_candidates_are_rivals() -> None:
+    head, neck = ("friction", "head"), FRICTION
+    choice = decided(
+        {neck: 0.5, head: 0.2, SKIN: 0.15, CUBIC: 0.05}, [fitted(*neck), fitted(*head)],
+        rest=[screened(*SKIN), screened(*CUBIC)], none=0.1,
+    )  # fmt: skip
+    assert [one.key for one in choice.round.rivals] == [head, SKIN]
+    assert [(one.key, one.refitted) for one in choice.round.ranking[2:]] == [(SKIN, False), (CUBIC, False)]
+
+
+def test_a_mechanism_without_a_fitted_candidate_is_not_chosen() -> None:
+    choice = decided({SKIN: 0.6, CUBIC: 0.4}, [fitted(*CUBIC)], rest=[screened(*SKIN)])
+    assert choice.index is None and choice.round.best == "skin"
+
+
+def a_round(answers: dict[str, float], chosen: RankedCandidate | None = None, *rest: RankedCandidate) -> Round:
+    ranking = ((chosen,) if chosen else ()) + rest
+    return Round(ranking, answers, tuple(name for name, p in answers.items() if p >= 0.1), chosen, rest)
+
+
+def row(name: str, site: str, p: float, **values) -> RankedCandidate:
+    return RankedCandidate(applied(name, site), p, 0.4, True, 0.005, 0.1, 3, **values)
 
 
 @pytest.mark.parametrize(
-    ("effect", "left", "verdict"),
+    ("answers", "verdict"),
     [
-        (applied("gain", "neck", gain=0.01), 0.4, "none"),  # within the data sheet, and nothing unusual to explain
-        (applied("gain", "neck", gain=0.01), 1.1, "effect"),  # within, and it explains what is left
-        (applied("gain", "neck", gain=0.1), 0.4, "effect"),  # beyond the data sheet
-        (applied("clock", "neck", delay_s=0.0003), 0.4, "none"),
-        (applied("clock", "neck", delay_s=0.0003), 1.1, "effect"),
-        (applied("clock", "neck", delay_s=0.004), 0.4, "effect"),
-        (applied("stop", "neck"), 0.4, "effect"),  # no sensor's fault
+        ({"skin": 0.8, "none": 0.2}, "effect"),
+        ({"skin": 0.79, "none": 0.21}, "ambiguous"),
+        ({"none": 0.5, "skin": 0.4, "outside": 0.1}, "none"),
+        ({"outside": 0.5, "skin": 0.4, "none": 0.1}, "unexplained"),
     ],
 )
-def test_a_fault_within_the_data_sheet_is_a_cause_only_if_it_explains_the_residual(
-    effect: AppliedEffect, left: float, verdict: str
-) -> None:
-    outcome = round_with(effect, left)
-    found_verdict, _ = verdict_of([outcome], None, (), TraceSettings())
-    assert found_verdict == verdict
-    beside = _sensors([outcome], (), verdict == "effect")
-    assert [one.fault for one in beside] == ([effect] if verdict == "none" else [])
+def test_the_verdict_follows_from_the_most_probable_answer(answers: dict[str, float], verdict: str) -> None:
+    assert verdict_of(a_round(answers), 0.8) == verdict
 
 
-def test_a_fault_within_the_data_sheet_does_not_hide_a_cause_of_another_round() -> None:
-    outcomes = [round_with(applied("gain", "neck", gain=0.01), 0.4), round_with(applied("stop", "head"), 0.2)]
-    assert verdict_of(outcomes, None, (), TraceSettings())[0] == "effect"
-
-
-def test_a_chosen_tilt_explains_the_residual() -> None:
-    tilt = applied("tilt", "neck", lean_x=0.1)
-    (found,) = _sensors([round_with(tilt, 1.1)], (tilt,), True)
-    assert found.explains and found.gain == 0.8
-    (found,) = _sensors([round_with(applied("stop", "head"), 1.1)], (tilt,), True)
-    assert not found.explains and found.gain is None
+def test_reasons_state_probabilities_the_set_and_other_sites() -> None:
+    first = a_round(
+        {"dry_friction": 0.7, "none": 0.2, "outside": 0.06, "skin": 0.04}, row(*FRICTION, 0.5, remarks=("f_n ends",)),
+        row("friction", "head", 0.2),
+    )  # fmt: skip
+    probable, *others = reasons_of(first, 0.8)
+    assert probable == (
+        "probabilities: dry friction 0.70; nothing is missing 0.20; an effect outside the catalogue 0.06; skin 0.04;"
+        " 0.8 is required to name one cause"
+    )
+    assert others == [
+        "with 90 % probability it is one of: dry friction, nothing is missing",
+        "friction at neck: probability 0.50, gain 0.40 in events that its size was not fitted to",
+        "other sites: friction at head 0.20",
+        "friction at neck: f_n ends",
+    ]
 
 
 @pytest.mark.parametrize(
     ("name", "steady", "where"),
     [
         ("clock", True, "in events that its size was not fitted to"),
-        ("clock", False, "in events that it was fitted to, where up to 0.25 is typical"),
+        ("clock", False, "in events that it was fitted to"),
         ("posture", False, "in events that its size was not fitted to"),
     ],
 )
 def test_the_reason_names_the_events_of_the_gain(name: str, steady: bool, where: str) -> None:
-    one = RankedCandidate(applied(name, "head"), 0.8, True, 0.005, 0.1, 6, steady=steady)
-    outcome = rounds.Outcome(Round((one,), 0.2, one, ()), hiding.nuisance(), without(), without())
-    found_verdict, reasons = verdict_of([outcome], None, (), dataclasses.replace(TraceSettings(), least_closed=0.0))
-    assert found_verdict == "effect" and reasons[0] == f"clock at head gains 0.80 {where}; 0.20 is required".replace(
-        "clock", name
-    )
+    lines = reasons_of(a_round({name: 0.9, "none": 0.1}, row(name, "head", 0.9, steady=steady)), 0.8)
+    assert any(line == f"{name} at head: probability 0.90, gain 0.40 {where}" for line in lines)
 
 
-@pytest.mark.parametrize(("typical", "verdict"), [(True, "none"), (False, "unexplained")])
-def test_a_candidate_of_typical_size_does_not_make_the_residual_unexplained(typical: bool, verdict: str) -> None:
-    one = RankedCandidate(applied("friction", "pelvis"), 0.4, True, 0.005, 0.1, 6, ("a reason",), typical=typical)
-    outcome = rounds.Outcome(Round((one,), 0.2, None, ()), hiding.nuisance(), without(), None)
-    found_verdict, reasons = verdict_of([outcome], None, (), TraceSettings())
-    assert found_verdict == verdict and reasons[-1] == "friction at pelvis gains 0.40, but a reason"
-    # A sensor tilt is a cause by itself, but does not explain the residual of a refused candidate.
-    with_tilt, _ = verdict_of([outcome], None, [applied("tilt", "neck", lean_x=0.1)], TraceSettings())
-    assert with_tilt == ("effect" if typical else "unexplained")
-
-
-def weighed(*given: tuple[str, str, float, bool], threshold: float = 0.2, helped: int = 6) -> int | None:
-    """The index of the chosen one of (name, site, gain, on a bound), best first; each improves some of six events."""
-    ranking, candidates = [], []
-    for place, (name, site, gain, on_bound) in enumerate(given):
-        effect = applied(name, site)
-        scatter = np.resize([0.1, -0.1], 6) if place else np.zeros(6)  # events do not agree on which is better
-        gains = np.where(np.arange(6) < helped, 6.0 / helped * gain + scatter, 0.0)
-        against = (f"{effect.effect.parameters[0].name} ends on a bound",) if on_bound else ()
-        ranking.append(RankedCandidate(effect, gain, True, 0.005, 0.1, helped, against))
-        fit = CandidateFit(dataclasses.replace(without(), applied=effect), gains, ("road",) * 6)
-        candidates.append(dataclasses.replace(screened(effect, gain), fit=fit))
-    return chosen(ranking, candidates, threshold, TraceSettings())
-
-
-def test_a_candidate_on_a_bound_is_chosen_only_with_an_overwhelming_gain() -> None:
-    cubic, bent = ("cubic", "pelvis"), ("asymmetry", "neck")
-    enough = TraceSettings().overwhelming * 0.2
-    assert weighed((*cubic, 0.9 * enough, False)) == 0
-    assert weighed((*cubic, 0.9 * enough, True)) is None
-    assert weighed((*cubic, 1.1 * enough, True)) == 0
-    # ... and not if it improves few events, or another one without objections comes near.
-    assert weighed((*cubic, 1.1 * enough, True), helped=2) is None
-    assert weighed((*cubic, 1.1 * enough, True), (*bent, 0.9 * enough, False)) == 1
-    assert weighed((*cubic, 1.1 * enough, True), (*bent, 0.5 * enough, False)) == 0
-    assert weighed((*cubic, 0.9 * enough, True), (*bent, 0.5 * enough, False)) == 1
-
-
-def test_a_sensor_fault_is_chosen_before_an_equal_tissue_law_and_nothing_below_the_threshold() -> None:
-    cubic, clock = ("cubic", "pelvis"), ("clock", "head")
-    assert weighed((*cubic, 0.4, False), (*clock, 0.38, False)) == 1
-    assert weighed((*cubic, 0.4, False), (*clock, 0.25, False)) == 0
-    assert weighed((*cubic, 0.4, False), (*clock, 0.38, True)) == 0
-    assert weighed((*cubic, 0.19, False), (*clock, 0.18, False)) is None
+def test_likely_sensor_faults_are_reported_beside_a_cause() -> None:
+    clock, gain, tiny = row("clock", "head", 0.1), row("gain", "neck", 0.2), row("gain", "head", 0.9 * LIKELY_FAULT)
+    first = a_round({"skin": 0.6, "gain": 0.2, "clock": 0.1}, row(*SKIN, 0.6), gain, clock, tiny)
+    cause = applied(*SKIN)
+    assert [one.fault for one in _sensors(first, (), [cause])] == [gain.applied, clock.applied]
+    tilt = applied("tilt", "neck", lean_x=0.1)
+    (found,) = _sensors(a_round({"skin": 1.0}, row(*SKIN, 1.0)), [tilt], [cause])
+    assert (found.source, found.explains, found.gain) == ("gyro", False, None)

@@ -135,9 +135,9 @@ class Effect:
     effect can be neither simulated nor tested without them.
 
     Read by tracing alone. variant_of: the mechanism that it is one law of, its own name if empty. known_omission: the
-    base chain is known to lack it, so it is always fitted, accepted if one event improves, and chosen before any other
-    law. constant_part: if it varies from window to window, a subject can carry its constant part. sized_by_training: if
-    it varies between events, only the events for fitting set its size.
+    base chain is known to lack it, so it is always fitted. constant_part: if it varies from window to window, a subject
+    can carry its constant part. sized_by_training: if it varies between events, only the events for fitting set its
+    size.
     """
 
     place: ClassVar[Place]

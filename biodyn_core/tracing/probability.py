@@ -77,14 +77,15 @@ class LearnedModel:
     """Weights with their calibration.
 
     temperature divides all scores. set_threshold: an answer belongs to the 90 % set if its probability is at least
-    this (split conformal prediction). power: the curve of named effects over their ratio. provenance: seed, bodies,
-    commit and scores of the training.
+    this (split conformal prediction). power: the curve of named effects over their ratio. ridge: the precision of the
+    weights' prior. provenance: seed, bodies, commit and scores of the training.
     """
 
     weights: Weights
     temperature: float
     set_threshold: float
     power: Power
+    ridge: float
     provenance: Mapping[str, Any]
 
 
@@ -116,9 +117,13 @@ class Probabilities:
 
     @property
     def likely(self) -> tuple[str, ...]:
-        """The 90 % set: the answers with at least the threshold's probability, and always the most probable one."""
-        answers = self.of_answers.items()
-        return tuple(name for i, (name, p) in enumerate(answers) if i == 0 or p >= self.set_threshold)
+        """The 90 % set."""
+        return likely(self.of_answers, self.set_threshold)
+
+
+def likely(answers: Mapping[str, float], threshold: float) -> tuple[str, ...]:
+    """The answers with at least the threshold's probability, and always the first, which is the most probable one."""
+    return tuple(name for i, (name, p) in enumerate(answers.items()) if i == 0 or p >= threshold)
 
 
 @cache
@@ -146,6 +151,7 @@ def learned_from(text: str, name: str) -> LearnedModel:
             float(stored["temperature"]),
             float(stored["set_threshold"]),
             Power(**stored["power"]),
+            float(stored["ridge"]),
             stored["provenance"],
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -161,6 +167,7 @@ def learned_text(model: LearnedModel) -> str:
         "temperature": model.temperature,
         "set_threshold": model.set_threshold,
         "power": dataclasses.asdict(model.power),
+        "ridge": model.ridge,
         "weights": {
             "candidates": _named(CANDIDATE_NAMES, of.of_candidates),
             "effects": {name: _named(EFFECT_NAMES, row) for name, row in zip(of.effects, of.of_effects, strict=True)},

@@ -15,13 +15,13 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, EffectParameter, logistic
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.diagnose import diagnose
 from biodyn_core.tracing.experiments import separating, to_record
 from biodyn_core.tracing.findings import (
     ComparedEvent,
     Interval,
     Need,
     NuisanceValue,
+    RankedCandidate,
     RestoringForce,
     Round,
     SensorFinding,
@@ -90,7 +90,7 @@ def build_result(
         events=_events(given, before, after, train, choose, report),
         rounds=tuple(outcome.round for outcome in outcomes),
         nuisance=_nuisance(outcomes[-1]),
-        diagnostics=diagnose(before, first.nuisance, s.diagnostics),
+        diagnostics=first.diagnostics,
         surface=law,
         restoring_forces=_restoring_forces(before, after, law, train, report, s, seed),
         floor_percent=_floor_percent(report, after),
@@ -135,7 +135,9 @@ def _sensors(
     first: Round, tilts: Sequence[AppliedEffect], causes: Sequence[AppliedEffect]
 ) -> tuple[SensorFinding, ...]:
     """Tilts by gyros, and likely sensor faults that are not among the causes."""
-    tried = {one.key: one for one in reversed(first.ranking)}
+    tried: dict[tuple[str, str], RankedCandidate] = {}
+    for one in first.ranking:
+        tried.setdefault(one.key, one)
     named_causes = {(one.effect.name, one.site) for one in causes}
     found = {
         key: SensorFinding(one.applied, "fit", one.gain, False)

@@ -19,7 +19,7 @@ from biodyn_core.tracing.candidate import Candidate
 from biodyn_core.tracing.choice import choose
 from biodyn_core.tracing.diagnose import diagnose
 from biodyn_core.tracing.evidence import Evidence, evidence_of
-from biodyn_core.tracing.findings import Round
+from biodyn_core.tracing.findings import Diagnostics, Round
 from biodyn_core.tracing.fitted_candidates import (
     WithoutEffect,
     fits_at_scales,
@@ -51,6 +51,7 @@ class Outcome:
     """A round with its fits: without an effect and, if one is chosen, with it; why: the reason if it is not added."""
 
     round: Round
+    diagnostics: Diagnostics
     nuisance: NuisanceModel
     without: LocalFit
     chosen: LocalFit | None
@@ -98,9 +99,12 @@ class Search:
         """The fit without an effect."""
         return self.without_effect.at(self.nuisance.prior_scale)
 
-    def evidence(self, settings: TraceSettings) -> Evidence:
+    def diagnostics(self, settings: TraceSettings) -> Diagnostics:
+        """The diagnostics of the residual without an effect."""
+        return diagnose(self.nuisance.subject, self.nuisance, settings.diagnostics)
+
+    def evidence(self, settings: TraceSettings, diagnostics: Diagnostics) -> Evidence:
         """The evidence of all candidates."""
-        diagnostics = diagnose(self.nuisance.subject, self.nuisance, settings.diagnostics)
         return evidence_of(
             self.without_effect, self.screening, self.preliminary, self.fitted, diagnostics,
             settings.evidence.near_bound,
@@ -142,11 +146,12 @@ def search(
 def decided(found: Search, settings: TraceSettings, least: float = 0.0) -> Outcome:
     """Choose at most one of the candidates; least: the probability that its mechanism needs."""
     nuisance, without, screening = found.nuisance, found.without, found.screening
-    p = probabilities(found.evidence(settings))
+    diagnostics = found.diagnostics(settings)
+    p = probabilities(found.evidence(settings, diagnostics))
     rest = _not_fitted(screening, found.fitted)
     choice = choose(found.fitted, rest, p, least, nuisance, without, screening, settings.evidence.near_bound)
     fit = None if choice.index is None else _with_intervals(nuisance, choice.fitted[choice.index])
-    return Outcome(choice.round, nuisance, without, fit)
+    return Outcome(choice.round, diagnostics, nuisance, without, fit)
 
 
 def _fitted(

@@ -17,7 +17,7 @@ from world.effects.draw import Split
 
 from biodyn_core.base.errors import InputError
 from blind.tracing import streams
-from blind.tracing.answer import thresholds
+from blind.tracing.answer import decision
 from blind.tracing.marks import Mark, marks
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, drawings
@@ -66,7 +66,7 @@ def _run(options: argparse.Namespace) -> int:
         if commit() != study.commit:
             raise BrokenSeal("the commit has changed since the run began, so it is not published")
         today = dt.datetime.now(dt.timezone.utc).date().isoformat()
-        publish(ROOT, About(today, study.commit, seed, thresholds(), seals(study)[-1], len(outcomes)), outcomes, found)
+        publish(ROOT, About(today, study.commit, seed, decision(), seals(study)[-1], len(outcomes)), outcomes, found)
     _print(found, outcomes, partial)
     return 0 if all(mark.met for mark in found) else 1
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.findings import RankedCandidate, Trace
+from biodyn_core.tracing.findings import Trace
+from biodyn_core.tracing.probability import learned_text, packaged
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace
 from blind.tracing.outcome import FAILED, Answer, Cause
@@ -28,9 +29,10 @@ def traced(known: Record) -> Trace:
     return trace(known.train, known.held_out, known.subject, TraceSettings(), TRACE_SEED)
 
 
-def thresholds() -> str:
-    """A hash of the default settings, which have every threshold."""
-    return hashlib.sha256(repr(dataclasses.asdict(TraceSettings())).encode()).hexdigest()
+def decision() -> str:
+    """A hash of all that decides: the default settings and the learned model."""
+    text = repr(dataclasses.asdict(TraceSettings())) + learned_text(packaged())
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> Answer:
@@ -47,7 +49,7 @@ def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> A
         float(np.mean([getattr(event, side).mean_percent for event in held_out])) if held_out else None
         for side in ("before", "after")
     )
-    best = _best(found)
+    first = found.rounds[0] if found.rounds else None
     return Answer(
         row, number, found.verdict,
         effects=_causes(found.effects),
@@ -58,22 +60,12 @@ def answered(row: str, number: int, known: Record, tracer: Tracer = traced) -> A
         unseen=tuple(event.name for event in held_out),
         before_percent=before,
         after_percent=after,
-        threshold=found.threshold,
         p_value=found.p_value,
         seconds=time.perf_counter() - begin,
         why="; ".join([*found.reasons, *known.left_out]),
-        best=_causes([best.applied])[0] if best else None,
-        best_gain=best.gain if best else None,
-        against=best.objections if best else (),
+        probabilities={name: float(f"{p:.4g}") for name, p in first.answers.items()} if first else {},
+        likely=first.likely if first else (),
     )  # fmt: skip
-
-
-def _best(found: Trace) -> RankedCandidate | None:
-    """The chosen candidate of the first round, or else the one with the largest gain."""
-    if not found.rounds:
-        return None
-    first = found.rounds[0]
-    return first.chosen or next((one for one in first.ranking if one.refitted), None)
 
 
 def _without(row: str, number: int, begin: float, verdict: str, why: str) -> Answer:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from scipy import stats
 
 from blind.tracing.outcome import TRUE_CLASS_RESULTS, Outcome, Score
-from blind.tracing.rows import CONDITIONS, Condition, Rule
+from blind.tracing.rows import CONDITIONS, Condition, Kind, Rule
+
+BINS: Final = 10
+"""Of probabilities, for calibration."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +74,10 @@ def marks(outcomes: Sequence[Outcome], conditions: Sequence[Condition] = CONDITI
 
 
 def _mark(row: Condition, rule: Rule, chosen: Sequence[Outcome]) -> Mark:
-    values = [float(value) for one in chosen if (value := rule.of(one)) is not None]
+    values = [value for one in chosen if (value := rule.of(one)) is not None]
     if not values:
         return Mark(row.name, rule.what, rule.required, None, len(chosen), 0, False, row.least, rule.kind)
-    reached = float(np.median(values) if rule.kind == "median" else np.mean(values))
+    reached = float(REDUCTIONS[rule.kind](values))
     enough = len(chosen) >= row.least
     good = reached >= rule.limit if rule.sense == ">=" else reached <= rule.limit
     low, high = wilson(round(sum(values)), len(values)) if rule.kind == "share" else (None, None)
@@ -82,6 +86,24 @@ def _mark(row: Condition, rule: Rule, chosen: Sequence[Outcome]) -> Mark:
         row.name, rule.what, rule.required, reached, len(chosen), len(values), bool(enough and good), row.least,
         rule.kind, low, high, baseline,
     )  # fmt: skip
+
+
+def calibration_error(answers: Sequence[tuple[float, bool]], bins: int = BINS) -> float:
+    """The expected calibration error of answers: their probabilities, and whether they are right.
+
+    Mean distance of probability and share of right answers over bins of probability, weighted by their counts.
+    """
+    p, right = np.array(answers, dtype=np.float64).T
+    at = np.minimum((p * bins).astype(int), bins - 1)
+    return float(sum(abs(right[at == b].sum() - p[at == b].sum()) for b in np.unique(at)) / p.size)
+
+
+REDUCTIONS: Final[dict[Kind, Callable[[Sequence[Any]], Any]]] = {
+    "share": np.mean,
+    "mean": np.mean,
+    "median": np.median,
+    "calibration": calibration_error,
+}
 
 
 def most_frequent(outcomes: Sequence[Outcome]) -> tuple[str, float]:

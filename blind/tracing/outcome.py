@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.findings import NAMING
+from biodyn_core.tracing.probability import NONE, OUTSIDE
 
 FAILED: Final = "failed"
 """The verdict of a record whose trace failed; it is never right."""
@@ -17,13 +19,16 @@ FAILED: Final = "failed"
 TRUE_CLASS_RESULTS: Final = (
     "named",
     "another class named",
-    "several named as possible",
-    "another class had the largest gain, and was refused",
-    "the true class had the largest gain, and was refused: a bound, a typical size, or too few events",
-    "... as its gain was too small",
-    "... as it removed too little of the residual",
+    "the most probable answer, with less than the required probability",
+    "another answer is more probable, and it is in the 90 % set",
+    "another answer is more probable, and it is not in the 90 % set",
 )
 """The possible results for a record's true class."""
+
+LEAST_RATIO: Final = 0.3
+"""Below this ratio no mark asks for an effect, and `none` is right too."""
+
+MECHANISMS: Final = frozenset(effect.mechanism for effect in CATALOGUE.values())
 
 JOINT_PLACE: Final = dict(zip(SEGMENTS, (0, 1, 2, 2, 3, 4), strict=True))
 """Joints from below; both joints of the central torso, which has no sensor, count as one."""
@@ -31,11 +36,16 @@ JOINT_PLACE: Final = dict(zip(SEGMENTS, (0, 1, 2, 2, 3, 4), strict=True))
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect by its class, site and family; site is empty for the whole body, or if sites cannot be compared."""
+    """An effect by its name, site and family; site is empty for the whole body, or if sites cannot be compared."""
 
     name: str
     site: str
     family: str
+
+    @property
+    def mechanism(self) -> str:
+        """Its class in the study: effects of one mechanism differ in the form of the law alone."""
+        return CATALOGUE[self.name].mechanism if self.name in CATALOGUE else self.name
 
 
 @dataclass(frozen=True)
@@ -43,8 +53,8 @@ class Answer:
     """The trace of a record.
 
     before, after: theta (15,); applied: the effects of the subject after, as in a subject file. Errors are means over
-    the held-out events, whose names are `unseen`, percent; None without any. best: the chosen candidate, or else
-    that with the largest gain; best_gain, against: its gain and objections.
+    the held-out events, whose names are `unseen`, percent; None without any. probabilities: of each mechanism, `none`
+    and `outside` in the first round, the largest first; likely: the 90 % set.
     """
 
     row: str
@@ -57,23 +67,25 @@ class Answer:
     applied: tuple[dict[str, Any], ...] = ()
     before_percent: float | None = None
     after_percent: float | None = None
-    threshold: float | None = None
     p_value: float | None = None
     seconds: float = 0.0
     why: str = ""
     unseen: tuple[str, ...] = ()
-    best: Cause | None = None
-    best_gain: float | None = None
-    against: tuple[str, ...] = ()
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+    likely: tuple[str, ...] = ()
+
+    @property
+    def most_probable(self) -> str:
+        """The most probable answer, empty without a round."""
+        return max(self.probabilities, key=lambda name: self.probabilities[name], default="")
 
     @classmethod
     def of(cls, line: str) -> Answer:
         """Read a line of `line_of`."""
         data = json.loads(line)
-        data["best"] = Cause(**data["best"]) if data.get("best") else None
         for key in ("effects", "ambiguous_with"):
             data[key] = tuple(Cause(**one) for one in data[key])
-        for key in ("before", "after", "applied", "unseen", "against"):
+        for key in ("before", "after", "applied", "unseen", "likely"):
             data[key] = tuple(data.get(key, ()))
         return cls(**data)
 
@@ -100,6 +112,16 @@ class Score:
     oracle_percent: float | None = None
     recovered: float | None = None
     why: str = ""
+
+    def closed(self, percent: float | None) -> float | None:
+        """The share of the squared gap between before and the floor that an error closes, 0 without one.
+
+        None if there is no gap.
+        """
+        if self.before_percent is None or self.floor_percent is None or self.before_percent <= self.floor_percent:
+            return None
+        after = self.before_percent if percent is None else percent
+        return (self.before_percent**2 - after**2) / (self.before_percent**2 - self.floor_percent**2)
 
     @classmethod
     def of(cls, line: str) -> Score:
@@ -139,7 +161,7 @@ class Outcome:
     @property
     def named(self) -> str:
         """The first named class, or else the verdict."""
-        return self.answer.effects[0].name if self.single and self.answer.effects else self.answer.verdict
+        return self.answer.effects[0].mechanism if self.single and self.answer.effects else self.answer.verdict
 
     @property
     def reported(self) -> tuple[Cause, ...]:
@@ -148,13 +170,13 @@ class Outcome:
 
     @property
     def set_size(self) -> int:
-        """The number of reported classes."""
-        return len({cause.name for cause in self.reported})
+        """The number of answers in the 90 % set, `none` and `outside` among them."""
+        return len(self.answer.likely)
 
     @property
     def true_names(self) -> frozenset[str]:
         """The true classes."""
-        return frozenset(cause.name for cause in self.score.causes)
+        return frozenset(cause.mechanism for cause in self.score.causes)
 
     @property
     def class_right(self) -> bool:
@@ -163,39 +185,57 @@ class Outcome:
 
     @property
     def family_right(self) -> bool:
-        """Whether all reported causes are of the one true family; this may hold for an ambiguous set."""
+        """Whether all reported causes are of the one true family; this may hold for an ambiguous verdict."""
         families = {cause.family for cause in self.reported}
         return len(families) == 1 and families <= {cause.family for cause in self.score.causes}
 
     @property
     def wrong_single(self) -> bool:
         """Whether the verdict is `effect` and a named class is not true."""
-        return self.single and not {cause.name for cause in self.answer.effects} <= self.true_names
+        return self.single and not {cause.mechanism for cause in self.answer.effects} <= self.true_names
 
     @property
     def in_set(self) -> bool:
-        """Whether all true classes are reported."""
-        return self.true_names <= {cause.name for cause in self.reported}
+        """Whether the 90 % set has a true class."""
+        return bool(self.true_names & set(self.answer.likely))
+
+    @property
+    def right_answers(self) -> frozenset[str]:
+        """The true classes, `outside` for an effect of no class; `none` if the effect is weak, or nothing is hidden."""
+        names = {name if name in MECHANISMS else OUTSIDE for name in self.true_names}
+        weak = self.score.ratio is not None and self.score.ratio < LEAST_RATIO
+        return frozenset({*names, NONE} if weak or not names else names)
+
+    @property
+    def probability(self) -> float:
+        """The probability of the most probable answer, 0 without one."""
+        return self.answer.probabilities.get(self.answer.most_probable, 0.0)
+
+    @property
+    def most_probable_right(self) -> bool:
+        """Whether the most probable answer is right."""
+        return self.answer.most_probable in self.right_answers
+
+    @property
+    def confidence(self) -> tuple[float, bool] | None:
+        """The probability of the most probable answer, and whether it is right; None without an answer."""
+        return (self.probability, self.most_probable_right) if self.answer.probabilities else None
 
     @property
     def found(self) -> int:
         """The number of true classes among the named effects."""
-        return len(self.true_names & {cause.name for cause in self.answer.effects}) if self.single else 0
+        return len(self.true_names & {cause.mechanism for cause in self.answer.effects}) if self.single else 0
 
     @property
     def true_class_result(self) -> str:
         """The result for the true class: the first of `TRUE_CLASS_RESULTS` that holds."""
-        answer = self.answer
         if self.class_right:
             return TRUE_CLASS_RESULTS[0]
-        if self.alarmed:
-            return TRUE_CLASS_RESULTS[1] if self.single else TRUE_CLASS_RESULTS[2]
-        if answer.best is None or answer.best.name not in self.true_names:
-            return TRUE_CLASS_RESULTS[3]
-        if answer.against:
-            return TRUE_CLASS_RESULTS[4]
-        enough = (answer.best_gain or 0.0) > (answer.threshold or 0.0)
-        return TRUE_CLASS_RESULTS[6] if enough else TRUE_CLASS_RESULTS[5]
+        if self.single:
+            return TRUE_CLASS_RESULTS[1]
+        if self.answer.most_probable in self.true_names:
+            return TRUE_CLASS_RESULTS[2]
+        return TRUE_CLASS_RESULTS[3] if self.in_set else TRUE_CLASS_RESULTS[4]
 
     @property
     def site_distance(self) -> int | None:
@@ -203,9 +243,8 @@ class Outcome:
         if not self.class_right:
             return None
         named = self.answer.effects[0]
-        return min(
-            site_distance(named.name, named.site, one.site) for one in self.score.causes if one.name == named.name
-        )
+        true = [one for one in self.score.causes if one.mechanism == named.mechanism]
+        return min(site_distance(named.name, named.site, one.site) for one in true)
 
 
 def site_distance(name: str, site: str, other: str) -> int:

@@ -20,7 +20,7 @@ Made by `make blind`, which fails if a mark is missed. Do not edit. All full run
 
 `test/world` simulates people, seats, sensors and hidden effects, whose functional forms differ from the catalogue's.
 Each run has a new seed. All verdicts and their hash are written before any truth is drawn again from the seed. Scored
-forms differ from those that the thresholds come from.
+forms differ from those that the learned model and the settings come from.
 
 Ratio is the rms of the effect's change of the base refit's residual, over the rms without the effect, each record
 refitted with and without it; it is known only with the truth. A row by ratio with too few records gets further ones in

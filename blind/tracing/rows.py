@@ -6,14 +6,14 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 from world.effects.mixture import PAPER
 
 from biodyn_core.effects import CATALOGUE
-from blind.tracing.outcome import Outcome
+from blind.tracing.outcome import FAILED, LEAST_RATIO, Outcome
 
-Kind = Literal["share", "mean", "median"]
+Kind = Literal["share", "mean", "median", "calibration"]
 Needs = Literal["causes", "ratio", "all"]
 """Contents of a score: the truth alone, also the ratio (two refits), or also all errors."""
 
@@ -22,7 +22,7 @@ KINDS: Final = tuple(sorted(CATALOGUE))
 
 STRONG: Final = 0.8
 WEAK: Final = 0.4
-"""Between these ratios the truth has only to be in the reported set."""
+"""Limits of ratios between rows."""
 
 
 FILLING: Final = 3
@@ -65,13 +65,14 @@ DRAWINGS: Final = (
 
 @dataclass(frozen=True)
 class Rule:
-    """One mark: a limit for the share, mean or median of a value of each record.
+    """One mark: a limit for the share, mean or median of a value of each record, or for the calibration of all.
 
-    of: the value, None for a record that does not count.
+    of: the value, None for a record that does not count; for calibration the probability of the most probable answer
+    and whether it is right.
     """
 
     what: str
-    of: Callable[[Outcome], float | None]
+    of: Callable[[Outcome], Any]
     limit: float
     sense: Literal[">=", "<="]
     kind: Kind = "share"
@@ -106,16 +107,12 @@ class Condition:
         return [one for one in mine if one.score.ratio is not None and low < one.score.ratio <= high]
 
 
-def _alarmed(one: Outcome) -> float:
-    return one.alarmed or one.added
-
-
-def _exact_site(one: Outcome) -> float:
-    return one.site_distance == 0
-
-
 def _near_site(one: Outcome) -> float:
     return one.site_distance is not None and one.site_distance <= 1
+
+
+def _is_answered(one: Outcome) -> float:
+    return one.answer.verdict not in ("not_decidable", FAILED)
 
 
 def _over_floor(one: Outcome) -> float | None:
@@ -126,12 +123,17 @@ def _over_floor(one: Outcome) -> float | None:
     return float("inf") if after is None else after / one.score.floor_percent
 
 
+def _closed_by_answer(one: Outcome) -> float | None:
+    return one.score.closed(one.score.after_percent)
+
+
+def _closed_by_oracle(one: Outcome) -> float | None:
+    found = one.score.oracle_percent
+    return None if found is None else one.score.closed(found)
+
+
 def _set_size(one: Outcome) -> float | None:
     return float(one.set_size) or None
-
-
-def _unexplained(one: Outcome) -> float:
-    return one.answer.verdict == "unexplained" or one.family_right
 
 
 def _both_found(one: Outcome) -> float:
@@ -142,64 +144,71 @@ def _one_found(one: Outcome) -> float:
     return one.found > 0
 
 
+def _right_if_sure(one: Outcome) -> float | None:
+    """Whether the most probable answer is right, for those with at least `SURE`."""
+    return float(one.most_probable_right) if one.probability >= SURE else None
+
+
 WITH_BACKGROUND: Final = ("strong", "medium", "weak")
+BY_PROBABILITY: Final = ("nothing", "nothing_coloured", "background", "sensor_noise", *WITH_BACKGROUND, "outside")
+"""Drawings whose answers are counted for calibration: those with at most one effect."""
+
+SURE: Final = 0.8
+NO_CAUSE: Final = (
+    Rule("a single cause named", attrgetter("single"), 0.05, "<="),
+    Rule("a verdict is given", _is_answered, 1.0, ">="),
+)
 
 CONDITIONS: Final = (
+    Condition("nothing hidden, sensor noise", ("nothing",), 50, NO_CAUSE),
+    Condition("nothing hidden, loud coloured noise", ("nothing_coloured",), 50, NO_CAUSE),
+    Condition("nothing hidden, background", ("background",), 60, NO_CAUSE),
     Condition(
-        "nothing hidden, with and without coloured noise", ("nothing", "nothing_coloured"), 100,
-        (Rule("false alarms", _alarmed, 0.05, "<="),),
-    ),
-    Condition(
-        "background only, nothing hidden", ("background",), 60,
+        "sensor noise, ratio > 0.3", ("sensor_noise",), 40,
         (
-            Rule("a single cause named", attrgetter("single"), 0.10, "<="),
-            Rule("an effect added to the subject", attrgetter("added"), 0.05, "<="),
+            Rule("class", attrgetter("class_right"), 0.85, ">="),
+            Rule("within one joint", _near_site, 0.90, ">="),
+            Rule("held-out error after over the floor, median", _over_floor, 1.2, "<=", "median"),
+            Rule("truth refitted: closed share of the gap, median", _closed_by_oracle, 0.9, ">=", "median"),
         ),
-    ),
-    Condition(
-        "catalogue effect, sensor noise", ("sensor_noise",), 40,
-        (
-            Rule("class", attrgetter("class_right"), 0.95, ">="),
-            Rule("exact site", _exact_site, 0.85, ">="),
-            Rule("within one joint", _near_site, 0.95, ">="),
-            Rule("held-out error after over the floor, median", _over_floor, 1.15, "<=", "median"),
-        ),
+        (LEAST_RATIO, float("inf")), "sensor_noise",
     ),
     Condition(
         "with background, ratio > 0.8", WITH_BACKGROUND, 40,
         (
-            Rule("class", attrgetter("class_right"), 0.85, ">="),
-            Rule("family", attrgetter("family_right"), 0.92, ">="),
-            Rule("energy recovered, median", attrgetter("score.recovered"), 0.70, ">=", "median"),
+            Rule("class", attrgetter("class_right"), 0.80, ">="),
+            Rule("in the 90 % set", attrgetter("in_set"), 0.90, ">="),
+            Rule("size of the set, mean", _set_size, 3.0, "<=", "mean"),
+            Rule("closed share of the gap, median", _closed_by_answer, 0.85, ">=", "median"),
+            Rule("truth refitted: closed share of the gap, median", _closed_by_oracle, 0.9, ">=", "median"),
         ),
         (STRONG, float("inf")), "strong",
     ),
     Condition(
         "with background, ratio 0.4 to 0.8", WITH_BACKGROUND, 40,
         (
-            Rule("truth in the reported set", attrgetter("in_set"), 0.92, ">="),
-            Rule("size of the set where there is one, mean", _set_size, 3.0, "<=", "mean"),
+            Rule("class", attrgetter("class_right"), 0.50, ">="),
+            Rule("in the 90 % set", attrgetter("in_set"), 0.85, ">="),
         ),
         (WEAK, STRONG), "medium",
     ),
     Condition(
-        "with background, ratio < 0.4", WITH_BACKGROUND, 40,
-        (Rule("a wrong single cause named", attrgetter("wrong_single"), 0.10, "<="),),
-        (-1.0, WEAK), "weak",
-    ),
-    Condition(
         "effect outside the catalogue, ratio > 0.8", ("outside",), 40,
-        (
-            Rule("unexplained, or the right family", _unexplained, 0.80, ">="),
-            Rule("a wrong single cause named", attrgetter("wrong_single"), 0.10, "<="),
-        ),
+        (Rule("a wrong single cause named", attrgetter("wrong_single"), 0.15, "<="),),
         (STRONG, float("inf")), "outside",
     ),
     Condition(
         "two effects", ("two",), 40,
         (
-            Rule("both found", _both_found, 0.60, ">="),
-            Rule("at least one right", _one_found, 0.90, ">="),
+            Rule("one right", _one_found, 0.85, ">="),
+            Rule("both found", _both_found, 0.45, ">="),
+        ),
+    ),
+    Condition(
+        "calibration", BY_PROBABILITY, 300,
+        (
+            Rule(f"answers with a probability of {SURE:g} and more are right", _right_if_sure, 0.8, ">="),
+            Rule("expected calibration error", attrgetter("confidence"), 0.05, "<=", "calibration"),
         ),
     ),
 )  # fmt: skip
@@ -207,25 +216,15 @@ CONDITIONS: Final = (
 MEASURED: Final = (
     Condition(
         "in measured streams, nothing hidden", ("measured_nothing",), 40,
-        (Rule("a single cause named", attrgetter("single"), 0.10, "<="),),
+        (Rule("a single cause named", attrgetter("single"), 0.05, "<="),),
     ),
     Condition(
         "in measured streams, ratio > 0.8", ("measured",), 40,
-        (Rule("class", attrgetter("class_right"), 0.85, ">="), Rule("family", attrgetter("family_right"), 0.92, ">=")),
-        (STRONG, float("inf")),
-    ),
-    Condition(
-        "in measured streams, ratio 0.4 to 0.8", ("measured",), 40,
         (
-            Rule("truth in the reported set", attrgetter("in_set"), 0.92, ">="),
-            Rule("size of the set where there is one, mean", _set_size, 3.0, "<=", "mean"),
+            Rule("class", attrgetter("class_right"), 0.85, ">="),
+            Rule("in the set", attrgetter("in_set"), 0.92, ">="),
         ),
-        (WEAK, STRONG),
-    ),
-    Condition(
-        "in measured streams, ratio < 0.4", ("measured",), 40,
-        (Rule("a wrong single cause named", attrgetter("wrong_single"), 0.10, "<="),),
-        (-1.0, WEAK),
+        (STRONG, float("inf")),
     ),
 )  # fmt: skip
 """Effects hidden in measured streams: those marks of the background rows that need no subject."""

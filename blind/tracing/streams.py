@@ -26,7 +26,7 @@ def outcome(number: int, checked: measured.CheckedRecord) -> Outcome:
     beside = tuple(cause(name) for name in found.ambiguous_with)
     true = (cause(checked.fault),) if hidden else ()
     return Outcome(
-        Answer(row, number, found.verdict, named, beside),
+        Answer(row, number, found.verdict, named, beside, likely=tuple(one.mechanism for one in (*named, *beside))),
         Score(row, number, true, ratio=float(checked.ratio) if hidden else None),
     )
 

@@ -27,12 +27,12 @@ Each run of `make blind` appends a row, also a bad one; do not edit the rows. A 
 
 @dataclass(frozen=True)
 class About:
-    """A run: day, commit, seed, hash of the thresholds, hash of the sealed answers, and number of records."""
+    """A run: day, commit, seed, hash of the decision, hash of the sealed answers, and number of records."""
 
     date: str
     commit: str
     seed: int
-    thresholds: str
+    decision: str
     sealed: str
     records: int
 
@@ -40,8 +40,8 @@ class About:
     def text(self) -> str:
         """The run as text."""
         return (
-            f"Run of {self.date}, commit {self.commit}, seed {self.seed}, {self.records} records, thresholds"
-            f" {self.thresholds[:12]}, answers sealed as {self.sealed[:12]}."
+            f"Run of {self.date}, commit {self.commit}, seed {self.seed}, {self.records} records, decision"
+            f" {self.decision[:12]}, answers sealed as {self.sealed[:12]}."
         )
 
 
@@ -53,13 +53,13 @@ def publish(root: Path, about: About, outcomes: Sequence[Outcome], found: Sequen
 
 def append(path: Path, about: About, found: Sequence[Mark]) -> None:
     """Append one row to the table, which is created if missing; earlier rows do not change."""
-    head = ("date", "commit", "seed", "thresholds", "answers", "records", "met", "marks")
+    head = ("date", "commit", "seed", "decision", "answers", "records", "met", "marks")
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(HEAD + f"{cells(*head)}\n{cells(*['---'] * len(head))}\n", encoding="utf-8")
     met = sum(mark.met for mark in found)
     row = cells(
-        about.date, about.commit, str(about.seed), about.thresholds[:12], about.sealed[:12], str(about.records),
+        about.date, about.commit, str(about.seed), about.decision[:12], about.sealed[:12], str(about.records),
         f"{met} of {len(found)}", "<br>".join(_short(mark) for mark in found),
     )  # fmt: skip
     with path.open("a", encoding="utf-8") as file:

@@ -5,21 +5,21 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.tracing.probability import NONE, OUTSIDE, LearnedModel, Probabilities, Weights
+from biodyn_core.tracing.probability import NONE, OUTSIDE, LearnedModel, Power, Probabilities, Weights, likely
 from blind.training.learn import Design, Labelled, chances, learned_weights
 
 Floats = NDArray[np.float64]
 
 FOLDS: Final = 6
 COVERAGE: Final = 0.9
-BINS: Final = 10
+RIDGES: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +39,23 @@ class Prediction:
     def p(self) -> float:
         """Its probability."""
         return self.answers[self.best]
+
+    def names(self, named_from: float) -> bool:
+        """Whether a cause is named."""
+        return self.best not in (NONE, OUTSIDE) and self.p >= named_from
+
+    def names_right(self, named_from: float) -> bool:
+        """Whether a right cause is named."""
+        return self.names(named_from) and self.best in self.right
+
+    def likely(self, threshold: float) -> tuple[str, ...]:
+        """The 90 % set."""
+        return likely(self.answers, threshold)
+
+    @property
+    def p_of_right(self) -> float:
+        """The probability of all right answers."""
+        return sum(self.answers.get(name, 0.0) for name in self.right)
 
     @property
     def p_right(self) -> float:
@@ -78,15 +95,30 @@ def cross_chances(examples: Sequence[Labelled], weights: Sequence[Weights], temp
 
 def temperature_of(examples: Sequence[Labelled], weights: Sequence[Weights]) -> float:
     """The temperature with the least loss of examples that the weights were not learned from."""
+    found = optimize.minimize_scalar(
+        lambda log_t: _loss(examples, weights, log_t), bounds=(-1.0, 1.5), method="bounded"
+    )
+    return float(np.exp(found.x))
 
-    def loss(log_t: float) -> float:
-        every = cross_chances(examples, weights, float(np.exp(log_t)))
-        return -sum(
-            one.weight * float(np.log(max(p[one.by_mechanism].sum(), 1e-300)))
-            for one, p in zip(examples, every, strict=True)
-        )
 
-    return float(np.exp(optimize.minimize_scalar(loss, bounds=(-1.0, 1.5), method="bounded").x))
+def _loss(examples: Sequence[Labelled], weights: Sequence[Weights], log_t: float) -> float:
+    """The negative log probability of the right mechanisms by the weights of the folds, at the logarithm of T."""
+    every = cross_chances(examples, weights, float(np.exp(log_t)))
+    return -sum(
+        one.weight * float(np.log(max(p[one.by_mechanism].sum(), 1e-300)))
+        for one, p in zip(examples, every, strict=True)
+    )
+
+
+def beyond(examples: Sequence[Labelled], kind: str, model: LearnedModel) -> list[Prediction]:
+    """The answers to bodies with a kind of background by weights that were learned from bodies without it."""
+    weights = learned_weights(Design.of([one for one in examples if kind not in one.background]), model.ridge)
+    mine = [one for one in examples if kind in one.background and one.weight == 1.0]
+    if not mine:
+        return []
+    design = Design.of(mine)
+    every = zip(mine, chances(design, weights, model.temperature), design.present, strict=True)
+    return [_prediction(one, p[there]) for one, p, there in every]
 
 
 def predictions(examples: Sequence[Labelled], weights: Sequence[Weights], temperature: float) -> list[Prediction]:
@@ -110,19 +142,40 @@ def set_threshold(found: Sequence[Prediction]) -> float:
     return float(p[max(rank - 1, 0)]) if rank else 0.0
 
 
-def expected_calibration_error(found: Sequence[Prediction]) -> float:
-    """Mean distance of confidence and share of right answers over bins of confidence, weighted by their counts."""
-    p = np.array([one.p for one in found])
-    right = np.array([one.best in one.right for one in found], dtype=np.float64)
-    bins = np.minimum((p * BINS).astype(int), BINS - 1)
-    return float(sum(abs(right[bins == b].mean() - p[bins == b].mean()) * np.mean(bins == b) for b in np.unique(bins)))
+def power(found: Sequence[Prediction], named_from: float) -> Power:
+    """The curve of named effects, from bodies with one effect of the catalogue, by penalised maximum likelihood."""
+    single = [one for one in found if len(one.labelled.forms) == 1 and one.labelled.mechanism]
+    rows = [(1.0, np.log10(one.labelled.ratio), np.log10(one.labelled.samples)) for one in single]
+    x, named = np.array(rows).reshape(-1, 3), np.array([one.names_right(named_from) for one in single])
+    centre = x[:, 2].mean() if single else 0.0
+    x[:, 2] -= centre
+
+    def loss(w: Floats) -> float:
+        return float(np.logaddexp(0.0, np.where(named, -(x @ w), x @ w)).sum() + 0.5 * (w[1:] @ w[1:]))
+
+    constant, by_ratio, by_samples = optimize.minimize(loss, np.zeros(3)).x
+    return Power(float(constant - by_samples * centre), float(by_ratio), float(by_samples))
 
 
-def learned(examples: Sequence[Labelled], ridge: float, provenance: Mapping[str, object]) -> LearnedModel:
+def chosen_ridge(examples: Sequence[Labelled]) -> float:
+    """The ridge of `RIDGES` with the least loss of bodies that the weights were not learned from."""
+    return min(RIDGES, key=lambda ridge: _loss(examples, cross_weights(examples, ridge), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A calibrated model, and the predictions by cross-validation that it was calibrated on."""
+
+    model: LearnedModel
+    found: Sequence[Prediction]
+
+
+def learned(examples: Sequence[Labelled], provenance: Mapping[str, Any], named_from: float) -> Learned:
     """The model of all examples, calibrated on predictions by cross-validation."""
+    ridge = chosen_ridge(examples)
     weights = cross_weights(examples, ridge)
     temperature = temperature_of(examples, weights)
     found = [one for one in predictions(examples, weights, temperature) if one.labelled.weight == 1.0]
-    return LearnedModel(
-        learned_weights(Design.of(examples), ridge), temperature, set_threshold(found), dict(provenance)
-    )
+    own = learned_weights(Design.of(examples), ridge)
+    model = LearnedModel(own, temperature, set_threshold(found), power(found, named_from), ridge, dict(provenance))
+    return Learned(model, found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import lzma
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ SEED = 0
 
 @dataclass(frozen=True)
 class Example:
-    """The evidence of one body and its truth.
+    """The evidence of one body, None if it cannot be traced, and its truth.
 
     causes: the hidden effects of the catalogue; outside: whether one of no class is hidden. ratio: about that of the
     hidden effects, None without. forms: their names in the simulation. background: the scales by kind.
@@ -42,13 +43,14 @@ class Example:
     ratio: float | None
     forms: tuple[str, ...]
     background: Mapping[str, float]
-    evidence: Evidence
+    evidence: Evidence | None
 
     def line(self) -> str:
         """As one line of JSON."""
         facts = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         facts["causes"] = [dataclasses.astuple(one) for one in self.causes]
-        return json.dumps(facts | {"evidence": self.evidence.to_dict()}, separators=(",", ":"))
+        evidence = None if self.evidence is None else self.evidence.to_dict()
+        return json.dumps(facts | {"evidence": evidence}, separators=(",", ":"))
 
     @classmethod
     def of_line(cls, line: str) -> Example:
@@ -56,11 +58,12 @@ class Example:
         facts: dict[str, Any] = json.loads(line)
         facts["causes"] = tuple(Cause(*one) for one in facts["causes"])
         facts["forms"] = tuple(facts["forms"])
-        return cls(**facts | {"evidence": Evidence.from_dict(facts["evidence"])})
+        evidence = None if facts["evidence"] is None else Evidence.from_dict(facts["evidence"])
+        return cls(**facts | {"evidence": evidence})
 
 
 def collect(numbers: Sequence[int], seed: int, path: Path, processes: int, report: Callable[[str], None]) -> None:
-    """Append the examples of these bodies to a file; those that it has are left out."""
+    """Append the examples of these bodies to a file; those that are known are left out."""
     known = {example.number for example in examples(path)}
     missing = [number for number in numbers if number not in known]
     chunks = [missing[begin : begin + CHUNK] for begin in range(0, len(missing), CHUNK)]
@@ -73,12 +76,28 @@ def collect(numbers: Sequence[int], seed: int, path: Path, processes: int, repor
             report(f"{done} of {len(missing)} bodies")
 
 
+def archive_of(path: Path) -> Path:
+    """The compressed file that keeps the examples of a file."""
+    return path.with_name(path.name + ".xz")
+
+
 def examples(path: Path) -> list[Example]:
-    """The examples of a file by number; none if there is no file."""
-    if not path.exists():
-        return []
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return sorted(map(Example.of_line, lines), key=lambda one: one.number)
+    """The examples of a file and of its archive by number; none if there is neither."""
+    return sorted(map(Example.of_line, _stored(path)), key=lambda one: one.number)
+
+
+def pack(path: Path) -> None:
+    """Move the examples of a file into its archive."""
+    text = "".join(one.line() + "\n" for one in examples(path))
+    archive_of(path).write_bytes(lzma.compress(text.encode(), preset=9 | lzma.PRESET_EXTREME))
+    path.unlink(missing_ok=True)
+
+
+def _stored(path: Path) -> list[str]:
+    plain = path.read_text(encoding="utf-8") if path.exists() else ""
+    archive = archive_of(path)
+    packed = lzma.decompress(archive.read_bytes()).decode() if archive.exists() else ""
+    return [*packed.splitlines(), *plain.splitlines()]
 
 
 def _lines(numbers: Sequence[int], seed: int) -> list[str]:
@@ -86,15 +105,13 @@ def _lines(numbers: Sequence[int], seed: int) -> list[str]:
 
 
 def made(numbers: Sequence[int], seed: int, settings: TrainingSettings | None = None) -> Iterator[Example]:
-    """The examples of bodies by their numbers, without those that cannot be traced."""
+    """The examples of bodies by their numbers."""
     for number, one in zip(numbers, sittings(numbers, seed, settings), strict=True):
         body = drawn(number, seed, settings)
-        evidence = evidence_of_record(record(one))
-        if evidence is not None:
-            yield _example(body, one.ratio if one.effects else None, evidence)
+        yield _example(body, one.ratio if one.effects else None, evidence_of_record(record(one)))
 
 
-def _example(body: TrainingBody, ratio: float | None, evidence: Evidence) -> Example:
+def _example(body: TrainingBody, ratio: float | None, evidence: Evidence | None) -> Example:
     """The truth of a body beside its evidence."""
     effects = body.effects
     return Example(
@@ -112,6 +129,7 @@ def evidence_of_record(one: Record, settings: TraceSettings | None = None) -> Ev
         return None
     try:
         before = refitted(train, one.subject, s, SEED, None, serial_map)
-        return search(before, train, choose, s, SEED, lambda stage, share: None).evidence(s)
+        found = search(before, train, choose, s, SEED, lambda stage, share: None)
+        return found.evidence(s, found.diagnostics(s))
     except InputError:
         return None

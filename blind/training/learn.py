@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from biodyn_core.effects import CATALOGUE
+from biodyn_core.tracing.evidence import Evidence
 from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features, features
 from biodyn_core.tracing.probability import EFFECT_NAMES, Weights, effect_features
 from blind.training.collect import Example
@@ -37,21 +38,31 @@ EFFECTS: Final = tuple(sorted(CATALOGUE))
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """The features of one example and what is right: by mechanism and exactly, (c + 2,) each; its weight in the loss.
+    """The features of one body and the right answers: by mechanism and exactly, (c + 2,) each; its weight in the loss.
 
-    group: the form that decides its fold, empty for a body without effects.
+    forms: the hidden ones, of which the first decides the fold. background: its kinds. mechanism: of the first hidden
+    effect, empty if it has no class. ratio: 0 if nothing is hidden. samples: independent ones for fitting.
     """
 
     features: Features
     by_mechanism: Flags
     exact: Flags
     weight: float
-    forms: tuple[str, ...]
     number: int
+    forms: tuple[str, ...]
+    background: tuple[str, ...]
+    mechanism: str
+    ratio: float
+    samples: float
 
 
 def labelled(example: Example) -> list[Labelled]:
-    """An example with its label; with one effect of the catalogue also without the candidates of its mechanism."""
+    """An example with its label; with one effect of the catalogue also without the candidates of its mechanism.
+
+    Empty for a body that cannot be traced.
+    """
+    if example.evidence is None:
+        return []
     found = features(example.evidence)
     weak = example.ratio is not None and example.ratio < WEAK
     causes = [(one.name, one.site) for one in example.causes]
@@ -60,22 +71,26 @@ def labelled(example: Example) -> list[Labelled]:
     exact = np.array([any(_same(key, cause) for cause in causes) for key in found.keys], dtype=bool)
     exact = exact if exact.any() else by_mechanism
     tail = [not example.forms or weak, example.outside or (bool(causes) and not by_mechanism.any())]
-    label = Labelled(found, np.append(by_mechanism, tail), np.append(exact, tail), 1.0, example.forms, example.number)
+    label = Labelled(
+        found, np.append(by_mechanism, tail), np.append(exact, tail), 1.0, example.number, example.forms,
+        tuple(sorted(example.background)), mechanisms[0] if mechanisms and not example.outside else "",
+        example.ratio or 0.0, example.evidence.body.samples,
+    )  # fmt: skip
     if len(causes) != 1 or example.outside or not by_mechanism.any():
         return [label]
-    return [label, _left_out(example, mechanisms[0], weak)]
+    return [label, _left_out(example.evidence, label, weak)]
 
 
 def _same(key: tuple[str, str], cause: tuple[str, str]) -> bool:
     return key[0] == cause[0] and (not cause[1] or key[1] == cause[1])
 
 
-def _left_out(example: Example, mechanism: str, weak: bool) -> Labelled:
-    """The example as if the catalogue lacked a mechanism."""
-    rest = tuple(one for one in example.evidence.candidates if CATALOGUE[one.effect].mechanism != mechanism)
-    found = features(dataclasses.replace(example.evidence, candidates=rest))
+def _left_out(evidence: Evidence, label: Labelled, weak: bool) -> Labelled:
+    """The example as if the catalogue lacked its mechanism."""
+    rest = tuple(one for one in evidence.candidates if CATALOGUE[one.effect].mechanism != label.mechanism)
+    found = features(dataclasses.replace(evidence, candidates=rest))
     right = np.append(np.zeros(len(rest), dtype=bool), [weak, True])
-    return Labelled(found, right, right, LEFT_OUT, example.forms, example.number)
+    return dataclasses.replace(label, features=found, by_mechanism=right, exact=right, weight=LEFT_OUT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,85 @@
+"""`python -m blind train`: collect the evidence of simulated bodies, learn the model of tracing, and write its page.
+
+Bodies whose evidence is stored are not simulated again. The evidence depends on the tracer: after a change of its
+search, remove the stored examples.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from world import seats
+from world.effects import mixture
+
+from biodyn_core.tracing import probability
+from biodyn_core.tracing.probability import learned_text
+from biodyn_core.tracing.settings import TraceSettings
+from blind.tracing.__main__ import ROOT, commit
+from blind.training.calibrate import beyond, learned
+from blind.training.collect import Example, collect, examples, pack
+from blind.training.learn import labelled
+from blind.training.report import background_lines, rendered
+
+SEED: Final = 20261124
+BODIES: Final = 2000
+EXAMPLES: Final = ROOT / "blind" / "training" / "examples.jsonl"
+MODEL: Final = ROOT / "biodyn_core" / "tracing" / probability.FILE
+PAGE: Final = ROOT / "docs" / "tracing_learned.md"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Collect and learn; exit code 2 if bodies cannot be simulated."""
+    options = _parser().parse_args(arguments)
+    begin = time.perf_counter()
+
+    def report(text: str) -> None:
+        print(f"blind: {time.perf_counter() - begin:6.0f} s: {text}", file=sys.stderr, flush=True)
+
+    wanted = range(options.bodies)
+    if not {one.number for one in examples(options.examples)}.issuperset(wanted):
+        if not seats.data().is_dir():
+            report(f"the recordings are not in {seats.data()}: set BIODYN_DATA to their directory")
+            return 2
+        collect(wanted, options.seed, options.examples, options.processes, report)
+        pack(options.examples)
+    _learn([one for one in examples(options.examples) if one.number in wanted], options.seed, report)
+    return 0
+
+
+def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) -> None:
+    """Learn the model from examples, and write it with its page."""
+    every = [label for one in stored for label in labelled(one)]
+    traced, named_from = len({one.number for one in every}), TraceSettings().named_from
+    provenance = {
+        "date": dt.datetime.now(dt.timezone.utc).date().isoformat(),
+        "commit": commit(),
+        "seed": seed,
+        "bodies": traced,
+        "bodies that cannot be traced": len(stored) - traced,
+    }
+    found = learned(every, provenance, named_from)
+    report(f"learned from {traced} bodies")
+    unlike = {kind: beyond(every, kind, found.model) for kind in mixture.KINDS}
+    MODEL.write_text(learned_text(found.model), encoding="utf-8")
+    page = rendered(found.model, found.found, named_from, background_lines(unlike, named_from))
+    PAGE.write_text(page, encoding="utf-8")
+    report(f"wrote {MODEL.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m blind train", description=__doc__)
+    parser.add_argument("--bodies", type=int, default=BODIES, help=f"number of bodies, default {BODIES}")
+    parser.add_argument("--seed", type=int, default=SEED, help=f"of the drawing, default {SEED}")
+    parser.add_argument("--processes", type=int, default=2, help="that collect evidence, default 2")
+    parser.add_argument("--examples", type=Path, default=EXAMPLES, metavar="FILE", help="of the stored evidence")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,206 @@
+"""The page of a learned model: how often its answers are right for bodies that it was not learned from."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.tracing.probability import NONE, OUTSIDE, LearnedModel
+from blind.tracing.marks import BINS, calibration_error, wilson
+from blind.training.calibrate import Prediction
+from conformance.table import cells
+
+STRONG: Final = 0.8
+WEAK: Final = 0.4
+
+HEAD: Final = """\
+# The learned model of tracing
+
+Made by `make train`. Do not edit.
+
+`biodyn trace` turns the evidence of all candidates into probabilities by a model that was learned from simulated
+bodies (`test/world`). This page shows its answers to bodies in cross-validation: no body has a form of a hidden effect
+that its model was learned from. The blind study ([tracing_study.md](tracing_study.md)) scores it on further forms.
+"""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Bodies of one row of the table."""
+
+    name: str
+    holds: Callable[[Prediction], bool]
+
+
+def _single(low: float, high: float, background: bool | None) -> Callable[[Prediction], bool]:
+    def holds(one: Prediction) -> bool:
+        of = one.labelled
+        right_ground = background is None or bool(of.background) == background
+        return len(of.forms) == 1 and bool(of.mechanism) and low < of.ratio <= high and right_ground
+
+    return holds
+
+
+GROUPS: Final = (
+    Group("nothing hidden, no background", lambda one: not one.labelled.forms and not one.labelled.background),
+    Group("nothing hidden, with a background", lambda one: not one.labelled.forms and bool(one.labelled.background)),
+    Group("one effect, no background, ratio > 0.3", _single(0.3, np.inf, False)),
+    Group("one effect, with a background, ratio > 0.8", _single(STRONG, np.inf, True)),
+    Group("one effect, with a background, ratio 0.4 to 0.8", _single(WEAK, STRONG, True)),
+    Group("one effect, ratio < 0.4", _single(0.0, WEAK, None)),
+    Group(
+        "outside the catalogue, ratio > 0.8",
+        lambda one: bool(one.labelled.forms) and not one.labelled.mechanism and one.labelled.ratio > STRONG,
+    ),
+    Group("two effects", lambda one: len(one.labelled.forms) == 2),
+)
+
+
+def rendered(model: LearnedModel, found: Sequence[Prediction], named_from: float, by_background: Sequence[str]) -> str:
+    """The whole page; by_background: lines of the test that leaves out kinds of background."""
+    lines = [
+        HEAD,
+        *_provenance(model),
+        *_scores(model, found, named_from),
+        *_groups(model, found, named_from),
+        *by_background,
+        *_reliability(found),
+        *_confusion(found),
+    ]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def background_lines(found: Mapping[str, Sequence[Prediction]], named_from: float) -> list[str]:
+    """The table of kinds of background; found: answers by models that were learned without that kind."""
+    rows = []
+    for kind, mine in found.items():
+        idle = [one for one in mine if not one.labelled.forms]
+        strong = [one for one in mine if len(one.labelled.forms) == 1 and one.labelled.mechanism]
+        strong = [one for one in strong if one.labelled.ratio > STRONG]
+        rows.append(cells(
+            kind, str(len(mine)), _share(sum(one.names(named_from) for one in idle), len(idle)),
+            _share(sum(one.names_right(named_from) for one in strong), len(strong)),
+            _share(sum(one.best in one.right for one in strong), len(strong)),
+        ))  # fmt: skip
+    words = (
+        "Each kind of background is left out in turn: the model is learned from bodies without it, and answers those"
+        " that have it."
+    )
+    head = ("kind", "bodies", "nothing hidden: a cause named", "ratio > 0.8: right cause named", "most probable right")
+    return ["## Backgrounds of a kind that was not learned", "", words, "", *table(head, rows), ""]
+
+
+def _provenance(model: LearnedModel) -> list[str]:
+    return ["## Origin", "", *(f"- {name}: {value}" for name, value in model.provenance.items()), ""]
+
+
+def _scores(model: LearnedModel, found: Sequence[Prediction], named_from: float) -> list[str]:
+    sure = [one for one in found if one.p >= named_from]
+    right = sum(one.best in one.right for one in sure)
+    covered = sum(bool(set(one.likely(model.set_threshold)) & set(one.right)) for one in found)
+    loss = -np.mean([np.log(max(one.p_of_right, 1e-300)) for one in found])
+    return [
+        "## Calibration", "",
+        f"- Expected calibration error: {calibration_error([(one.p, one.best in one.right) for one in found]):.3f}.",
+        f"- Answers with a probability of {named_from:g} and more: {_share(right, len(sure))} are right.",
+        f"- The 90 % set has a right answer in {_share(covered, len(found))}.",
+        f"- Its mean size is {np.mean([len(one.likely(model.set_threshold)) for one in found]):.2f}.",
+        f"- Mean negative log probability of the right answers: {loss:.3f}.",
+        f"- Share named at a ratio of 0.5, 1 and 2, median recording: {_named_at(model, found)}.",
+        "",
+    ]  # fmt: skip
+
+
+def _named_at(model: LearnedModel, found: Sequence[Prediction]) -> str:
+    samples = float(np.median([one.labelled.samples for one in found]))
+    return ", ".join(f"{100.0 * model.power.named(ratio, samples):.0f} %" for ratio in (0.5, 1.0, 2.0))
+
+
+def group_rows(found: Sequence[Prediction], threshold: float, named_from: float) -> list[str]:
+    """A row of the table for each group with bodies."""
+    rows = []
+    for group in GROUPS:
+        mine = [one for one in found if group.holds(one)]
+        if mine:
+            n = len(mine)
+            rows.append(cells(
+                group.name, str(n), _share(sum(one.names_right(named_from) for one in mine), n),
+                _share(sum(one.names(named_from) and not one.names_right(named_from) for one in mine), n),
+                _share(sum(one.best in one.right for one in mine), n),
+                _share(sum(bool(set(one.likely(threshold)) & set(one.right)) for one in mine), n),
+                f"{np.mean([len(one.likely(threshold)) for one in mine]):.2f}",
+            ))  # fmt: skip
+    return rows
+
+
+HEADER: Final = (
+    "bodies", "number", "right cause named", "wrong cause named", "most probable answer right", "in the 90 % set",
+    "size of the set",
+)  # fmt: skip
+
+
+def _groups(model: LearnedModel, found: Sequence[Prediction], named_from: float) -> list[str]:
+    words = (
+        "A cause is named from a probability of"
+        f" {named_from:g}. Right answers: the hidden mechanisms, `{OUTSIDE}` for an effect of no class, `{NONE}` for"
+        " nothing and for ratios below 0.3. Of two effects one suffices. Intervals are Wilson's, 95 %."
+    )
+    return [
+        "## Answers by group",
+        "",
+        words,
+        "",
+        *table(HEADER, group_rows(found, model.set_threshold, named_from)),
+        "",
+    ]
+
+
+def table(head: Sequence[str], rows: Sequence[str]) -> list[str]:
+    """The lines of a table."""
+    return [cells(*head), cells("---", *["---:"] * (len(head) - 1)), *rows]
+
+
+def _reliability(found: Sequence[Prediction]) -> list[str]:
+    """Confidence and share of right answers by tenths of the probability of the most probable answer."""
+    rows = []
+    for b in range(BINS):
+        mine = [one for one in found if min(int(one.p * BINS), BINS - 1) == b]
+        if mine:
+            right = sum(one.best in one.right for one in mine)
+            mean = np.mean([one.p for one in mine])
+            span = f"{b / BINS:.1f} to {(b + 1) / BINS:.1f}"
+            rows.append(cells(span, str(len(mine)), f"{mean:.2f}", _share(right, len(mine))))
+    head = ("probability of the most probable answer", "bodies", "mean probability", "right")
+    return ["## Reliability", "", *table(head, rows), ""]
+
+
+def _confusion(found: Sequence[Prediction]) -> list[str]:
+    """The most probable answers by true mechanism, for ratios above `STRONG`."""
+    groups: dict[str, list[Prediction]] = {}
+    for one in found:
+        of = one.labelled
+        if len(of.forms) == 1 and of.ratio > STRONG:
+            groups.setdefault(of.mechanism or OUTSIDE, []).append(one)
+        elif not of.forms:
+            groups.setdefault(NONE, []).append(one)
+    rows = []
+    for name, mine in sorted(groups.items()):
+        counts = Counter(one.best for one in mine).most_common()
+        rows.append(cells(name, str(len(mine)), ", ".join(f"{best} {count}" for best, count in counts)))
+    return [
+        f"## Most probable answer by truth, ratio > {STRONG:g}",
+        "",
+        *table(("truth", "bodies", "answers"), rows),
+        "",
+    ]
+
+
+def _share(hits: int, of: int) -> str:
+    if not of:
+        return "-"
+    low, high = wilson(hits, of)
+    return f"{100.0 * hits / of:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"

@@ -1,0 +1,184 @@
+"""Probabilities of causes: a softmax over scores that are linear in bounded features, from a plain text file."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from biodyn_core.base.errors import InputError
+from biodyn_core.effects import CATALOGUE
+from biodyn_core.tracing import probability
+from biodyn_core.tracing.evidence import BodyEvidence, CandidateEvidence, Evidence, FitEvidence
+from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, features
+from biodyn_core.tracing.probability import (
+    EFFECT_NAMES,
+    SHARED_BODY_NAMES,
+    LearnedModel,
+    Power,
+    Probabilities,
+    Weights,
+    learned_from,
+    learned_text,
+    likely,
+    probabilities,
+)
+
+EFFECTS = tuple(sorted(CATALOGUE))
+
+
+def fit(*gains: float, **values: float | None) -> FitEvidence:
+    """The evidence of a fit with these gains."""
+    plain = {
+        "evidence_gain": 0.01, "decrease": 0.2, "residual": 0.5, "nuisance_square": 3.0, "prior_scale": 0.32,
+        "typical_multiple": 2.0, "on_bound": 0, "theta_on_bound": 0, "theta_shift": 0.1,
+    }  # fmt: skip
+    return FitEvidence(gains=gains, **plain | values)
+
+
+BODY = BodyEvidence(
+    residuals=(0.8, 1.2, 1.0), residual_at_unit_scale=0.9, nuisance_square=10.0, prior_scale=0.56, chance=(0.01, 0.03),
+    conditions=("road", "road", "rail"), peaks_mps2=(3.0, 4.0, 9.0), samples=90.0, tilts={"head": 0.05},
+    known_effects=0, level_slope=0.2, jump=0.4, drift=0.3, transfer=1.4, bracket=("neck",),
+    coherent={"seat.x": ("head", 0.2)},
+)  # fmt: skip
+EVIDENCE = Evidence(
+    BODY,
+    (
+        CandidateEvidence("friction", "neck", 0.3, 0.4, 0.2, (0.35, 0.5), fit(0.3, 0.5, 0.4)),
+        CandidateEvidence("cubic", "neck", 0.1, 0.2, 0.5, (0.1, 0.1)),
+        CandidateEvidence("stop", "head", 0.05, 0.1, 0.9),
+        CandidateEvidence("tilt", "head", 0.02, 0.1, 0.1, (0.02, 0.1), fit(0.02, -0.01, 0.0), ((0.1, 0.2), True)),
+    ),
+)
+
+
+def random_model(seed: int = 3) -> LearnedModel:
+    rng = np.random.default_rng(seed)
+    b, e = len(BODY_NAMES), len(EFFECT_NAMES)
+    weights = Weights(
+        EFFECTS,
+        rng.normal(0.0, 0.3, len(CANDIDATE_NAMES)),
+        rng.normal(0.0, 0.3, (len(EFFECTS), e)),
+        rng.normal(0.0, 0.3, 1 + b),
+        rng.normal(0.0, 0.3, 1 + b),
+    )
+    return LearnedModel(weights, 1.3, 0.07, Power(-0.4, 2.0, 0.5), 1.0, {"bodies": 3})
+
+
+def test_probabilities_are_a_softmax_of_linear_scores() -> None:
+    """The same by loops over names, with Python's own numbers."""
+    model = random_model()
+    stored = json.loads(learned_text(model))["weights"]
+    found, rows = probabilities(EVIDENCE, model), features(EVIDENCE)
+    body = dict(zip(BODY_NAMES, rows.of_body.tolist(), strict=True))
+    scores = []
+    for (effect, _), row in zip(rows.keys, rows.of_candidates.tolist(), strict=True):
+        own = dict(zip(CANDIDATE_NAMES, row, strict=True))
+        score = sum(stored["candidates"][name] * value for name, value in own.items())
+        beside = {"constant": 1.0, "gain": own["gain"], "margin": own["margin"]}
+        beside |= {name: body[name] for name in SHARED_BODY_NAMES}
+        scores.append(score + sum(stored["effects"][effect][name] * value for name, value in beside.items()))
+    for answer in ("none", "outside"):
+        weights = stored[answer]
+        scores.append(weights["constant"] + sum(weights[name] * value for name, value in body.items()))
+    powers = np.exp(np.array(scores) / 1.3)
+    expected = powers / powers.sum()
+    np.testing.assert_allclose([*found.of_candidates, found.none, found.outside], expected, rtol=2e-3)
+    assert sum(found.of_answers.values()) == pytest.approx(1.0)
+
+
+def test_answers_add_the_candidates_of_a_mechanism_and_are_sorted() -> None:
+    found = Probabilities(
+        (("cubic", "neck"), ("stop", "neck"), ("stop", "head"), ("friction", "head")),
+        np.array([0.2, 0.1, 0.15, 0.05]), 0.4, 0.1, 0.1,
+    )  # fmt: skip
+    expected = {"nonlinear_stiffness": 0.45, "none": 0.4, "outside": 0.1, "dry_friction": 0.05}
+    assert list(found.of_answers) == list(expected) and found.of_answers == pytest.approx(expected)
+    assert found.likely == ("nonlinear_stiffness", "none", "outside")
+    assert found.of(("stop", "head")) == 0.15
+
+
+def test_the_set_always_has_the_most_probable_answer() -> None:
+    answers = {"skin": 0.4, "none": 0.3, "clock": 0.3}
+    assert likely(answers, 0.5) == ("skin",)
+    assert likely(answers, 0.3) == ("skin", "none", "clock")
+
+
+@given(
+    gain=st.floats(-1e6, 1e6), residual=st.floats(0.0, 1e9), multiple=st.none() | st.floats(0.0, 1e9),
+    slope=st.none() | st.floats(-1e6, 1e6), decrease=st.floats(-1e3, 1.0), samples=st.floats(0.0, 1e9),
+)  # fmt: skip
+def test_features_are_bounded(
+    gain: float, residual: float, multiple: float | None, slope: float | None, decrease: float, samples: float
+) -> None:
+    """No evidence, however extreme, can outweigh the rest without a limit."""
+    body = dataclasses.replace(BODY, residuals=(residual,) * 3, level_slope=slope, samples=samples)
+    one = dataclasses.replace(
+        EVIDENCE.candidates[0],
+        fit=fit(gain, 0.1, gain, residual=residual, typical_multiple=multiple, decrease=decrease),
+    )
+    rows = features(Evidence(body, (one, *EVIDENCE.candidates[1:])))
+    assert np.abs(rows.of_candidates).max() < 12.0 and np.abs(rows.of_body).max() < 12.0
+
+
+def test_features_rank_gains_and_know_the_best() -> None:
+    rows = features(EVIDENCE).of_candidates
+    gain, margin, best, not_fitted, bracket = (
+        rows[:, CANDIDATE_NAMES.index(name)] for name in ("gain", "margin", "best", "not fitted", "in bracket")
+    )
+    np.testing.assert_allclose(gain[:2], np.log10([0.4, 0.1]))  # of the furthest stage
+    assert margin[0] == pytest.approx(np.log10(0.4 / 0.1)) and margin[1] == pytest.approx(np.log10(0.1 / 0.4))
+    assert best.tolist() == [1.0, 0.0, 0.0, 0.0] and not_fitted.tolist() == [0.0, 1.0, 1.0, 0.0]
+    assert bracket.tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+def test_evidence_is_stored_with_four_digits() -> None:
+    again = Evidence.from_dict(json.loads(json.dumps(EVIDENCE.to_dict())))
+    assert again == EVIDENCE
+    third = dataclasses.replace(EVIDENCE, body=dataclasses.replace(BODY, drift=1.0 / 3.0))
+    assert Evidence.from_dict(third.to_dict()).body.drift == 0.3333
+
+
+def test_a_learned_model_is_read_as_it_was_written() -> None:
+    model = random_model()
+    text = learned_text(model)
+    again = learned_from(text, "learned.json")
+    assert learned_text(again) == text
+    assert (again.temperature, again.set_threshold, again.power, again.ridge, again.provenance) == (
+        1.3, 0.07, model.power, 1.0, {"bodies": 3},
+    )  # fmt: skip
+    np.testing.assert_allclose(again.weights.of_effects, model.weights.of_effects, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda text: text.replace('"version": 1', '"version": 99'), "version 99 of the learned model, allowed is 1"),
+        (lambda text: text[:-200], "the learned model is damaged"),
+        (lambda text: text.replace('"behind best"', '"in front"'), "the learned model is damaged"),
+        (lambda text: "[]", "the learned model is damaged"),
+    ],
+)
+def test_a_learned_file_of_another_version_or_damaged_is_refused(change, why: str) -> None:
+    with pytest.raises(InputError, match=why) as found:
+        learned_from(change(learned_text(random_model())), "learned.json")
+    assert "\n" not in str(found.value) and "make train" in str(found.value)
+
+
+def test_the_power_is_a_logistic_curve() -> None:
+    power = Power(-1.0, 3.0, 0.5)
+    assert power.named(1.0, 1.0) == pytest.approx(1.0 / (1.0 + np.exp(1.0)))
+    assert power.named(10.0, 100.0) == pytest.approx(1.0 / (1.0 + np.exp(-3.0)))
+
+
+def test_the_packaged_model_knows_every_effect() -> None:
+    model = probability.packaged()
+    assert set(model.weights.effects) == set(CATALOGUE)
+    assert 0.3 < model.temperature < 5.0 and 0.0 < model.set_threshold < 0.5
+    assert model.provenance["bodies"] > 0 and model.provenance["seed"] is not None
+    assert model.power.by_ratio > 0.0  # a stronger effect is named more often
