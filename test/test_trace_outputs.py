@@ -48,16 +48,21 @@ from biodyn_ros.reading.provenance import MADE_BY_MODEL, bag_sha256, role_of
 from biodyn_ros.reports.residuals import AFTER_COLOUR, BEFORE_COLOUR, residual_spectra, windowed
 from biodyn_ros.trace import tracing
 from biodyn_ros.trace.document import PROOF, refit_document, trace_document, traced_subject
+from biodyn_ros.trace.drawings import REST_COLOUR, ranking
 from biodyn_ros.trace.page import trace_page, worst_event
 from biodyn_ros.trace.refit import Refit, refit_of
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.text import text_of
 from biodyn_ros.trace.tracing import TraceOptions, deal, stage_lines, trace_bags, write_traced
 from biodyn_ros.trace.wording import (
+    answer_rows,
+    chance,
     diagnostic_lines,
     effect_name,
     headline,
+    other_answers,
     parameters_of,
+    probability,
     reliability,
     sensor_lines,
     tone,
@@ -75,7 +80,7 @@ def applied(name: str, site: str) -> AppliedEffect:
     return AppliedEffect(effect, site, {p.name: p.size for p in effect.parameters})
 
 
-STOP, ASYMMETRY, CUBIC = (applied(name, "pelvis") for name in ("stop", "asymmetry", "cubic"))
+STOP, FRICTION, DAMPING = (applied(name, "pelvis") for name in ("stop", "friction", "quadratic_damping"))
 
 
 def errors(name: str, case: str, percents: list[float]) -> Errors:
@@ -156,38 +161,64 @@ def diagnostics() -> Diagnostics:
     )
 
 
+MECHANISMS = ("nonlinear_stiffness", "dry_friction", "quadratic_damping", "clock", "pitch")
+PROBABILITIES = {
+    "effect": ((0.9, 0.04, 0.02, 0.01, 0.002), 0.008, 0.02),
+    "ambiguous": ((0.45, 0.25, 0.15, 0.02, 0.0), 0.03, 0.1),
+    "none": ((0.06, 0.02, 0.01, 0.01, 0.0), 0.85, 0.05),
+    "unexplained": ((0.2, 0.05, 0.02, 0.02, 0.01), 0.15, 0.55),
+}
+"""By verdict: the probabilities of the mechanisms, of none and of outside."""
+
+
+def a_round(verdict: str = "effect", likely_from: float = 0.12) -> Round:
+    """A round of five candidates of five mechanisms; the first one is chosen if the verdict names a cause."""
+    of_mechanisms, none, outside = PROBABILITIES[verdict]
+    assert sum(of_mechanisms) + none + outside == pytest.approx(1.0, abs=1e-12)
+    stop, friction, damping, clock, pitch = of_mechanisms
+    ranking = (
+        RankedCandidate(STOP, stop, 0.81, True, 0.001, 0.35, 3),
+        RankedCandidate(FRICTION, friction, 0.62, True, 0.01, 0.5, 2, ("improves 2 of 3 events",)),
+        RankedCandidate(DAMPING, damping, 0.3, True, 0.02, 0.4, 3),
+        RankedCandidate(applied("clock", "head"), clock, 0.02, False, 0.7, 0.9, 1),
+        RankedCandidate(applied("pitch", "seat"), pitch, NAN, False, 1.0, 0.1, 0),
+    )
+    answers = dict(zip(MECHANISMS, of_mechanisms, strict=True)) | {"none": none, "outside": outside}
+    ordered = dict(sorted(answers.items(), key=lambda item: -item[1]))
+    likely = tuple(answer for answer, p in ordered.items() if p >= likely_from)
+    names = verdict in ("effect", "ambiguous")
+    rivals = tuple(one for one in ranking[1:] if one.applied.effect.mechanism in likely and names)
+    return Round(ranking, ordered, likely, ranking[0] if names else None, rivals)
+
+
 def found(verdict: Verdict = "effect", **changed: Any) -> Trace:
     """A whole trace of one verdict; whatever a verdict would not have is left out."""
     added = verdict in ("effect", "ambiguous")
-    ranking = (
-        RankedCandidate(STOP, 0.81, True, 0.001, 0.35, 3),
-        RankedCandidate(ASYMMETRY, 0.62, True, 0.01, 0.5, 3, ("a parameter ends on its bound",)),
-        RankedCandidate(applied("clock", "head"), 0.02, False, 0.7, 0.9, 1),
-        RankedCandidate(applied("pitch", "seat"), NAN, False, 1.0, 0.1, 0),
-    )
+    rounds = (a_round(verdict),) if verdict in PROBABILITIES else ()
     surface = Surface(
         "pelvis", np.array([-0.02, -0.01, 0.0]), np.array([-0.1, 0.1]),
         np.array([[-90.0, -5.0, NAN], [-80.0, -3.0, 1.0]]), 0.4,
     )  # fmt: skip
     whole = Trace(
         verdict=verdict,
-        reasons=("the gain exceeds the threshold", "it helps in 3 events of 2 conditions"),
+        reasons=("stop at pelvis: gain 0.81", "other sites: none"),
         given=given(SUBJECT),
         before=SUBJECT,
         after=moved(SUBJECT) if added else SUBJECT,
         effects=(STOP,) if added else (),
         intervals=((Interval("gap_m", "m", 0.012, 0.0115, 0.0126),),) if added else (),
-        ambiguous_with=(ASYMMETRY, CUBIC) if verdict == "ambiguous" else (),
+        ambiguous_with=tuple(one.applied for of in rounds for one in of.rivals),
         family="stiffening" if added else "",
         experiment=EXPERIMENTS.get(verdict, ""),
         events=EVENTS,
-        rounds=(Round(ranking, 0.05, ranking[0] if added else None, ranking[1:2] if verdict == "ambiguous" else ()),),
+        rounds=rounds,
         nuisance=(NuisanceValue("gain of the head's sensor", -0.4), NuisanceValue("clock of the neck's sensor", 3.1)),
         diagnostics=diagnostics(),
         surface=surface if verdict == "unexplained" else None,
         floor_percent=0.9,
-        p_value=0.001,
-        threshold=0.05,
+        p_value=0.001 if rounds else None,
+        named_from=0.8 if rounds else None,
+        power=0.7 if verdict == "none" else None,
         untestable=("bending at neck",),
         left_out=("neck: not compared, its sensor was loose",),
         lacking=("to fit: 12 s without shocks, 30 are needed",) if verdict == "not_decidable" else (),
@@ -222,8 +253,8 @@ def restoring(*effects: AppliedEffect, site: str = "pelvis", by_rate: bool = Fal
 def nothing() -> Trace:
     """A trace without events."""
     return found(
-        "not_decidable", events=(), rounds=(), nuisance=(), diagnostics=None, floor_percent=None, p_value=None,
-        threshold=None, calibrated="not", reasons=(), untestable=(), left_out=(),
+        "not_decidable", events=(), nuisance=(), diagnostics=None, floor_percent=None, calibrated="not", reasons=(),
+        untestable=(), left_out=(),
     )  # fmt: skip
 
 
@@ -248,17 +279,37 @@ def drawn(verdict: Verdict) -> tuple[str, Page]:
 def test_the_document_has_its_keys() -> None:
     document = json.loads(json.dumps(trace_document(Report(found())), allow_nan=False))
     least = {
-        "verdict", "effects", "ambiguous_with", "separating_experiment", "error", "floor", "p_value", "threshold",
-        "candidates", "diagnostics", "parameters_moved", "seed", "version",
+        "verdict", "effects", "ambiguous_with", "separating_experiment", "error", "floor", "p_value", "named_from",
+        "power", "rounds", "candidates", "diagnostics", "parameters_moved", "seed", "version",
     }  # fmt: skip
     assert least <= document.keys()
     assert {"name", "family", "site", "parameters", "intervals", "added"} == document["effects"][0].keys()
-    assert {"name", "site", "gain", "score", "absorbed"} <= document["candidates"][0].keys()
+    assert {"name", "site", "probability", "gain", "score", "absorbed", "remarks"} <= document["candidates"][0].keys()
     assert document["effects"][0]["parameters"] == {"stiffness_ratio": 2.0, "gap_m": 0.012}
     assert document["effects"][0]["intervals"]["gap_m"] == {
         "value": 0.012, "unit": "m", "lower": 0.0115, "upper": 0.0126,
     }  # fmt: skip
     assert document["proof"] == PROOF and document["seed"] == 7 and document["calibrated"] == "anew"
+
+
+def test_the_document_has_the_probability_of_every_answer() -> None:
+    document = json.loads(json.dumps(trace_document(Report(found("ambiguous")))))
+    (only,) = document["rounds"]
+    assert list(only["probabilities"].items()) == [
+        ("nonlinear_stiffness", 0.45), ("dry_friction", 0.25), ("quadratic_damping", 0.15), ("outside", 0.1),
+        ("none", 0.03), ("clock", 0.02), ("pitch", 0.0),
+    ]  # fmt: skip
+    assert only["set_90"] == ["nonlinear_stiffness", "dry_friction", "quadratic_damping"]
+    assert only["taken"] == {"name": "stop", "site": "pelvis"}
+    assert [one["name"] for one in only["ambiguous_with"]] == ["friction", "quadratic_damping"]
+    assert only["candidates"] == document["candidates"]
+    assert [one["probability"] for one in only["candidates"]] == [0.45, 0.25, 0.15, 0.02, 0.0]
+    assert [one["remarks"] for one in only["candidates"]] == [[], ["improves 2 of 3 events"], [], [], []]
+    assert (document["named_from"], document["power"]) == (0.8, None)
+    assert trace_document(Report(found("none")))["power"] == 0.7
+    section = (Path(__file__).parent.parent / "docs" / "files.md").read_text().split("## trace.json")[1]
+    answers = {effect.mechanism for effect in CATALOGUE.values()} | {"none", "outside"}
+    assert {answer for answer in answers if f"`{answer}`" not in section} == set()
 
 
 def test_errors_are_means_over_the_events_of_a_use() -> None:
@@ -278,10 +329,13 @@ def test_errors_are_means_over_the_events_of_a_use() -> None:
 
 def test_scores_and_parameter_changes() -> None:
     document = trace_document(Report(found()))
-    assert [each["score"] for each in document["candidates"]] == pytest.approx([3.0, 2.0, -math.log10(0.7), 0.0])
-    assert document["candidates"][3]["gain"] is None
+    assert [each["score"] for each in document["candidates"]] == pytest.approx(
+        [3.0, 2.0, -math.log10(0.02), -math.log10(0.7), 0.0]
+    )
+    assert document["candidates"][4]["gain"] is None
     impossible = dataclasses.replace(found().rounds[0].ranking[0], p_value=0.0)
-    (only,) = trace_document(Report(found(rounds=(Round((impossible,), NAN, None, ()),))))["candidates"]
+    of_one = dataclasses.replace(a_round(), ranking=(impossible,))
+    (only,) = trace_document(Report(found(rounds=(of_one,))))["candidates"]
     assert only["score"] is None
     changes = document["parameters_moved"]
     assert list(changes) == [parameter.name for parameter in PARAMETERS]
@@ -303,7 +357,7 @@ def test_documents_have_no_nan(verdict: Verdict) -> None:
         diagnostics(), amplitude_transfer={"road": (NAN, math.inf)}, coherent={"seat": ("pelvis", NAN)},
         peeling={"head": NAN}, level_slope=NAN, jump=("rail_1", NAN), drift={"mass_scale": math.inf}, seat_tension=NAN,
     )  # fmt: skip
-    for trace in (found(verdict), found(verdict, diagnostics=lost, floor_percent=NAN, p_value=NAN, threshold=NAN)):
+    for trace in (found(verdict), found(verdict, diagnostics=lost, floor_percent=NAN, p_value=NAN, power=NAN)):
         document = trace_document(Report(trace))
         json.dumps(document, allow_nan=False)
         text_of(Report(trace))
@@ -335,12 +389,97 @@ def test_each_verdict_has_its_own_sentences() -> None:
         "Missing in the model: stop in the joint between seat and pelvis."
         " With it, the held-out error goes from 20.0 % to 3.50 %."
     )
-    assert "stop or asymmetry or cubic in the joint between seat and pelvis" in by_verdict["ambiguous"]
+    assert by_verdict["ambiguous"] == (
+        "An effect is missing, one of these: stop or friction or quadratic damping in the joint between seat and"
+        " pelvis."
+    )
+    assert by_verdict["none"] == "No missing effect found. Held-out error 20.0 %."
+    assert by_verdict["unexplained"] == (
+        "The most probable answer is an effect outside the catalogue. Held-out error 3.50 %."
+    )
     assert by_verdict["not_decidable"] == (
         "These recordings have too little data for a verdict."
         " Record 18 s more road, 2 more shocks of 0.8 g, one of them of 2 g, to fit."
     )
     assert "not known" in headline(found("none", events=EVENTS[:2]))
+
+
+def test_reliability_has_the_probability_of_the_verdict() -> None:
+    of = {verdict: reliability(found(verdict)) for verdict in PROBABILITIES}
+    place = "that of stop in the joint between seat and pelvis"
+    assert of["effect"].startswith(f"The probability of the mechanism nonlinear stiffness is 0.90, {place} is 0.90. ")
+    assert of["ambiguous"] == (
+        f"The probability of the mechanism nonlinear stiffness is 0.45, {place} is 0.45."
+        " Do not use the new subject as if the effect were known."
+    )
+    assert of["none"] == (
+        "The probability that nothing is missing is 0.85. An effect of ratio 0.5 would have been named in 70 % of such"
+        " recordings. A smaller effect may be present."
+    )
+    assert of["unexplained"].startswith("The probability of an effect outside the catalogue is 0.55. ")
+    assert "named in more than 99 % of such" in reliability(found("none", power=0.998))
+    assert "named in less than 1 % of such" in reliability(found("none", power=0.001))
+    assert "ratio" not in reliability(found("none", power=None))
+
+
+def test_one_mechanism_has_several_effects_and_sites() -> None:
+    """The mechanism is named from the sum, 0.9; the chosen effect at its site has only 0.6."""
+    whole = a_round()
+    stop = dataclasses.replace(whole.ranking[0], probability=0.6)
+    above = dataclasses.replace(stop, applied=applied("stop", "lower_torso"), probability=0.3)
+    of_two = dataclasses.replace(whole, ranking=(stop, above, *whole.ranking[1:]), chosen=stop, rivals=(above,))
+    trace = found(rounds=(of_two,), ambiguous_with=(above.applied,))
+    assert "nonlinear stiffness is 0.90, that of stop in the joint between seat and pelvis is 0.60." in (
+        reliability(trace)
+    )
+    assert "also possible: stop in the joint between pelvis and lower torso" in text_of(Report(trace))
+    assert "Also possible stop in the joint between pelvis and lower torso" in page_of(trace)[1].text
+
+
+def test_probabilities_never_exclude_an_answer() -> None:
+    assert [probability(p) for p in (0.0, 0.004, 0.005, 0.5, 0.994, 0.995, 1.0)] == [
+        "< 0.01", "< 0.01", "0.01", "0.50", "0.99", "> 0.99", "> 0.99",
+    ]  # fmt: skip
+    assert probability(NAN) == "–"
+    close = dataclasses.replace(a_round("ambiguous"), answers={"dry_friction": 0.7996, "none": 0.2004})
+    assert "mechanism dry friction is 0.7996" in reliability(found("ambiguous", rounds=(close,)))  # 0.80 would be named
+    assert "mechanism dry friction is 0.80" in reliability(found("effect", rounds=(close,)))
+
+
+def test_ambiguous_states_whether_nothing_may_be_missing() -> None:
+    """The 90 % set has outside and none from 0.03 on, outside alone from 0.08 on, one mechanism from 0.3 on."""
+    wide, outside, narrow = (
+        found("ambiguous", rounds=(of,), ambiguous_with=tuple(one.applied for one in of.rivals))
+        for of in (a_round("ambiguous", least) for least in (0.03, 0.08, 0.3))
+    )
+    assert headline(wide) == (
+        "An effect may be missing, one of these: stop or friction or quadratic damping in the joint between seat and"
+        " pelvis, or an effect outside the catalogue."
+    )
+    assert headline(outside) == headline(wide).replace("may be missing", "is missing")
+    assert headline(narrow) == "An effect is missing, most probably stop in the joint between seat and pelvis."
+
+
+def test_a_mechanism_without_a_fitted_candidate_has_its_name() -> None:
+    bare = dataclasses.replace(a_round(), chosen=None)
+    named = {"rounds": (bare,), "effects": (), "intervals": (), "after": SUBJECT, "ambiguous_with": ()}
+    assert headline(found(**named)) == (
+        "Found: nonlinear stiffness. Nothing is added to the subject. Held-out error 20.0 %."
+    )
+    assert headline(found("ambiguous", **named)) == "An effect is missing, most probably nonlinear stiffness."
+    assert "nonlinear stiffness is 0.90. " in reliability(found(**named))
+
+
+def test_the_first_answers_and_the_whole_set_are_shown() -> None:
+    assert answer_rows(a_round("unexplained")) == [
+        ("an effect outside the catalogue", 0.55, True), ("nonlinear stiffness", 0.2, True),
+        ("nothing is missing", 0.15, True), ("dry friction", 0.05, False), ("quadratic damping", 0.02, False),
+    ]  # fmt: skip
+    assert other_answers(a_round("unexplained")) == "2 further answers: 0.03 together"
+    everything = a_round("unexplained", 0.01)
+    assert len(answer_rows(everything)) == 7 and all(likely for *_, likely in answer_rows(everything))
+    assert other_answers(everything) == ""
+    assert other_answers(a_round("unexplained", 0.015)) == "1 further answer: 0.01"
 
 
 def test_diagnostics_are_sentences_with_numbers() -> None:
@@ -363,11 +502,23 @@ def test_the_terminal_has_the_verdict_first() -> None:
     text = text_of(Report(found("ambiguous"), dealt="by turns", warnings=("road: loose",)))
     lines, text = text.splitlines(), " ".join(text.split())
     assert max(map(len, lines)) <= 120
-    assert lines[0].startswith("An effect is missing") and 15 <= len(lines) <= 30
+    assert lines[0].startswith("An effect is missing") and 15 <= len(lines) <= 40
+    begin = next(i for i, line in enumerate(lines) if line.startswith("answer"))
+    assert [line.split("  ") for line in [re.sub("  +", "  ", one.strip()) for one in lines[begin : begin + 7]]] == [
+        ["answer", "probability", "in the 90 % set"],
+        ["nonlinear stiffness", "0.45", "yes"],
+        ["dry friction", "0.25", "yes"],
+        ["quadratic damping", "0.15", "yes"],
+        ["an effect outside the catalogue", "0.10"],
+        ["nothing is missing", "0.03"],
+        ["2 further answers: 0.02 together"],
+    ]
     for expected in (
         "train, before 15.0 17.0 19.0 – 25.0 19.0", "held out, after",
         "added: stop in the joint between seat and pelvis [stiffening]:",
-        "gap 0.0120 (0.0115 to 0.0126) m", "about as good: asymmetry or cubic in", "record next: drive one shock",
+        "gap 0.0120 (0.0115 to 0.0126) m", "also possible: friction or quadratic damping in",
+        "record next: drive one shock",
+        "most probable of 5 candidates: stop, pelvis (probability 0.45, gain 0.810); friction, pelvis (",
         "left out: neck", "not testable without a channel: bending at neck",
         "largest changes by the refit: stiffening scale 0.434 to 0.217 (-50.0 %)",
         "largest changes by the effect: damping ratio, head 0.151 to 0.113 (-25.0 %)",
@@ -404,13 +555,15 @@ def test_every_verdict_has_a_page(verdict: Verdict) -> None:
     trace = found(verdict)
     for expected in (
         headline(trace), reliability(trace), *MEASURED_SEGMENTS, *(each.name for each in EVENTS), PROOF,
-        "The gain exceeds the threshold.", "clock of the neck's sensor +3.10", "bending at neck", "sensor was loose",
-        "m/s²", "(m/s²)²/Hz", "Hz", "no unit", "damping ratio, head",
+        "Stop at pelvis: gain 0.81.", "clock of the neck's sensor +3.10", "bending at neck", "sensor was loose",
+        "m/s²", "(m/s²)²/Hz", "Hz", "damping ratio, head",
     ):  # fmt: skip
         assert expected.replace("_", " ") in page.text.replace("_", " "), expected
     for drawing in re.findall(r"<svg.*?</svg>", source, flags=re.DOTALL):
         ET.fromstring(drawing)
-    assert source.count("<svg") == (4 if verdict == "unexplained" else 3)
+    assert source.count("<svg") == {"unexplained": 4, "not_decidable": 2}.get(verdict, 3)
+    assert ("Probabilities answer probability in the 90 % set" in page.text) is (verdict != "not_decidable")
+    assert ("Ratio: rms of the change" in page.text) is (verdict == "none")
     assert ("missing force, N" in page.text) is (verdict == "unexplained")
 
 
@@ -466,11 +619,8 @@ def test_an_unsteady_effect_is_found_and_not_added() -> None:
     alone = found(effects=(line,), intervals=((),), after=SUBJECT)
     document = trace_document(Report(alone))
     assert [effect["added"] for effect in document["effects"]] == [False]
-    assert headline(alone) == (
-        "Found: periodic on the head. A subject cannot store it, so nothing is added. Held-out error 20.0 %."
-    )
+    assert headline(alone) == ("Found: periodic on the head. Nothing is added to the subject. Held-out error 20.0 %.")
     assert "found, not added: periodic on the head" in " ".join(text_of(Report(alone)).split())
-    assert "events for choosing" in reliability(alone) and "random" not in reliability(alone)
     _, page = page_of(alone)
     assert "Effects found but not added" in page.text and "Added effects" not in page.text
     beside = found(effects=(line, STOP), intervals=((), found().intervals[0]))
@@ -517,9 +667,10 @@ def test_sensor_findings_are_independent_of_the_verdict() -> None:
 
 
 def test_an_unsteady_candidate_has_no_p_value() -> None:
-    anew = RankedCandidate(applied("clock", "head"), 0.8, True, 0.005, 0.2, 6, steady=False)
-    ranking = (anew, RankedCandidate(STOP, 0.3, True, 0.01, 0.2, 6))
-    document = trace_document(Report(found(rounds=(Round(ranking, 0.1, anew, ()),))))
+    anew = RankedCandidate(applied("clock", "head"), 0.9, 0.8, True, 0.005, 0.2, 6, steady=False)
+    ranking = (anew, RankedCandidate(STOP, 0.06, 0.3, True, 0.01, 0.2, 6))
+    answers = {"clock": 0.9, "nonlinear_stiffness": 0.06, "none": 0.03, "outside": 0.01}
+    document = trace_document(Report(found(rounds=(Round(ranking, answers, ("clock",), anew, ()),))))
     (first, second) = document["candidates"]
     assert (first["p_value"], first["score"], first["steady"]) == (None, None, False)
     assert second["p_value"] == 0.01 and second["steady"]
@@ -528,14 +679,52 @@ def test_an_unsteady_candidate_has_no_p_value() -> None:
 def test_ambiguous_names_the_chosen_effect_and_its_rivals() -> None:
     line = applied("periodic", "head")
     text = headline(found("ambiguous", effects=(line, STOP), intervals=((), found().intervals[0])))
-    assert "one of these: stop or asymmetry or cubic in the joint between seat and pelvis." in text
+    assert "one of these: stop or friction or quadratic damping in the joint between seat and pelvis." in text
     assert text.endswith("Also found: periodic on the head.")
 
 
-def test_none_names_the_largest_gain() -> None:
-    trace = found("none")
-    assert "exceeds the required gain and the typical deviations of bodies" in headline(trace)
-    assert "a gain of 0.810 (stop in the joint between seat and pelvis) in 0.1 % of random draws" in reliability(trace)
+def test_random_draws_are_compared_with_the_chosen_gain_or_the_largest() -> None:
+    assert "a gain of 0.810 (stop in the joint between seat and pelvis) in 0.1 % of random draws" in chance(found())
+    unlike = a_round("none")
+    largest = dataclasses.replace(unlike.ranking[1], gain=0.9)
+    unsteady = dataclasses.replace(unlike.ranking[2], gain=2.0, steady=False)
+    of = dataclasses.replace(unlike, ranking=(unlike.ranking[0], largest, unsteady, *unlike.ranking[3:]))
+    assert "a gain of 0.900 (friction in" in chance(found("none", rounds=(of,)))
+    assert "read from an earlier trace" in chance(found(calibrated="found"))
+    assert chance(found(p_value=None)) == "" == chance(nothing())
+    assert "a gain of 0.810 (stop in" in page_of(found())[1].text
+
+
+def bars(svg: str, colour: str) -> list[float]:
+    """The lengths of the bars of one colour in the order drawn."""
+    paths = re.findall(rf'<path d="([^"]*)"[^>]*clip-path[^>]*style="fill: {colour}', svg)
+    x = [[float(a) for a in re.findall(r"[ML] (-?[\d.]+) ", path)] for path in paths]
+    return [max(one) - min(one) for one in x]
+
+
+def test_the_ranking_draws_probabilities_and_beside_them_gains() -> None:
+    drawing = str(ranking(a_round("effect", 0.03)))
+    probability_of_stop, gain_of_stop = bars(drawing, AFTER_COLOUR)
+    probability_of_rest = bars(drawing, REST_COLOUR)[:3]
+    assert probability_of_rest == pytest.approx([probability_of_stop * p / 0.9 for p in (0.02, 0.01, 0.002)], abs=0.02)
+    gains = bars(drawing, REST_COLOUR)[3:]
+    assert gains == pytest.approx([gain_of_stop * gain / 0.81 for gain in (0.3, 0.02, 0.0)], abs=0.02)
+    text = svg_text(drawing)
+    for expected in (
+        "0.90, chosen", "0.04, also possible", "| 0.02 |", "&lt; 0.01", "0.810 |", "0.0200, screened only",
+        "friction in the joint between seat and pelvis", "probability |", "no unit",
+    ):  # fmt: skip
+        assert expected.replace("&lt;", "<") in text, expected
+
+
+def test_each_further_round_has_its_probabilities() -> None:
+    second = a_round("none")
+    page = page_of(found(rounds=(a_round(), second)))[1].text
+    first, later = page.split("Round 2, with the effects that the rounds before added:")
+    assert "nonlinear stiffness 0.90 yes" in first and "nothing is missing 0.85" not in first
+    assert "nothing is missing 0.85 yes nonlinear stiffness 0.06 an effect outside the catalogue 0.05" in later
+    document = trace_document(Report(found(rounds=(a_round(), second))))
+    assert [one["set_90"] for one in document["rounds"]] == [["nonlinear_stiffness"], ["none"]]
 
 
 def test_green_needs_a_smaller_held_out_error() -> None:
@@ -549,8 +738,10 @@ def test_the_page_has_numbers_before_and_after() -> None:
     for expected in (
         "pelvis 15.0 2.50 15.0 5.00 16.0 3.00", "all 19.0 3.50 15.0 5.00 20.0 3.50", "natural frequency, pelvis",
         "F -= k_s max(0, -stretch - d0)", "0.0120 (0.0115 to 0.0126) m", "rail_2 rail held out 3.0 50.0 25.0 5.00",
-        "Dealt by turns.", "-50.0 +0.0", "+0.0 -10.0", "+0.0 -25.0", "0.810, chosen", "screened only", "gap 0.0120",
-        "asymmetry in the joint between seat and pelvis: a parameter ends on its bound",
+        "Dealt by turns.", "-50.0 +0.0", "+0.0 -10.0", "+0.0 -25.0", "0.90, chosen", "screened only", "gap 0.0120",
+        "Friction in the joint between seat and pelvis: improves 2 of 3 events.",
+        "nonlinear stiffness 0.90 yes", "dry friction 0.04", "2 further answers: 0.01 together",
+        "From a probability of 0.8 a mechanism is named",
         "The error by sensor noise alone is 0.900 %",
     ):  # fmt: skip
         assert expected in page.text, expected

@@ -69,7 +69,8 @@ def trace_document(report: Report) -> Document:
         "error": {when: errors_by_use(trace, when) for when in WHEN},
         "floor": known(trace.floor_percent),
         "p_value": known(trace.p_value),
-        "threshold": known(trace.threshold),
+        "named_from": known(trace.named_from),
+        "power": known(trace.power),
         "calibrated": trace.calibrated,
         "candidates": [_candidate(candidate) for candidate in first],
         "rounds": [_round(each) for each in trace.rounds],
@@ -182,6 +183,7 @@ def _interval(interval: Interval) -> Document:
 def _candidate(candidate: RankedCandidate) -> Document:
     return _site(candidate.applied) | {
         "parameters": candidate.applied.stated_values,
+        "probability": finite(candidate.probability),
         "gain": finite(candidate.gain),
         "score": _score(candidate.p_value) if candidate.steady else None,
         "absorbed": finite(candidate.absorbed),
@@ -189,7 +191,7 @@ def _candidate(candidate: RankedCandidate) -> Document:
         "steady": candidate.steady,
         "helps": candidate.improved_events,
         "refitted": candidate.refitted,
-        "against": list(candidate.objections),
+        "remarks": list(candidate.remarks),
     }
 
 
@@ -200,9 +202,10 @@ def _score(p_value: float) -> float | None:
 
 def _round(found: Round) -> Document:
     return {
-        "threshold": finite(found.threshold),
+        "probabilities": {answer: finite(p) for answer, p in found.answers.items()},
+        "set_90": list(found.likely),
         "taken": _site(found.chosen.applied) if found.chosen else None,
-        "ambiguous_with": [_site(candidate.applied) for candidate in found.ambiguous_with],
+        "ambiguous_with": [_site(candidate.applied) for candidate in found.rivals],
         "candidates": [_candidate(candidate) for candidate in found.ranking],
     }
 

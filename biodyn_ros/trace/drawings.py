@@ -17,7 +17,7 @@ from biodyn_ros.reports.drawing import (
     drawn,
 )
 from biodyn_ros.reports.residuals import AFTER_COLOUR, BEFORE_COLOUR, BEFORE_DASHES
-from biodyn_ros.trace.wording import effect_name
+from biodyn_ros.trace.wording import effect_name, probability
 
 AMBIGUOUS_COLOUR: Final = "#e8930c"
 REST_COLOUR: Final = BAND_COLOUR
@@ -27,36 +27,45 @@ _LEVELS: Final = 12
 
 
 def ranking(found: Round) -> Any:
-    """The best candidates of a round as bars, and the gain to exceed as a line."""
+    """The most probable candidates of a round: their probabilities as bars, and beside them their gains."""
     rows = found.ranking[:SHOWN]
-    best, rivals = _keys([found.chosen] if found.chosen else []), _keys(found.ambiguous_with)
-    gains = [row.gain for row in rows if math.isfinite(row.gain)]
-    span = max([*gains, found.threshold if math.isfinite(found.threshold) else 0.0, 1e-6])
+    chosen, rivals = _keys([found.chosen] if found.chosen else []), _keys(found.rivals)
+    notes = ["chosen" if row.key in chosen else "also possible" if row.key in rivals else "" for row in rows]
+    probabilities, gains = (
+        [value if math.isfinite(value) else 0.0 for value in values]
+        for values in ([row.probability for row in rows], [row.gain for row in rows])
+    )
+    of_gains = [", ".join([number(row.gain), *([] if row.refitted else ["screened only"])]) for row in rows]
 
     def fill(figure: Any) -> None:
-        axes = figure.add_subplot()
-        for place, row in enumerate(rows):
-            chosen, rival = (row.key in keys for keys in (best, rivals))
-            colour = AFTER_COLOUR if chosen else AMBIGUOUS_COLOUR if rival else REST_COLOUR
-            gain = row.gain if math.isfinite(row.gain) else 0.0
-            axes.barh(place, gain, color=colour, height=0.62, hatch="//" if rival and not chosen else None,
-                      edgecolor="white", lw=0.0)  # fmt: skip
-            note = ["chosen"] if chosen else ["about as good"] if rival else []
-            note += ["screened only"] if not row.refitted else []
-            note += ["objections below"] if row.objections else []
-            axes.text(max(gain, 0.0) + 0.01 * span, place, ", ".join([number(row.gain), *note]), va="center",
-                      fontsize=7.5, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8})  # fmt: skip
-        if math.isfinite(found.threshold):
-            axes.axvline(found.threshold, color=MEASURED_COLOUR, lw=1.2, ls=(0, (4, 2)))
-        names = [effect_name(*row.key) for row in rows]
-        axes.set_yticks(range(len(rows)), names)
-        axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.set_xlim(min([0.0, *gains]), 1.5 * span)
-        axes.set_xlabel("gain: mean log ratio of squared error without over with, in events for choosing (no unit)",
-                        color=SOFT_COLOUR)  # fmt: skip
-        axes.grid(visible=False, axis="y")
+        left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 0.8))
+        of_probabilities = [
+            ", ".join([probability(row.probability), *([note] if note else [])])
+            for row, note in zip(rows, notes, strict=True)
+        ]
+        _bars(left, probabilities, of_probabilities, notes, 1.0)
+        _bars(right, gains, of_gains, notes, max([*gains, 1e-6]))
+        left.set_yticks(range(len(rows)), [effect_name(*row.key) for row in rows])
+        left.set_ylim(len(rows) - 0.4, -0.6)
+        left.set_xticks(np.linspace(0.0, 1.0, 6))
+        left.set_xlabel("probability", color=SOFT_COLOUR)
+        right.tick_params(axis="y", length=0)
+        right.set_xlabel("gain: mean log ratio of squared error without\nover with, in events for choosing (no unit)",
+                         color=SOFT_COLOUR)  # fmt: skip
 
-    return drawn(10.4, 1.0 + 0.27 * len(rows), fill)
+    return drawn(10.4, 1.2 + 0.27 * len(rows), fill)
+
+
+def _bars(axes: Any, values: Sequence[float], texts: Sequence[str], notes: Sequence[str], most: float) -> None:
+    """Horizontal bars from the top, each with its text; the colour follows the note, and rivals are hatched."""
+    colours = {"chosen": AFTER_COLOUR, "also possible": AMBIGUOUS_COLOUR}
+    for place, (value, text, note) in enumerate(zip(values, texts, notes, strict=True)):
+        axes.barh(place, value, color=colours.get(note, REST_COLOUR), height=0.62,
+                  hatch="//" if note == "also possible" else None, edgecolor="white", lw=0.0)  # fmt: skip
+        axes.text(max(value, 0.0) + 0.015 * most, place, text, va="center", fontsize=7.5,
+                  bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8})  # fmt: skip
+    axes.set_xlim(min([0.0, *values]), 1.4 * most)
+    axes.grid(visible=False, axis="y")
 
 
 def surface_map(surface: Surface) -> Any:

@@ -19,12 +19,16 @@ from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known, known, 
 from biodyn_ros.trace.refit import parameter_changes
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.wording import (
+    answer_rows,
+    chance,
     diagnostic_lines,
     effect_name,
     force_place,
     grouped,
     headline,
+    other_answers,
     parameters_of,
+    probability,
     reliability,
     sensor_lines,
     subject_line,
@@ -36,6 +40,9 @@ _ORDER: Final = ("held_out", "choose", "train")
 
 _NUISANCE: Final = 16
 """Number of nuisance parameters on the page; trace.json has all."""
+
+_REMARKED: Final = 4
+"""Number of candidates whose remarks are on the page, beside the chosen one and its rivals; trace.json has all."""
 
 
 def trace_page(report: Report) -> str:
@@ -56,6 +63,8 @@ def trace_page(report: Report) -> str:
         headline=headline(trace),
         reliability=reliability(trace),
         subject_line=subject_line(trace),
+        chance=chance(trace),
+        probability=probability,
         sensors=sensor_lines(trace),
         nuisance=[(one.name, finite(one.typical_multiple)) for one in trace.nuisance[:_NUISANCE]],
         diagnostics=diagnostic_lines(trace.diagnostics),
@@ -78,7 +87,7 @@ def trace_page(report: Report) -> str:
         drawn=len(of_one_rate(compared)),
         time_svg=over_time(worst) if worst is not None else None,
         spectra_svg=over_frequency(compared),
-        rounds=[(each, ranking(each), _objections(each)) for each in trace.rounds if each.ranking],
+        rounds=[_round(each) for each in trace.rounds if each.ranking],
         forces=[(each, force_place(each), force_panels(each)) for each in trace.restoring_forces],
         surface_svg=surface_map(trace.surface) if trace.surface is not None else None,
     )  # fmt: skip
@@ -110,6 +119,18 @@ def _event(event: ComparedEvent) -> tuple[ComparedEvent, float, list[float | Non
     return event, seconds, errors
 
 
-def _objections(found: Round) -> list[str]:
-    """The objections to each drawn candidate."""
-    return [f"{effect_name(*row.key)}: {', '.join(row.objections)}" for row in found.ranking[:SHOWN] if row.objections]
+def _round(found: Round) -> dict[str, Any]:
+    """A round with its answers, its drawing and the remarks on its first candidates."""
+    first = {row.key for row in (*found.ranking[:_REMARKED], *([found.chosen] if found.chosen else []), *found.rivals)}
+    return {
+        "answers": answer_rows(found),
+        "other_answers": other_answers(found),
+        "count": len(found.ranking),
+        "drawn": len(found.ranking[:SHOWN]),
+        "svg": ranking(found),
+        "remarks": [
+            f"{effect_name(*row.key)}: {', '.join(row.remarks)}"
+            for row in found.ranking[:SHOWN]
+            if row.key in first and row.remarks
+        ],
+    }

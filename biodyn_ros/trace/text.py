@@ -7,18 +7,21 @@ from textwrap import wrap
 from typing import Final
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
-from biodyn_core.tracing.findings import RankedCandidate, Trace
+from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import number, parameter_name, words
+from biodyn_ros.base.wording import number, parameter_name, table, words
 from biodyn_ros.trace.document import PROOF
 from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known, known
 from biodyn_ros.trace.refit import ParameterChange, parameter_changes
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.wording import (
+    answer_rows,
     effect_name,
     grouped,
     headline,
+    other_answers,
     parameters_of,
+    probability,
     reliability,
     sensor_lines,
     short_name,
@@ -40,6 +43,7 @@ def text_of(report: Report) -> str:
         reliability(trace),
         *(f"because: {reason}" for reason in trace.reasons[:_LISTED]),
         "",
+        *(_answer_lines(trace.rounds[0]) if trace.rounds else ()),
         "error, % of measured rms " + "".join(f"{words(name):>12}" for name in MEASURED_SEGMENTS) + f"{'all':>9}",
         *_error_rows(trace),
         *_floor_line(trace),
@@ -50,7 +54,7 @@ def text_of(report: Report) -> str:
         *([f"refit: {report.refit.text}"] if report.refit else []),
         *_change_lines(trace),
         subject_line(trace),
-        *_titled("about as good", grouped(trace.ambiguous_with)),
+        *_titled("also possible", grouped(trace.ambiguous_with)),
         *_titled("record next", [trace.experiment] if trace.experiment and not trace.needs else []),
         *_titled("left out", trace.left_out),
         *_titled("not testable without a channel", [words(each) for each in trace.untestable]),
@@ -92,10 +96,22 @@ def _effect_lines(trace: Trace) -> Iterator[str]:
         yield f"{done}: {what} [{applied.effect.family}]" + (f": {shown}" if shown else "")
 
 
+def _answer_lines(first: Round) -> Iterator[str]:
+    """The probabilities of the answers, the members of the 90 % set marked."""
+    rows = [(f"  {name}", probability(p), "yes" if likely else "") for name, p, likely in answer_rows(first)]
+    yield from table([("answer", "probability", "in the 90 % set"), *rows], left={0, 2})
+    omitted = other_answers(first)
+    yield from [f"  {omitted}"] if omitted else []
+    yield ""
+
+
 def _candidate_lines(ranking: Sequence[RankedCandidate]) -> Iterator[str]:
     if ranking:
-        shown = (f"{short_name(one)} (gain {number(finite(one.gain))})" for one in ranking[:_CANDIDATES])
-        yield f"best of {len(ranking)} candidates: {'; '.join(shown)}"
+        shown = (
+            f"{short_name(one)} (probability {probability(one.probability)}, gain {number(finite(one.gain))})"
+            for one in ranking[:_CANDIDATES]
+        )
+        yield f"most probable of {len(ranking)} candidates: {'; '.join(shown)}"
 
 
 def _change_lines(trace: Trace) -> Iterator[str]:

@@ -8,9 +8,21 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from biodyn_core.base.segments import SEAT, SEGMENTS
+from biodyn_core.base.wording import counted, number_below
 from biodyn_core.effects import CATALOGUE, AppliedEffect, EffectParameter
-from biodyn_core.tracing.findings import Diagnostics, Interval, RankedCandidate, RestoringForce, SensorFinding, Trace
+from biodyn_core.tracing.findings import (
+    Diagnostics,
+    Interval,
+    RankedCandidate,
+    RestoringForce,
+    Round,
+    SensorFinding,
+    Trace,
+)
+from biodyn_core.tracing.probability import NONE, OUTSIDE
+from biodyn_core.tracing.results import POWER_RATIO
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
+from biodyn_core.tracing.verdict import in_words
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import number, parameter_name, sentence, with_interval, words
 from biodyn_ros.reading.provenance import without_note
@@ -23,10 +35,13 @@ _UNIT: Final = re.compile(r"(_n|_m|_s)?_(per_m2|per_m|per_n|s_per_m|mps2|mps|hz|
 _RANKED: Final = 3
 """Number of channels or parameters in a ranking."""
 
+_ANSWERS: Final = 5
+"""Number of answers that are shown at least; trace.json has all."""
+
 CALIBRATED: Final = {
     "anew": "computed for these recordings",
     "found": "read from an earlier trace of the same recordings",
-    "not": "not calibrated",
+    "not": "not computed",
 }
 
 
@@ -38,14 +53,11 @@ def headline(trace: Trace) -> str:
     if trace.verdict == "ambiguous":
         others = [one for one in trace.effects if trace.chosen is None or _key(one) != trace.chosen.key]
         beside = f" Also found: {_all(others)}." if others else ""
-        return f"An effect is missing, one of these: {_either(trace)}.{beside}"
+        return f"{_one_of(trace)}.{beside}"
     if trace.verdict == "none":
-        return (
-            "No missing effect found: no candidate exceeds the required gain and the typical deviations of bodies and"
-            f" sensors. Held-out error {before}."
-        )
+        return f"No missing effect found. Held-out error {before}."
     if trace.verdict == "unexplained":
-        return f"An effect is missing, and no tested effect explains it. Held-out error {after}."
+        return f"The most probable answer is {in_words(OUTSIDE)}. Held-out error {after}."
     if not trace.needs:
         return f"These recordings have too little data for a verdict: {_first_reason(trace)}."
     return f"These recordings have too little data for a verdict. Record {trace.experiment}."
@@ -54,8 +66,8 @@ def headline(trace: Trace) -> str:
 def _found(trace: Trace, before: str, after: str) -> str:
     others = _all(trace.not_added)
     if not trace.added:
-        what = others or "an effect"
-        return f"Found: {what}. A subject cannot store it, so nothing is added. Held-out error {before}."
+        what = others or _best_in_words(trace)
+        return f"Found: {what}. Nothing is added to the subject. Held-out error {before}."
     main = f"Missing in the model: {_all(trace.added)}. With it, the held-out error goes from {before} to {after}."
     return f"{main} Also found, but not added: {others}." if others else main
 
@@ -64,19 +76,52 @@ def reliability(trace: Trace) -> str:
     """How reliable the verdict is."""
     if trace.verdict == "not_decidable":
         return "There is no verdict for or against any effect."
-    if trace.verdict == "effect" and not trace.added:
-        return (
-            "This verdict is as reliable as the measurement: a tilt comes from a gyro, a spectral line or a posture"
-            " from the events for choosing. No parameter of the body changes."
-        )
     limits = {
         "effect": "An effect outside the catalogue may have the same signature in these data.",
         "ambiguous": "Do not use the new subject as if the effect were known.",
-        "none": "Smaller effects than the tested ones may be present.",
+        "none": "A smaller effect may be present.",
         "unexplained": "The cause is an effect or a site outside the catalogue, or the measurement: see the residual.",
     }
-    chance = "" if trace.verdict == "unexplained" else f"{sentence(_chance(trace))} "
-    return chance + limits[trace.verdict]
+    return " ".join([*_probable(trace), *_power(trace), limits[trace.verdict]])
+
+
+def chance(trace: Trace) -> str:
+    """How often random draws reach the gain of the chosen candidate, or else the largest; empty if unknown."""
+    p_value = known(trace.p_value)
+    tried = [one for one in trace.rounds[0].ranking if finite(one.gain) is not None] if trace.rounds else []
+    best = trace.chosen or max(tried, key=lambda one: (one.steady, one.gain), default=None)
+    if p_value is None or best is None:
+        return ""
+    return (
+        f"a residual with this spectrum and no missing effect reaches a gain of {number(finite(best.gain))}"
+        f" ({effect_name(*best.key)}) in {_percent(p_value)} of random draws, which lack errors that repeat in every"
+        f" event; the draws are {CALIBRATED[trace.calibrated]}"
+    )
+
+
+def probability(p: float) -> str:
+    """A probability with two decimals; never 0.00 or 1.00, which would exclude the rest."""
+    if finite(p) is None:
+        return number(None)
+    return "< 0.01" if p < 0.005 else "> 0.99" if p >= 0.995 else f"{p:.2f}"
+
+
+def answer_rows(found: Round) -> list[tuple[str, float, bool]]:
+    """The most probable answers in words, their probabilities, and whether they are in the 90 % set.
+
+    At least `_ANSWERS` of them, and the whole set.
+    """
+    shown = list(found.answers.items())[: max(_ANSWERS, len(found.likely))]
+    return [(in_words(answer), p, answer in found.likely) for answer, p in shown]
+
+
+def other_answers(found: Round) -> str:
+    """The number of the answers that `answer_rows` omits, and their probability; empty without any."""
+    omitted = list(found.answers.values())[len(answer_rows(found)) :]
+    if not omitted:
+        return ""
+    together = " together" if len(omitted) > 1 else ""
+    return f"{counted(len(omitted), 'further answer')}: {probability(sum(omitted))}{together}"
 
 
 def subject_line(trace: Trace) -> str:
@@ -201,9 +246,19 @@ def _all(effects: Sequence[AppliedEffect]) -> str:
     return ", and ".join(grouped(effects, " and "))
 
 
-def _either(trace: Trace) -> str:
-    named = [trace.chosen.applied] if trace.chosen else trace.effects
-    return ", or ".join(grouped([*named, *trace.ambiguous_with])) or trace.family or "no name"
+def _one_of(trace: Trace) -> str:
+    """The possible answers of an ambiguous trace; `nothing is missing` may be one of them."""
+    likely = trace.rounds[0].likely if trace.rounds else ()
+    effects = [*([trace.chosen.applied] if trace.chosen else trace.effects), *trace.ambiguous_with]
+    named = grouped(effects) or [_best_in_words(trace)]
+    outside = [in_words(OUTSIDE)] if OUTSIDE in likely else []
+    missing = f"An effect {'may be' if NONE in likely else 'is'} missing"
+    how = "one of these:" if len(effects) + len(outside) > 1 else "most probably"
+    return f"{missing}, {how} {', or '.join([*named, *outside])}"
+
+
+def _best_in_words(trace: Trace) -> str:
+    return in_words(trace.rounds[0].best) if trace.rounds else trace.family or "an effect"
 
 
 def _place(name: str, site: str) -> str:
@@ -226,18 +281,29 @@ def _first_reason(trace: Trace) -> str:
     return lines[0].rstrip(".") if lines else "they are too short"
 
 
-def _chance(trace: Trace) -> str:
-    p_value, threshold = known(trace.p_value), known(trace.threshold)
-    if p_value is None or threshold is None:
-        return "the probability of this gain by chance is not known"
-    tried = trace.rounds[0].ranking if trace.rounds else ()
-    best = trace.chosen or next((one for one in tried if one.refitted and one.steady), None)
-    gain = f"a gain of {number(finite(best.gain))} ({effect_name(*best.key)})" if best else "this gain"
-    return (
-        f"a residual with this spectrum and no missing effect reaches {gain} in {_percent(p_value)} of random"
-        f" draws, which lack errors that repeat in every event; the required gain of {number(threshold)} is"
-        f" {CALIBRATED[trace.calibrated]}"
-    )
+def _probable(trace: Trace) -> Iterator[str]:
+    """The probability of the verdict's answer, a sentence each."""
+    if not trace.rounds:
+        return
+    best, chosen = trace.rounds[0].best, trace.chosen
+    p, least = trace.rounds[0].answers[best], trace.named_from or 0.0
+    rounded_up = trace.verdict == "ambiguous" and float(f"{p:.2f}") >= least
+    shown = number_below(p, least) if rounded_up else probability(p)
+    if best == NONE:
+        yield f"The probability that {in_words(best)} is {shown}."
+    elif best == OUTSIDE:
+        yield f"The probability of {in_words(best)} is {shown}."
+    else:
+        site = f", that of {effect_name(*chosen.key)} is {probability(chosen.probability)}" if chosen else ""
+        yield f"The probability of the mechanism {in_words(best)} is {shown}{site}."
+
+
+def _power(trace: Trace) -> Iterator[str]:
+    """How often a recording like these would have named an effect."""
+    power = known(trace.power)
+    if power is not None:
+        shown = "more than 99" if power >= 0.995 else "less than 1" if power < 0.005 else f"{100.0 * power:.0f}"
+        yield f"An effect of ratio {POWER_RATIO:g} would have been named in {shown} % of such recordings."
 
 
 def _percent(share: float) -> str:
