@@ -1,10 +1,11 @@
-# make demo | test | lint | bench | conformance | blind | faults | soak | clean
+# make demo | test | lint | bench | conformance | blind | train | faults | soak | clean
 #
 # Needs make and a Python from 3.10 to 3.13; everything else, ROS 2 Jazzy included, comes from PyPI into .venv.
 # PYTHON=python3.12 chooses the interpreter, VENV=.venv312 keeps its environment beside others,
 # PIP_CONSTRAINT=FILE pins versions, WORKERS=1 runs tests one after the other, ARGS='-k name' goes to pytest or to the
 # benchmarks, ARGS=stamps or ARGS=dds to the fault bench (four minutes), ARGS='tracing --count 2' to the blind studies:
-# without it, both of them, of which that of tracing takes some five hours on two cores.
+# without it, both of them, of which that of tracing takes some five hours on two cores. make train learns the model of
+# tracing anew from the stored evidence; bodies without it are simulated, some 20 s of one core each.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -36,7 +37,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # These three send pip's files elsewhere than into the environment.
 unexport PIP_USER PIP_TARGET PIP_PREFIX
 
-.PHONY: demo test lint bench conformance blind faults soak clean
+.PHONY: demo test lint bench conformance blind train faults soak clean
 .DEFAULT_GOAL := test
 
 demo: $(INSTALLED)
@@ -57,6 +58,9 @@ conformance: $(INSTALLED)
 
 blind: $(INSTALLED)
 	@exec $(IN_ENVIRONMENT) python -m blind $(ARGS)
+
+train: $(INSTALLED)
+	@exec $(IN_ENVIRONMENT) python -m blind train $(ARGS)
 
 faults: $(INSTALLED)
 	@exec $(IN_ENVIRONMENT) python -m faults $(ARGS)

@@ -200,8 +200,13 @@ def probabilities(evidence: Evidence, learned: LearnedModel | None = None) -> Pr
 
 
 def scores_of(found: Features, weights: Weights) -> Floats:
-    """The scores (c + 2,) of the candidates, of none and of outside."""
-    own = weights.of_effects[[weights.effects.index(effect) for effect, _ in found.keys]]
+    """The scores (c + 2,) of the candidates, of none and of outside.
+
+    An effect that was added after the training has no weights of its own: it counts as the mean of all effects.
+    """
+    mean = weights.of_effects.mean(axis=0)
+    by_name = dict(zip(weights.effects, weights.of_effects, strict=True))
+    own = np.array([by_name.get(effect, mean) for effect, _ in found.keys]).reshape(-1, mean.size)
     of_candidates = found.of_candidates @ weights.of_candidates + np.einsum("ck,ck->c", effect_features(found), own)
     with_constant = np.append(1.0, found.of_body)
     return np.append(of_candidates, [with_constant @ weights.none, with_constant @ weights.outside])
