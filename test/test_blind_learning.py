@@ -1,0 +1,255 @@
+"""Learning and calibration of the probability model: known weights, known temperatures, labels and folds."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import optimize
+from test_probability import EVIDENCE, random_model
+
+from biodyn_core.effects import CATALOGUE
+from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features
+from biodyn_core.tracing.probability import NONE, OUTSIDE
+from blind.tracing.marks import calibration_error
+from blind.tracing.outcome import Cause
+from blind.training import calibrate, collect, learn
+from blind.training.calibrate import FOLDS, Prediction, fold_of
+from blind.training.collect import Example, archive_of, examples, pack
+from blind.training.learn import EFFECTS, Design, Labelled, _loss, _Scales, chances, labelled, learned_weights
+from blind.training.report import GROUPS, group_rows, rendered
+
+FRICTION, CUBIC = Cause("friction", "neck", ""), Cause("cubic", "neck", "")
+
+
+def example(*causes: Cause, outside: bool = False, ratio: float | None = 2.0, number: int = 0) -> Example:
+    hidden = bool(causes) or outside
+    forms = tuple(f"{one.name} form" for one in causes) or (("strange form",) if outside else ())
+    return Example(number, causes, outside, ratio if hidden else None, forms, {"paper": 1.0}, EVIDENCE)
+
+
+# --- labels ----------------------------------------------------------------------------------------------------------
+
+
+def right(label: Labelled, exact: bool = False) -> set[str]:
+    names = [*(f"{effect} {site}" for effect, site in label.features.keys), NONE, OUTSIDE]
+    return {name for name, good in zip(names, label.exact if exact else label.by_mechanism, strict=True) if good}
+
+
+def test_a_label_has_the_mechanism_and_the_exact_cause() -> None:
+    own, without = labelled(example(CUBIC))
+    assert right(own) == {"cubic neck", "stop head"} and right(own, exact=True) == {"cubic neck"}
+    assert (own.weight, own.mechanism, own.ratio, own.background) == (1.0, "nonlinear_stiffness", 2.0, ("paper",))
+    # Without its mechanism the cause is outside the catalogue.
+    assert [key[0] for key in without.features.keys] == ["friction", "tilt"]
+    assert right(without) == right(without, exact=True) == {OUTSIDE} and without.weight == learn.LEFT_OUT
+
+
+def test_nothing_and_weak_effects_may_be_none() -> None:
+    (idle,) = labelled(example())
+    assert right(idle) == {NONE} and (idle.mechanism, idle.ratio) == ("", 0.0)
+    weak, without = labelled(example(FRICTION, ratio=0.29))
+    assert right(weak) == {"friction neck", NONE} and right(without) == {NONE, OUTSIDE}
+    assert right(labelled(example(FRICTION, ratio=0.31))[0]) == {"friction neck"}
+
+
+def test_two_effects_are_both_right_and_an_untried_one_is_outside() -> None:
+    (both,) = labelled(example(FRICTION, CUBIC))
+    assert right(both, exact=True) == {"friction neck", "cubic neck"}
+    (strange,) = labelled(example(outside=True))
+    (untried,) = labelled(example(Cause("skin", "head", "")))
+    assert right(strange) == right(untried) == {OUTSIDE} and strange.mechanism == ""
+
+
+def test_a_body_that_cannot_be_traced_has_no_label() -> None:
+    assert labelled(dataclasses.replace(example(CUBIC), evidence=None)) == []
+
+
+# --- learning --------------------------------------------------------------------------------------------------------
+
+COUNT = 6
+"""Candidates of a drawn body."""
+
+
+def drawn(rng: np.random.Generator, truth: np.ndarray, form: int, number: int) -> Labelled:
+    """A body whose right answer is drawn by known weights of two features of candidates, and one of the body."""
+    effects = rng.choice(EFFECTS, COUNT, replace=False)
+    own, body = np.zeros((COUNT, len(CANDIDATE_NAMES))), np.zeros(len(BODY_NAMES))
+    own[:, :2], body[0] = rng.normal(size=(COUNT, 2)), rng.normal()
+    scores = np.append(own[:, :2] @ truth[:2], [truth[2] * body[0], -1.0])
+    p = np.exp(scores) / np.exp(scores).sum()
+    answer = np.arange(COUNT + 2) == rng.choice(COUNT + 2, p=p)
+    keys = tuple((str(effect), "neck") for effect in effects)
+    at = int(np.argmax(answer))
+    mechanism = CATALOGUE[keys[at][0]].mechanism if at < COUNT else ""
+    forms = () if at == COUNT else (f"form {form}",)
+    return Labelled(
+        Features(keys, own, body), answer, answer, 1.0, number, forms, (), mechanism, 1.0 if forms else 0.0, 90.0
+    )
+
+
+@pytest.fixture(scope="module")
+def bodies() -> list[Labelled]:
+    rng, truth = np.random.default_rng(5), np.array([2.0, -1.0, 1.5])
+    return [drawn(rng, truth, number % 40, number) for number in range(1500)]
+
+
+def test_the_gradient_is_that_of_the_loss(bodies: list[Labelled]) -> None:
+    design = Design.of(bodies[:30])
+    scales = _Scales.of(design)
+    point = np.random.default_rng(2).normal(0.0, 0.2, scales.size)
+    acting = np.flatnonzero(np.abs(_loss(point, design, scales, 0.0)[1]) > 1e-6)
+    moved = np.append(acting[:40], scales.size - 1)
+
+    def partly(values: np.ndarray) -> tuple[float, np.ndarray]:
+        whole = point.copy()
+        whole[moved] = values
+        value, gradient = _loss(whole, design, scales, 0.7)
+        return value, gradient[moved]
+
+    numeric = optimize.approx_fprime(point[moved], lambda values: partly(values)[0], 1e-6)
+    np.testing.assert_allclose(partly(point[moved])[1], numeric, rtol=1e-3, atol=1e-3)
+
+
+def test_known_weights_are_recovered(bodies: list[Labelled]) -> None:
+    found = learned_weights(Design.of(bodies), 0.3)
+    np.testing.assert_allclose(found.of_candidates[:2], [2.0, -1.0], atol=0.25)
+    assert found.none[1] == pytest.approx(1.5, abs=0.3)
+    assert np.abs(found.of_candidates[2:]).max() < 1e-6  # features that never vary have no weight
+
+
+def test_chances_ignore_padding(bodies: list[Labelled]) -> None:
+    few = dataclasses.replace(
+        bodies[0],
+        features=dataclasses.replace(
+            bodies[0].features, keys=bodies[0].features.keys[:2], of_candidates=bodies[0].features.of_candidates[:2]
+        ),
+        by_mechanism=np.array([True, False, False, False]), exact=np.array([True, False, False, False]),
+    )  # fmt: skip
+    weights = learned_weights(Design.of(bodies[:50]), 3.0)
+    alone = chances(Design.of([few]), weights)[0]
+    padded = chances(Design.of([few, bodies[1]]), weights)[0]
+    np.testing.assert_allclose(padded[[0, 1, COUNT, COUNT + 1]], alone)
+    assert padded[2:COUNT].max() == 0.0 and alone.sum() == pytest.approx(1.0)
+
+
+# --- calibration -----------------------------------------------------------------------------------------------------
+
+
+def test_no_model_answers_a_form_that_it_learned(bodies: list[Labelled], monkeypatch: pytest.MonkeyPatch) -> None:
+    learned: list[set[str]] = []
+
+    def noted(design: set[str], ridge: float) -> None:
+        learned.append(design)
+
+    monkeypatch.setattr(calibrate, "learned_weights", noted)
+    monkeypatch.setattr(calibrate.Design, "of", staticmethod(lambda given: {f for one in given for f in one.forms}))
+    calibrate.cross_weights(bodies, 1.0)
+    answered = [{form for one in bodies if fold_of(one) == fold for form in one.forms} for fold in range(FOLDS)]
+    assert all(answered) and not any(a & b for a, b in zip(learned, answered, strict=True))
+    assert all(a or not b for a, b in itertools.combinations(answered, 2))
+
+
+def test_too_sure_weights_have_a_temperature(bodies: list[Labelled]) -> None:
+    weights = calibrate.cross_weights(bodies, 0.3)
+    once = calibrate.temperature_of(bodies, weights)
+    assert once == pytest.approx(1.0, abs=0.25)
+    twice = [
+        dataclasses.replace(
+            one, of_candidates=2 * one.of_candidates, of_effects=2 * one.of_effects, none=2 * one.none,
+            outside=2 * one.outside,
+        )
+        for one in weights
+    ]  # fmt: skip
+    assert calibrate.temperature_of(bodies, twice) == pytest.approx(2.0 * once, rel=0.01)
+
+
+def predicted(p: float) -> Prediction:
+    """An answer to a body without an effect, with this probability of `none`."""
+    (label,) = labelled(example())
+    answers = dict(sorted({NONE: p, OUTSIDE: 1.0 - p}.items(), key=lambda item: -item[1]))
+    return Prediction(label, answers, (NONE,))
+
+
+def test_nine_of_ten_right_answers_reach_the_threshold_of_the_set() -> None:
+    found = [predicted(p) for p in np.linspace(0.01, 1.0, 100)]
+    threshold = calibrate.set_threshold(found)
+    assert np.mean([one.p_right >= threshold for one in found]) == pytest.approx(0.91)
+
+
+def test_drawn_bodies_are_calibrated_and_covered(bodies: list[Labelled]) -> None:
+    """On bodies that were neither learned from nor calibrated on."""
+    model = calibrate.learned(bodies[:1000], {}, 0.8).model
+    fresh = [dataclasses.replace(one, background=("new",)) for one in bodies[1000:]]
+    found = calibrate.beyond([*bodies[:1000], *fresh], "new", model)
+    assert calibration_error([(one.p, one.best in one.right) for one in found]) < 0.06
+    covered = np.mean([bool(set(one.likely(model.set_threshold)) & set(one.right)) for one in found])
+    assert 0.86 < covered < 0.95
+
+
+def test_the_power_follows_the_ratio() -> None:
+    """Drawn from a logistic curve over the ratio alone."""
+    rng = np.random.default_rng(8)
+    label = labelled(example(FRICTION))[0]
+    found = []
+    for _ in range(3000):
+        x = rng.uniform(-1.0, 1.0)
+        p = 0.95 if rng.uniform() < 1.0 / (1.0 + np.exp(-(-0.5 + 4.0 * x))) else 0.6
+        one = dataclasses.replace(label, ratio=10.0**x, samples=float(rng.uniform(50.0, 200.0)))
+        found.append(Prediction(one, {"dry_friction": p, NONE: 1.0 - p}, ("dry_friction",)))
+    power = calibrate.power(found, 0.8)
+    for ratio in (0.3, 1.0, 3.0):
+        expected = 1.0 / (1.0 + np.exp(-(-0.5 + 4.0 * np.log10(ratio))))
+        assert power.named(ratio, 100.0) == pytest.approx(expected, abs=0.05)
+
+
+# --- page and files --------------------------------------------------------------------------------------------------
+
+
+def test_the_page_counts_answers_by_group() -> None:
+    strong, _ = labelled(example(FRICTION))
+    (idle,) = labelled(example())
+    found = [
+        *[Prediction(strong, {"dry_friction": 0.9, NONE: 0.1}, ("dry_friction",))] * 3,
+        Prediction(strong, {"skin": 0.85, NONE: 0.15}, ("dry_friction",)),
+        Prediction(idle, {"skin": 0.6, NONE: 0.4}, (NONE,)),
+    ]
+    rows = group_rows(found, 0.3, 0.8)
+    assert len(rows) == 2 < len(GROUPS)
+    assert rows[0].startswith("| nothing hidden, with a background | 1 | 0.0 %") and "2.00 |" in rows[0]
+    assert rows[1].startswith("| one effect, with a background, ratio > 0.8 | 4 | 75.0 %")
+    page = rendered(random_model(), found, 0.8, [])
+    assert "| dry_friction | 4 | dry_friction 3, skin 1 |" in page and "| none | 1 | skin 1 |" in page
+    assert "| 0.8 to 0.9 | 1 | 0.85 | 0.0 %" in page and "- bodies: 3" in page
+
+
+def test_examples_are_packed_and_extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "examples.jsonl"
+    stored = [example(CUBIC, number=3), dataclasses.replace(example(number=1), evidence=None)]
+    path.write_text("".join(one.line() + "\n" for one in stored))
+    assert examples(path) == [stored[1], stored[0]]
+    pack(path)
+    assert not path.exists() and archive_of(path).exists() and examples(path) == [stored[1], stored[0]]
+    asked: list[int] = []
+
+    class Executor:
+        """Runs calls here."""
+
+        def __init__(self, processes: int) -> None: ...
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *given) -> None: ...
+        def map(self, function, chunks, seeds):
+            for chunk in chunks:
+                asked.extend(chunk)
+                yield [example(number=number).line() for number in chunk]
+
+    monkeypatch.setattr(collect, "ProcessPoolExecutor", Executor)
+    collect.collect(range(5), 1, path, 2, lambda text: None)
+    assert asked == [0, 2, 4] and [one.number for one in examples(path)] == [0, 1, 2, 3, 4]
+    pack(path)
+    assert [one.number for one in examples(path)] == [0, 1, 2, 3, 4]
