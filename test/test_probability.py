@@ -67,7 +67,7 @@ def random_model(seed: int = 3) -> LearnedModel:
         rng.normal(0.0, 0.3, 1 + b),
         rng.normal(0.0, 0.3, 1 + b),
     )
-    return LearnedModel(weights, 1.3, 0.07, Power(-0.4, 2.0, 0.5), 1.0, {"bodies": 3})
+    return LearnedModel(weights, 1.3, 0.07, Power(0.8, -0.4, 2.0, 0.5), 1.0, {"bodies": 3})
 
 
 def test_probabilities_are_a_softmax_of_linear_scores() -> None:
@@ -171,7 +171,7 @@ def test_a_learned_file_of_another_version_or_damaged_is_refused(change, why: st
 
 
 def test_the_power_is_a_logistic_curve() -> None:
-    power = Power(-1.0, 3.0, 0.5)
+    power = Power(0.8, -1.0, 3.0, 0.5)
     assert power.named(1.0, 1.0) == pytest.approx(1.0 / (1.0 + np.exp(1.0)))
     assert power.named(10.0, 100.0) == pytest.approx(1.0 / (1.0 + np.exp(-3.0)))
 

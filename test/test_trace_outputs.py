@@ -413,8 +413,8 @@ def test_reliability_has_the_probability_of_the_verdict() -> None:
         " Do not use the new subject as if the effect were known."
     )
     assert of["none"] == (
-        "The probability that nothing is missing is 0.85. An effect of ratio 0.5 would have been named in 70 % of such"
-        " recordings. A smaller effect may be present."
+        "The probability that nothing visible is missing is 0.85. An effect of ratio 0.5 would have been named in 70 %"
+        " of such recordings. A smaller effect may be present."
     )
     assert of["unexplained"].startswith("The probability of an effect outside the catalogue is 0.55. ")
     assert "named in more than 99 % of such" in reliability(found("none", power=0.998))
@@ -473,7 +473,7 @@ def test_a_mechanism_without_a_fitted_candidate_has_its_name() -> None:
 def test_the_first_answers_and_the_whole_set_are_shown() -> None:
     assert answer_rows(a_round("unexplained")) == [
         ("an effect outside the catalogue", 0.55, True), ("nonlinear stiffness", 0.2, True),
-        ("nothing is missing", 0.15, True), ("dry friction", 0.05, False), ("quadratic damping", 0.02, False),
+        ("nothing visible is missing", 0.15, True), ("dry friction", 0.05, False), ("quadratic damping", 0.02, False),
     ]  # fmt: skip
     assert other_answers(a_round("unexplained")) == "2 further answers: 0.03 together"
     everything = a_round("unexplained", 0.01)
@@ -510,7 +510,7 @@ def test_the_terminal_has_the_verdict_first() -> None:
         ["dry friction", "0.25", "yes"],
         ["quadratic damping", "0.15", "yes"],
         ["an effect outside the catalogue", "0.10"],
-        ["nothing is missing", "0.03"],
+        ["nothing visible is missing", "0.03"],
         ["2 further answers: 0.02 together"],
     ]
     for expected in (
@@ -721,8 +721,8 @@ def test_each_further_round_has_its_probabilities() -> None:
     second = a_round("none")
     page = page_of(found(rounds=(a_round(), second)))[1].text
     first, later = page.split("Round 2, with the effects that the rounds before added:")
-    assert "nonlinear stiffness 0.90 yes" in first and "nothing is missing 0.85" not in first
-    assert "nothing is missing 0.85 yes nonlinear stiffness 0.06 an effect outside the catalogue 0.05" in later
+    assert "nonlinear stiffness 0.90 yes" in first and "nothing visible is missing 0.85" not in first
+    assert "nothing visible is missing 0.85 yes nonlinear stiffness 0.06 an effect outside the catalogue 0.05" in later
     document = trace_document(Report(found(rounds=(a_round(), second))))
     assert [one["set_90"] for one in document["rounds"]] == [["nonlinear_stiffness"], ["none"]]
 

@@ -30,3 +30,8 @@ def decimal_places(value: float) -> int | None:
     """Decimal places of a value rounded to three significant digits; None where an exponent may be needed."""
     size = abs(float(f"{value:.3g}"))
     return max(0, 2 - math.floor(math.log10(size))) if 1e-3 <= size < 1e6 else None
+
+
+def probability_text(p: float) -> str:
+    """A probability with two decimals; never 0.00 or 1.00, which would exclude the rest."""
+    return "< 0.01" if p < 0.005 else "> 0.99" if p >= 0.995 else f"{p:.2f}"

@@ -30,9 +30,13 @@ def choose(
 ) -> Choice:  # fmt: skip
     """Choose the most probable candidate of the most probable answer, if that is a mechanism of at least this chance.
 
-    fitted: candidates fitted to all events; rest: those that are only screened.
+    fitted: candidates fitted to all events, of which the one with the larger gain counts if an effect and site has two
+    (a cause that varies with time is one of its own); rest: those that are only screened.
     """
-    by_probability = sorted(fitted, key=lambda one: (-p.of(one.key), -one.fitted.gain))
+    largest: dict[tuple[str, str], Candidate] = {}
+    for one in sorted(fitted, key=lambda one: -one.fitted.gain):
+        largest.setdefault(one.key, one)
+    by_probability = sorted(largest.values(), key=lambda one: -p.of(one.key))
     rows = [_fitted_row(one, p, nuisance, without, screening, near_bound) for one in by_probability]
     every = sorted([*rows, *(_screened_row(one, p) for one in rest)], key=lambda one: -one.probability)
     answers, likely = p.of_answers, p.likely

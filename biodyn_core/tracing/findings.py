@@ -137,7 +137,7 @@ class Surface:
     """The missing force of a joint, N, over stretch (m) and its rate (m/s).
 
     force_n (r, s): rows by rate_mps (r,), columns by stretch_m (s,), NaN outside the data. gain: as a candidate's;
-    below the threshold no law of this joint is missing, but memory, measurement or input.
+    without a gain no law of this joint is missing, but memory, measurement or input.
     """
 
     site: str
@@ -238,7 +238,7 @@ class Trace:
     floor_percent: error by sensor noise alone, None if unknown. untestable: effects that lack a channel. left_out:
     events or sensors that are not used, with the reason. experiment: the next recordings. calibrated: whether the
     screening was computed or read from an earlier trace. nuisance: largest multiple first. named_from: probability from
-    which one cause is named. power: share of such recordings in which an effect of ratio 0.5 is named.
+    which one cause is named. power: share of such recordings in which an effect of ratio 0.5 is named, None if unknown.
     """
 
     verdict: Verdict

@@ -28,7 +28,7 @@ VERSION: Final = 1
 
 NONE: Final = "none"
 OUTSIDE: Final = "outside"
-"""Answers beside the mechanisms: nothing is missing, or an effect that the catalogue lacks."""
+"""Answers beside the mechanisms: nothing visible is missing, or an effect that the catalogue lacks."""
 
 SHARED_BODY_NAMES: Final = ("level slope", "drift", "transfer", "residual", "prior scale", "samples")
 """Features of the body that shift the scores of an effect."""
@@ -60,8 +60,12 @@ class Weights:
 
 @dataclass(frozen=True)
 class Power:
-    """The share of bodies whose effect is named: a logistic curve over log10 of its ratio and of the samples."""
+    """The share of bodies whose effect is named: a logistic curve over log10 of its ratio and of the samples.
 
+    named_from: the probability from which a cause counts as named.
+    """
+
+    named_from: float
     constant: float
     by_ratio: float
     by_samples: float

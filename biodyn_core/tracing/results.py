@@ -84,7 +84,7 @@ def build_result(
         effects=(*tilted, *added, *not_added),
         intervals=(*(() for _ in tilted), *_intervals(outcomes, added), *(() for _ in not_added)),
         ambiguous_with=rivals,
-        power=packaged().power.named(POWER_RATIO, samples) if verdict == "none" else None,
+        power=_power(samples, s.named_from) if verdict == "none" else None,
         family=_family([*causes[:1], *rivals]),
         experiment=separating([one.effect for one in (*causes[:1], *rivals)]),
         events=_events(given, before, after, train, choose, report),
@@ -102,6 +102,12 @@ def build_result(
         calibrated="anew",
         sensors=_sensors(first.round, [one for one in tilts if one not in tilted], causes),
     )
+
+
+def _power(samples: float, named_from: float) -> float | None:
+    """The share of such recordings in which an effect is named; None for a probability that it was not learned for."""
+    power = packaged().power
+    return power.named(POWER_RATIO, samples) if power.named_from == named_from else None
 
 
 def _same(one: AppliedEffect, other: AppliedEffect) -> bool:

@@ -107,6 +107,8 @@ class EvidenceSettings:
 
     good_fit: float = 0.9
     """Below this multiple of a good model's residual, the prior scale of a body can be estimated."""
+    least_improvement: float = 0.01
+    """An effect that lowers the error of the events for choosing by a smaller share is not added to the subject."""
     near_bound: float = 0.1
     """Theta this close to a bound without an effect, as a share of its range, is not moved there by the effect."""
 

@@ -24,7 +24,7 @@ from biodyn_core.tracing.results import build_result, build_undecided
 from biodyn_core.tracing.rounds import Checkpoint, Outcome, one_round
 from biodyn_core.tracing.settings import TraceSettings
 
-WORSE: Final = (
+NO_BETTER: Final = (
     "without nuisance parameters the error of the events for choosing is {:.1f} % before and {:.1f} % with it"
 )
 
@@ -89,7 +89,7 @@ def _rounds(
     for number in range(s.most_effects):
         least = s.named_from if found else 0.0  # a further effect has to be named, the first one may be ambiguous
         outcome = one_round(subject, train, choose, s, seed + number, on_stage, checkpoint, parallel, least)
-        subject, outcome = _with_joint_refit(subject, outcome, train, choose)
+        subject, outcome = _with_joint_refit(subject, outcome, train, choose, s)
         found.append((subject, outcome))
         fit = outcome.chosen
         if fit is None or not outcome.adds_effect:  # another round would find the same cause again
@@ -100,10 +100,11 @@ def _rounds(
 
 
 def _with_joint_refit(
-    subject: Subject, outcome: Outcome, train: Sequence[Case], choose: Sequence[Case]
+    subject: Subject, outcome: Outcome, train: Sequence[Case], choose: Sequence[Case], s: TraceSettings
 ) -> tuple[Subject, Outcome]:
     """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better.
 
+    It is compared with the subject refitted in the same way without the effect, because theta alone may gain by that.
     The general form of its law stays if it predicts the events for choosing better than the textbook form.
     """
     if outcome.chosen is None or not outcome.adds_effect:
@@ -114,5 +115,8 @@ def _with_joint_refit(
 
     textbook = jointly_refitted(outcome.chosen.subject, train)
     fitted = min((textbook, generalised(textbook, train)), key=percent)
-    before, after = percent(subject), percent(fitted)
-    return (fitted, outcome) if after < before else (subject, outcome.refused(WORSE.format(before, after)))
+    before = min(percent(subject), percent(jointly_refitted(subject, train)))
+    after = percent(fitted)
+    if after < (1.0 - s.evidence.least_improvement) * before:
+        return fitted, outcome
+    return subject, outcome.refused(NO_BETTER.format(before, after))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from biodyn_core.base.wording import probability_text
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.findings import Round, Verdict
 from biodyn_core.tracing.probability import NONE, OUTSIDE
 
-SHOWN = 4
-"""Answers in the reasons; the ranking has all."""
-
-WORDS = {NONE: "nothing is missing", OUTSIDE: "an effect outside the catalogue"}
+WORDS = {NONE: "nothing visible is missing", OUTSIDE: "an effect outside the catalogue"}
 
 
 def verdict_of(first: Round, named_from: float) -> Verdict:
@@ -25,10 +23,7 @@ def verdict_of(first: Round, named_from: float) -> Verdict:
 
 def reasons_of(first: Round, named_from: float) -> tuple[str, ...]:
     """The reasons of a verdict, a line each."""
-    shown = [f"{in_words(name)} {p:.2f}" for name, p in list(first.answers.items())[:SHOWN]]
-    probable = f"probabilities: {'; '.join(shown)}; {named_from:g} is required to name one cause"
-    likely = f"with 90 % probability it is one of: {', '.join(map(in_words, first.likely))}"
-    return (probable, *([likely] if len(first.likely) > 1 else []), *_of_chosen(first))
+    return (f"most probable: {in_words(first.best)}; {named_from:g} is required to name one cause", *_of_chosen(first))
 
 
 def in_words(answer: str) -> str:
@@ -43,10 +38,10 @@ def _of_chosen(first: Round) -> Iterator[str]:
     where = "in events that its size was not fitted to"
     if not best.steady and not best.applied.effect.sized_by_training:
         where = "in events that it was fitted to"
-    yield f"{named(best.applied)}: probability {best.probability:.2f}, gain {best.gain:.2f} {where}"
+    yield f"{named(best.applied)}: probability {probability_text(best.probability)}, gain {best.gain:.2f} {where}"
     sites = [one for one in first.rivals if one.applied.effect.mechanism == best.applied.effect.mechanism]
     if sites:
-        yield f"other sites: {', '.join(f'{named(one.applied)} {one.probability:.2f}' for one in sites)}"
+        yield f"other sites: {', '.join(f'{named(one.applied)} {probability_text(one.probability)}' for one in sites)}"
     yield from (f"{named(best.applied)}: {remark}" for remark in best.remarks)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from biodyn_core.base.segments import SEAT, SEGMENTS
-from biodyn_core.base.wording import counted, number_below
+from biodyn_core.base.wording import counted, number_below, probability_text
 from biodyn_core.effects import CATALOGUE, AppliedEffect, EffectParameter
 from biodyn_core.tracing.findings import (
     Diagnostics,
@@ -103,7 +103,7 @@ def probability(p: float) -> str:
     """A probability with two decimals; never 0.00 or 1.00, which would exclude the rest."""
     if finite(p) is None:
         return number(None)
-    return "< 0.01" if p < 0.005 else "> 0.99" if p >= 0.995 else f"{p:.2f}"
+    return probability_text(p)
 
 
 def answer_rows(found: Round) -> list[tuple[str, float, bool]]:
@@ -247,7 +247,7 @@ def _all(effects: Sequence[AppliedEffect]) -> str:
 
 
 def _one_of(trace: Trace) -> str:
-    """The possible answers of an ambiguous trace; `nothing is missing` may be one of them."""
+    """The possible answers of an ambiguous trace; `nothing visible is missing` may be one of them."""
     likely = trace.rounds[0].likely if trace.rounds else ()
     effects = [*([trace.chosen.applied] if trace.chosen else trace.effects), *trace.ambiguous_with]
     named = grouped(effects) or [_best_in_words(trace)]

@@ -154,7 +154,7 @@ def power(found: Sequence[Prediction], named_from: float) -> Power:
         return float(np.logaddexp(0.0, np.where(named, -(x @ w), x @ w)).sum() + 0.5 * (w[1:] @ w[1:]))
 
     constant, by_ratio, by_samples = optimize.minimize(loss, np.zeros(3)).x
-    return Power(float(constant - by_samples * centre), float(by_ratio), float(by_samples))
+    return Power(named_from, float(constant - by_samples * centre), float(by_ratio), float(by_samples))
 
 
 def chosen_ridge(examples: Sequence[Labelled]) -> float:
