@@ -33,6 +33,14 @@ EXACT: Final = 0.5
 LEFT_OUT: Final = 0.25
 """Weight of an example whose mechanism is left out: with it about a quarter of all bodies are outside."""
 
+FIRST: Final = ("gain", "margin", "behind best", "best", "not tried", "not fitted")
+FIRST_OF_BODY: Final = ("constant", "best gain", "residual", "best over chance")
+"""Beginnings of the names of the features whose weights are least restrained."""
+
+FIRST_RIDGE: Final = 0.1
+OWN_RIDGE: Final = 16.0
+"""Precision of weights in multiples of the ridge."""
+
 EFFECTS: Final = tuple(sorted(CATALOGUE))
 
 
@@ -128,7 +136,11 @@ class Design:
 
 
 def learned_weights(design: Design, ridge: float) -> Weights:
-    """The weights with the smallest penalised loss; ridge is the precision of a weight of a scaled feature."""
+    """The weights with the smallest penalised loss.
+
+    ridge is the precision of a weight of a scaled feature, times `FIRST_RIDGE` for gains and residuals, which are known
+    to matter, and `OWN_RIDGE` for an effect's own weights, each of which few bodies decide.
+    """
     scales = _Scales.of(design)
     found = optimize.minimize(
         _loss, np.zeros(scales.size), args=(design, scales, ridge), jac=True, method="L-BFGS-B",
@@ -159,6 +171,14 @@ class _Scales:
     def size(self) -> int:
         """The number of weights."""
         return self.of_candidates.size + len(EFFECTS) * self.of_effects.size + 2 * self.body.size
+
+    @property
+    def precision(self) -> Floats:
+        """The precision of each weight, in multiples of the ridge."""
+        first = [FIRST_RIDGE if name.startswith(FIRST) else 1.0 for name in CANDIDATE_NAMES]
+        body = [FIRST_RIDGE if name.startswith(FIRST_OF_BODY) else 1.0 for name in ("constant", *BODY_NAMES)]
+        own = np.full(len(EFFECTS) * self.of_effects.size, OWN_RIDGE)
+        return np.concatenate([first, own, body, body])
 
     def weights(self, packed: Floats) -> Weights:
         """The weights of unscaled features."""
@@ -192,7 +212,8 @@ def _loss(packed: Floats, design: Design, scales: _Scales, ridge: float) -> tupl
         EFFECTS, np.einsum("nc,ncf->f", slope[:, :-2], design.of_candidates, optimize=True), of_effects,
         slope[:, -2] @ design.body, slope[:, -1] @ design.body,
     )  # fmt: skip
-    return total + 0.5 * ridge * float(packed @ packed), scales.gradient(gradient) + ridge * packed
+    pulled = ridge * scales.precision * packed
+    return total + 0.5 * float(packed @ pulled), scales.gradient(gradient) + pulled
 
 
 def chances(design: Design, weights: Weights, temperature: float = 1.0) -> Floats:
