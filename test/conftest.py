@@ -57,7 +57,7 @@ def shared_data() -> Path:
 @pytest.fixture
 def graph() -> Iterator[Any]:
     """A ROS graph of the test's own."""
-    from ros import ros_graph  # rclpy, once the environment is settled
+    from ros import ros_graph  # rclpy, once the environment is prepared
 
     with ros_graph() as made:
         yield made
