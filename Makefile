@@ -17,7 +17,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 IN_ENVIRONMENT := $(BIN)/python -m biodyn_ros.base.environment --
 
-# An interpreter that was asked for by name is not replaced by another.
+# An interpreter that PYTHON names is not replaced by another.
 ifeq ($(origin PYTHON),file)
 CANDIDATES := $(PYTHON) python3.13 python3.12 python3.11 python3.10
 else
@@ -27,7 +27,7 @@ endif
 SHELL := /bin/sh
 .SHELLFLAGS := -ec
 
-# What a machine may carry, before the first Python starts. The runs themselves are cleaned by biodyn_ros.base.environment.
+# Variables of the machine, cleared before the first Python starts; biodyn_ros.base.environment clears those of the runs.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport RMW_IMPLEMENTATION ROS_LOCALHOST_ONLY ROS_STATIC_PEERS ROS_DISCOVERY_SERVER

@@ -57,7 +57,7 @@ def files_below(directory: str, *patterns: str) -> list[Path]:
 
 
 def data_files() -> list[tuple[str, list[str]]]:
-    """What belongs beside the code: the ament marker, the manifest, launch file, configuration and bags."""
+    """The files installed beside the code: the ament marker, the manifest, launch file, configuration and bags."""
     targets: dict[str, list[str]] = {
         "share/ament_index/resource_index/packages": [f"resource/{NAME}"],
         str(SHARE): ["package.xml"],

@@ -51,10 +51,10 @@ class _Observer(Node):
         self.latest: dict[str, float] = {}
         self.state = ""
         for topic in _SHOWN:
-            self.create_subscription(Float64, topics.absolute(topic), self._keeper(topic), 10)
+            self.create_subscription(Float64, topics.absolute(topic), self._receiver(topic), 10)
         self.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 10)
 
-    def _keeper(self, topic: str) -> Any:
+    def _receiver(self, topic: str) -> Any:
         return lambda message: self.latest.__setitem__(topic, message.data)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

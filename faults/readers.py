@@ -166,7 +166,7 @@ READERS: Final = {
     "Nexus": Reader(".csv", _import, _exports_of_nexus),
     "parts of a trace": Reader(
         ".json", lambda path: dict(PartStore(path)),
-        lambda _: [json.dumps({"schema": 1, "version": "0", "parts": {"glance a": [1, 2.5, {"b": None}]}}).encode()],
+        lambda _: [json.dumps({"schema": 1, "version": "0", "parts": {"fit a": [1, 2.5, {"b": None}]}}).encode()],
     ),
 }  # fmt: skip
 

@@ -24,7 +24,7 @@ DOMAIN = environment.prepare(os.environ)
 # As the command line does.
 os.environ.update(environment.ONE_THREAD)
 
-# What is started in the background, or by nohup, ignores these two, and so would every process that a test starts.
+# A process in the background, or of nohup, ignores these two signals, and so would every process that a test starts.
 for _number in (signal.SIGINT, signal.SIGHUP):
     if signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
@@ -57,7 +57,7 @@ def shared_data() -> Path:
 @pytest.fixture
 def graph() -> Iterator[Any]:
     """A ROS graph of the test's own."""
-    from ros import ros_graph  # rclpy, once the environment is settled
+    from ros import ros_graph  # rclpy, once the environment is prepared
 
     with ros_graph() as made:
         yield made

@@ -176,7 +176,7 @@ def test_a_backlog_after_a_long_stall_does_not_run_ahead_of_the_clock():
 def test_a_rate_that_differs_from_that_at_rest_is_reported(later_hz):
     stamps_ns = np.concatenate([stamps(3000), stamps(3000)[-1] + stamps(20_000, later_hz)[1:] - START_NS])
     status = Conditioned(stamps_ns, STILL[np.zeros(len(stamps_ns), dtype=int)]).status
-    # Faster than at rest, what is too much comes late; slower, it is drawn in or the clock cannot follow.
+    # Faster than at rest, excess samples count as late; slower, samples are interpolated or the clock cannot follow.
     counted = status.late if later_hz > RATE_HZ else status.filled
     warned = any("rate differs by 2 %" in warning for warning in status.warnings)
     assert warned or counted > 0.8 * 20_000 * abs(RATE_HZ / later_hz - 1.0) > 4000
@@ -304,6 +304,15 @@ def test_thirty_stamps_in_a_row_confirm_a_leap_and_its_return(clock, sign, leap_
     assert unreturned.gap_s == pytest.approx(leap_ns * 1e-9 if sign > 0 else 0.0, abs=0.02)
 
 
+@pytest.mark.parametrize(("repeated", "counted"), [(19, 0), (20, 20)])
+def test_twenty_samples_of_a_repeated_interval_show_a_clock_set_back(repeated, counted):
+    stamps_ns = stamps(3000 + repeated + 1)
+    status = Conditioned(
+        np.r_[stamps_ns[:3000], stamps_ns[3000 - repeated - 1 :]], STILL[: 3000 + 2 * repeated + 2]
+    ).status
+    assert status.set_back_s == pytest.approx(counted / RATE_HZ) and status.filled == 0
+
+
 def test_samples_lost_while_stamps_leap_stay_missing():
     kept = np.delete(INDEX, np.concatenate([np.arange(9000, 9200), np.arange(9300, 9400)]))
     for sign in (1, -1):
@@ -355,11 +364,11 @@ def test_stamps_that_freeze_for_a_while_are_followed_again(clock, many):
     stamps_ns[9000 : 9000 + many] = stamps_ns[9000]
     found = Conditioned(stamps_ns, MARKED)
     status = found.status
-    # What the clock cannot explain by its jitter is late; those are interpolated, or lie in a gap.
+    # Samples later than jitter explains are rejected; their instants are interpolated, or lie in a gap.
     gap = round(status.gap_s * RATE_HZ)
     assert status.late == status.rejected < many and abs(status.filled + gap - status.late) <= 25
     assert status.runs == (1 if many <= 40 else 2)
-    # Lost samples are counted in whole periods; what that is off by decays as (1 + t / 5 s) exp(-t / 5 s).
+    # Lost samples are counted in whole periods; the error of that decays as (1 + t / 5 s) exp(-t / 5 s).
     last_s = off_s(found, stamps_ns)[-1000:] - late_s
     assert np.abs(last_s).max() < close_s + 0.1 * 0.5 / RATE_HZ
 

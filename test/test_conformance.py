@@ -131,7 +131,7 @@ def test_the_poles_and_zeros_are_the_formula_of_the_standard(name) -> None:
 
 @pytest.mark.parametrize("name", twins.WEIGHTINGS)
 def test_the_closed_form_is_the_response_by_the_spectrum(name) -> None:
-    # So many samples a second that kinks do not tell, or so many seconds that the slowest weighting has died away.
+    # Enough samples a second for the kinks, or enough seconds for the slowest weighting to decay.
     rate_hz, seconds = (10_000.0, 60.0) if name == "Wf" else (40_000.0, 4.0)
     time = np.arange(0.0, seconds, 1.0 / rate_hz)
     modes = [*twins.tone(10.0, 8.0, 2.5, 0.5), *twins.decay(5.0, 12.0, 0.1, 0.9)]

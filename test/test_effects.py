@@ -336,7 +336,7 @@ def test_a_stiff_effect_makes_the_steps_smaller() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_whole_range_of_every_parameter_stays_finite(name: str) -> None:
-    # Softened on one side by more than it is stiff, a joint runs away in truth: asymmetry is shaken less.
+    # A joint whose softening exceeds its stiffness diverges in reality too: asymmetry gets a weaker shock.
     effect, seat = CATALOGUE[name], shock(0.3, 5.0 if name == "asymmetry" else 60.0)
     general = {p.name: (p.lower, p.upper) for p in effect.parameters if p.neutral is not None}
     typical = {p.name: p.size for p in effect.parameters}

@@ -81,7 +81,7 @@ def test_a_missing_lock_directory_is_reported_in_one_line(tmp_path: Path, monkey
         environment.hold_domain()
 
 
-def test_settling_keeps_the_search_paths_and_takes_a_domain() -> None:
+def test_a_prepared_environment_keeps_the_search_paths_and_reserves_a_domain() -> None:
     variables = polluted()
     variables.pop(environment.HELD, None)
     domain = environment.prepare(variables)
@@ -93,7 +93,7 @@ def test_settling_keeps_the_search_paths_and_takes_a_domain() -> None:
         assert "RMW_IMPLEMENTATION" not in variables
 
 
-def test_settling_a_process_with_a_held_domain_changes_nothing() -> None:
+def test_preparing_a_process_with_a_held_domain_changes_nothing() -> None:
     variables = {"ROS_DOMAIN_ID": "7", environment.HELD: "7", "PATH": "/bin"}
     assert environment.prepare(variables) is None
     assert variables == {"ROS_DOMAIN_ID": "7", environment.HELD: "7", "PATH": "/bin"}

@@ -57,7 +57,7 @@ def test_doses_are_those_of_the_weighted_spectrum(weighting, rate_hz, share):
     smooth = np.convolve(accel, np.ones(9) / 9.0, "same")  # vehicles do not shake at the Nyquist frequency
     wanted = naive.weighted(weighting, smooth, rate_hz)
     found = dose(smooth, weighting, rate_hz)
-    # share: what the filter's error of magnitude and phase (see test_weighting) makes of it.
+    # share: effect of the filter's error of magnitude and phase (see test_weighting).
     assert found.aw_mps2 == pytest.approx(math.sqrt((wanted**2).mean()), rel=share)
     assert found.vdv_mps175 == pytest.approx(((wanted**4).sum() / rate_hz) ** 0.25, rel=share)
     assert found.peak_mps2 == pytest.approx(np.abs(wanted).max(), rel=3.0 * share)

@@ -1,6 +1,6 @@
 """Every file of the shared recordings, through `biodyn info` and `biodyn replay`: a result, or one clear line.
 
-The outcomes are stated here. What lies there and is not in the tables must at least give a result or one line.
+The outcomes are stated here. Files that the tables do not list must at least give a result or one line.
 """
 
 from __future__ import annotations

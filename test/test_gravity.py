@@ -246,7 +246,7 @@ def test_info_reports_the_gravity_that_replay_uses(idle_bag: Path) -> None:
     assert any(line.startswith("seat: no rest in the record") for line in document["warnings"])
 
 
-# --- fit and trace: what cannot be used is left out ------------------------------------------------------------------
+# --- fit and trace leave out unusable recordings ----------------------------------------------------------------------
 
 
 def part(stream: ImuStream, begin_s: float, end_s: float) -> ImuStream:

@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
-ROOMS = (
+PACKAGES = (
     "base",
     "effects",
     "kernels",
@@ -104,8 +104,8 @@ def graph(root: Path, package: str) -> dict[str, set[str]]:
 
 def place(module: str) -> int | None:
     """The place of a module's package in the order; None where the order does not have it."""
-    room = module.split(".")[1]
-    return ROOMS.index(room) if room in ROOMS else None
+    package = module.split(".")[1]
+    return PACKAGES.index(package) if package in PACKAGES else None
 
 
 def core_faults(root: Path) -> list[str]:
@@ -123,7 +123,7 @@ def core_faults(root: Path) -> list[str]:
             # Every import of the core runs it, so it must cost and need nothing.
             faults += [f"biodyn_core/__init__.py imports {target}" for target in sorted(inner)]
         elif place(name) is None:
-            faults.append(f"{name} is in no package of the order: see ROOMS in {Path(__file__).name}")
+            faults.append(f"{name} is in no package of the order: see PACKAGES in {Path(__file__).name}")
         else:
             faults += [f"{name} imports {target}" for target in sorted(inner) if not reaches_down(name, target)]
     try:
@@ -156,18 +156,18 @@ def ros_faults(root: Path, needs_ros: set[str] = NEEDS_ROS) -> list[str]:
     return faults
 
 
-def rooms(root: Path) -> dict[str, set[str]]:
+def packages(root: Path) -> dict[str, set[str]]:
     """Imports between the packages and top-level modules of biodyn_ros."""
     found: dict[str, set[str]] = {}
     for name, targets in graph(root, "biodyn_ros").items():
-        room = name.partition(".")[2].partition(".")[0]
+        package = name.partition(".")[2].partition(".")[0]
         inner = {target.split(".")[1] for target in targets if target.startswith("biodyn_ros.")}
-        found.setdefault(room, set()).update(inner - {room})
+        found.setdefault(package, set()).update(inner - {package})
     return found
 
 
 def test_the_packages_of_biodyn_ros_have_no_import_cycle() -> None:
-    TopologicalSorter(rooms(ROOT)).prepare()
+    TopologicalSorter(packages(ROOT)).prepare()
 
 
 def test_a_cycle_of_packages_is_found_without_a_cycle_of_modules(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ def test_a_cycle_of_packages_is_found_without_a_cycle_of_modules(tmp_path: Path)
         file.write_text(source)
     TopologicalSorter(graph(tmp_path, "biodyn_ros")).prepare()
     with pytest.raises(CycleError):
-        TopologicalSorter(rooms(tmp_path)).prepare()
+        TopologicalSorter(packages(tmp_path)).prepare()
 
 
 def test_core_imports_point_downward() -> None:
@@ -237,10 +237,10 @@ def test_a_model_loads_without_the_slow_parts_of_scipy() -> None:
 )
 def test_a_broken_rule_is_reported(tmp_path: Path, path: str, source: str, fault: str) -> None:
     core = tmp_path / "biodyn_core"
-    for room in ("", "base", "body", "effects", "kernels", "pipeline", "surprise"):
-        (core / room).mkdir(parents=True, exist_ok=True)
-        if room != "surprise":
-            (core / room / "__init__.py").touch()
+    for package in ("", "base", "body", "effects", "kernels", "pipeline", "surprise"):
+        (core / package).mkdir(parents=True, exist_ok=True)
+        if package != "surprise":
+            (core / package / "__init__.py").touch()
     (core / "effects/seat.py").write_text("import biodyn_core.effects")
     for name in ("model", "subject"):
         (core / f"body/{name}.py").touch()
@@ -251,7 +251,7 @@ def test_a_broken_rule_is_reported(tmp_path: Path, path: str, source: str, fault
 
 def test_the_order_names_every_package_once() -> None:
     packages = {path.parent.name for path in (ROOT / "biodyn_core").glob("*/__init__.py")}
-    assert sorted(ROOMS) == sorted(packages)
+    assert sorted(PACKAGES) == sorted(packages)
     assert [path.name for path in (ROOT / "biodyn_core").glob("*.py")] == ["__init__.py"]
 
 

@@ -59,7 +59,7 @@ def split(series: str) -> tuple[str, list[str]]:
 
 @pytest.mark.parametrize(("name", "made"), [("biodyn.xml", plotjuggler), ("biodyn.json", lichtblick)])
 def test_the_file_is_the_one_that_is_made(name: str, made: Any) -> None:
-    # What makes it again: python -m biodyn_ros.node.layouts config/layouts
+    # This command makes the files: python -m biodyn_ros.node.layouts config/layouts
     assert (LAYOUTS / name).read_text(encoding="utf-8") == made()
 
 

@@ -11,7 +11,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from biodyn_core.exposure.limit_assessment import DataQuality, SeatExposure, seat_exposure
-from biodyn_core.exposure.limits import EU_LIMITS, Limits
+from biodyn_core.exposure.limits import EU_LIMITS, Limits, LimitSet
 from biodyn_core.exposure.losses import NO_LOSSES, Losses
 from biodyn_core.exposure.meters import Dose, DoseMeter, HorizontalMeter
 
@@ -61,6 +61,19 @@ def test_two_hours_at_one_metre_per_second_squared():
     assert seat.time_to_action_value_s == pytest.approx(0.0, abs=1e-9)  # reached just now
     assert seat.time_to_limit_value_s == pytest.approx((8.0 * 1.15**2 - 2.0) * HOUR)  # 8 h 35 min more
     assert (seat.axis, seat.governing, seat.seconds, seat.zone) == ("z", "a8", 2.0 * HOUR, "above_action_value")
+
+
+@pytest.mark.parametrize(("kind", "zone"), [("action", "above_action_value"), ("limit", "above_limit_value")])
+@pytest.mark.parametrize("measure", ["a8", "vdv"])
+def test_an_exposure_equal_to_a_value_reaches_it(kind: str, zone: str, measure: str) -> None:
+    dose = upward(0.7, 10.0, HOUR)
+    seat = judge(dose)
+    exact = {"a8": seat.a8_so_far_mps2, "vdv": seat.vdv_so_far_mps175}[measure]
+    action, limit = (exact, 2.0 * exact) if kind == "action" else (0.5 * exact, exact)
+    values = (action, None, limit, None) if measure == "a8" else (None, action, None, limit)
+    found = judge(dose, limits=Limits(LimitSet("test", *values)))
+    left = {"action": found.time_to_action_value_s, "limit": found.time_to_limit_value_s}
+    assert found.zone == zone and left[kind] == 0.0
 
 
 def test_a_quarter_of_the_time_is_half_of_a8():
@@ -220,7 +233,7 @@ def test_poor_data_quality_is_never_below(grounds, because, limits):
     if "gravity_mps2" in grounds:  # a gain too low by a fifth would promise twice the time
         assert because in (seat.withheld or "") and seat.time_to_action_value_s is None
         assert judge(upward(0.1, 1.0, HOUR), limits=limits, project=True, **grounds).a8_projected_8h_mps2 is None
-    # What is reached is reached all the same; how far beyond, is not known.
+    # A value that is reached stays reached; the excess is unknown.
     action = judge(upward(0.1, 10.0, HOUR), limits=limits, **grounds)
     assert action.zone == "above_action_value" and because in action.zone_reason
     limit = judge(upward(0.1, 22.0, HOUR), limits=limits, **grounds)

@@ -199,7 +199,7 @@ def test_a_column_without_subscribers_is_not_read(graph: Graph) -> None:
     column = list(topics.PREDICTED).index("head")
     graph.wait(lambda: output.publishers[column].get_subscription_count() > 0, "the head's column matched")
     output.update_subscribers()
-    # What is no number at all would raise if it were looked at.
+    # An object that is no number would raise if it were read.
     values = np.array([[None] * column + [1.0], [None] * column + [math.nan]], dtype=object)
     output.publish(PredictedFrames(np.array([1, 2]), values))
     graph.wait(lambda: head, "the head's only value")
@@ -439,7 +439,7 @@ def test_every_parameter_has_a_description_and_the_shipped_file_holds_the_defaul
         assert node.describe_parameter(name).description
         value = node.get_parameter(name).value
         assert value == default or (default is None and np.isnan(value)), name
-    # What the file is made by, so that it can be made again: python -m biodyn_ros.node.parameters_yaml
+    # This command makes the file: python -m biodyn_ros.node.parameters_yaml
     assert config_file("live.yaml").read_text(encoding="utf-8") == parameters_yaml()
 
 

@@ -137,10 +137,10 @@ def test_the_linearised_cost_represents_all_samples(clocks) -> None:
     rows = np.concatenate([problem.rows(n, theta, FREE).reshape(-1, 15) for n in range(2)])
     pull = np.zeros((15, 14))
     pull[:14] = 0.1 * np.eye(14)
-    away = 0.1 * np.log(theta / points(1)[0])
+    offset = 0.1 * np.log(theta / points(1)[0])
     np.testing.assert_allclose(slopes.T @ slopes, rows[:, :-1].T @ rows[:, :-1] + pull.T @ pull, rtol=1e-5)
-    np.testing.assert_allclose(slopes.T @ residuals, rows[:, :-1].T @ rows[:, -1] + pull.T @ away, rtol=1e-5)
-    assert residuals @ residuals == pytest.approx((rows[:, -1] ** 2).sum() + away @ away, rel=1e-10)
+    np.testing.assert_allclose(slopes.T @ residuals, rows[:, :-1].T @ rows[:, -1] + pull.T @ offset, rtol=1e-5)
+    assert residuals @ residuals == pytest.approx((rows[:, -1] ** 2).sum() + offset @ offset, rel=1e-10)
     if clocks == "trusted":
         assert residuals @ residuals == pytest.approx(problem.cost(theta), rel=1e-10)
 
@@ -183,7 +183,7 @@ def test_masked_samples_have_no_effect(begin: int, length: int, segment: int) ->
 
 @pytest.mark.parametrize("factor", [1e5, 1e160])
 def test_a_divergent_response_is_a_penalty_counted_by_cause(factor: float) -> None:
-    """A seat so strong that stiffening runs away, and one whose squares overflow."""
+    """A seat motion so strong that the chain diverges, and one whose squares overflow."""
     case = fitting.true_cases("segment")[0]
     wild = dataclasses.replace(case, seat_mps2=factor * case.seat_mps2)
     problem = TimeDomain([wild], fitting.drawn(0, "segment"), DATA_ONLY)

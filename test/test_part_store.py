@@ -42,8 +42,8 @@ def test_an_unwritable_path_is_reported_before_the_work(tmp_path: Path, fresh: b
 def test_the_latest_parts_are_kept(tmp_path: Path) -> None:
     kept = PartStore(tmp_path / "out.kept.json")
     for number in range(MAX_PARTS + 3):
-        kept[f"glance {number}"] = number
-    assert len(kept) == MAX_PARTS and "glance 2" not in kept and f"glance {MAX_PARTS + 2}" in kept
+        kept[f"fit {number}"] = number
+    assert len(kept) == MAX_PARTS and "fit 2" not in kept and f"fit {MAX_PARTS + 2}" in kept
 
 
 @pytest.mark.parametrize("other", [{"version": "0.0.0"}, {"schema": 1}])

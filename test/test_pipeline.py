@@ -275,7 +275,7 @@ def test_the_time_before_a_late_sensor_is_missing() -> None:
     streams = noisy_streams()
     cuts = [cut for cut in in_turn(streams, 100) if cut[0] != SEAT or cut[1] >= 1400]
     pipeline = run(streams, cuts).pipeline
-    # It came after the others, and then in motion: what passed until it was at rest is missing too.
+    # It began after the others and in motion: the time until its rest is missing too.
     moving_s = pipeline.status(SEAT).unrested_s
     assert moving_s > 0.5 and pipeline.status("head").unrested_s == 0.0
     assert pipeline.losses(SEAT).missing_s == pytest.approx(1400 / 1129.3 + moving_s, abs=0.01)

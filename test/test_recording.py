@@ -152,7 +152,7 @@ def test_a_clipped_sample_is_masked_as_far_as_the_low_pass_reaches():
     inside = np.isnan(head[at - REACH - 10 : at + REACH + 13])
     assert np.isnan(head[at - REACH : at + 3 + REACH]).all()
     assert 2 * REACH + 3 <= inside.sum() <= 2 * REACH + 3 + 12  # interpolation between samples adds its neighbours
-    # What the three wrong samples leave elsewhere is below the promised share of them.
+    # The remainder of the three wrong samples elsewhere is below 0.1 % of them.
     wrong = 3 * 16.0 * STANDARD_GRAVITY_MPS2
     np.testing.assert_allclose(head, np.where(np.isnan(head), head, good.measured_mps2[:, HEAD]), atol=1e-3 * wrong)
     others = [k for k in range(5) if k != HEAD]

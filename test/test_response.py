@@ -151,7 +151,7 @@ def test_a_mask_leaves_out_its_segments_from_every_spectrum():
     masked = y.copy()
     masked[5000:5100, 0] = np.nan
     found = cross_spectra([(x, masked)], RATE_HZ)
-    # What the masked column gives is what both sides of the mask give as records of their own.
+    # The masked column gives the same as two records, one for each side of the mask.
     apart = cross_spectra([(x[:5000], y[:5000]), (x[5100:], y[5100:])], RATE_HZ)
     np.testing.assert_allclose(found.cross[:, 0], apart.cross[:, 0])
     np.testing.assert_allclose(found.input_psd[:, 0], apart.input_psd[:, 0])

@@ -117,9 +117,9 @@ def test_channels_of_two_clocks_are_on_one_grid(reference_hz: float, own_hz: flo
     pair = pair_of(lost, other, Span(1.0, 7.0), 2, rate_hz, gyro=False)
     at = 1.0 + np.arange(pair.under_test.size) / rate_hz
     inner = slice(20, -20)
-    away = np.abs(at - one.stamps_s[300]) > 0.1
+    distant = np.abs(at - one.stamps_s[300]) > 0.1
     np.testing.assert_allclose(pair.under_test[inner], head(at)[inner, 2], atol=0.02)
-    np.testing.assert_allclose(pair.reference[inner][away[inner]], neck(at)[inner][away[inner]], atol=0.02)
+    np.testing.assert_allclose(pair.reference[inner][distant[inner]], neck(at)[inner][distant[inner]], atol=0.02)
     assert pair.own is not None
     np.testing.assert_allclose(pair.own[inner], head(at)[inner, :2], atol=0.02)
     assert not pair.clipped().flags.any()

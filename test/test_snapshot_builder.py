@@ -119,7 +119,7 @@ def test_a_silent_seat_is_not_green_when_all_sensors_are_silent():
     assert shown["verdict"]["tone"] == "none"
     assert "silent for 0.8 s" in shown["verdict"]["reasons"][0]
     assert "left" in ride.snapshots[-2]["seat"]["left"]["action"]
-    assert shown["seat"]["left"] == {"action": "withheld", "limit": "withheld"}, "nobody is promised time"
+    assert shown["seat"]["left"] == {"action": "withheld", "limit": "withheld"}, "no time left is shown"
 
 
 def test_two_publishers_on_the_seat_are_not_green():

@@ -298,8 +298,8 @@ def test_the_driving_point_has_both_normalisations():
     np.testing.assert_allclose(
         predicted["impedance_n_s_per_m"], 2.0 * np.pi * frequency * predicted["apparent_mass_kg"], rtol=1e-4
     )
-    assert predicted["peak"]["magnitude"] == pytest.approx(60.4, rel=0.05)  # this seat hardly stiffens anything
-    # Between its bands the seat does not move: what stands there is no apparent mass, and never its peak.
+    assert predicted["peak"]["magnitude"] == pytest.approx(60.4, rel=0.05)  # this seat is nearly linear
+    # Between its bands the seat does not move: values there are no apparent mass, and never its peak.
     still = (frequency > 11.0) & (frequency < 14.0)
     assert np.array(predicted["apparent_mass_kg"])[still].max() > 70.0
     assert np.array(predicted["coherence"])[still].max() < 0.5

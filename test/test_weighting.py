@@ -61,7 +61,7 @@ def test_the_weighting_is_that_of_the_committed_rows(name):
     assert_on_the_table(name, [float(row["frequency_hz"]) for row in rows], [float(row[name]) for row in rows])
 
 
-# What its SOURCE.txt names: Wd at 2 Hz is 980 for 890 there, and 212 at 10 Hz is a misprint of the standard itself.
+# Errors that its SOURCE.txt names: Wd at 2 Hz is 980 for 890, and 212 at 10 Hz is a misprint of the standard.
 WRONG = {("Wd", 2.0), ("Wd", 10.0)}
 
 
@@ -95,8 +95,8 @@ def test_the_analog_curve_is_the_formula_of_the_standard(name):
     np.testing.assert_allclose(np.polyval(top, p) / np.polyval(bottom, p), wanted, rtol=1e-11)  # rounding
 
 
-# Plain bilinear sections would be wrong by 59, 40, 14, 3.4 and 2.65 % at the first five rates. What is left is phase
-# a sampled filter cannot have near its Nyquist frequency; Wj has no transition besides its low-pass to compensate.
+# Plain bilinear sections would be wrong by 59, 40, 14, 3.4 and 2.65 % at the first five rates. The remaining error is
+# phase that a sampled filter cannot have near its Nyquist frequency; Wj has no transition to compensate it.
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
     ("rate_hz", "share"),

@@ -21,7 +21,7 @@ def test_effects_that_destabilise_a_body_are_drawn_weaker() -> None:
 
 
 CALM_FROM = 1.0
-"""Strength below which the law of the next tests runs away: it is the stiffer the weaker it is."""
+"""Strength below which the law of the next tests diverges: its stiffness is inverse to its strength."""
 
 
 @dataclasses.dataclass(frozen=True)

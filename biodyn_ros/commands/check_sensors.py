@@ -1,4 +1,4 @@
-"""`biodyn check-sensors`: checks sensors by others that were recorded beside them."""
+"""`biodyn check-sensors`: checks each sensor against another one of the same recording."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="checks sensors by others beside them",
+    line="checks each sensor against another one",
     examples=(
         "biodyn check-sensors drive.mcap --good before.mcap",
         "biodyn check-sensors drive.mcap --good before.mcap --pair head=neck neck=seat",

@@ -1,4 +1,4 @@
-"""`biodyn compare`: which parameters two subjects share."""
+"""`biodyn compare`: compares the parameters of two subjects."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="which parameters two subjects share",
+    line="compares the parameters of two subjects",
     examples=(
         "biodyn compare subject_1 subject_2",
         "biodyn compare anna_fitted.yaml subject_2 --threshold 10 --json",

@@ -21,7 +21,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="the bundled bag live, and the same offline",
+    line="plays the bundled bag live, then replays it",
     examples=("biodyn demo --out demo_results",),
     add=_add,
     run=_run,

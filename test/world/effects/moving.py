@@ -1,7 +1,7 @@
 """Moves many bodies through many events at once: Runge and Kutta's fourth order on the seats' own grid of samples.
 
 A step is two samples of the seat, so that every stage finds its seat on a sample and nothing is interpolated. Laws
-with kinks (contact, friction) lose the fourth order at the kink; the tests say what is left there. Delays look into
+with kinks (contact, friction) lose the fourth order at the kink; the tests state the remaining order. Delays look into
 the states of past steps by cubic Hermite curves.
 """
 

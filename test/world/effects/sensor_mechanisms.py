@@ -138,7 +138,7 @@ class SensorNoise(Mechanism):
 
     @classmethod
     def of(cls, person: Person, scale: float, rng: np.random.Generator) -> Self:
-        """The noise of all sensors is scale >= 1 times the usual one, about."""
+        """The noise of all sensors is about scale >= 1 times the typical noise."""
         added = sensors.NOISE_MPS2 * np.sqrt(max(scale**2 - 1.0, 0.0))
         return cls(float(added), int(rng.integers(2**31)))
 

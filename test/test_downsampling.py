@@ -1,4 +1,4 @@
-"""The strip of the live page: bins of a tenth of a second, whole and once, however blocks are cut."""
+"""The bins of a stream for the live page: a tenth of a second, whole and once, however blocks are cut."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ EPOCH_NS = 1_700_000_000_000_000_000
 
 def taken(stamps_ns, accel, cuts=()):
     """All bins of a stream cut into blocks, as rows."""
-    strip, rows = MinMaxDownsampler(accel.shape[1]), []
+    bins, rows = MinMaxDownsampler(accel.shape[1]), []
     for begin, end in pairwise([0, *sorted(cuts), stamps_ns.size]):
-        strip.add(stamps_ns[begin:end], accel[begin:end])
-        rows += [(b, *lo, *hi) for b, lo, hi in zip(*(part.tolist() for part in strip.take()), strict=True)]
+        bins.add(stamps_ns[begin:end], accel[begin:end])
+        rows += [(b, *lo, *hi) for b, lo, hi in zip(*(part.tolist() for part in bins.take()), strict=True)]
     return rows
 
 
