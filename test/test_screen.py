@@ -72,14 +72,10 @@ def test_random_draws_repeat_with_the_seed() -> None:
     assert (first.chance != other.chance).any() and (np.diff(first.chance) >= 0.0).all()
 
 
-def test_a_gain_is_similar_to_its_negative_and_not_to_that_of_another_sensor() -> None:
-    tried = [
-        Candidate(applied("gain", site, gain=gain), "gain")
-        for site, gain in (("neck", 0.05), ("neck", -0.02), ("pelvis", 0.05))
-    ]
+def test_a_gain_gains_as_much_as_its_negative() -> None:
+    tried = [Candidate(applied("gain", site, gain=gain), "gain") for site, gain in (("neck", 0.05), ("neck", -0.02))]
     found = screen(hiding.nuisance(hiding.louder), tried, 20, 0)
-    up, down, other = found.candidates
-    assert found.cosine(up, down) == pytest.approx(1.0, abs=1e-4) and found.cosine(up, other) < 0.5
+    up, down = found.candidates
     assert down.screened.gain == pytest.approx(up.screened.gain, rel=1e-6)
     assert down.screened.size == pytest.approx(-2.5 * up.screened.size, rel=1e-6)
 

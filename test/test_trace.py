@@ -337,7 +337,7 @@ def screened(name: str, site: str, gain: float = 0.1) -> Candidate:
 def decided(given: dict[tuple[str, str], float], fits: list[Candidate], rest=(), none=0.0, outside=0.0, least=0.0):
     """The choice among candidates with these probabilities; an answer of 0.1 is in the 90 % set."""
     p = Probabilities(tuple(given), np.array(list(given.values())), none, outside, 0.1)
-    screening = Screening((), np.zeros(1), np.zeros((0, 0)))
+    screening = Screening((), np.zeros(1))
     return choose(fits, rest, p, least, hiding.nuisance(), without(), screening, 0.1)
 
 

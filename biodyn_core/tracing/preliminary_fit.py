@@ -87,7 +87,6 @@ def to_checkpoint(fits: PreliminaryFits) -> dict[str, Any]:
 
     return {
         "chance": fits.screening.chance.tolist(),
-        "cosines": np.round(fits.screening.cosines, 4).tolist(),
         "ranking": [row(one) for one in fits.screening.ranking],
         "fits": [[one.index, one.tried.gain, one.tried.decrease, dict(one.tried.applied.values)]
                  for one in fits.candidates],
@@ -98,14 +97,14 @@ def from_checkpoint(stored: Mapping[str, Any], candidates: Sequence[Candidate]) 
     """Preliminary fits from plain lists and their candidates; raises InputError for a damaged or other checkpoint."""
     try:
         ranking = tuple(_ranked(candidates, *row) for row in stored["ranking"])
-        chance, cosines = (np.array(stored[name], dtype=np.float64) for name in ("chance", "cosines"))
+        chance = np.array(stored["chance"], dtype=np.float64)
         by_index = {one.index: one for one in ranking}
         fitted = tuple(_fitted(by_index[int(index)], *row) for index, *row in stored["fits"])
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(f"the checkpoint of a trace is damaged ({error}); remove it to compute again") from None
-    if cosines.shape != (len(candidates),) * 2 or chance.ndim != 1 or not chance.size or not np.isfinite(chance).all():
+    if len(ranking) != len(candidates) or chance.ndim != 1 or not chance.size or not np.isfinite(chance).all():
         raise InputError("the checkpoint of a trace is damaged; remove it to compute again")
-    return PreliminaryFits(Screening(ranking, chance, cosines), fitted)
+    return PreliminaryFits(Screening(ranking, chance), fitted)
 
 
 def _ranked(candidates: Sequence[Candidate], index: float, *values: float) -> Candidate:

@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.parallel import ParallelMap, serial_map
@@ -36,14 +35,10 @@ LEAST_SAMPLES: Final = 50
 
 @dataclass(frozen=True, eq=False)
 class Screening:
-    """All candidates, the largest gain first, and the largest gain (r,) of each random draw, ascending.
-
-    cosines (c, c): absolute cosines between the candidates' residual changes, by their index.
-    """
+    """All candidates, the largest gain first, and the largest gain (r,) of each random draw, ascending."""
 
     ranking: tuple[Candidate, ...]
     chance: Floats
-    cosines: Floats
 
     @property
     def candidates(self) -> list[Candidate]:
@@ -54,10 +49,6 @@ class Screening:
         """How often the largest random gain is as large."""
         as_large = self.chance.size - int(np.searchsorted(self.chance, gain))
         return (1.0 + as_large) / (1.0 + self.chance.size)
-
-    def cosine(self, one: Candidate, other: Candidate) -> float:
-        """The similarity of two candidates, beside the nuisance model."""
-        return float(self.cosines[one.index, other.index])
 
 
 def all_candidates(subject: Subject, cases: Sequence[Case]) -> list[Candidate]:
@@ -134,7 +125,7 @@ def screen(
     sets = [_Changes.of(each) for each in (changes[:trained], changes[trained:])]
     linear = _Linear.of(nuisance, *sets)
     gains = linear.gains(nuisance.train.products, nuisance.choose.products, [one.with_residual for one in sets])
-    screening = Screening((), linear.chance(replicates, np.random.default_rng(seed)), linear.cosines(sets[0]))
+    screening = Screening((), linear.chance(replicates, np.random.default_rng(seed)))
     found = [
         dataclasses.replace(
             one,
@@ -156,7 +147,6 @@ class _Changes:
     with_known: Floats
     own: Floats
     with_residual: Floats
-    rows: tuple[NDArray[np.float32], ...]
 
     @classmethod
     def of(cls, events: Sequence[_Changes]) -> _Changes:
@@ -165,7 +155,6 @@ class _Changes:
             np.concatenate([one.with_known for one in events]),
             np.concatenate([one.own for one in events]),
             np.concatenate([one.with_residual for one in events]),
-            tuple(rows for one in events for rows in one.rows),
         )
 
 
@@ -184,7 +173,6 @@ def _changed(nuisance: NuisanceModel, item: tuple[bool, int, Sequence[Candidate]
         np.matmul(own.transpose(0, 2, 1), known),
         np.einsum("wrc,wrc->wc", own, own),
         np.einsum("wrc,wr->wc", own, residual, optimize=True),
-        (own.reshape(-1, len(candidates)).astype(np.float32),),
     )
 
 
@@ -263,19 +251,6 @@ class _Linear:
             flipped = [_flipped(p, m, s) for (p, m), s in zip(remaining, signs, strict=True)]
             drawn.append(self.gains(flipped[0][0], flipped[1][0], [m for _, m in flipped]).max())
         return np.sort(drawn)
-
-    def cosines(self, train: _Changes) -> Floats:
-        """Absolute cosines (c, c) between the remaining parts of the candidates in the events for fitting."""
-        weight, total = self.nuisance.weight, np.zeros((self.sizes.size,) * 2)
-        begin = 0
-        for rows, known in zip(train.rows, self.nuisance.train.known, strict=True):
-            windows, each = known.shape[0], known.shape[1]
-            w = np.repeat(weight[begin : begin + windows], each)[:, None]
-            own = (rows - known.reshape(-1, known.shape[2]) @ self.share) * np.sqrt(w)
-            total += own.T @ own
-            begin += windows
-        size = np.sqrt(np.maximum(np.diag(total), 1e-30))
-        return np.abs(total / np.outer(size, size))
 
 
 def _remaining(products: Products, changes: _Changes, b: Floats) -> tuple[Products, Floats]:

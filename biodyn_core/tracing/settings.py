@@ -1,4 +1,4 @@
-"""Settings of a trace.
+"""Settings of a trace. The model of the probabilities was learned with the defaults.
 
 Options of the command carry the names of the fields with a `setting`; the others are not everyday options.
 """
@@ -143,7 +143,7 @@ class TiltSettings:
 
 @dataclass(frozen=True)
 class DiagnosticSettings:
-    """Diagnostics of the residual; no verdict depends on them."""
+    """Diagnostics of the residual."""
 
     failing: float = 2.0
     """A sub-chain fails if its error exceeds that of the best one by this factor."""
