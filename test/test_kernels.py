@@ -382,6 +382,18 @@ def test_a_leap_that_later_stamps_never_pass_is_an_outlier():
 
 
 @pytest.mark.parametrize("as_python", [False, True])
+def test_instants_on_samples_between_them_and_none_are_interpolated(as_python):
+    """A polynomial of the interpolation's degree is exact; without instants nothing is done."""
+    interpolate = plain(kernels.interpolate) if as_python else kernels.interpolate
+    times, runs = np.arange(20.0), np.zeros(20, dtype=np.int64)
+    values, grid = (times - 8.0) ** 3, np.array([5.0, 7.25, 9.5, 10.0])
+    out = np.full(4, np.nan)
+    assert interpolate(times, runs, values, grid, lagrange_weights(4), out) == 4
+    np.testing.assert_allclose(out, (grid - 8.0) ** 3, rtol=1e-12)
+    assert interpolate(times, runs, values, grid[:0], lagrange_weights(4), out[:0]) == 0
+
+
+@pytest.mark.parametrize("as_python", [False, True])
 def test_short_outputs_stop_a_stream_where_it_continues_unchanged(as_python, monkeypatch):
     if as_python:
         Uncompiled(monkeypatch)
