@@ -284,3 +284,12 @@ def test_a_checkpoint_without_the_seat_continues_the_other_sensors() -> None:
     assert twice.seconds == pytest.approx(once.seconds + 2900 / RATE_HZ, abs=0.01)
     assert second.pipeline.losses("head").missing_s == pytest.approx(100 / RATE_HZ, abs=0.01)
     assert SEAT not in second.pipeline.exposure().sensors
+
+
+def test_a_weighting_that_the_checkpoint_lacks_counts_from_the_restart() -> None:
+    streams, cuts = noisy_streams(8.0), in_turn(noisy_streams(8.0), 140)
+    first = ride(streams, [cut for cut in cuts if cut[1] < 40 * 140])
+    second = ride(streams, [cut for cut in cuts if cut[1] >= 40 * 140], continued(first, SETTINGS)).pipeline.exposure()
+    before_s, both_s = first.pipeline.exposure().sensors["head"].seconds, second.sensors["head"].seconds
+    assert both_s > before_s + 2.0
+    assert second.further["Wb"]["head"].seconds == pytest.approx(both_s - before_s, abs=0.01)
