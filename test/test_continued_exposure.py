@@ -271,3 +271,25 @@ def test_sums_of_powers_below_zero_are_refused_at_once() -> None:
     document["sensors"]["head"]["meters"]["vertical"][0][0] *= -1.0
     with pytest.raises(InputError, match="vertical: a stored sum of powers is below zero"):
         ContinuedExposure(Pipeline(subject())).resume(ExposureCheckpoint.from_dict(document))
+
+
+def test_a_checkpoint_without_the_seat_continues_the_other_sensors() -> None:
+    """A sensor that has not rested yet is in no checkpoint."""
+    streams = noisy_streams(8.0)
+    first = ride(streams, [("head", 0, 3000), (SEAT, 0, 100)])
+    checkpoint = first.checkpoint(IDENTITY)
+    assert checkpoint is not None and set(checkpoint.sensors) == {"head"}
+    second = ride(streams, [("head", 3100, 6000)], continued(first))
+    once, twice = (one.pipeline.exposure().sensors["head"] for one in (first, second))
+    assert twice.seconds == pytest.approx(once.seconds + 2900 / RATE_HZ, abs=0.01)
+    assert second.pipeline.losses("head").missing_s == pytest.approx(100 / RATE_HZ, abs=0.01)
+    assert SEAT not in second.pipeline.exposure().sensors
+
+
+def test_a_weighting_that_the_checkpoint_lacks_counts_from_the_restart() -> None:
+    streams, cuts = noisy_streams(8.0), in_turn(noisy_streams(8.0), 140)
+    first = ride(streams, [cut for cut in cuts if cut[1] < 40 * 140])
+    second = ride(streams, [cut for cut in cuts if cut[1] >= 40 * 140], continued(first, SETTINGS)).pipeline.exposure()
+    before_s, both_s = first.pipeline.exposure().sensors["head"].seconds, second.sensors["head"].seconds
+    assert both_s > before_s + 2.0
+    assert second.further["Wb"]["head"].seconds == pytest.approx(both_s - before_s, abs=0.01)

@@ -260,3 +260,12 @@ def test_a_span_is_taken_over_only_where_high_g_is_there_and_agrees() -> None:
 def test_settings_out_of_range_are_named(name: str, value: float) -> None:
     with pytest.raises(InputError, match=name):
         DualRangeSettings(**{name: value})
+
+
+def test_a_shared_wide_channel_without_a_sample_is_unknown_everywhere():
+    t, low = np.arange(5) / 250.0, np.ones((5, 3))
+    for kept, known in (([], []), ([1, 3], [1, 3])):
+        read = read_wide(Stretch(t, low, t[kept], 2.0 * low[kept], 250.0, shared=True), 0.0)
+        expected = np.full((5, 3), np.nan)
+        expected[known] = 2.0
+        np.testing.assert_array_equal(read, expected)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from equations import RATE_HZ, SUBJECT, channels, twin
+from equations import RATE_HZ, SUBJECT, carried, channels, law, twin
 from hiding import applied
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,7 +22,7 @@ from biodyn_core.body.model import Chain, Stepper, predict
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import SensorSettings, imu_streams, load_case
 from biodyn_core.effects import CATALOGUE, AppliedEffect, ChainEffect, EffectParameter, apply_to_seat, apply_to_sensors
-from biodyn_core.effects.effect import Kind
+from biodyn_core.effects.effect import Joint, JointLimit, Kind
 from biodyn_core.pipeline.pipeline import Pipeline
 
 NAMES = sorted(CATALOGUE)
@@ -109,6 +109,70 @@ def test_the_chain_follows_the_equation_of_motion(name: str, values: dict[str, f
     # A jump that a step of RK4 straddles costs three orders; the equation itself is right or wrong by far more.
     jumps = name == "posture" and not effect.values["width_s"]
     assert rms(ours - truth) < (0.08 if jumps else 0.01) * size + 1e-4
+
+
+JOINT = Joint(6e4, 9e5, 700.0, 55.0, 7.0)
+
+
+def law_beside_its_equation(effect: AppliedEffect, t: float, d: float, r: float, s: float, q: list[float]):
+    """Force and rates (2, 1 + m) of a law as plain Python, and those of its equation, at one instant.
+
+    d: stretch m, or tension N for a limit; q: states of the equation, of which the law has some in another form.
+    """
+    kind, p = effect.effect, dict(effect.values)
+    constants = kind.constants(JOINT, p)
+    if isinstance(kind, JointLimit):
+        return [kind.law(d, *constants)], [carried(p, d, constants[0])]
+    k, k_alpha = JOINT.stiffness_n_per_m, JOINT.stiffening_n_per_m2
+    past: tuple[list, list] = ([0.0, 1.0], [-0.03, 0.05])
+    size = round(RATE_HZ) + 1
+    _, equation = law(kind.name, p, k, k_alpha, JOINT.damping_n_s_per_m, JOINT.segment_mass_kg, past, size)
+    states, added = list(q[: kind.states]), []
+    if kind.name in ("posture", "periodic"):
+        states = [t]
+    elif kind.name == "bending":  # the equation has the angles about both axes
+        axis = np.array([np.cos(p["axis_rad"]), np.sin(p["axis_rad"])])
+        states, q = [q[0]], q[0] * axis
+        driven, times = channels(size), np.arange(size) / RATE_HZ
+        added = [np.interp(t, times, driven[f"neck.bend_rate_{one}"]) for one in "xy"]
+    elif kind.name == "reflex":  # the equation has the second lag and its rate
+        lag_s = p["lag_s"] + 0.002
+        states, added = [q[0] + lag_s * q[1], q[0]], [np.interp(t - p["delay_s"], *past, left=0.0)]
+    force, rates = equation(t, d, r, s, np.array(q))
+    found = kind.law(d, r, s, *added, *states, *constants)
+    ours, *own = found if isinstance(found, tuple) else (found,)
+    if kind.name in ("posture", "periodic"):
+        assert own == [1.0]  # its state is the time
+        own = []
+    elif kind.name == "bending":
+        rates = [axis @ rates]
+    elif kind.name == "reflex":
+        rise, fall = own
+        own = [fall, (rise - fall) / lag_s] if p["lag_s"] or p["lead_s"] else own
+    return [ours, *own], [force, *rates]
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [*((name, STRONG.get(name, {})) for name in IN_TIME if name != "cross_axis"),
+     *((name, values) for name, values in GENERAL.items() if name != "cross_axis")],
+)  # fmt: skip
+def test_a_law_in_plain_python_is_its_equation_at_every_instant(name: str, values: dict[str, float]) -> None:
+    """... without the integration, on both sides of whatever it distinguishes, and at rest."""
+    rng = np.random.default_rng(5)
+    sizes = [3000.0, 0.0, 0.0] if name == "lift_off" else [0.03, 0.3, 10.0]
+    motion = np.vstack([np.zeros(3), rng.uniform(-1.0, 1.0, (200, 3)) * sizes])
+    times, states = rng.uniform(0.05, 0.5, len(motion)), rng.uniform(-0.05, 0.05, (len(motion), 3))
+    if name == "thixotropy":
+        states = abs(states)
+    effect = applied(name, **values)
+    count = {"bending": 1, "reflex": 2}.get(name, getattr(effect.effect, "states", 0))
+    pairs = [
+        law_beside_its_equation(effect, t, *of, list(q[:count])) for t, of, q in zip(times, motion, states, strict=True)
+    ]
+    ours, theirs = np.array(pairs).transpose(1, 0, 2)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9 * abs(theirs).max())
+    assert np.unique(theirs[:, 0]).size > 20
 
 
 @pytest.mark.parametrize("name", GENERAL)
@@ -325,6 +389,22 @@ def test_a_channel_that_is_not_there_is_one_line() -> None:
     chain = Chain.of(with_effects(applied("cross_axis")))
     with pytest.raises(InputError, match=r"an effect needs the channel seat\.x, which is not measured here"):
         chain.simulate(shock(), RATE_HZ)
+
+
+def test_a_seat_without_a_measured_rotation_is_one_line() -> None:
+    seat = shock()
+    driven = {name: values for name, values in channels(seat.size).items() if name != "seat.rate_y"}
+    with pytest.raises(InputError, match=r"effect pitch needs the channel seat\.rate_y, which is not measured here"):
+        apply_to_seat([applied("pitch")], seat, RATE_HZ, driven)
+
+
+def test_skin_without_softness_is_the_limit_of_ever_harder_skin() -> None:
+    accel, skin = shock(), CATALOGUE["skin"]
+    rigid, hard, soft = (
+        skin.transform(accel, RATE_HZ, {}, applied("skin", softness_s=s).values) for s in (0.0, 1e-6, 0.01)
+    )
+    np.testing.assert_array_equal(rigid, accel)
+    assert rms(hard - rigid) < 1e-4 * rms(accel) < rms(soft - rigid)
 
 
 def test_a_stiff_effect_makes_the_steps_smaller() -> None:

@@ -294,3 +294,25 @@ def test_one_g_more_multiplies_hic_as_noted():
     for peak, factor in ((2.0, 2.8), (4.0, 1.8), (8.0, 1.35)):
         found = hic(vertical(np.full(300, peak)), RATE_HZ)
         assert found.as_printed / found.vertical == pytest.approx(factor, abs=0.06)
+
+
+def test_a_smaller_maximum_of_an_earlier_run_leaves_the_time_of_the_larger_one():
+    """Both runs' seconds add up; the time is that of the larger of both maxima."""
+    soft, hard = (naive.half_sine(peak_g * naive.GRAVITY, 0.08, 0.6, RATE_HZ) for peak_g in (2.0, 5.0))
+    silence = np.zeros(400)
+
+    def counted(accel: np.ndarray) -> DriMeter:
+        meter = DriMeter(RATE_HZ, WINDOW_S)
+        meter.push(accel.reshape(-1, 1))
+        return meter
+
+    for earlier, later in ((soft, hard), (hard, soft)):
+        first, second = counted(earlier), counted(np.concatenate([silence, later]))
+        alone = (first.since_reset(), second.since_reset())
+        before_s, own_s = first.totals()[0, 2], second.totals()[0, 2]
+        second.resume(first.totals())
+        louder = max(alone, key=lambda one: one.compression)
+        time_s = louder.time_s + (before_s if louder is alone[1] else 0.0)
+        assert second.since_reset().compression == pytest.approx(louder.compression, rel=1e-9)
+        assert second.since_reset().time_s == pytest.approx(time_s, abs=1e-9)
+        assert second.totals()[0, 2] == pytest.approx(before_s + own_s, rel=1e-9)

@@ -10,8 +10,9 @@ from hiding import applied
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Ranges
 from biodyn_core.identification.problem import errors
+from biodyn_core.tracing import joint_refit
 from biodyn_core.tracing.answers import answer
-from biodyn_core.tracing.joint_refit import covariances, generalised, jointly_refitted, refit
+from biodyn_core.tracing.joint_refit import covariances, general_starts, generalised, jointly_refitted, refit
 
 SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
 
@@ -123,3 +124,38 @@ def test_a_start_that_is_unstable_is_weakened_and_a_refit_is_never_worse_than_th
     found = refit(base, cases(hiding.louder), [wild], textbook=True)
     assert found.objective <= refit(base, cases(hiding.louder), [base]).objective * (1.0 + 1e-6)
     assert np.isfinite(error_percent(found.subject, hiding.louder, hiding.plain))
+
+
+def test_general_starts_try_each_shape_with_the_size_that_changes_the_answer_alike() -> None:
+    bare = hiding.fitted()
+    assert general_starts(bare, cases()) == [bare]
+    bent = dataclasses.replace(bare, effects=(applied("stop", "pelvis", gap_m=0.001),))
+    own, *others = general_starts(bent, cases())
+    grids = [p.grid for p in CATALOGUE["stop"].parameters if p.neutral is not None and p.grid]
+    assert own is bent and len(others) == np.prod([len(grid) for grid in grids]) - 1
+    plain = np.concatenate([answer(bare, case).ravel() for case in cases()])
+    change = np.concatenate([answer(bent, case).ravel() for case in cases()]) - plain
+    assert np.abs(change).max() > 0.1
+    for one in others:
+        (effect,) = one.effects
+        assert effect.values["gap_m"] == 0.001 and effect != bent.effects[0]
+        ratio = p_size(effect) / p_size(bent.effects[0])
+        again = dataclasses.replace(bent, effects=(dataclasses.replace(effect, values={
+            **effect.values, "stiffness_ratio": p_size(bent.effects[0]),
+        }),))  # fmt: skip
+        other = np.concatenate([answer(again, case).ravel() for case in cases()]) - plain
+        upper = next(p.upper for p in effect.effect.parameters if p.name == "stiffness_ratio")
+        expected = min(float(change @ other / (other @ other)), upper / p_size(bent.effects[0]))
+        assert ratio == pytest.approx(expected, rel=1e-9) and ratio > 0.1
+
+
+def p_size(effect: AppliedEffect) -> float:
+    return effect.values["stiffness_ratio"]
+
+
+def test_an_effect_that_is_unstable_at_every_strength_is_halved_a_limited_number_of_times(monkeypatch) -> None:
+    start = dataclasses.replace(hiding.fitted(), effects=(applied("gain", "neck", gain=0.2),))
+    assert joint_refit._stable(start, cases()) is start
+    monkeypatch.setattr(joint_refit, "answers", lambda *_: [np.array([1e9])])
+    found = joint_refit._stable(start, cases())
+    assert found.effects[0].values["gain"] == pytest.approx(0.2 * 0.5**joint_refit.HALVINGS, rel=1e-12)

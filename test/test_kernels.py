@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import pkgutil
+import runpy
 import subprocess
 import sys
 import tempfile
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hiding import applied
 from scipy import signal
 from uncompiled import Uncompiled
 
@@ -22,7 +24,7 @@ from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.alignment import lagrange_weights
 from biodyn_core.exposure.injury import DRI_DAMPING_RATIO, DRI_OMEGA_RAD_PER_S, first_order_hold
-from biodyn_core.kernels import compiling, rails, sensor
+from biodyn_core.kernels import chain, compiling, generated, rails, sensor
 from biodyn_core.signals.weighting import weighting_sections
 
 RATE_HZ = 1129.3
@@ -270,6 +272,188 @@ def test_the_streams_path_is_used_in_every_part():
     assert rows.reshape(rails.ROWS, -1)[:, rails.FOUND].any() and (counts_at_extremes[1:] > 0).sum() > 10
     names = ("ACCEPTED", "UNSET", "NON_FINITE", "LATE", "STRAY", "FILLED", "CLIPPED", "TRACKED")
     assert [name for name in names if counts[getattr(sensor, name)] == 0] == []
+
+
+def test_states_of_effects_are_integrated_as_the_motion_is(monkeypatch):
+    """A state of its own that decays has one factor per step, that of the Runge-Kutta method, in any cut."""
+    rates = np.array([0.0, 90.0, 700.0])
+    Uncompiled(monkeypatch)
+    bare = chain._accelerations
+
+    def decaying(x, v, q, *others):
+        bare(x, v, q, *others)
+        others[-1][:] = -rates[: q.size] * q
+
+    monkeypatch.setattr(chain, "_accelerations", decaying)
+    arguments = _chain("random", keep_motion=False, high=0.5)
+    seat, step_s, substeps, size = arguments[0][:40], arguments[9], arguments[10], 40
+    alone, state = np.linspace(-1e-3, 1e-3, 13), np.append(np.linspace(-1e-3, 1e-3, 13), [2.0, -1.0, 0.5])
+    apart, cut = np.empty((size, 6)), np.empty((size, 6))
+    chain.integrate_chain(seat, arguments[1], state, *arguments[3:11], apart, arguments[12])
+    for begin, end in ((0, 13), (13, size)):
+        chain.integrate_chain(seat[begin:end], arguments[1], alone, *arguments[3:11], cut[begin:end], arguments[12])
+    z = rates * step_s
+    factor = 1.0 - z + z**2 / 2.0 - z**3 / 6.0 + z**4 / 24.0
+    np.testing.assert_allclose(state[13:], [2.0, -1.0, 0.5] * factor ** (size * substeps), rtol=1e-12)
+    assert abs(factor[2] - np.exp(-z[2])) > 1e-7  # it is the method, not the exact solution
+    np.testing.assert_array_equal(state[:13], alone)
+    np.testing.assert_array_equal(apart, cut)
+
+
+def test_an_integrator_without_cache_or_compiler_equals_the_compiled_one(monkeypatch):
+    """... with states, a delay and a limit, each of whose lines is written into its source."""
+    effects = [applied(name) for name in ("relaxation", "reflex", "lift_off")]
+    body = Chain.of(Subject("s", 70.0, 1.7, "segment", Parameters.from_vector(0.5 * (LOWER + UPPER))))
+    body = body.with_effects(effects)
+    seat = 30.0 * np.sin(np.arange(60) / 8.0)
+    compiled = body.simulate(seat, RATE_HZ).accel_mps2
+    Uncompiled(monkeypatch)
+    monkeypatch.setattr(compiling, "numba", None)
+    monkeypatch.setattr(generated, "CACHE", None)
+    monkeypatch.setattr(generated, "_load", generated._load.__wrapped__)
+    monkeypatch.setattr(generated, "_integrator", generated._integrator.__wrapped__)
+    plain = body.simulate(seat, RATE_HZ).accel_mps2
+    np.testing.assert_allclose(plain, compiled, rtol=1e-9, atol=1e-9 * abs(compiled).max())
+
+
+def test_a_generated_file_that_python_cannot_import_is_named(monkeypatch, tmp_path):
+    monkeypatch.setattr(generated, "CACHE", str(tmp_path))
+    monkeypatch.setattr(generated, "cached_file", lambda path, text: path.with_suffix(".text"))
+    with pytest.raises(ImportError, match=r"chain_[0-9a-f]{32}\.text: cannot be loaded"):
+        generated._load("# no integrator\n")
+
+
+@pytest.mark.parametrize("missing", ["switched off", "not installed"])
+def test_without_numba_functions_stay_as_they_are(missing, bare, monkeypatch):
+    monkeypatch.setenv("HOME", str(bare))
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1" if missing == "switched off" else "0")
+    if missing == "not installed":
+        monkeypatch.setitem(sys.modules, "numba", None)
+    module = runpy.run_path(compiling.__file__)
+    assert module["COMPILED"] is False
+    for decorate in (module["compiled"], module["inlined"]):
+        assert decorate(given) is given
+
+
+# --- decisions of a sensor's path ------------------------------------------------------------------------------------
+
+PERIOD_NS = round(1e9 / RATE_HZ)
+
+
+def _on_time(number: int) -> int:
+    """The stamp of a sample on time, ns; the first one is one period behind the epoch."""
+    return EPOCH_NS + (number + 1) * PERIOD_NS
+
+
+@pytest.mark.parametrize(
+    ("later", "needed", "coarse", "final", "wanted"),
+    [
+        ([_on_time(5000 + k) for k in range(1, 4)], 3, False, False, "CONFIRMED"),
+        ([_on_time(5000 + k) for k in range(1, 3)], 3, False, False, "UNDECIDED"),
+        ([_on_time(5000 + k) for k in range(1, 3)], 3, False, True, "CONFIRMED"),
+        ([_on_time(5000 + k) for k in range(1, 3)], 20, False, True, "OUTLIER"),  # too few for a leap so far
+        ([_on_time(k) for k in range(1, 4)], 3, False, True, "OUTLIER"),  # back on the old line, behind the leap
+        ([_on_time(5000)] * 30, 3, False, True, "OUTLIER"),  # constant
+        ([0] * 450, 3, False, True, "OUTLIER"),  # no stamp in reach decides
+        ([0] * 399 + [_on_time(5001)], 1, False, True, "CONFIRMED"),  # the last one in reach does
+        ([0] * 400 + [_on_time(5001)], 1, False, True, "OUTLIER"),  # the next one does not
+        ([0, 0], 1, False, True, "OUTLIER"),
+        ([_on_time(5000)] * 2, 1, False, False, "UNDECIDED"),  # repeated messages
+        ([_on_time(4999 - k) for k in range(25)], 20, False, True, "OUTLIER"),
+    ],
+)
+@pytest.mark.parametrize("as_python", [False, True])
+def test_later_stamps_confirm_a_leap_or_do_not(later, needed, coarse, final, wanted, as_python):
+    confirm = plain(sensor._confirm_leap) if as_python else sensor._confirm_leap
+    state = _sensor(coarse, 1e-5)
+    state[sensor.PERIOD], state[sensor.TIME] = 1e-9 * PERIOD_NS, 0.0
+    stamps = np.array([_on_time(5000), *later], dtype=np.int64)
+    assert confirm(stamps, 0, needed, EPOCH_NS, final, state) == getattr(sensor, wanted)
+
+
+def test_a_leap_that_later_stamps_never_pass_is_an_outlier():
+    """Coarse stamps that repeat the leap are as near to it as to nothing: after 20 of them it is none."""
+    state = _sensor(True, 1e-5)
+    state[sensor.PERIOD], state[sensor.TIME] = 1e-9 * PERIOD_NS, 0.0
+    leap = _on_time(5000)
+    pairs = [leap + (k % 2) - 1 for k in range(40)]
+    confirm = plain(sensor._confirm_leap)
+    assert confirm(np.array([leap, *pairs]), 0, 20, EPOCH_NS, True, state) == sensor.OUTLIER
+
+
+@pytest.mark.parametrize("as_python", [False, True])
+def test_instants_on_samples_between_them_and_none_are_interpolated(as_python):
+    """A polynomial of the interpolation's degree is exact; without instants nothing is done."""
+    interpolate = plain(kernels.interpolate) if as_python else kernels.interpolate
+    times, runs = np.arange(20.0), np.zeros(20, dtype=np.int64)
+    values, grid = (times - 8.0) ** 3, np.array([5.0, 7.25, 9.5, 10.0])
+    out = np.full(4, np.nan)
+    assert interpolate(times, runs, values, grid, lagrange_weights(4), out) == 4
+    np.testing.assert_allclose(out, (grid - 8.0) ** 3, rtol=1e-12)
+    assert interpolate(times, runs, values, grid[:0], lagrange_weights(4), out[:0]) == 0
+
+
+@pytest.mark.parametrize("as_python", [False, True])
+def test_short_outputs_stop_a_stream_where_it_continues_unchanged(as_python, monkeypatch):
+    if as_python:
+        Uncompiled(monkeypatch)
+    stamps, samples, epoch_ns, final, state, counts, *out = _regularise("random")
+    used, size, why = sensor.regularise(stamps, samples, epoch_ns, final, state, counts, *out)
+    assert why == sensor.NEW_RUN
+    whole, *_, again, counted, times, accel, source = [used, *_regularise("random")]
+    parts, begin, why, calls = [], 0, sensor.DONE, 0
+    while why == sensor.DONE:
+        short = times[:70], accel[:70], source[:70]
+        read, written, why = sensor.regularise(stamps[begin:], samples[begin:], epoch_ns, final, again, counted, *short)
+        parts.append([short[0][:written].copy(), short[1][:written].copy()])
+        begin, calls = begin + read, calls + 1
+    assert begin == whole and calls > 10
+    for part, long in zip(zip(*parts, strict=True), out, strict=False):
+        np.testing.assert_array_equal(np.concatenate(part), long[:size])
+    np.testing.assert_array_equal(counted, counts)
+
+
+@pytest.mark.parametrize("as_python", [False, True])
+def test_a_sample_too_many_is_left_out_once_the_mean_of_stamps_shows_it(as_python, monkeypatch):
+    if as_python:
+        Uncompiled(monkeypatch)
+    stamps, samples, epoch_ns, final, state, counts, times, accel, source = _regularise("random")
+    counts[sensor.TRACKED] = 10**6  # a clock that is known, so that it does not follow the stamps
+    stamps = np.array([_on_time(k) for k in range(len(stamps))])
+    extra = 150
+    stamps[extra:] -= round(0.95 * PERIOD_NS)
+    used, written, why = sensor.regularise(stamps, samples, epoch_ns, final, state, counts, times, accel, source)
+    assert (used, written, why) == (len(stamps), len(stamps) - 1, sensor.DONE)
+    assert (counts[sensor.LATE], counts[sensor.FILLED], counts[sensor.ACCEPTED]) == (1, 0, len(stamps) - 1)
+    (dropped,) = np.setdiff1d(np.arange(len(stamps)), source[:written])
+    assert extra < dropped < extra + 20
+    late = times[:written] - 1e-9 * (stamps[source[:written]] - epoch_ns)
+    assert abs(late[-40:]).max() < 0.3e-9 * PERIOD_NS < abs(late[extra + 1 : dropped]).min()
+
+
+@pytest.mark.parametrize("as_python", [False, True])
+def test_levels_next_to_an_extreme_are_counted_in_order(as_python):
+    """... each with the number of its readings, and the lowest is lost to a new one."""
+    insert = plain(rails._insert_level) if as_python else rails._insert_level
+    row = np.zeros(rails.ROW_SIZE)
+    row[rails.EXTREME], row[rails.READ] = 20.0, 1.0
+    for value in (15.0, 18.0, 15.0, 13.0, 18.0 * (1.0 + 1e-7), 15.0 * (1.0 - 1e-7), 14.0, 13.0):
+        insert(value, row)
+    assert row[: rails.READ].tolist() == [20.0, 18.0, 15.0, 14.0, 13.0, 0.0, 0.0, 0.0, 0.0]
+    assert row[rails.READ : rails.FOUND].tolist() == [1.0, 2.0, 3.0, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0]
+    for value in (19.0, 17.0, 16.0, 12.5, 13.5):
+        insert(value, row)
+    assert row[: rails.READ].tolist() == [20.0, 19.0, 18.0, 17.0, 16.0, 15.0, 14.0, 13.5, 13.0]
+    assert row[rails.READ : rails.FOUND].tolist() == [1.0, 1.0, 2.0, 1.0, 1.0, 3.0, 1.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize(("stays", "found"), [(33, 0.0), (34, 1.0)])
+def test_a_rail_is_found_from_single_stays_in_plain_python(stays, found):
+    """34 stays beside 8 levels that were read once each: the binomial probability is below 9^-9."""
+    row = np.zeros(rails.ROW_SIZE)
+    row[rails.READ + 1 : rails.FOUND], row[rails.STAYS] = 1.0, stays
+    plain(rails._test_rail)(row)
+    assert row[rails.FOUND] == found
 
 
 # --- the cache -------------------------------------------------------------------------------------------------------

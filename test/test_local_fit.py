@@ -2,6 +2,7 @@
 
 import dataclasses
 from functools import cache
+from types import SimpleNamespace
 
 import hiding
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from hiding import applied
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.tracing import local_fit
 from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, evidence_gain, fit_locally, simulated_products
 from biodyn_core.tracing.nuisance_model import N_THETA, EventSet, NuisanceModel
 from biodyn_core.tracing.rows import Rows
@@ -203,3 +205,17 @@ def test_an_effect_that_replaces_a_large_nuisance_parameter_gains_evidence_and_a
     assert evidence_gain(dear, fit_locally(dear, None), fit_locally(dear, applied("quadratic_damping", "pelvis"))) > 1.0
     assert abs(evidence_gain(nuisance, bent, gain)) < 0.05
     assert evidence_gain(nuisance, bent, bent) == 0.0
+
+
+def test_a_step_that_is_not_finite_is_no_step() -> None:
+    """Beside an unstable point the derivatives are not finite; a finite step to a smaller objective is taken."""
+    here, there = (SimpleNamespace(delta=np.zeros(2), psi=np.zeros(1), objective=one) for one in (2.0, 1.0))
+    for delta, psi, found in (
+        (np.ones(2), np.ones(1), there),
+        (np.array([1.0, np.nan]), np.ones(1), None),
+        (np.ones(2), np.array([np.inf]), None),
+    ):
+        problem = SimpleNamespace(
+            by_psi=lambda at: [], step=lambda at, slopes, d=delta, p=psi: (d, p), at=lambda *_: there
+        )
+        assert local_fit._line_search(problem, here) is found

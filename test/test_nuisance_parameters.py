@@ -54,3 +54,19 @@ def test_the_tilt_at_rest_keeps_its_spread_at_the_least_prior_scale(cases) -> No
 def test_without_horizontal_axes_there_is_no_tilt_of_the_seat() -> None:
     plain = hiding.events(3)
     assert not any("tilt of" in one.name for one in nuisance_parameters(hiding.fitted(), plain))
+
+
+def test_a_sensor_with_horizontal_axes_has_a_tilt_about_both_and_every_deviation_its_site(cases) -> None:
+    with_head = [
+        dataclasses.replace(one, channels={**one.channels, "head.x": one.seat_mps2, "head.y": one.seat_mps2})
+        for one in cases
+    ]
+    found, before = (nuisance_parameters(hiding.fitted(), one) for one in (with_head, cases))
+    tilts = {one.name: one for one in found if one.name not in {other.name for other in before}}
+    assert set(tilts) == {"tilt of head (lean_x)", "tilt of head (lean_y)"}
+    s = TypicalSettings()
+    for axis, one in (("lean_x", tilts["tilt of head (lean_x)"]), ("lean_y", tilts["tilt of head (lean_y)"])):
+        assert list(one.strengths) == [axis] and one.spread * one.strengths[axis] == pytest.approx(s.usual_lean)
+        assert one.least_scale == pytest.approx(s.rest_lean / s.usual_lean)
+    for one in found:
+        assert one.name.split(" of ")[1].split(" (")[0] == one.site

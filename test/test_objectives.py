@@ -217,6 +217,17 @@ def test_clock_offset_and_drift_are_found_at_zero_cost() -> None:
 # --- kernels --------------------------------------------------------------------------------------------------------
 
 
+def test_difference_quotients_are_those_of_numpy_compiled_and_plain() -> None:
+    given = np.random.default_rng(4).standard_normal((7, 5, 4))
+    given[0, 0] = 3.0
+    expected = np.concatenate([(given[:, :, :-1] - given[:, :, -1:]) / 0.25, given[:, :, -1:]], axis=2)
+    for kernel in (cost.difference_quotients, getattr(cost.difference_quotients, "py_func", None)):
+        if kernel is not None:
+            found = given.copy()
+            kernel(found, 0.25)
+            np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.skipif(not compiling.COMPILED, reason="numba is not there: everything is plain already")
 def test_compiled_and_plain_kernels_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     seat = fitting.seat_motion("pothole", 2.3, 1)[1320:1360]

@@ -1,5 +1,7 @@
 """Preliminary fits: the shortlist, and a checkpoint that is read as it was written."""
 
+import dataclasses
+import itertools
 import json
 from functools import cache
 
@@ -8,6 +10,7 @@ import numpy as np
 import pytest
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.parallel import serial_map
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate
 from biodyn_core.tracing.preliminary_fit import PreliminaryFits, from_checkpoint, preliminary_fits, to_checkpoint
@@ -97,3 +100,22 @@ def test_a_damaged_checkpoint_is_refused(damage: dict) -> None:
 def test_a_checkpoint_of_other_candidates_is_refused() -> None:
     with pytest.raises(InputError):
         from_checkpoint(to_checkpoint(found()), tried()[:3])
+
+
+def test_an_unstable_fit_is_left_out_and_the_others_stay() -> None:
+    shares, (_, *others) = [], found().candidates
+
+    def parallel(stage, function, *given):
+        fits = iter(serial_map(stage, function, *given))
+        if stage != "preliminary fits":
+            return fits
+        unstable = dataclasses.replace(next(fits), objective=np.inf)
+        return itertools.chain([unstable], fits)
+
+    again = preliminary_fits(
+        hiding.nuisance(hiding.louder, hiding.plain), tried(), 30, 0,
+        lambda stage, share: shares.append(share) if stage == "preliminary fits" else None, parallel=parallel,
+    )  # fmt: skip
+    assert [one.key for one in again.candidates] == [one.key for one in others]
+    assert [one.tried.gain for one in again.candidates] == [one.tried.gain for one in others]
+    assert shares == pytest.approx(np.arange(1, len(others) + 2) / (len(others) + 1))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.sensor_pairs.checks import Finding, Recorded, SensorCheck, check_sensor, combined
-from biodyn_core.sensor_pairs.faults import PARAMETRIZATIONS, fit_fault, size_error
+from biodyn_core.sensor_pairs.faults import PARAMETRIZATIONS, fit_fault, largest_by_chance, size_error
 from biodyn_core.sensor_pairs.pairs import PairCheck
 from biodyn_core.sensor_pairs.settings import PairSettings, StretchSettings
 from biodyn_core.sensor_pairs.streams import Span, Stream, common_spans, pair_of, stream_of
@@ -315,3 +315,53 @@ def test_bad_input_is_one_line(
     out = capsys.readouterr()
     assert (code, out.out, len(out.err.strip().splitlines())) == (2, "", 1), out.err
     assert message in out.err
+
+
+def test_a_gyro_counts_if_it_is_finite_and_not_zero_throughout() -> None:
+    stamps_ns = START_NS + 10**7 * np.array([0, 2, 1, 3, 3, 4])
+    accel = np.arange(18.0).reshape(6, 3)
+    accel[4], turning = accel[3], 0.1 * np.arange(18.0).reshape(6, 3)
+    found = stream_of(stamps_ns, accel, turning, START_NS)
+    np.testing.assert_array_equal(found.gyro_radps, turning[[0, 2, 1, 3, 5]])  # in order, without the repeated one
+    np.testing.assert_array_equal(found.accel_mps2, accel[[0, 2, 1, 3, 5]])
+    lost = np.where(np.arange(18).reshape(6, 3) == 7, np.nan, turning)
+    for gyro in (None, lost, 0.0 * turning):
+        assert stream_of(stamps_ns, accel, gyro, START_NS).gyro_radps is None
+
+
+def test_a_recording_without_a_stretch_free_of_gaps_says_so_and_a_short_stretch_is_the_last_resort() -> None:
+    """A gap every 4 s leaves no 5 s; gaps 8 s apart leave none of 12 s, but one of the least length."""
+    whole = stream(neck, 100.0, 30.0)
+
+    def with_gaps(every_s: float) -> Recorded:
+        kept = whole.stamps_s % every_s > 0.5
+        return Recorded(Stream(whole.stamps_s[kept], whole.accel_mps2[kept], None), whole)
+
+    settings, stretches = PairSettings(least_s=5.0, replicates=200), StretchSettings(stretch_s=12.0, stretches=1)
+    good = Recorded(whole, stream(head, 100.0, 30.0))
+    found = check_sensor(with_gaps(4.0), [good], 0, stretches, settings)
+    assert found.finding.verdict == "not_decidable"
+    assert found.finding.reason == ("the checked recording: every 5 s have a gap of more than 0.1 s: see biodyn info")
+    (one,) = check_sensor(with_gaps(8.0), [good], 0, stretches, settings).checks
+    assert one.span.end_s - one.span.begin_s == pytest.approx(5.0)
+    assert one.good_span.end_s - one.good_span.begin_s == pytest.approx(12.0)
+
+
+def test_channels_of_a_gyro_turn_with_its_motion_on_the_grid() -> None:
+    time_s = np.arange(1000) / 100.0
+    turning = np.column_stack([np.sin(2.0 * np.pi * f * time_s) for f in (1.0, 2.0, 3.0)])
+    reference = Stream(time_s, neck(time_s), turning)
+    found = pair_of(reference, Stream(time_s, head(time_s), None), Span(1.0, 8.0), 2, 100.0, gyro=True)
+    grid_s = 1.0 + np.arange(700) / 100.0
+    expected = np.column_stack([np.sin(2.0 * np.pi * f * grid_s) for f in (1.0, 2.0, 3.0)])
+    np.testing.assert_allclose(found.reference[20:-20, 3:], expected[20:-20], atol=0.01)
+    assert pair_of(reference, reference, Span(1.0, 8.0), 2, 100.0, gyro=False).reference.shape == (700, 3)
+
+
+def test_candidates_that_are_nowhere_seen_explain_nothing_by_chance() -> None:
+    windows, signs = np.array([[1.0, 2.0], [3.0, -4.0]]), np.array([[1.0, 1.0], [1.0, -1.0]])
+    # Sums of a draw squared, over the candidate's energy and the residual: (1 + 3)^2 / (2 * 4), (2 + 4)^2 / (3 * 4).
+    np.testing.assert_allclose(largest_by_chance(windows, np.array([2.0, 3.0]), 4.0, signs), [2.0, 3.0])
+    np.testing.assert_allclose(largest_by_chance(windows, np.array([2.0, 0.0]), 4.0, signs), [2.0, 0.5])
+    for energy, residual in ((np.zeros(2), 4.0), (np.array([2.0, 3.0]), 0.0)):
+        assert largest_by_chance(windows, energy, residual, signs).tolist() == [0.0, 0.0]

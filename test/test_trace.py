@@ -2,6 +2,7 @@
 
 import dataclasses
 from functools import cache
+from types import SimpleNamespace
 from unittest import mock
 
 import hiding
@@ -20,7 +21,7 @@ from biodyn_core.tracing.candidate import Candidate, CandidateFit, ScreeningResu
 from biodyn_core.tracing.choice import choose
 from biodyn_core.tracing.data_checks import FloorSettings, split_held_out
 from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
-from biodyn_core.tracing.local_fit import LocalFit, fit_locally
+from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, fit_locally
 from biodyn_core.tracing.probability import Probabilities
 from biodyn_core.tracing.results import LIKELY_FAULT, _sensors
 from biodyn_core.tracing.screen import Screening, all_candidates
@@ -446,3 +447,47 @@ def test_likely_sensor_faults_are_reported_beside_a_cause() -> None:
     tilt = applied("tilt", "neck", lean_x=0.1)
     (found,) = _sensors(a_round({"skin": 1.0}, row(*SKIN, 1.0)), [tilt], [cause])
     assert (found.source, found.explains, found.gain) == ("gyro", False, None)
+
+
+@pytest.mark.parametrize(
+    ("after", "scale", "adds", "count"),
+    [
+        (0.1, PRIOR_SCALES[-1], True, 1),  # it predicts well enough, without deviations
+        (0.1, PRIOR_SCALES[0], True, 3),  # ... but only with typical deviations
+        (0.9, PRIOR_SCALES[-1], True, 3),
+        (0.9, PRIOR_SCALES[-1], False, 1),
+    ],
+)
+def test_rounds_end_when_one_adds_nothing_or_the_prediction_is_good(after, scale, adds, count, monkeypatch) -> None:
+    """... or after the largest number; effects after the first one need the probability of a name."""
+    asked = []
+
+    def one_round(subject, train, choose, s, seed, on_stage, checkpoint, parallel, least):
+        asked.append((subject, seed, least))
+        return SimpleNamespace(chosen=SimpleNamespace(prior_scale=scale), adds_effect=adds, after=after)
+
+    monkeypatch.setattr(trace_module, "one_round", one_round)
+    monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_: (f"{subject}+", outcome))
+    s = dataclasses.replace(SHORT, most_effects=3, enough=0.5)
+    found = trace_module._rounds("body", [], [], s, 7, None, None, None)
+    assert [subject for subject, _ in found] == ["body+", "body++", "body+++"][:count]
+    assert asked == [("body", 7, 0.0), ("body+", 8, s.named_from), ("body++", 9, s.named_from)][:count]
+
+
+def test_a_stored_theta_is_used_for_its_events_and_seed(monkeypatch) -> None:
+    cases, fits, stored = list(hiding.events(3)), [], {}
+    theta = 1.01 * hiding.TRUTH.parameters.vector()
+
+    def fit(train, subject, seed, *_):
+        fits.append(seed)
+        return SimpleNamespace(subject=dataclasses.replace(subject, parameters=Parameters.from_vector(theta)))
+
+    monkeypatch.setattr(trace_module, "fit_joint", fit)
+    refitted = [
+        trace_module.refitted(train, hiding.TRUTH, SHORT, seed, stored, None)
+        for train, seed in ((cases, 1), (cases, 1), (cases, 2), (cases[:2], 1))
+    ]
+    assert fits == [1, 2, 1] and len(stored) == 3
+    for one in refitted:
+        np.testing.assert_array_equal(one.parameters.vector(), theta)
+    assert refitted[1].provenance == {}

@@ -1,0 +1,153 @@
+"""One round of a search: stored fits, starts, and the fit of the chosen candidate."""
+
+import dataclasses
+import json
+from functools import cache
+from types import SimpleNamespace
+
+import hiding
+import numpy as np
+import pytest
+from hiding import applied
+
+from biodyn_core.base.errors import InputError
+from biodyn_core.tracing import fitted_candidates, rounds
+from biodyn_core.tracing.candidate import Candidate, CandidateFit, PreliminaryFit, ScreeningResult
+from biodyn_core.tracing.local_fit import LocalFit, fit_locally
+from biodyn_core.tracing.preliminary_fit import PreliminaryFits
+from biodyn_core.tracing.screen import Screening
+from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.unsteady import UnsteadyCause
+
+SETTINGS = TraceSettings(refined=2)
+
+
+@cache
+def without() -> LocalFit:
+    return fit_locally(hiding.nuisance(hiding.louder), None)
+
+
+def candidates() -> list[Candidate]:
+    """A gain and a skin, screened and fitted to few events."""
+    found = []
+    for index, one in enumerate((applied("gain", "neck", gain=0.05), applied("skin", "head"))):
+        fit = PreliminaryFit(0.4 - 0.1 * index, 0.3, one)
+        screening = ScreeningResult(0.3, 0.2, 1.0, 0.1, 0.01)
+        found.append(Candidate(one, one.effect.strengths[0], index, screening, fit))
+    return found
+
+
+def screened(*ranking: Candidate) -> Screening:
+    return Screening(ranking, np.array([0.01]), np.eye(2))
+
+
+def nothing(stage: str, share: float) -> None:
+    """No progress is shown."""
+
+
+def test_preliminary_fits_are_stored_for_their_events_and_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried, computed = candidates(), []
+
+    def fits(few, given, replicates, seed, *others) -> PreliminaryFits:
+        computed.append(seed)
+        return PreliminaryFits(screened(*given), tuple(given))
+
+    monkeypatch.setattr(rounds, "preliminary_fits", fits)
+    few, stored = hiding.nuisance(hiding.louder), {}
+
+    def found(seed: int, checkpoint: dict | None) -> PreliminaryFits:
+        return rounds._preliminary(few, tried, SETTINGS, seed, nothing, checkpoint, None)
+
+    first, stored = found(1, stored), json.loads(json.dumps(stored))
+    again = found(1, stored)
+    assert computed == [1] and len(stored) == 1
+    assert [one.tried for one in again.candidates] == [one.tried for one in first.candidates]
+    assert [one.screened for one in again.screening.ranking] == [one.screened for one in first.screening.ranking]
+    found(2, stored)
+    found(1, None)
+    assert computed == [1, 2, 1] and len(stored) == 2
+
+
+@pytest.mark.parametrize(("objective", "moved"), [(1.0, True), (np.inf, False)])
+def test_a_candidate_starts_from_its_best_stable_fit_to_few_events(objective: float, moved: bool) -> None:
+    """An unstable fit leaves the start of the preliminary fit; beyond the first ones all have that."""
+    tried, better = candidates(), applied("gain", "neck", gain=0.12)
+    settings = dataclasses.replace(SETTINGS.preliminary, many_starts=1)
+    worse = dataclasses.replace(without(), applied=applied("gain", "neck", gain=0.2), objective=np.inf)
+    best = dataclasses.replace(without(), applied=better, objective=objective)
+    count = 1 + len(rounds._shapes(screened(*tried), tried[0], settings))
+
+    def parallel(stage, function, few, starts):
+        assert len(starts) == count > 2
+        return iter([worse, best, *[worse] * (count - 2)])
+
+    found = rounds._best_starts(hiding.nuisance(hiding.louder), screened(*tried), tried, settings, parallel)
+    assert found == [better if moved else tried[0].tried.applied, tried[1].tried.applied]
+
+
+def test_candidates_without_a_stable_fit_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried, shares = candidates(), []
+    nuisance = hiding.nuisance(hiding.louder)
+    monkeypatch.setattr(rounds, "_best_starts", lambda few, screening, shortlist, *_: [one.start for one in shortlist])
+    local = fit_locally(nuisance, applied("skin", "head"), 1)
+    found = rounds._fitted(
+        nuisance, PreliminaryFits(screened(*tried), tuple(tried)), rounds.WithoutEffect(nuisance), SETTINGS,
+        lambda stage, share: shares.append(share), lambda *_: iter([[], [(nuisance.prior_scale, local)]]),
+    )  # fmt: skip
+    assert [one.key for one in found] == [("skin", "head")] and shares == [0.0, 0.5, 1.0]
+    assert found[0].fitted.local is local
+
+
+@pytest.mark.parametrize(("name", "refits"), [("gain", False), ("clock", True)])
+def test_a_cause_that_varies_with_time_keeps_its_fit_unless_it_has_a_constant_part(name: str, refits: bool) -> None:
+    nuisance, one = hiding.nuisance(hiding.louder), applied(name, "neck")
+    local = dataclasses.replace(without(), applied=one, residual_square=0.5 * without().residual_square)
+    fit = CandidateFit(local, np.full(3, 0.4), ("road",) * 3, steady=False)
+    found = rounds._with_intervals(nuisance, Candidate(one, "", fit=fit))
+    assert (found is not local) == refits
+    assert bool(found.intervals) == refits and bool(found.subject.effects) == refits
+    np.testing.assert_array_equal(found.residual_square, local.residual_square)  # of the varying cause
+
+
+def test_an_event_whose_simulation_is_unstable_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    cases, unstable = hiding.events(6), dataclasses.replace(without(), objective=np.inf)
+    monkeypatch.setattr(rounds, "_most_probable", lambda nuisance, settings: hiding.nuisance(hiding.louder))
+    monkeypatch.setattr(rounds, "_preliminary", lambda *_: PreliminaryFits(screened(), ()))
+    monkeypatch.setattr(rounds, "WithoutEffect", lambda nuisance: SimpleNamespace(at=lambda scale: unstable))
+    with pytest.raises(InputError, match="the simulation is unstable in one of ") as refused:
+        rounds.search(hiding.TRUTH, cases[:3], cases[3:], SETTINGS, 1, nothing)
+    assert all(case.name in str(refused.value) for case in cases[3:])
+    assert not any(case.name in str(refused.value) for case in cases[:3])
+
+
+# --- candidates fitted to all events ----------------------------------------------------------------------------------
+
+
+def test_an_unstable_effect_has_no_fit_at_any_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    """... and one that is unstable at its own scale alone has that of the model."""
+    nuisance, one = hiding.nuisance(hiding.louder), applied("gain", "neck")
+    stable = dataclasses.replace(without(), applied=one, objective=1.0, prior_scale=0.5 * nuisance.prior_scale)
+    runaway = dataclasses.replace(stable, objective=np.inf)
+    for fits, scales in (
+        ([runaway], []),
+        ([stable, stable], [nuisance.prior_scale, stable.prior_scale]),
+        ([stable, runaway], [nuisance.prior_scale]),
+    ):
+        given = iter(fits)
+        monkeypatch.setattr(fitted_candidates, "fit_locally", lambda *_, given=given: next(given))
+        assert [scale for scale, _ in fitted_candidates.fits_at_scales(nuisance, one)] == scales
+
+
+def test_a_cause_that_varies_with_time_is_a_candidate_if_it_was_screened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its gain is the mean log ratio of the squares; half of them is ln 2 in every event."""
+    square = without().residual_square
+    causes = [
+        UnsteadyCause(applied("clock", "head"), 0.5 * square),
+        UnsteadyCause(applied("gain", "neck"), 0.5 * square, "it is no cause"),
+    ]
+    monkeypatch.setattr(fitted_candidates, "unsteady_causes", lambda *_: iter(causes))
+    (found,) = fitted_candidates.unsteady_candidates(
+        hiding.nuisance(hiding.louder), without(), screened(*candidates()), SETTINGS.unsteady
+    )
+    assert found.key == ("gain", "neck") and found.fitted.objection == "it is no cause" and not found.fitted.steady
+    np.testing.assert_allclose(found.fitted.gains, np.log(2.0), rtol=1e-9)
