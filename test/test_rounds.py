@@ -38,7 +38,7 @@ def candidates() -> list[Candidate]:
 
 
 def screened(*ranking: Candidate) -> Screening:
-    return Screening(ranking, np.array([0.01]), np.eye(2))
+    return Screening(ranking, np.array([0.01]))
 
 
 def nothing(stage: str, share: float) -> None:
