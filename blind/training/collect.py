@@ -6,10 +6,12 @@ import dataclasses
 import json
 import lzma
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from world.effects.moving import runs_away
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.parallel import serial_map
@@ -22,7 +24,7 @@ from blind.tracing.outcome import Cause
 from blind.tracing.records import Record, causes, record
 from blind.training.draw import OUTSIDE, TrainingBody, TrainingSettings, drawn, sittings
 
-CHUNK = 12
+CHUNK = 6
 """Bodies that one process simulates at once."""
 
 SEED = 0
@@ -69,7 +71,8 @@ def collect(numbers: Sequence[int], seed: int, path: Path, processes: int, repor
     chunks = [missing[begin : begin + CHUNK] for begin in range(0, len(missing), CHUNK)]
     with ProcessPoolExecutor(processes) as executor, path.open("a", encoding="utf-8") as file:
         done = 0
-        for lines in executor.map(_lines, chunks, [seed] * len(chunks)):
+        for future in as_completed([executor.submit(_lines, chunk, seed) for chunk in chunks]):
+            lines = future.result()
             file.writelines(line + "\n" for line in lines)
             file.flush()
             done += len(lines)
@@ -105,10 +108,11 @@ def _lines(numbers: Sequence[int], seed: int) -> list[str]:
 
 
 def made(numbers: Sequence[int], seed: int, settings: TrainingSettings | None = None) -> Iterator[Example]:
-    """The examples of bodies by their numbers."""
+    """The examples of bodies by their numbers, without evidence of those whose simulation stays unstable."""
     for number, one in zip(numbers, sittings(numbers, seed, settings), strict=True):
         body = drawn(number, seed, settings)
-        yield _example(body, one.ratio if one.effects else None, evidence_of_record(record(one)))
+        evidence = None if runs_away(one.hidden) else evidence_of_record(record(one))
+        yield _example(body, one.ratio if one.effects else None, evidence)
 
 
 def _example(body: TrainingBody, ratio: float | None, evidence: Evidence | None) -> Example:
