@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.conditioning.conditioner import CLOCK_TIME_CONSTANT_S
 from biodyn_ros.bag import open_bag
-from biodyn_ros.info.document import info_of
+from biodyn_ros.info.document import info_document
+from biodyn_ros.info.report import info_of
 from biodyn_ros.reading.sensors import ReadingOptions
 from conformance import record, twins
 from conformance.record import Stream
@@ -174,7 +175,8 @@ def fault_rows(faults: tuple[Fault, ...]) -> list[Row]:
         streams[sensor] = fault.apply(record.stream(sensor, TIME_S, motion()).logged(logged_s))
     with record.bag_of(streams) as bag, open_bag(bag) as reader:
         doses = record.replay_of(bag).document["sensors"]
-        seen = {topic["sensor"]: topic for topic in info_of(reader, str(bag), ReadingOptions())["topics"]}
+        document = info_document(info_of(reader, str(bag), ReadingOptions()))
+    seen = {topic["sensor"]: topic for topic in document["topics"]}
     rows = []
     for sensor, fault in zip(streams, faults, strict=True):
         rows += [*_clock_rows(fault, seen[sensor]), *_count_rows(fault, seen[sensor])]

@@ -25,7 +25,8 @@ from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import ACCEL_STAMPED_TYPE, IMU_TYPE, encode_imu
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.info.document import info_of
+from biodyn_ros.info.document import info_document
+from biodyn_ros.info.report import Report, info_of
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
@@ -163,5 +164,10 @@ def held_bytes(held: object) -> int:
 
 def info(bag: str | Path, options: ReadingOptions | None = None) -> dict[str, Any]:
     """The mapping of `biodyn info --json`."""
+    return info_document(info_report(bag, options))
+
+
+def info_report(bag: str | Path, options: ReadingOptions | None = None) -> Report:
+    """The report of `biodyn info`."""
     with open_bag(bag) as reader:
         return info_of(reader, str(bag), options or ReadingOptions())

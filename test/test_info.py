@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from listed import assert_listed
-from streams import info, noisy_streams, subject
+from streams import info, info_report, noisy_streams, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
@@ -87,7 +87,7 @@ def test_all_figures_of_a_known_recording_are_correct(tmp_path: Path) -> None:
     assert seat["gravity_mps2"] == pytest.approx(9.81, abs=0.01)
     assert seat["vertical"] == pytest.approx([0.0, 0.0, 1.0], abs=0.01)
     assert (spare["sensor"], spare["rate_hz"]) == (None, pytest.approx(10.0, rel=1e-4))
-    text = text_of(document)
+    text = text_of(info_report(bag))
     assert "seat: rejected 1 unset, 1 non finite, 1 duplicate" in text
     assert "replay: uses seat; not in the bag: pelvis" in text
 
@@ -121,7 +121,7 @@ def test_a_bag_without_imu_lists_its_topics(tmp_path: Path) -> None:
     assert document["topics"] == []
     assert document["other_topics"] == [{"topic": "/chatter", "type": "std_msgs/msg/String", "messages": 2}]
     assert "no sensor_msgs/msg/Imu in the bag" in document["replay"]["refusal"]
-    assert "std_msgs/msg/String" in text_of(document)
+    assert "std_msgs/msg/String" in text_of(info_report(tmp_path / "a.mcap"))
 
 
 def test_json_on_stdout_and_a_table_for_people(capsys: pytest.CaptureFixture[str]) -> None:
@@ -227,7 +227,8 @@ def test_a_cut_bag_is_reported_with_its_recovered_length(tmp_path: Path) -> None
     assert sum(row["messages"] for row in document["topics"]) == document["messages"]
     expected = f"recovered {document['messages']} messages, up to {document['seconds']:.3f} s after the first"
     assert any(expected in line for line in document["warnings"])
-    assert text_of(document).splitlines()[0].startswith(f"{cut}: mcap, recovered, {document['messages']} messages")
+    first = text_of(info_report(cut)).splitlines()[0]
+    assert first.startswith(f"{cut}: mcap, recovered, {document['messages']} messages")
 
 
 def test_a_noisy_recording_is_surveyed_as_replay_conditions_it(tmp_path: Path) -> None:

@@ -31,17 +31,18 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
     from biodyn_ros.bag import open_bag
-    from biodyn_ros.info.text import text_of
     from biodyn_ros.reading.mapping import imu_messages, parse_map
     from biodyn_ros.reading.sensors import ReadingOptions
 
     how = ReadingOptions(parse_map(options.map), options.time, settings_of(options, ConditioningSettings))
     with Progress("reading") as progress, open_bag(options.bag) as reader:
         _load_kernels(compiled=imu_messages(reader) > UNCOMPILED_UP_TO)
-        from biodyn_ros.info.document import info_of
+        from biodyn_ros.info.document import info_document
+        from biodyn_ros.info.report import info_of
+        from biodyn_ros.info.text import text_of
 
-        document = info_of(reader, options.bag, how, progress)
-    show(options, document, text_of(document))
+        report = info_of(reader, options.bag, how, progress)
+    show(options, info_document(report), text_of(report))
 
 
 def _load_kernels(compiled: bool) -> None:

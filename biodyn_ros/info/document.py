@@ -1,94 +1,60 @@
-"""The content of a bag by Imu topic, and whether `biodyn replay` would accept it. Constant memory."""
+"""The mapping of `biodyn info --json`."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
-from biodyn_core.base.errors import InputError
-from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_core.conditioning.conditioner import gravity_search
-from biodyn_ros.bag import BagReader, imu_blocks
-from biodyn_ros.base.progress import OnProgress, ignore_progress
-from biodyn_ros.info.survey import Survey
-from biodyn_ros.reading.gravity import search_gravity
-from biodyn_ros.reading.mapping import SensorMap, imu_messages, imu_topics, map_sensors
-from biodyn_ros.reading.saturation import limits_of
-from biodyn_ros.reading.sensors import ReadingOptions, check_seat
-from biodyn_ros.reading.stamps import choose_times, clock_warnings
+from biodyn_ros.info.report import Report
+from biodyn_ros.info.survey import SurveyedTopic
+
+Document = dict[str, Any]
 
 
-def info_of(
-    reader: BagReader, bag: str, options: ReadingOptions, progress: OnProgress = ignore_progress
-) -> dict[str, Any]:
-    """Read an open bag and return the mapping of `biodyn info --json`; bag: its name there.
-
-    `progress` is called with (samples done, all samples). InputError for a mapped topic that is not in the bag.
-    """
-    sensors = map_sensors(reader, options.mapping)
-    topics = imu_topics(reader)
-    times = choose_times(reader, topics, options.time)
-    names = {topic: sensors.sensors.get(topic) for topic in topics}
-    settings, notes = limits_of(reader, {topic: name or topic for topic, name in names.items()}, options.conditioning)
-    by_stamps = {name: choice.time for name, choice in times.items()}
-    searches = {topic: gravity_search(settings[name or topic], None) for topic, name in names.items()}
-    gravity = search_gravity(searches, imu_blocks(reader, topics, by_stamps))
-    surveys = {
-        topic: Survey(name, topic, times[topic], settings[name or topic], gravity.get(topic))
-        for topic, name in names.items()
-    }
-    total, done = imu_messages(reader), 0
-    for topic, block in imu_blocks(reader, topics, by_stamps):
-        surveys[topic].push(block)
-        done += len(block)
-        progress(done, total)
-    for survey in surveys.values():
-        survey.finish()
-    return _document(reader, bag, sensors, surveys, notes)
-
-
-def _document(
-    reader: BagReader, bag: str, sensors: SensorMap, surveys: dict[str, Survey], notes: list[str]
-) -> dict[str, Any]:
-    seconds = 1e-9 * (reader.end_ns - reader.start_ns) if reader.start_ns is not None and reader.end_ns else 0.0
-    clocks = {survey.name: survey.clock() for survey in surveys.values()}
-    warnings = [*reader.warnings, *notes]
-    warnings += [line for survey in surveys.values() for line in survey.warnings()]
-    warnings += clock_warnings(clocks, seconds)
-    copied = [name for name, clock in clocks.items() if clock.drift is not None and clock.drift.copied]
-    if copied:
-        warnings.append(f"{', '.join(copied)}: log times repeat the header stamps: the clocks cannot be compared")
+def info_document(report: Report) -> Document:
+    """The whole mapping of `biodyn info --json`."""
     return {
-        "bag": bag,
-        "storage": reader.storage,
-        "recovered": reader.recovered,
-        "messages": reader.message_count,
-        "seconds": seconds,
-        "topics": [survey.row(topic) for topic, survey in surveys.items()],
+        "bag": report.bag,
+        "storage": report.storage,
+        "recovered": report.recovered,
+        "messages": report.messages,
+        "seconds": report.seconds,
+        "topics": [_topic(each) for each in report.topics],
         "other_topics": [
-            {"topic": topic.name, "type": topic.type, "messages": topic.messages}
-            for topic in reader.topics
-            if topic.name not in surveys
+            {"topic": each.name, "type": each.type, "messages": each.messages} for each in report.other_topics
         ],
-        "replay": _replay(bag, sensors, surveys),
-        "warnings": list(dict.fromkeys(warnings)),
+        "replay": asdict(report.replay),
+        "warnings": report.warnings,
     }
 
 
-def _replay(bag: str, sensors: SensorMap, surveys: dict[str, Survey]) -> dict[str, Any]:
-    """The sensors that `biodyn replay` would use, the missing ones, or the reason for a refusal."""
-    seen = {survey.sensor: survey.replayed for survey in surveys.values() if survey.sensor}
-    refusal = sensors.refusal
-    if refusal is None:
-        try:
-            status = seen[SEAT]
-            assert status is not None
-            check_seat(status, bag)
-        except InputError as error:
-            refusal = str(error)
-    used = [name for name in SENSORS if (status := seen.get(name)) and status.rate_hz is not None]
+def _topic(found: SurveyedTopic) -> Document:
+    status, drift = found.status, found.drift
     return {
-        "refusal": refusal,
-        "sensors": [] if refusal else used,
-        "missing": [name for name in SENSORS if name not in seen],
-        "faults": [status.fault for status in seen.values() if status and status.fault],
+        "topic": found.topic,
+        "sensor": found.sensor,
+        "messages": found.messages,
+        "time": found.time,
+        "rate_hz": found.rate_hz,
+        "clock_ppm": drift.ppm if drift else None,
+        "clock_ppm_error": drift.ppm_error if drift else None,
+        "offset_ms": _ms(drift.offset_s) if drift else None,
+        "offset_scatter_ms": _ms(drift.scatter_s) if drift else None,
+        "quantum_ms": _ms(drift.quantum_s) if drift else None,
+        "jitter_ms": _ms(status.jitter_s),
+        "median_step_ms": _ms(found.median_step_s),
+        "longest_step_ms": _ms(found.longest_step_s),
+        "gaps": found.gaps,
+        "gap_s": status.gap_s,
+        "filled": status.filled,
+        "rejected": status.rejected,
+        "rejected_by_cause": found.rejected_by_cause,
+        "flat": status.flat,
+        "clipped": status.clipped,
+        "gravity_mps2": status.gravity_mps2,
+        "vertical": list(status.vertical) if status.vertical else None,
     }
+
+
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else 1e3 * seconds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +23,44 @@ UNEVEN_S: Final = 0.005
 _MAX_STEPS: Final = 1 << 14
 
 
+@dataclass(frozen=True)
+class SurveyedTopic:
+    """Result of a survey; sensor: None for a topic that is not mapped; steps: between stamps, None below two."""
+
+    topic: str
+    sensor: str | None
+    messages: int
+    clock: SensorClock
+    status: SensorStatus
+    median_step_s: float | None
+    longest_step_s: float | None
+
+    @property
+    def time(self) -> str:
+        """The time of its samples, "header" or "log"."""
+        return self.clock.choice.time
+
+    @property
+    def drift(self) -> ClockDrift | None:
+        """The drift of header stamps against log time; None if unknown."""
+        return None if self.clock.drift is None or self.clock.drift.copied else self.clock.drift
+
+    @property
+    def rate_hz(self) -> float | None:
+        """The tracked rate, or that of the median step."""
+        return self.status.rate_hz or (1.0 / self.median_step_s if self.median_step_s else None)
+
+    @property
+    def gaps(self) -> int:
+        """The number of gaps between runs."""
+        return max(self.status.runs - 1, 0)
+
+    @property
+    def rejected_by_cause(self) -> dict[str, int]:
+        """The number of rejected samples by cause."""
+        return {cause: getattr(self.status, cause) for cause in CAUSES}
+
+
 class Survey:
     """Survey of one Imu topic; for a mapped topic also whether replay's conditioning would start."""
 
@@ -33,7 +72,7 @@ class Survey:
         settings: ConditioningSettings | None,
         gravity: Gravity | None,
     ) -> None:
-        self.sensor, self.name, self.choice = sensor, sensor or topic, choice
+        self.topic, self.sensor, self.name, self.choice = topic, sensor, sensor or topic, choice
         self._survey = Conditioner(self.name, settings, "survey", gravity=gravity)
         self._replayed = Conditioner(sensor, settings, "rest", gravity=gravity) if sensor else None
         self._clocks = ClockComparison()
@@ -64,32 +103,17 @@ class Survey:
         """The time of its samples, and the drift of header stamps against log time."""
         return SensorClock(self.choice, self._clocks.result())
 
-    def row(self, topic: str) -> dict[str, Any]:
-        """One row of the document."""
-        status, drift = self._survey.status(), self._clocks.result()
-        if drift is not None and drift.copied:
-            drift = None
-        step_s = self._steps.median_s()
-        return {
-            "topic": topic,
-            "sensor": self.sensor,
-            "messages": self._messages,
-            "time": self.choice.time,
-            "rate_hz": status.rate_hz or (1.0 / step_s if step_s else None),
-            **_clock_columns(drift),
-            "jitter_ms": _ms(status.jitter_s),
-            "median_step_ms": _ms(step_s),
-            "longest_step_ms": _ms(self._steps.longest_s()),
-            "gaps": max(status.runs - 1, 0),
-            "gap_s": status.gap_s,
-            "filled": status.filled,
-            "rejected": status.rejected,
-            "rejected_by_cause": {cause: getattr(status, cause) for cause in CAUSES},
-            "flat": status.flat,
-            "clipped": status.clipped,
-            "gravity_mps2": status.gravity_mps2,
-            "vertical": list(status.vertical) if status.vertical else None,
-        }
+    def result(self) -> SurveyedTopic:
+        """What was found, for the report."""
+        return SurveyedTopic(
+            topic=self.topic,
+            sensor=self.sensor,
+            messages=self._messages,
+            clock=self.clock(),
+            status=self._survey.status(),
+            median_step_s=self._steps.median_s(),
+            longest_step_s=self._steps.longest_s(),
+        )
 
     def warnings(self) -> list[str]:
         """The warnings, a line each; a fault already starts with the name."""
@@ -138,18 +162,3 @@ class _Steps:
 
     def longest_s(self) -> float | None:
         return 1e-9 * self._longest_ns if self._kept else None
-
-
-def _ms(seconds: float | None) -> float | None:
-    return None if seconds is None else 1e3 * seconds
-
-
-def _clock_columns(drift: ClockDrift | None) -> dict[str, float | None]:
-    """The drift of header stamps against log time; all None if unknown."""
-    return {
-        "clock_ppm": drift.ppm if drift else None,
-        "clock_ppm_error": drift.ppm_error if drift else None,
-        "offset_ms": _ms(drift.offset_s) if drift else None,
-        "offset_scatter_ms": _ms(drift.scatter_s) if drift else None,
-        "quantum_ms": _ms(drift.quantum_s) if drift else None,
-    }
