@@ -24,7 +24,7 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, decode_imu_one, encode_imu, stamp_of
 from biodyn_ros.base.resources import config_file, subject_file
-from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
+from biodyn_ros.blue_trident import ImportOptions, document_of, import_blue_trident, text_of
 from biodyn_ros.blue_trident.exports import find_exports
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.node.exposure_store import StateFile, identity_of
@@ -116,8 +116,8 @@ def _import(path: Path) -> None:
     serials = find_exports(path).serials()
     mapping = dict(zip(SENSORS, serials, strict=False))
     with TemporaryDirectory() as directory:
-        document = import_blue_trident(path, Path(directory) / "bag.mcap", ImportOptions(mapping))
-    text_of(document), json.dumps(document, allow_nan=False)
+        outcome = import_blue_trident(path, Path(directory) / "bag.mcap", ImportOptions(mapping))
+    text_of(outcome), json.dumps(document_of(outcome), allow_nan=False)
 
 
 def _capture_u(path: Path) -> None:

@@ -35,7 +35,7 @@ from biodyn_core.conditioning.dual_range import DualRangeSettings
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, rows, text_of
+from biodyn_ros.blue_trident import ImportOptions, document_of, import_blue_trident, rows, text_of
 from biodyn_ros.blue_trident.nexus import parse_start
 from biodyn_ros.reading.recordings import read_recordings
 from biodyn_ros.reading.sensors import ReadingOptions
@@ -151,7 +151,14 @@ def test_unread_files_are_named(drive: tuple[Path, Path, dict[str, Any]]) -> Non
     _, _, document = drive
     aside = "\n".join(document["aside"])
     assert aside.count("magnetometer") == 6 and "notes.txt" in aside
-    assert "notes.txt" in text_of(document) and "TS-02370" in text_of(document)
+
+
+def test_the_text_names_sensors_and_unread_files(tmp_path: Path) -> None:
+    capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((3.0,)), 2.0, None)
+    (tmp_path / "csv/notes.txt").write_text("a windy day")
+    how = ImportOptions({"seat": SERIALS["seat"]})
+    text = text_of(import_blue_trident(tmp_path / "csv", tmp_path / "b.mcap", how))
+    assert "notes.txt" in text and SERIALS["seat"] in text
 
 
 def test_samples_from_high_g_do_not_count_as_clipped(drive: tuple[Path, Path, dict[str, Any]]) -> None:
@@ -278,7 +285,7 @@ def test_an_incomplete_file_is_read_up_to_its_last_complete_row(tmp_path: Path) 
         low.write_bytes(whole)
 
     how = ImportOptions({"seat": SERIALS["seat"]})
-    document = import_blue_trident(tmp_path / "csv", tmp_path / "b.mcap", how, grow)
+    document = document_of(import_blue_trident(tmp_path / "csv", tmp_path / "b.mcap", how, grow))
     assert document["sensors"]["seat"]["samples"] == 2249
     (file,) = document["files"]
     assert file["cut"] and file["bytes"] == len(cut) and file["sha256"] == hashlib.sha256(cut).hexdigest()

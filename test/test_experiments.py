@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from biodyn_core.effects import CATALOGUE
+from biodyn_core.effects import CATALOGUE, Effect
 from biodyn_core.tracing.data_checks import FloorSettings
 from biodyn_core.tracing.experiments import BARE, LEVELS, REPEAT, SHOCKS, SWAP, TAP, TURNS, separating, to_record
 from biodyn_core.tracing.findings import Need
@@ -43,9 +43,9 @@ def test_two_effects_of_one_family_are_separated_by_its_experiment(name: str) ->
     assert (separating(pair) == LEVELS) == (name in BY_LEVELS)
 
 
-def test_two_levels_of_one_road_are_the_default_of_unknown_families() -> None:
-    unknown = [dataclasses.replace(CATALOGUE[name], family="unheard_of") for name in ("stop", "cubic")]
-    assert separating(unknown) == LEVELS
+def test_two_levels_of_one_road_are_the_default_of_effects_that_declare_none() -> None:
+    silent = [dataclasses.replace(CATALOGUE[name], separated_by=Effect.separated_by) for name in ("stop", "cubic")]
+    assert separating(silent) == LEVELS
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.blue_trident import ImportOptions, import_blue_trident
+from biodyn_ros.blue_trident import ImportOptions, document_of, import_blue_trident
 
 Floats = NDArray[np.float64]
 Motion = Callable[[Floats], Floats]
@@ -131,7 +131,7 @@ def still(count: int, accel: tuple[float, float, float] = (0.0, 0.0, G), seed: i
 
 
 def imported(place: Path, bag: Path, mapping: dict[str, str], **how: Any) -> dict[str, Any]:
-    return import_blue_trident(place, bag, ImportOptions(mapping, **how))
+    return document_of(import_blue_trident(place, bag, ImportOptions(mapping, **how)))
 
 
 def samples(bag: Path, sensor: str) -> tuple[NDArray[np.int64], Floats, Floats]:

@@ -14,6 +14,7 @@ from biodyn_core.effects.effect import (
     ChainEffect,
     Effect,
     EffectParameter,
+    Experiment,
     Joint,
     JointForce,
     JointLimit,
@@ -53,7 +54,7 @@ for _kind in {type(effect) for effect in CATALOGUE.values()}:
     copyreg.pickle(_kind, _reduced)
 
 __all__ = [
-    "CATALOGUE", "AppliedEffect", "ChainEffect", "Effect", "EffectParameter", "Joint", "JointForce", "JointLimit",
-    "Ranges", "SegmentForce", "SensorTransform", "StepBounds", "active", "apply_to_seat", "apply_to_sensors",
-    "logistic", "needs_channels",
+    "CATALOGUE", "AppliedEffect", "ChainEffect", "Effect", "EffectParameter", "Experiment", "Joint", "JointForce",
+    "JointLimit", "Ranges", "SegmentForce", "SensorTransform", "StepBounds", "active", "apply_to_seat",
+    "apply_to_sensors", "logistic", "needs_channels",
 ]  # fmt: skip

@@ -32,4 +32,5 @@ EFFECT = SegmentForce(
     max_added_stiffness_damping=MASS.max_added_stiffness_damping,
     max_own_eigenvalue_per_s=MASS.max_own_eigenvalue_per_s,
     states=2,
+    separated_by="bare",
 )  # fmt: skip

@@ -56,4 +56,5 @@ EFFECT = JointForce(
     law=force,
     states=1,
     channels=("own.bend_rate_x", "own.bend_rate_y"),
+    separated_by="turns",
 )  # fmt: skip

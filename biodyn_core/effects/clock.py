@@ -27,4 +27,5 @@ EFFECT = SensorTransform(
     ),
     transform=_transform,
     constant_part=True,
+    separated_by="tap",
 )

@@ -61,4 +61,5 @@ EFFECT = SegmentForce(
     max_own_eigenvalue_per_s=_max_own_eigenvalue_per_s,
     states=2,
     channels=("seat.x", "seat.y"),
+    separated_by="turns",
 )  # fmt: skip

@@ -32,4 +32,5 @@ EFFECT = JointForce(
     ),
     constants=_constants,
     law=force,
+    separated_by="shocks",
 )  # fmt: skip

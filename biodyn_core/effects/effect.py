@@ -18,6 +18,7 @@ from biodyn_core.base.suggestions import did_you_mean, known_are
 
 Place = Literal["joint", "segment", "sensor", "seat"]
 Kind = Literal["strength", "shape", "nuisance"]
+Experiment = Literal["standstill", "tap", "quiet_loud_quiet", "turns", "bare", "shocks", "levels"]
 Values = Mapping[str, float]
 """The values of an effect's parameters by name."""
 
@@ -137,7 +138,7 @@ class Effect:
     Read by tracing alone. variant_of: the mechanism that it is one law of, its own name if empty. known_omission: the
     base chain is known to lack it, so it is always fitted. constant_part: if it varies from window to window, a subject
     can carry its constant part. sized_by_training: if it varies between events, only the events for fitting set its
-    size.
+    size. separated_by: the experiment that separates it from rivals; `biodyn_core.tracing.experiments` has the texts.
     """
 
     place: ClassVar[Place]
@@ -154,6 +155,7 @@ class Effect:
     known_omission: bool = False
     constant_part: bool = False
     sized_by_training: bool = False
+    separated_by: Experiment = "levels"
 
     @property
     def mechanism(self) -> str:

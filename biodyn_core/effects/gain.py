@@ -18,4 +18,5 @@ EFFECT = SensorTransform(
     signature="proportional to a, flat over frequency, one channel",
     parameters=(EffectParameter("gain", "", -0.3, 0.3, 0.05, "strength"),),
     transform=_transform,
+    separated_by="tap",
 )

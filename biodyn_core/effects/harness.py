@@ -52,4 +52,5 @@ EFFECT = SegmentForce(
     constants=_constants,
     law=force,
     max_added_stiffness_damping=_max_added_stiffness_damping,
+    separated_by="bare",
 )  # fmt: skip

@@ -33,4 +33,5 @@ EFFECT = JointLimit(
     constants=_constants,
     law=limit,
     known_omission=True,
+    separated_by="shocks",
 )  # fmt: skip

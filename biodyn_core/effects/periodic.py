@@ -33,4 +33,5 @@ EFFECT = SegmentForce(
     constants=_constants,
     law=force,
     states=1,
+    separated_by="standstill",
 )

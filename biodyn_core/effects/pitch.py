@@ -35,4 +35,5 @@ EFFECT = SeatTransform(
     ),
     transform=_transform,
     channels=("seat.rate_x", "seat.rate_y"),
+    separated_by="turns",
 )  # fmt: skip

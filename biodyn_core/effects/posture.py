@@ -45,4 +45,5 @@ EFFECT = JointForce(
     max_added_stiffness_damping=_max_added_stiffness_damping,
     states=1,
     sized_by_training=True,
+    separated_by="quiet_loud_quiet",
 )  # fmt: skip

@@ -30,4 +30,5 @@ EFFECT = SensorTransform(
         EffectParameter("damping_ratio", "", 0.05, 1.0, 0.3),
     ),
     transform=_transform,
+    separated_by="tap",
 )  # fmt: skip

@@ -58,4 +58,5 @@ EFFECT = JointForce(
     constants=_constants,
     law=force,
     max_added_stiffness_damping=_max_added_stiffness_damping,
+    separated_by="shocks",
 )  # fmt: skip

@@ -50,4 +50,5 @@ EFFECT = JointForce(
     constants=_constants,
     law=force,
     states=1,
+    separated_by="quiet_loud_quiet",
 )  # fmt: skip

@@ -22,4 +22,5 @@ EFFECT = SensorTransform(
     ),
     transform=_transform,
     channels=("own.x", "own.y"),
+    separated_by="turns",
 )

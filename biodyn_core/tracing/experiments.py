@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Final
 
-from biodyn_core.effects import Effect
+from biodyn_core.effects import Effect, Experiment
 from biodyn_core.tracing.findings import Need
 from biodyn_core.tracing.settings import FloorSettings
 
@@ -24,15 +24,16 @@ BARE: Final = "repeat without backrest, harness or helmet: the difference is the
 SHOCKS: Final = "three further shocks of 3 g and more: stops, lift-off and asymmetry differ at the largest stretch"
 REPEAT: Final = "repeat the same drive unchanged: differences between both are random"
 
-_OF_FAMILIES: Final = (
-    ({"periodic"}, STANDSTILL),
-    ({"sensor"}, TAP),
-    ({"state_of_the_body"}, QUIET_LOUD_QUIET),
-    ({"horizontal", "bending"}, TURNS),
-    ({"backrest", "harness", "added_mass"}, BARE),
-    ({"stiffening", "lift_off"}, SHOCKS),
-    ({"memory", "quadratic_damping", "dry_friction", "cushion"}, LEVELS),
-)
+_TEXTS: Final[Mapping[Experiment, str]] = {
+    "standstill": STANDSTILL,
+    "tap": TAP,
+    "quiet_loud_quiet": QUIET_LOUD_QUIET,
+    "turns": TURNS,
+    "bare": BARE,
+    "shocks": SHOCKS,
+    "levels": LEVELS,
+}
+"""The first two that the effects declare are asked for."""
 
 
 def separating(effects: Collection[Effect]) -> str:
@@ -41,8 +42,8 @@ def separating(effects: Collection[Effect]) -> str:
         return REPEAT
     if len({effect.place == "sensor" for effect in effects}) == 2:
         return SWAP
-    families = {effect.family for effect in effects}
-    return "; and ".join([text for some, text in _OF_FAMILIES if some & families][:2]) or LEVELS
+    declared = {effect.separated_by for effect in effects}
+    return "; and ".join([text for experiment, text in _TEXTS.items() if experiment in declared][:2])
 
 
 def to_record(needs: Sequence[Need], settings: FloorSettings) -> str:

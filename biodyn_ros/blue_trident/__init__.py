@@ -4,6 +4,6 @@
 """
 
 from biodyn_ros.blue_trident.importing import MADE_BY, ImportOptions, import_blue_trident
-from biodyn_ros.blue_trident.outcome import text_of
+from biodyn_ros.blue_trident.outcome import document_of, text_of
 
-__all__ = ["MADE_BY", "ImportOptions", "import_blue_trident", "text_of"]
+__all__ = ["MADE_BY", "ImportOptions", "document_of", "import_blue_trident", "text_of"]

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -54,8 +54,8 @@ def import_blue_trident(
     bag: Path,
     options: ImportOptions,
     progress: OnProgress = ignore_progress,
-) -> dict[str, Any]:
-    """Write the bag and return the mapping of `biodyn import-blue-trident --json`.
+) -> Outcome:
+    """Write the bag and return the outcome.
 
     `progress` is called with (bytes read, all bytes). Raises InputError for invalid input, without leaving a bag.
     """
@@ -65,13 +65,14 @@ def import_blue_trident(
         raise InputError("--start: exports of Capture.U have Unix time: omit it")
     reader = ExportReader(chosen, options.start_ns or 0, progress)
     with BagWriter(bag, compression=options.compression) as writer:
-        outcome = _imported(found, reader, writer, options)
-        document = {"bag": str(bag), **document_of(outcome), "version": __version__}
-        _add_provenance(writer, document, outcome)
-    return document
+        outcome = _imported(bag, found, reader, writer, options)
+        _add_provenance(writer, outcome)
+    return outcome
 
 
-def _imported(found: FoundExports, reader: ExportReader, writer: BagWriter, options: ImportOptions) -> Outcome:
+def _imported(
+    bag: Path, found: FoundExports, reader: ExportReader, writer: BagWriter, options: ImportOptions
+) -> Outcome:
     chosen, sizes = reader.chosen, reader.sizes
     read = survey(reader, options.settings)
     _check(chosen, read)
@@ -82,7 +83,7 @@ def _imported(found: FoundExports, reader: ExportReader, writer: BagWriter, opti
     counts = _InterleavedWriter(chosen, read, replacements, writer, options.settings).write_all(reader)
     hashes = {export: sha256_of([export.path], sizes[export]) for export in chosen.exports}
     how = options.start_ns, options.settings, options.high_g
-    return Outcome(found, chosen, read, replacements, counts, damage, sizes, hashes, *how)
+    return Outcome(bag, found, chosen, read, replacements, counts, damage, sizes, hashes, *how)
 
 
 def _check(chosen: ChosenExports, read: SurveyResult) -> None:
@@ -203,11 +204,12 @@ class _InterleavedWriter:
         self._writer.write(INPUT[sensor], samples.stamps_ns, payload)
 
 
-def _add_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcome) -> None:
+def _add_provenance(writer: BagWriter, outcome: Outcome) -> None:
     """Add the source, the processing and the saturation limits to the metadata of the bag."""
-    limits = {INPUT[name]: _limit_mps2(row, outcome) for name, row in document["sensors"].items()}
+    limits = {INPUT[name]: _limit_mps2(outcome, serial) for name, serial in outcome.serials.items()}
     default = ConditioningSettings.saturation_mps2
     limits = {topic: limit for topic, limit in limits.items() if limit != default}
+    document = document_of(outcome)
     values = {key: document[key] for key in ("format", "take", "start")}
     values |= {key: json.dumps(document[key]) for key in ("files", "sensors", "warnings")}
     writer.add_metadata("biodyn", {"made_by": MADE_BY, "version": __version__, **values, **stated(limits)})
@@ -217,6 +219,7 @@ def _add_provenance(writer: BagWriter, document: dict[str, Any], outcome: Outcom
         writer.add_metadata(FROM_HIGH_G, marks)
 
 
-def _limit_mps2(row: dict[str, Any], outcome: Outcome) -> float:
+def _limit_mps2(outcome: Outcome, serial: str) -> float:
     """The saturation limit of a sensor: that of high-g, or that of low-g if any sample is still clipped."""
-    return HIGH_RAIL_MPS2 if row["from_high_g"] and not row["clipped"] else outcome.settings.saturation_mps2
+    counts = outcome.counts[serial]
+    return HIGH_RAIL_MPS2 if counts.from_high_g and not counts.clipped else outcome.settings.saturation_mps2

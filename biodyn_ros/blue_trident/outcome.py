@@ -15,12 +15,12 @@ import numpy as np
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
-from biodyn_core.conditioning.range_alignment import Alignment
+from biodyn_ros import __version__
 from biodyn_ros.base.wording import number, table
 from biodyn_ros.blue_trident.exports import ChosenExports, FoundExports
 from biodyn_ros.blue_trident.high_g import Replacement
 from biodyn_ros.blue_trident.rows import Damage
-from biodyn_ros.blue_trident.samples import Export
+from biodyn_ros.blue_trident.samples import Export, Kind
 from biodyn_ros.blue_trident.survey import SensorSurvey, SurveyResult
 
 MAX_RANGES: Final = 10_000
@@ -54,6 +54,7 @@ class SampleCounts:
 class Outcome:
     """The results of an import; replacements and counts by serial; damage, sizes and hashes by file."""
 
+    bag: Path
     found: FoundExports
     chosen: ChosenExports
     read: SurveyResult
@@ -66,22 +67,43 @@ class Outcome:
     settings: DualRangeSettings
     high_g: bool
 
+    @property
+    def kind(self) -> Kind:
+        """The kind of all exports."""
+        return self.chosen.exports[0].kind
+
+    @property
+    def take(self) -> str:
+        """The takes of all exports."""
+        return ", ".join(sorted({export.take for export in self.chosen.exports}))
+
+    @property
+    def serials(self) -> dict[str, str]:
+        """The serial by sensor, in the order of `SENSORS`."""
+        by_sensor = {sensor: serial for serial, sensor in self.chosen.sensors.items()}
+        return {sensor: by_sensor[sensor] for sensor in SENSORS if sensor in by_sensor}
+
+    @property
+    def aside(self) -> list[str]:
+        """The files that were not read, a line each."""
+        return [*self.found.ignored, *self.found.refused]
+
 
 def document_of(outcome: Outcome) -> dict[str, Any]:
-    """The mapping of `--json` without the bag's name and the version."""
-    chosen = outcome.chosen
-    by_sensor = {sensor: serial for serial, sensor in chosen.sensors.items()}
-    ordered = [sensor for sensor in SENSORS if sensor in by_sensor]
+    """The mapping of `biodyn import-blue-trident --json`."""
+    chosen, serials = outcome.chosen, outcome.serials
     return {
-        "format": chosen.exports[0].kind,
-        "take": ", ".join(sorted({export.take for export in chosen.exports})),
+        "bag": str(outcome.bag),
+        "format": outcome.kind,
+        "take": outcome.take,
         "start": _start(outcome),
         "files": [_file(outcome, export) for export in chosen.exports],
-        "sensors": {sensor: _row(outcome, by_sensor[sensor]) for sensor in ordered},
-        "missing": [sensor for sensor in SENSORS if sensor not in by_sensor],
+        "sensors": {sensor: _row(outcome, serial) for sensor, serial in serials.items()},
+        "missing": [sensor for sensor in SENSORS if sensor not in serials],
         "not_mapped": [serial for serial in outcome.found.serials() if serial not in chosen.sensors],
-        "aside": [*outcome.found.ignored, *outcome.found.refused],
-        "warnings": _warnings(outcome, ordered, by_sensor),
+        "aside": outcome.aside,
+        "warnings": _warnings(outcome),
+        "version": __version__,
     }
 
 
@@ -100,41 +122,40 @@ def ranges(replacement: Replacement) -> str:
     return json.dumps(found)
 
 
-def text_of(document: Mapping[str, Any]) -> str:
-    """The document as text."""
-    sensors = document["sensors"]
-    total = sum(row["samples"] for row in sensors.values())
-    lines = [f"{document['bag']}: {counted(total, 'message')} from {document['format']}, take {document['take']}", ""]
+def text_of(outcome: Outcome) -> str:
+    """The outcome as text."""
+    total, serials, aside = sum(one.written for one in outcome.counts.values()), outcome.serials, outcome.aside
+    lines = [f"{outcome.bag}: {counted(total, 'message')} from {outcome.kind}, take {outcome.take}", ""]
     rows = [("sensor", "serial", "samples", "Hz", "seconds", "left out", "gaps", "from high-g", "clipped")]
-    for name, row in sensors.items():
-        out, rate = sum(row["left_out"].values()), row["rate_hz"]
+    for sensor, serial in serials.items():
+        seen, counts = outcome.read.sensors[serial], outcome.counts[serial]
+        out, rate = sum(asdict(seen.cleaner.omitted).values()), seen.rate_hz()
         rows.append(
             (
-                name, row["serial"], str(row["samples"]), f"{rate:.2f}" if rate else "-", f"{row['seconds']:.1f}",
-                str(out), str(row["gaps"]), str(row["from_high_g"]), str(row["clipped"]),
+                sensor, serial, str(counts.written), f"{rate:.2f}" if rate else "-", f"{seen.seconds:.1f}",
+                str(out), str(seen.gaps), str(counts.from_high_g), str(counts.clipped),
             )
         )  # fmt: skip
     lines += table(rows, left=(0, 1))
-    lines += ["", *(f"{name}: high-g {_alignment_text(row)}" for name, row in sensors.items() if row["high_g"])]
-    lines += [f"not read: {line}" for line in document["aside"][:12]]
-    if len(document["aside"]) > 12:
-        lines.append(f"not read: {counted(len(document['aside']) - 12, 'more file')}")
-    return "\n".join([*lines, *(f"note: {line}" for line in document["warnings"])]).replace("\n\n\n", "\n\n")
+    compared = {sensor: outcome.replacements.get(serial) for sensor, serial in serials.items()}
+    lines += ["", *(f"{sensor}: high-g {_alignment_text(one)}" for sensor, one in compared.items() if one)]
+    lines += [f"not read: {line}" for line in aside[:12]]
+    if len(aside) > 12:
+        lines.append(f"not read: {counted(len(aside) - 12, 'more file')}")
+    return "\n".join([*lines, *(f"note: {line}" for line in _warnings(outcome))]).replace("\n\n\n", "\n\n")
 
 
-def _alignment_text(row: Mapping[str, Any]) -> str:
-    high = row["high_g"]
-    bias = ", ".join(number(value) for value in high["bias_mps2"])
-    gain = ", ".join(
-        f"{value:.3f}" if known else "1" for value, known in zip(high["gain"], high["gain_measured"], strict=True)
-    )
-    delay = f"{1e3 * high['delay_s']:.2f} ms" if high["delay_measured"] else "not measured"
-    noise = ", ".join(number(value) for value in high["noise_mps2"])
+def _alignment_text(replacement: Replacement) -> str:
+    high = replacement.alignment
+    bias = ", ".join(number(float(value)) for value in replacement.bias_mps2)
+    gain = ", ".join(f"{value:.3f}" if known else "1" for value, known in zip(high.gain, high.measured, strict=True))
+    delay = f"{1e3 * high.delay_s:.2f} ms" if high.delay_measured else "not measured"
+    noise = ", ".join(number(value) for value in high.noise_mps2)
     return f"bias {bias} m/s^2, gain {gain}, delay {delay}, difference {noise} m/s^2 rms"
 
 
 def _start(outcome: Outcome) -> str:
-    if outcome.chosen.exports[0].kind == "Capture.U":
+    if outcome.kind == "Capture.U":
         return "Unix time of the export"
     if outcome.start_ns is None:
         return "none: stamps are frame numbers divided by the rate"
@@ -167,7 +188,7 @@ def _row(outcome: Outcome, serial: str) -> dict[str, Any]:
         "samples": counts.written,
         "rate_hz": seen.rate_hz(),
         "first_ns": seen.first_ns,
-        "seconds": 1e-9 * (seen.last_ns - seen.first_ns),
+        "seconds": seen.seconds,
         "left_out": asdict(seen.cleaner.omitted),
         "gaps": seen.gaps,
         "gyro": seen.gyro,
@@ -178,7 +199,7 @@ def _row(outcome: Outcome, serial: str) -> dict[str, Any]:
 
 
 def _high(replacement: Replacement) -> dict[str, Any]:
-    alignment: Alignment = replacement.alignment
+    alignment = replacement.alignment
     return {
         "taken_over": len(replacement.replaced),
         "left": len(replacement.remaining),
@@ -191,17 +212,17 @@ def _high(replacement: Replacement) -> dict[str, Any]:
     }
 
 
-def _warnings(outcome: Outcome, ordered: list[str], by_sensor: Mapping[str, str]) -> list[str]:
-    lines = [] if SEAT in ordered else [f"{SEAT}: not mapped, needed for every prediction: --map {SEAT}=SERIAL"]
-    missing = [sensor for sensor in SENSORS if sensor not in by_sensor and sensor != SEAT]
+def _warnings(outcome: Outcome) -> list[str]:
+    serials = outcome.serials
+    lines = [] if SEAT in serials else [f"{SEAT}: not mapped, needed for every prediction: --map {SEAT}=SERIAL"]
+    missing = [sensor for sensor in SENSORS if sensor not in serials and sensor != SEAT]
     if missing:
         lines.append(f"not mapped: {', '.join(missing)}")
-    if outcome.chosen.exports[0].kind == "Nexus" and outcome.start_ns is None:
+    if outcome.kind == "Nexus" and outcome.start_ns is None:
         lines.append("Nexus stores no time of day: stamps count from frame 0; --start TIME sets that of the first row")
     for export, damage in outcome.damage.items():
         lines += _damage_lines(export.path, damage)
-    for sensor in ordered:
-        serial = by_sensor[sensor]
+    for sensor, serial in serials.items():
         name = f"{sensor} ({serial})"
         seen = outcome.read.sensors[serial]
         left_out = [f"{count} {_LEFT_OUT[cause]}" for cause, count in asdict(seen.cleaner.omitted).items() if count]
@@ -244,7 +265,7 @@ def _sensor_lines(outcome: Outcome, serial: str, seen: SensorSurvey) -> list[str
             f"its largest value, {rail:.2f} m/s^2, repeats as in saturation: if so, --saturation-mps2 {rail - 0.05:.1f}"
         )
     largest = float(seen.top_mps2.max())
-    if outcome.chosen.exports[0].kind == "Nexus" and largest > RESAMPLED_RAIL_SHARE * outcome.settings.saturation_mps2:
+    if outcome.kind == "Nexus" and largest > RESAMPLED_RAIL_SHARE * outcome.settings.saturation_mps2:
         lines.append(f"reaches {largest:.0f} m/s^2 after resampling by Nexus: earlier clipping cannot be detected")
     return lines
 

@@ -68,6 +68,11 @@ class SensorSurvey:
         """Number of samples with any axis saturated."""
         return sum(len(number) for number, _, _ in self._hits)
 
+    @property
+    def seconds(self) -> float:
+        """From the first sample to the last."""
+        return 1e-9 * (self.last_ns - self.first_ns)
+
     def rate_hz(self) -> float | None:
         """Samples per second outside of gaps."""
         return 1e9 * self._even / self._even_ns if self._even_ns else None

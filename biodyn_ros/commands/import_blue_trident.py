@@ -39,7 +39,7 @@ def _add(command: CommandParser) -> None:
 
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
-    from biodyn_ros.blue_trident import ImportOptions, import_blue_trident, text_of
+    from biodyn_ros.blue_trident import ImportOptions, document_of, import_blue_trident, text_of
     from biodyn_ros.blue_trident.exports import parse_serials
     from biodyn_ros.blue_trident.nexus import parse_start
 
@@ -52,8 +52,8 @@ def _run(options: argparse.Namespace) -> None:
         compression=options.compression,
     )
     with Progress("importing") as progress:
-        document = import_blue_trident(Path(options.exports), Path(options.output), how, progress)
-    show(options, document, text_of(document))
+        outcome = import_blue_trident(Path(options.exports), Path(options.output), how, progress)
+    show(options, document_of(outcome), text_of(outcome))
 
 
 COMMAND = Command(
