@@ -158,6 +158,8 @@ def learned_from(text: str, name: str) -> LearnedModel:
             float(stored["ridge"]),
             stored["provenance"],
         )
+    except InputError:
+        raise
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{name}: the learned model is damaged ({error!r}); install again or run make train") from None
 

@@ -20,6 +20,7 @@ from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.joint_refit import generalised, jointly_refitted
 from biodyn_core.tracing.local_fit import PRIOR_SCALES
 from biodyn_core.tracing.preliminary_fit import OnStage
+from biodyn_core.tracing.probability import packaged
 from biodyn_core.tracing.results import build_result, build_undecided
 from biodyn_core.tracing.rounds import Checkpoint, Outcome, one_round
 from biodyn_core.tracing.settings import TraceSettings
@@ -47,6 +48,7 @@ def trace(
     error, but the verdict `not_decidable`.
     """
     s = settings or TraceSettings()
+    packaged()  # a damaged model is refused before the long work
     train, held_out, left_out = data_checks.usable(train, held_out, s.floor)
     choose, report = data_checks.split_held_out(held_out)
     uses, lacking = (train, choose, report), data_checks.lacking(train, held_out, s.floor)
