@@ -19,7 +19,7 @@ SEED = 7
 SENSOR_KINDS = ("skin", "tilt", "clock", "gain", "saturation")
 TINY = TrainingSettings(
     counts=((1, 1), (0, 0), (0, 0)), seconds=((0.2, 0.3),) * 3, uses=("fit",), recorded=False,
-    background=("paper", "hysteresis"), absent=0.3, two=0.0, outside=0.0, kinds=("added_mass", "backrest"),
+    background=("paper", "hysteresis"), bare=0.3, two=0.0, outside=0.0, kinds=("added_mass", "backrest"),
 )  # fmt: skip
 
 
@@ -50,8 +50,7 @@ def test_shares_are_as_stated() -> None:
     outside = [one for one in bodies() if any(effect.kind == OUTSIDE for effect in one.effects)]
     assert len(outside) / COUNT == near(s.outside) and all(len(one.effects) == 1 for one in outside)
     assert sum(bool(one.missing) for one in bodies()) / COUNT == near(s.missing)
-    for kind in s.background:
-        assert np.mean([one.scales[kind] == 0.0 for one in bodies()]) == near(s.absent)
+    assert np.mean([not any(one.scales.values()) for one in bodies()]) == near(s.bare)
 
 
 def test_classes_are_even_and_forms_even_among_both_splits() -> None:
@@ -124,7 +123,7 @@ def test_simulated_bodies_have_their_facts_and_do_not_depend_on_the_others(no_re
 def test_a_body_without_a_sensor_has_no_stream_of_it(no_rest: None) -> None:
     settings = TrainingSettings(
         counts=((1, 1), (0, 0), (0, 0)), seconds=((0.2, 0.2),) * 3, uses=("fit",), recorded=False, nothing=1.0, two=0.0,
-        outside=0.0, missing=1.0, absent=1.0,
+        outside=0.0, missing=1.0, bare=1.0,
     )  # fmt: skip
     (one,) = sittings([4], SEED, settings)
     missing = drawn(4, SEED, settings).missing

@@ -10,7 +10,7 @@ from world.effects import background, event, mixture, moving, sitting
 from world.effects.effect import Moment, Person
 from world.effects.event import HELD_HZ, Event
 from world.effects.mechanism import Mechanism
-from world.effects.mixture import CHANGES, MECHANISMS, PAPER, SCALES
+from world.effects.mixture import CHANGES, LEVELS, MECHANISMS, PAPER
 from world.effects.moving import Party, moved
 from world.effects.sensor_mechanisms import MOST_LEAN_RAD, SensorNoise
 from world.effects.sitting import Plan
@@ -85,7 +85,7 @@ def test_relaxation_is_stiff_at_once_and_absent_in_the_long_run() -> None:
 
 def test_softening_and_drift_leave_every_joint_stiff() -> None:
     for number in range(20):
-        most, k = SCALES[1], person(number).stiffness_n_per_m
+        most, k = LEVELS[1], person(number).stiffness_n_per_m
         soft, drift = made("softening", most, number), made("drift", most, number)
         force, rates = after(soft, 0.01, 0.0, np.ones(6))
         assert (force < 0.0).all() and (k * 0.01 + force > 0.39 * k * 0.01).all()
@@ -112,7 +112,7 @@ def test_horizontal_motion_presses_with_its_share_of_inertia() -> None:
 @pytest.mark.parametrize("kind", PASSIVE)
 def test_passive_mechanisms_never_give_energy(kind: str) -> None:
     """From rest the work done on them is never negative, along a path of three tones."""
-    one, step_s = made(kind, SCALES[1]), 2e-4
+    one, step_s = made(kind, LEVELS[1]), 2e-4
     tones = 2.0 * np.pi * np.random.default_rng(1).uniform(2.0, 20.0, (3, 6))
     own, done, work = np.zeros((1, one.states)), 0.0, []
     for t in np.arange(0.0, 0.4, step_s):
@@ -129,7 +129,7 @@ def test_passive_mechanisms_never_give_energy(kind: str) -> None:
 @cache
 def accelerations() -> dict[tuple[str, float], list[np.ndarray]]:
     """Accelerations (n, 6) of some bodies: plain, with each kind at scale 1 and at most, and with all at most."""
-    choices = [("", 0.0), *((k, s) for k in (PAPER, *IN_BODY) for s in (1.0, SCALES[1])), ("all", SCALES[1])]
+    choices = [("", 0.0), *((k, s) for k in (PAPER, *IN_BODY) for s in (1.0, LEVELS[1])), ("all", LEVELS[1])]
     parties = []
     for kind, scale in choices:
         kinds = mixture.KINDS if kind == "all" else (kind,)
@@ -155,20 +155,20 @@ def heard(kind: str, scale: float, number: int) -> np.ndarray:
 @pytest.mark.parametrize("kind", mixture.KINDS)
 def test_each_kind_changes_the_stated_share_of_the_answer(kind: str, no_rest: None) -> None:
     shares = {}
-    for scale in (1.0, SCALES[1]):
+    for scale in (1.0, LEVELS[1]):
         plain = [accelerations()[("", 0.0)][number] for number in range(BODIES)]
         changes = [heard(kind, scale, number) - one for number, one in enumerate(plain)]
         shares[scale] = [np.linalg.norm(a) / np.linalg.norm(b) for a, b in zip(changes, plain, strict=True)]
     low, high = CHANGES[kind]
     assert low < np.median(shares[1.0]) < high, shares
-    assert max(shares[SCALES[1]]) < 3.0 * high
-    assert np.median(shares[SCALES[1]]) > 1.2 * np.median(shares[1.0])
+    assert max(shares[LEVELS[1]]) < 3.0 * high
+    assert np.median(shares[LEVELS[1]]) > 1.2 * np.median(shares[1.0])
 
 
 @pytest.mark.parametrize("kind", [PAPER, *IN_BODY, "all"])
 def test_no_kind_makes_a_body_run_away(kind: str, no_rest: None) -> None:
     """At the largest scale a strong shock is not amplified beyond all measure, and dies away after it."""
-    for plain, one in zip(accelerations()[("", 0.0)], accelerations()[(kind, SCALES[1])], strict=True):
+    for plain, one in zip(accelerations()[("", 0.0)], accelerations()[(kind, LEVELS[1])], strict=True):
         assert np.abs(one).max() < 3.0 * np.abs(plain).max()
         assert np.abs(one[-400:]).max() < 0.5 * np.abs(one).max()
 
@@ -187,7 +187,7 @@ def test_bodies_moved_together_keep_their_own_mechanisms(no_rest: None) -> None:
 
 
 def test_drifted_stiffness_is_that_of_a_stiffer_person(no_rest: None) -> None:
-    who, drift = person(), made("drift", SCALES[1])
+    who, drift = person(), made("drift", LEVELS[1])
     happens = dataclasses.replace(
         shaken(0.2, 0.0), begin_s=8e5, whole_s=1e6
     )  # of a sitting so long that it stands still
@@ -245,14 +245,19 @@ def test_a_mounting_leans_in_vibration_alone_and_passes_slow_motion() -> None:
 # --- scales ----------------------------------------------------------------------------------------------------------
 
 
-def test_scales_are_absent_or_log_uniform_and_the_paper_alone_is_one() -> None:
+def test_the_squares_of_scales_are_even_shares_of_a_log_uniform_level() -> None:
     assert mixture.scales((PAPER,), np.random.default_rng(0)) == {PAPER: 1.0}
-    found = np.array([[*mixture.scales(mixture.KINDS, np.random.default_rng(n)).values()] for n in range(400)])
-    there = found > 0.0
-    assert (~there).mean(axis=0) == pytest.approx(np.full(len(mixture.KINDS), mixture.ABSENT), abs=0.09)
-    logs = np.log(found[there] / SCALES[0]) / np.log(SCALES[1] / SCALES[0])
+    found = np.array([[*mixture.scales(mixture.KINDS, np.random.default_rng(n)).values()] for n in range(1000)])
+    level, count = np.linalg.norm(found, axis=1), (found > 0.0).sum(axis=1)
+    logs = np.log(level / LEVELS[0]) / np.log(LEVELS[1] / LEVELS[0])
     assert logs.min() >= 0.0 and logs.max() <= 1.0
-    np.testing.assert_allclose(np.quantile(logs, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.04)
+    np.testing.assert_allclose(np.quantile(logs, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.05)
+    kinds = len(mixture.KINDS)
+    np.testing.assert_allclose(np.bincount(count, minlength=kinds + 1)[1:] / 1000, 1.0 / kinds, atol=0.03)
+    np.testing.assert_allclose((found > 0.0).mean(axis=0), (kinds + 1) / (2.0 * kinds), atol=0.06)
+    two = (found[count == 2] / level[count == 2, None]) ** 2
+    np.testing.assert_allclose(np.quantile(two[two > 0.0], [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.09)
+    assert not any(mixture.scales(mixture.KINDS, np.random.default_rng(0), bare=1.0).values())
     with pytest.raises(ValueError, match="'rust' is unknown, known are paper"):
         mixture.scales(("rust",), np.random.default_rng(0))
 

@@ -22,10 +22,7 @@ from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import refitted
 from blind.tracing.outcome import Cause
 from blind.tracing.records import Record, causes, record
-from blind.training.draw import OUTSIDE, TrainingBody, TrainingSettings, drawn, sittings
-
-CHUNK = 6
-"""Bodies that one process simulates at once."""
+from blind.training.draw import OUTSIDE, TOGETHER, TrainingBody, TrainingSettings, drawn, sittings
 
 SEED = 0
 """Of a trace."""
@@ -68,7 +65,7 @@ def collect(numbers: Sequence[int], seed: int, path: Path, processes: int, repor
     """Append the examples of these bodies to a file; those that are known are left out."""
     known = {example.number for example in examples(path)}
     missing = [number for number in numbers if number not in known]
-    chunks = [missing[begin : begin + CHUNK] for begin in range(0, len(missing), CHUNK)]
+    chunks = [missing[begin : begin + TOGETHER] for begin in range(0, len(missing), TOGETHER)]
     with ProcessPoolExecutor(processes) as executor, path.open("a", encoding="utf-8") as file:
         done = 0
         for future in as_completed([executor.submit(_lines, chunk, seed) for chunk in chunks]):

@@ -20,6 +20,9 @@ from biodyn_core.base.segments import SEAT
 from blind.tracing.rows import KINDS
 
 OUTSIDE: Final = "outside"
+TOGETHER: Final = 24
+"""Bodies that are simulated at once: the cost of a step hardly grows with their number."""
+
 Range = tuple[float, float]
 
 
@@ -30,7 +33,7 @@ class TrainingSettings:
     nothing, two, outside: shares of bodies without an effect, with two effects of the catalogue's classes, and with one
     of no class; the others have one of the catalogue's classes. Classes are drawn evenly from kinds, forms evenly from
     those of a class in all splits. ratio: log-uniform range of the intended ratio. background: kinds of a background,
-    each absent with this probability, else with a scale from `mixture.SCALES`. counts, seconds: least and most events
+    see `mixture.scales`; bare: share of bodies without one. counts, seconds: least and most events
     for each use, and seconds of motion in each, by case. noise: log-uniform multiple of the sensors' noise. missing:
     share of bodies without one of the body's sensors.
     """
@@ -42,7 +45,7 @@ class TrainingSettings:
     splits: tuple[Split, ...] = ("development", "second")
     ratio: Range = (0.1, 10.0)
     background: tuple[str, ...] = mixture.KINDS
-    absent: float = 0.8
+    bare: float = 0.12
     counts: tuple[tuple[int, int], ...] = ((3, 6), (2, 4), (2, 4))
     seconds: tuple[Range, ...] = ((4.0, 7.0), (4.0, 6.0), (4.0, 6.0))
     noise: Range = (1.0, 2.5)
@@ -73,7 +76,7 @@ def drawn(number: int, seed: int, settings: TrainingSettings | None = None) -> T
         number,
         effects,
         ratio if effects else None,
-        mixture.scales(s.background, _generator(seed, number, "background"), s.absent),
+        mixture.scales(s.background, _generator(seed, number, "background"), s.bare),
         _plan(s, _generator(seed, number, "plan")),
         _log_uniform(s.noise, _generator(seed, number, "noise")),
         _missing(s, effects, _generator(seed, number, "missing")),
@@ -81,9 +84,9 @@ def drawn(number: int, seed: int, settings: TrainingSettings | None = None) -> T
 
 
 def sittings(numbers: Sequence[int], seed: int, settings: TrainingSettings | None = None) -> Iterator[Sitting]:
-    """Simulate the bodies of these numbers in their order, `sitting.TOGETHER` at once."""
-    for begin in range(0, len(numbers), sitting.TOGETHER):
-        yield from _simulated([drawn(n, seed, settings) for n in numbers[begin : begin + sitting.TOGETHER]], seed)
+    """Simulate the bodies of these numbers in their order, `TOGETHER` at once."""
+    for begin in range(0, len(numbers), TOGETHER):
+        yield from _simulated([drawn(n, seed, settings) for n in numbers[begin : begin + TOGETHER]], seed)
 
 
 def _generator(seed: int, number: int, fact: str) -> np.random.Generator:

@@ -51,23 +51,26 @@ CHANGES: Final[Mapping[str, tuple[float, float]]] = {
 """Rms change of the vertical accelerations over their rms, median of bodies at scale 1. A refit absorbs most of it in
 joints and nothing in sensors: 3 to 20 % are left."""
 
-ABSENT: Final = 0.25
-"""Probability that a body has none of a kind that is drawn."""
-
-SCALES: Final = (0.1, 2.0)
-"""Else the scale is log-uniform between these; at 1 a kind alone has its typical size."""
+LEVELS: Final = (0.15, 2.0)
+"""The level of a background is log-uniform between these; at 1 it has the size of the paper's kind."""
 
 
-def scales(kinds: Sequence[str], rng: np.random.Generator, absent: float = ABSENT) -> dict[str, float]:
-    """Draw the scale of each kind, 0 for none; `PAPER` alone is not drawn, but 1. ValueError for an unknown kind."""
+def scales(kinds: Sequence[str], rng: np.random.Generator, bare: float = 0.0) -> dict[str, float]:
+    """Draw the scale of each kind, 0 if absent; `PAPER` alone is not drawn, but 1. ValueError for an unknown kind.
+
+    A body has one to all of the kinds, every count equally likely. The squares of their scales are shares of the square
+    of the level (Dirichlet, evenly), because the changes of unlike mechanisms add up in squares. bare: probability that
+    a body has no background at all.
+    """
     for kind in kinds:
         if kind not in KINDS:
             raise ValueError(f"background {kind!r} is unknown, known are {', '.join(KINDS)}")
     if tuple(kinds) == (PAPER,):
         return {PAPER: 1.0}
-    sizes = np.exp(rng.uniform(*np.log(SCALES), len(kinds)))
-    there = rng.uniform(size=len(kinds)) >= absent
-    return {kind: float(size) if on else 0.0 for kind, size, on in zip(kinds, sizes, there, strict=True)}
+    count = int(rng.integers(1, len(kinds), endpoint=True))
+    shares = dict(zip(rng.permutation(kinds)[:count].tolist(), rng.dirichlet(np.ones(count)), strict=True))
+    level = float(np.exp(rng.uniform(*np.log(LEVELS)))) * float(rng.uniform() >= bare)
+    return {kind: level * float(np.sqrt(shares.get(kind, 0.0))) for kind in kinds}
 
 
 def mechanisms(person: Person, of: Mapping[str, float], seed: Sequence[int]) -> tuple[Mechanism, ...]:
