@@ -60,11 +60,13 @@ def test_classes_are_even_and_forms_even_among_both_splits() -> None:
     assert all(counts[kind] / len(single) == near(1.0 / len(KINDS), len(single)) for kind in KINDS)
     every = [effect for one in bodies() for effect in one.effects]
     assert {type(effect) for effect in every} >= {
-        form for split in ("development", "second") for form in forms(split) if form.kind in (*KINDS, OUTSIDE)
+        form for split in TrainingSettings().splits for form in forms(split) if form.kind in (*KINDS, OUTSIDE)
     }
-    assert {type(effect).__module__.split(".")[-1] for effect in every} == {"development_forms", "second_forms"}
+    assert {type(effect).__module__.split(".")[-1] for effect in every} == {
+        "development_forms", "second_forms", "earlier_forms",
+    }  # fmt: skip
     clocks = [type(effect).__name__ for effect in every if effect.kind == "clock"]
-    assert Counter(clocks)["JumpingClock"] / len(clocks) == near(0.5, len(clocks))
+    assert Counter(clocks)["JumpingClock"] / len(clocks) == near(1.0 / 3.0, len(clocks))
     for one in bodies():
         assert len({effect.kind for effect in one.effects}) == len(one.effects)
 

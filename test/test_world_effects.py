@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from world import body, ride, seats, sensors
 from world.effects import (
     absorbing,
-    blind_forms,
     development_forms,
+    earlier_forms,
     event,
     moving,
     second_forms,
@@ -41,7 +41,7 @@ from biodyn_core.identification.settings import FitSettings
 from biodyn_ros.reading.recordings import read_recordings
 
 WORLD = Path(__file__).parent / "world"
-ALL = (*development_forms.FORMS, *blind_forms.FORMS)
+ALL = (*development_forms.FORMS, *earlier_forms.FORMS)
 EVERY = (*ALL, *second_forms.FORMS, *third_forms.FORMS)
 PERSON = dataclasses.replace(
     Person.of(body.drawn(2, np.random.default_rng(3)), 0),
@@ -125,7 +125,7 @@ def test_the_world_of_effects_shares_nothing_with_the_package() -> None:
 
 
 def test_splits_are_disjoint_and_each_has_every_class() -> None:
-    splits = {split: forms(split) for split in ("development", "second", "third", "blind")}
+    splits = {split: forms(split) for split in ("development", "second", "earlier", "third")}
     for (_, ours), (_, theirs) in itertools.combinations(splits.items(), 2):
         assert not set(ours) & set(theirs) and not {f.__name__ for f in ours} & {f.__name__ for f in theirs}
     for split, found in splits.items():
@@ -139,7 +139,8 @@ def test_drawing_for_development_does_not_even_import_the_forms_for_scoring() ->
         "import sys, numpy as np; from world.effects import draw, sitting\n"
         "draw.effect('development', np.random.default_rng(0))\n"
         "draw.effect('second', np.random.default_rng(0))\n"
-        "sys.exit(bool({'world.effects.blind_forms', 'world.effects.third_forms'} & set(sys.modules)))"
+        "draw.effect('earlier', np.random.default_rng(0))\n"
+        "sys.exit('world.effects.third_forms' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=WORLD.parent, check=False).returncode == 0
 
@@ -274,24 +275,24 @@ def test_elastic_forms_have_their_limits() -> None:
             assert (
                 at_gap == pytest.approx(-e * k * one.softness * d, rel=1e-2) and abs(tension(one, d)) < -0.01 * at_gap
             )
-        if form is blind_forms.TwoSlopes:
+        if form is earlier_forms.TwoSlopes:
             assert (tension(one, 51 * d) - tension(one, 50 * d)) / d == pytest.approx(e * k, rel=1e-3)
             assert abs(tension(one, -51 * d) - tension(one, -50 * d)) < 1e-3 * e * k * d
-        if form is blind_forms.Hyperbolic:
+        if form is earlier_forms.Hyperbolic:
             assert tension(one, tiny) == pytest.approx(e * k * tiny**3 / (6 * (one.toe * d) ** 2), rel=1e-3)
-        if form is blind_forms.HertzStop:
+        if form is earlier_forms.HertzStop:
             assert tension(one, -0.99 * one.gap * d) == 0.0 and tension(one, -d) == pytest.approx(-e * k * d)
             assert tension(one, -d, 1e3) == 0.0
 
 
 def test_dampers_and_friction_have_their_limits() -> None:
-    orifice, valve = made(development_forms.Orifice), made(blind_forms.Valve)
+    orifice, valve = made(development_forms.Orifice), made(earlier_forms.Valve)
     rate = orifice.knee * PERSON.rate_mps[orifice.site]
     assert tension(orifice, 0.0, rate) == pytest.approx(orifice.strength * k_b(orifice)[1] * rate)
     twice = 2 * PERSON.rate_mps[valve.site]
     assert tension(valve, 0.0, -twice) == pytest.approx(-valve.strength * k_b(valve)[1] * twice)
     assert tension(valve, 0.0, twice) == pytest.approx(valve.rebound * valve.strength * k_b(valve)[1] * twice)
-    for one in (made(blind_forms.Stribeck), made(development_forms.LuGre)):
+    for one in (made(earlier_forms.Stribeck), made(development_forms.LuGre)):
         rate = PERSON.rate_mps[one.site]
         coulomb = one.strength * k_b(one)[1] * rate
         t = np.linspace(0.0, 0.2, 5)
@@ -315,7 +316,7 @@ def test_hysteresis_follows_dahl_and_iwan() -> None:
     t = np.linspace(0.0, 1.0, 30)
     expected = dahl.strength * k_b(dahl)[0] * d * -np.expm1(-t / dahl.slip)
     np.testing.assert_allclose(followed(dahl, lambda at: d * at, lambda at: d, t), expected, atol=1e-5 * expected[-1])
-    iwan = made(blind_forms.Iwan)
+    iwan = made(earlier_forms.Iwan)
     most, slips = 2.0 * PERSON.reach_m[iwan.site], iwan.last * PERSON.reach_m[iwan.site] * np.array([0.05, 0.2, 0.5, 1])
     t = np.linspace(0.0, 2.0, 4001)
     pull = followed(
@@ -326,7 +327,7 @@ def test_hysteresis_follows_dahl_and_iwan() -> None:
 
 
 def test_relaxation_has_its_complex_stiffness() -> None:
-    high, residues, poles = blind_forms.oustaloup(0.4)
+    high, residues, poles = earlier_forms.oustaloup(0.4)
     for w in (3.0, 20.0, 200.0):
         assert abs((high - (residues / (1j * w + poles)).sum()) / (1j * w) ** 0.4 - 1.0) < 0.08
     one, w = made(development_forms.TwoBranches), 2 * np.pi * 4.0
@@ -346,7 +347,7 @@ def test_structures_break_and_recover_to_equilibrium() -> None:
     gone = one.broken / (1.0 + one.broken)
     assert one.act(moment(0.0, rate), np.array([[gone]]))[0, 0] == pytest.approx(0.0, abs=1e-12)
     assert tension(one, 1e-3, rate, np.array([[gone]])) == pytest.approx(-one.strength * gone * k_b(one)[0] * 1e-3)
-    gel = made(blind_forms.Brittle)
+    gel = made(earlier_forms.Brittle)
     assert gel.act(moment(0.5 * PERSON.reach_m[gel.site]), np.array([[0.0]]))[0, 0] == pytest.approx(1.0 / gel.break_s)
     assert gel.act(moment(), np.array([[1.0]]))[0, 0] == pytest.approx(-1.0 / gel.set_s)
 
@@ -369,7 +370,7 @@ def test_reflexes_settle_to_their_gain() -> None:
     now.late = np.array([[1e-3]])
     assert late.act(now, np.array([[1e-3]]))[0, 0] == pytest.approx(0.0, abs=1e-15)
     assert -now.up_n[0, late.site] == pytest.approx(late.strength * k_b(late)[0] * 1e-3)
-    tiring = made(blind_forms.TiringReflex)
+    tiring = made(earlier_forms.TiringReflex)
     now.up_n[:], now.late = 0.0, np.array([[1e3, 0.0]])
     tiring.act(now, np.zeros((1, 2)))
     most = tiring.strength * k_b(tiring)[0] * tiring.most * PERSON.reach_m[tiring.site]
@@ -414,7 +415,7 @@ def test_added_masses_obey_newton(form: type[Effect]) -> None:
 
 
 def test_a_backrest_acts_in_one_direction() -> None:
-    webbing, belt = made(development_forms.Webbing), made(blind_forms.CatchingBelt)
+    webbing, belt = made(development_forms.Webbing), made(earlier_forms.CatchingBelt)
     for one in (webbing, belt):
         now = moment()
         now.x[:] = 0.99 * one.slack * PERSON.rise_m[one.site]
@@ -423,7 +424,7 @@ def test_a_backrest_acts_in_one_direction() -> None:
         now.x[:], now.v[:] = PERSON.rise_m[one.site], -100.0
         one.act(now, np.zeros((1, 0)))
         assert now.up_n[0, one.site] <= 0.0
-    slipping = made(blind_forms.SlippingBackrest)
+    slipping = made(earlier_forms.SlippingBackrest)
     now = moment()
     now.v[:] = 0.2
     held = slipping.slip * PERSON.rise_m[slipping.site]
@@ -455,7 +456,7 @@ def test_necks_shorten_by_their_chord_and_spines_press_by_the_horizontal_acceler
     assert nod.offset(now, np.empty((1, 0)))[1:] == pytest.approx(
         (nod.strength * (1 - np.cos(0.2)), nod.strength * 0.5 * np.sin(0.2))
     )
-    curved = made(blind_forms.CurvedNeck)
+    curved = made(earlier_forms.CurvedNeck)
     signals = curved.signals(shaken(), PERSON)
     phi = curved.bent_rad + np.diff([shaken().leaning_rad(curved.site + i)[:, 1] for i in (0, 1)], axis=0)[0]
     chord = 2.0 * np.sin(0.5 * phi) / phi
@@ -478,7 +479,7 @@ def test_engines_have_their_line() -> None:
 
 
 def test_effects_outside_the_classes_follow_their_definition() -> None:
-    tremor = made(blind_forms.Tremor)
+    tremor = made(earlier_forms.Tremor)
     w = 2 * np.pi * tremor.frequency_hz
     cycle = integrate.solve_ivp(lambda t, y: tremor.act(moment(), y[None])[0], (0, 60 / w), [0.1, 0.0], rtol=1e-7)
     assert np.abs(cycle.y[0]).max() == pytest.approx(2.0, abs=0.03)
@@ -490,7 +491,7 @@ def test_effects_outside_the_classes_follow_their_definition() -> None:
     past.act(now, np.empty((1, 0)))
     k = PERSON.stiffness_n_per_m[past.site + 1 : past.site + 3]
     assert now.up_n[0, past.site] == pytest.approx(past.strength * k.prod() / k.sum() * 2e-3)
-    for form, at in ((blind_forms.LongBypass, 3), (blind_forms.SharedHead, 5)):
+    for form, at in ((earlier_forms.LongBypass, 3), (earlier_forms.SharedHead, 5)):
         now = moment(1e-3)
         made(form).act(now, np.empty((1, 0)))
         assert now.up_n[0, at] < 0.0

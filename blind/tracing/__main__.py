@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final, get_args
 
 from world import seats
-from world.effects.draw import Split
+from world.effects.draw import SCORING, Split
 
 from biodyn_core.base.errors import InputError
 from blind.tracing import streams
@@ -48,7 +48,7 @@ def _run(options: argparse.Namespace) -> int:
         print(f"blind: {time.perf_counter() - begin:6.0f} s: {text}", file=sys.stderr, flush=True)
 
     seed = secrets.randbelow(2**31) if options.seed is None else options.seed
-    partial = bool(options.rows or options.count is not None or options.split != "blind")
+    partial = bool(options.rows or options.count is not None or options.split != SCORING)
     print(f"blind: seed {seed}{', a partial run that is not published' if partial else ''}", flush=True)
     study = Run(
         seed,
@@ -108,8 +108,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--split",
         choices=get_args(Split),
-        default="blind",
-        help="forms of the hidden effects; others than blind are partial",
+        default=SCORING,
+        help=f"forms of the hidden effects; others than {SCORING} are partial",
     )
     parser.add_argument("--out", type=Path, default=OUT, help="directory of verdicts and scores")
     return parser

@@ -131,7 +131,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--kinds", nargs="+", choices=sorted(CATALOGUE), default=sorted(CATALOGUE), metavar="CLASS")
     parser.add_argument("--count", type=int, default=2, help="records of each class (default: 2)")
     parser.add_argument("--seed", type=int, default=11)
-    parser.add_argument("--split", choices=("development", "second"), default="second", help="forms (default: second)")
+    parser.add_argument(
+        "--split", choices=("development", "second", "earlier"), default="second", help="forms (default: second)"
+    )
     parser.add_argument("--long", action="store_true", help=f"also refit from {MORE_STARTS} starts")
     parser.add_argument("--out", type=Path, help="file of results, continued if it exists")
     return parser

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from world.effects.draw import Split
+from world.effects.draw import SCORING, Split
 from world.effects.sitting import TOGETHER
 
 from biodyn_ros.work.executors import as_done, executor_of, result_of
@@ -63,7 +63,7 @@ class Run:
     seed: int
     drawings: tuple[Drawing, ...]
     folder: Path
-    split: Split = "blind"
+    split: Split = SCORING
     commit: str = ""
     filled: tuple[Condition, ...] = ()
 

@@ -42,7 +42,7 @@ class TrainingSettings:
     two: float = 0.15
     outside: float = 0.15
     kinds: tuple[str, ...] = KINDS
-    splits: tuple[Split, ...] = ("development", "second")
+    splits: tuple[Split, ...] = ("development", "second", "earlier")
     ratio: Range = (0.1, 10.0)
     background: tuple[str, ...] = mixture.KINDS
     bare: float = 0.12

@@ -1,8 +1,8 @@
 """Effects that a record can hide, in functional forms that are not those of the catalogue.
 
-`development_forms` and `second_forms` may be looked at and run while a tracer is built, for its code and its
-thresholds: what is learnt on the one is checked on the other. `blind_forms` and `third_forms` are for scoring only: do
-not read, import or run them while a tracer is built. Every class of the catalogue has at least one form in each. `draw`
+`development_forms`, `second_forms` and `earlier_forms`, which scored the blind runs up to 2026-11-23, may be looked at
+and run while a tracer is built, and its model is learned from them. `third_forms` are for scoring only: do not read,
+import or run them while a tracer is built. Every class of the catalogue has at least one form in each. `draw`
 reaches any by the name of its split, so that nobody has to open the module.
 
 `sitting.drawn(count, seed, split, ...)` draws people with something hidden in them and moves them; a sitting writes

@@ -1,4 +1,4 @@
-"""Draws effects by the name of their split; `third` and `blind` are for scoring only (see the package's docstring)."""
+"""Draws effects by the name of their split; `third` is for scoring only (see the package's docstring)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 
 from world.effects.effect import Effect
 
-Split = Literal["development", "second", "third", "blind"]
+Split = Literal["development", "second", "earlier", "third"]
+
+SCORING: Final[Split] = "third"
 
 KINDS: Final = (
     "asymmetry", "cubic", "stop", "quadratic_damping", "friction", "hysteresis", "relaxation", "thixotropy", "posture",

