@@ -37,6 +37,15 @@ PSI_SPREAD: Final = 6.0
 INSIDE: Final = 0.02
 """A start keeps this share of each range from both ends, except for nuisances of the effect such as an instant."""
 
+WEAKER_STARTS: Final = (0.5, 0.25, 0.12, 0.06)
+"""Shares of a start's strength that are tried while the start fits worse than no effect, or is unstable."""
+
+WEAKER_ENDS: Final = (0.85, 0.7, 0.5, 0.3)
+"""Shares of a fitted strength that are tried while the fit is unstable in an event for choosing."""
+
+LEAST_SHARE: Final = 1e-4
+"""A weaker strength keeps this share of its range from both ends."""
+
 PRIOR_SCALES: Final = (1.0, 0.56, 0.32, 0.18, 0.1)
 """Prior scales of the nuisance parameters; the fit chooses the one with the largest evidence."""
 
@@ -74,7 +83,7 @@ def fit_locally(
     step.
     """
     problem = _Problem(nuisance, start)
-    at = problem.at(np.zeros(N_THETA), problem.unbounded(start))
+    at = problem.start()
     for _ in range(steps):
         better = _line_search(problem, at) if np.isfinite(at.objective) else None
         if better is None:
@@ -86,7 +95,7 @@ def fit_locally(
     unstable = LocalFit(at.subject, start, at.b, np.inf, 0.0, 1.0, 0.0, nuisance.choose.products.square)
     if not np.isfinite(at.objective):
         return unstable
-    residual_square = simulated_products(nuisance.choose, at.subject).residual_square(at.b)
+    at, residual_square = problem.stable(at)
     prior_scale, penalty = problem.most_probable(at)
     # Other events, or parameters beside the solution, may be unstable although the solution is stable.
     if not (residual_square.max() < RUNAWAY_MPS2**2 and np.isfinite(penalty)):
@@ -157,10 +166,12 @@ class _Problem:
         self._inside = np.array([1e-6 if p.kind == "nuisance" else INSIDE for p in parameters])
         self._normal = nuisance.normal()
         self._own = np.linalg.inv(self._normal[N_THETA:, N_THETA:])
+        self._has_strength = template is not None and bool(template.effect.strengths)
+        self._without = self._objective(nuisance.train.products, np.zeros(N_THETA))[0]
 
     def at(self, delta: Floats, psi: Floats, slopes: Sequence[Floats] = ()) -> _Point:
         """Simulate a point and fit its nuisance parameters; the objective is infinite if the simulation is unstable."""
-        train, weight = self._nuisance.train, self._nuisance.weight
+        train = self._nuisance.train
         subject = self._subject(delta, psi)
         accel = accelerations(subject, train.cases)
         sensor_accel = sensed(subject, train.cases, accel)
@@ -169,12 +180,42 @@ class _Problem:
         if not products.square.max() < RUNAWAY_MPS2**2:  # also for NaN
             b = np.zeros(len(self._normal))
             return _Point(delta, psi, subject, accel, sensor_accel, residuals, products, b, np.inf, slopes)
+        objective, b = self._objective(products, delta)
+        return _Point(delta, psi, subject, accel, sensor_accel, residuals, products, b, objective, slopes)
+
+    def _objective(self, products: Products, delta: Floats) -> tuple[float, Floats]:
+        """The objective with the best nuisance parameters, and all coefficients (k,), theta's zero."""
+        weight = self._nuisance.weight
         right = weight @ products.cross[:, N_THETA:]
         own = self._own @ right
         prior = float(self._nuisance.precision[:N_THETA] @ delta**2)
-        objective = float(weight @ products.square) - float(right @ own) + prior
-        b = np.concatenate([np.zeros(N_THETA), own])
-        return _Point(delta, psi, subject, accel, sensor_accel, residuals, products, b, objective, slopes)
+        return float(weight @ products.square) - float(right @ own) + prior, np.concatenate([np.zeros(N_THETA), own])
+
+    def start(self) -> _Point:
+        """The start; if no effect fits better than it, the best of weaker ones."""
+        found = self.at(np.zeros(N_THETA), self.unbounded(self._template))
+        for share in WEAKER_STARTS if self._has_strength else ():
+            if found.objective < self._without:
+                break
+            tried = self.at(found.delta, self._weaker(self._template, share))
+            found = min(found, tried, key=lambda point: point.objective)
+        return found
+
+    def stable(self, at: _Point) -> tuple[_Point, Floats]:
+        """The first of this point and weaker ones that is stable in the events for choosing, and its residual there.
+
+        residual_square (w,): by window. This point if none is stable, or all weaker ones fit worse than no effect.
+        """
+        square = simulated_products(self._nuisance.choose, at.subject).residual_square(at.b)
+        if square.max() < RUNAWAY_MPS2**2 or not self._has_strength:
+            return at, square
+        for share in WEAKER_ENDS:
+            tried = self.at(at.delta, self._weaker(self.applied(at.psi), share), at.slopes)
+            if tried.objective < self._without:
+                found = simulated_products(self._nuisance.choose, tried.subject).residual_square(tried.b)
+                if found.max() < RUNAWAY_MPS2**2:
+                    return tried, found
+        return at, square
 
     def step(self, at: _Point, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
         """The Gauss-Newton solution from here: delta (14,) and psi (p,)."""
@@ -230,6 +271,13 @@ class _Problem:
         if start is None or not self._names:
             return np.empty(0)
         return self._ranges.unbounded(np.array([start.values[name] for name in self._names]), self._inside)
+
+    def _weaker(self, applied: AppliedEffect | None, share: float) -> Floats:
+        """The values with a share of every strength, on the real line (p,)."""
+        assert applied is not None
+        strengths = applied.effect.strengths
+        values = [applied.values[name] * (share if name in strengths else 1.0) for name in self._names]
+        return self._ranges.unbounded(np.array(values), LEAST_SHARE)
 
     def _subject(self, delta: Floats, psi: Floats) -> Subject:
         """The fitted subject, moved by delta (14,), with the effect."""
