@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from scipy import stats
 
 from blind.tracing.outcome import TRUE_CLASS_RESULTS, Outcome, Score
+from blind.tracing.reliability import calibration_error
 from blind.tracing.rows import CONDITIONS, Condition, Kind, Rule
-
-BINS: Final = 10
-"""Of probabilities, for calibration."""
+from blind.tracing.shares import wilson
 
 
 @dataclass(frozen=True)
@@ -62,12 +60,6 @@ class ByClass:
     named: tuple[tuple[str, int], ...]
 
 
-def wilson(hits: int, of: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share."""
-    interval = stats.binomtest(hits, of).proportion_ci(method="wilson")
-    return float(interval.low), float(interval.high)
-
-
 def marks(outcomes: Sequence[Outcome], conditions: Sequence[Condition] = CONDITIONS) -> list[Mark]:
     """All marks of all rows."""
     return [_mark(row, rule, row.chosen(outcomes)) for row in conditions for rule in row.rules]
@@ -86,16 +78,6 @@ def _mark(row: Condition, rule: Rule, chosen: Sequence[Outcome]) -> Mark:
         row.name, rule.what, rule.required, reached, len(chosen), len(values), bool(enough and good), row.least,
         rule.kind, low, high, baseline,
     )  # fmt: skip
-
-
-def calibration_error(answers: Sequence[tuple[float, bool]], bins: int = BINS) -> float:
-    """The expected calibration error of answers: their probabilities, and whether they are right.
-
-    Mean distance of probability and share of right answers over bins of probability, weighted by their counts.
-    """
-    p, right = np.array(answers, dtype=np.float64).T
-    at = np.minimum((p * bins).astype(int), bins - 1)
-    return float(sum(abs(right[at == b].sum() - p[at == b].sum()) for b in np.unique(at)) / p.size)
 
 
 REDUCTIONS: Final[dict[Kind, Callable[[Sequence[Any]], Any]]] = {
