@@ -14,6 +14,9 @@ from blind.tracing.reliability import calibration_error
 from blind.tracing.rows import CONDITIONS, Condition, Kind, Rule
 from blind.tracing.shares import wilson
 
+NO_ANSWER: Final = "no answer"
+"""Of a record without probabilities, in the confusion matrix."""
+
 
 @dataclass(frozen=True)
 class Mark:
@@ -98,10 +101,7 @@ def most_frequent(outcomes: Sequence[Outcome]) -> tuple[str, float]:
 
 
 def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
-    """Results of records with one true class, by that class; named: all answers to it, the most frequent first.
-
-    These are the rows of the confusion matrix; verdicts without a class are among its columns.
-    """
+    """Results of records with one true class, by that class; named: classes and verdicts, the most frequent first."""
     found = []
     for name in sorted({next(iter(one.true_names)) for one in outcomes if len(one.true_names) == 1}):
         mine = [one for one in outcomes if one.true_names == {name}]
@@ -116,6 +116,16 @@ def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
                 named=tuple(sorted(named.items(), key=lambda pair: (-pair[1], pair[0]))),
             )
         )  # fmt: skip
+    return found
+
+
+def confusion(outcomes: Sequence[Outcome]) -> dict[str, Counter[str]]:
+    """The most probable answers to records with one true class, counted by that class."""
+    found: dict[str, Counter[str]] = {}
+    for one in outcomes:
+        if len(one.true_names) == 1:
+            (name,) = one.true_names
+            found.setdefault(name, Counter())[one.answer.most_probable or NO_ANSWER] += 1
     return found
 
 

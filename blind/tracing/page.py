@@ -1,4 +1,4 @@
-"""The page of the latest full run: marks, verdicts, errors before and after, classes and the confusion matrix."""
+"""The page of the latest full run: marks, verdicts, probabilities, errors, speed, and results by class."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from blind.tracing.marks import Mark, by_class, most_frequent, true_class_results, verdicts
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
+from blind.tracing.sections import confusion_lines, ratio_lines, reliability_lines, speed_lines
 from conformance.table import table
 
 HEAD: Final = """\
@@ -36,9 +37,12 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
     parts = (
         _marks(found),
         _verdicts(outcomes),
+        reliability_lines(outcomes),
+        ratio_lines(outcomes),
         _errors(outcomes),
-        *(_true_classes(outcomes, row) for row in CONDITIONS if any(rule.what == "class" for rule in row.rules)),
-        *(_classes(outcomes, row) for row in (*CONDITIONS, *MEASURED)),
+        speed_lines(outcomes),
+        *(_true_classes(outcomes, row) for row in CONDITIONS if _asks_for_class(row)),
+        *(_classes(outcomes, row) for row in (*CONDITIONS, *MEASURED) if row.ratio is not None),
     )
     lines = [line for part in parts for line in part]
     return "\n".join([HEAD, about, "", *lines]).rstrip() + "\n"
@@ -110,12 +114,17 @@ def _median(values: Sequence[float | None]) -> str:
     return f"{np.median(there):.2f}" if there else "-"
 
 
+def _asks_for_class(row: Condition) -> bool:
+    return any(rule.what == "class" for rule in row.rules)
+
+
 def _classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
-    """Results by class with the row of the confusion matrix; nothing for rows that hide nothing, or two."""
+    """Results by class with the answers, as a matrix or as a list; nothing without records."""
     chosen = row.chosen(outcomes)
     classes = by_class(chosen)
     if not classes:
         return []
+    matrix = confusion_lines(chosen) if _asks_for_class(row) else []
     rows = [
         (
             one.name, str(one.records), str(one.class_right), str(one.family_right), str(one.site_right),
@@ -126,4 +135,6 @@ def _classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
     name, share = most_frequent(chosen)
     words = f"Naming always {name} is right in {100.0 * share:.1f} %."
     head = ("true class", "records", "class", "family", "class and site", "in the set", "named")
-    return [f"## By class: {row.name}", "", words, "", *table(head, rows), ""]
+    shown = len(head) - bool(matrix)
+    listed = table(head[:shown], [one[:shown] for one in rows])
+    return [f"## By class: {row.name}", "", words, "", *listed, "", *matrix]
