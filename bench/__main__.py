@@ -7,11 +7,11 @@ import importlib
 import os
 import platform
 import sys
-from pathlib import Path
 
 import numba
 import numpy as np
 
+from bench.machine import machine
 from bench.table import render
 
 NAMES = ("start", "ode", "effects", "bag", "replay", "live", "fit")
@@ -33,13 +33,10 @@ def main(arguments: list[str]) -> int:
 
 
 def setting() -> str:
-    """Machine, versions and time of the measurement; unlike ratios, absolute times depend on the machine."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
-    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown CPU")
+    """Machine, versions and time of the measurement."""
     versions = f"Python {platform.python_version()}, numba {numba.__version__}, numpy {np.__version__}"
-    machine = f"{os.cpu_count()} cores, {model}, load {os.getloadavg()[0]:.1f}"
-    return f"{machine}; {versions}; {dt.datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
+    load = f"load {os.getloadavg()[0]:.1f}"
+    return f"{machine()}, {load}; {versions}; {dt.datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
 
 
 if __name__ == "__main__":

@@ -78,6 +78,11 @@ def cells(*texts: str) -> str:
     return f"| {' | '.join(texts)} |"
 
 
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of a Markdown table; all columns but the first are aligned to the right."""
+    return [cells(*head), cells("---", *["---:"] * (len(head) - 1)), *(cells(*row) for row in rows)]
+
+
 def number(value: float) -> str:
     """Five digits."""
     return f"{value:#.5g}".rstrip(".")

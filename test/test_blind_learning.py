@@ -17,8 +17,8 @@ from test_probability import EVIDENCE, random_model
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features
 from biodyn_core.tracing.probability import NONE, OUTSIDE
-from blind.tracing.marks import calibration_error
 from blind.tracing.outcome import Cause
+from blind.tracing.reliability import calibration_error
 from blind.training import calibrate, collect, learn
 from blind.training.calibrate import FOLDS, Prediction, fold_of
 from blind.training.collect import Example, archive_of, examples, pack

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import pytest
 from outcomes import CLOCK, ROWS, SKIN, STOP, outcome
 
-from blind.tracing.marks import Mark, by_class, calibration_error, marks, most_frequent, true_class_results, wilson
+from blind.tracing.marks import Mark, by_class, marks, most_frequent, true_class_results
 from blind.tracing.outcome import Cause, Outcome, site_distance
 from blind.tracing.rows import CONDITIONS, DRAWINGS, drawings
+from blind.tracing.shares import wilson
 
 
 def judged(row: str, outcomes: Sequence[Outcome], least: int = 1) -> dict[str, Mark]:
@@ -121,12 +122,6 @@ def test_the_closed_share_is_of_the_squared_gap() -> None:
     assert score.closed(3.0) == 1.0 and score.closed(5.0) == 0.0 == score.closed(None)
     assert score.closed(4.0) == pytest.approx((25.0 - 16.0) / (25.0 - 9.0))
     assert dataclasses.replace(score, floor_percent=5.0).closed(4.0) is None
-
-
-def test_the_calibration_error_is_the_weighted_distance_of_the_bins() -> None:
-    assert calibration_error([(0.95, True)] * 19 + [(0.95, False)]) == pytest.approx(0.0)
-    assert calibration_error([(0.5, True)] * 10) == pytest.approx(0.5)
-    assert calibration_error([(0.25, False)] * 3 + [(1.0, True)]) == pytest.approx(0.75 * 0.25)
 
 
 # --- rows ------------------------------------------------------------------------------------------------------------

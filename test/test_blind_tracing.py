@@ -444,7 +444,7 @@ def test_the_page_has_every_mark_and_class() -> None:
         outcome("background", "none"),
     ]
     text = rendered(records, marks(records), "Run of today.")
-    assert "| skin | 1 | 0 | 1 | 0 | 0 | clock 1 |" in text
+    assert "| skin | 1 | 0 | 1 | 0 | 0 |\n" in text
     assert "| strong | 1.00 | 2.00 | 4.00 | - | - | - | - |" in text
     assert all(rule.what in text for row in CONDITIONS for rule in row.rules)
     assert "**missed**, as it has fewer than 60 records" in text

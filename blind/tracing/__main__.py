@@ -15,6 +15,7 @@ from typing import Final, get_args
 from world import seats
 from world.effects.draw import SCORING, Split
 
+from bench.machine import machine
 from biodyn_core.base.errors import InputError
 from blind.tracing import streams
 from blind.tracing.answer import decision
@@ -66,7 +67,9 @@ def _run(options: argparse.Namespace) -> int:
         if commit() != study.commit:
             raise BrokenSeal("the commit has changed since the run began, so it is not published")
         today = dt.datetime.now(dt.timezone.utc).date().isoformat()
-        publish(ROOT, About(today, study.commit, seed, decision(), seals(study)[-1], len(outcomes)), outcomes, found)
+        sealed = seals(study)[-1]
+        about = About(today, study.commit, seed, decision(), sealed, len(outcomes), machine())
+        publish(ROOT, about, outcomes, found)
     _print(found, outcomes, partial)
     return 0 if all(mark.met for mark in found) else 1
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from scipy import stats
 
 from blind.tracing.outcome import TRUE_CLASS_RESULTS, Outcome, Score
+from blind.tracing.reliability import calibration_error
 from blind.tracing.rows import CONDITIONS, Condition, Kind, Rule
+from blind.tracing.shares import wilson
 
-BINS: Final = 10
-"""Of probabilities, for calibration."""
+NO_ANSWER: Final = "no answer"
+"""Of a record without probabilities, in the confusion matrix."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,6 @@ class ByClass:
     named: tuple[tuple[str, int], ...]
 
 
-def wilson(hits: int, of: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share."""
-    interval = stats.binomtest(hits, of).proportion_ci(method="wilson")
-    return float(interval.low), float(interval.high)
-
-
 def marks(outcomes: Sequence[Outcome], conditions: Sequence[Condition] = CONDITIONS) -> list[Mark]:
     """All marks of all rows."""
     return [_mark(row, rule, row.chosen(outcomes)) for row in conditions for rule in row.rules]
@@ -88,16 +83,6 @@ def _mark(row: Condition, rule: Rule, chosen: Sequence[Outcome]) -> Mark:
     )  # fmt: skip
 
 
-def calibration_error(answers: Sequence[tuple[float, bool]], bins: int = BINS) -> float:
-    """The expected calibration error of answers: their probabilities, and whether they are right.
-
-    Mean distance of probability and share of right answers over bins of probability, weighted by their counts.
-    """
-    p, right = np.array(answers, dtype=np.float64).T
-    at = np.minimum((p * bins).astype(int), bins - 1)
-    return float(sum(abs(right[at == b].sum() - p[at == b].sum()) for b in np.unique(at)) / p.size)
-
-
 REDUCTIONS: Final[dict[Kind, Callable[[Sequence[Any]], Any]]] = {
     "share": np.mean,
     "mean": np.mean,
@@ -116,10 +101,7 @@ def most_frequent(outcomes: Sequence[Outcome]) -> tuple[str, float]:
 
 
 def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
-    """Results of records with one true class, by that class; named: all answers to it, the most frequent first.
-
-    These are the rows of the confusion matrix; verdicts without a class are among its columns.
-    """
+    """Results of records with one true class, by that class; named: classes and verdicts, the most frequent first."""
     found = []
     for name in sorted({next(iter(one.true_names)) for one in outcomes if len(one.true_names) == 1}):
         mine = [one for one in outcomes if one.true_names == {name}]
@@ -134,6 +116,16 @@ def by_class(outcomes: Sequence[Outcome]) -> list[ByClass]:
                 named=tuple(sorted(named.items(), key=lambda pair: (-pair[1], pair[0]))),
             )
         )  # fmt: skip
+    return found
+
+
+def confusion(outcomes: Sequence[Outcome]) -> dict[str, Counter[str]]:
+    """The most probable answers to records with one true class, counted by that class."""
+    found: dict[str, Counter[str]] = {}
+    for one in outcomes:
+        if len(one.true_names) == 1:
+            (name,) = one.true_names
+            found.setdefault(name, Counter())[one.answer.most_probable or NO_ANSWER] += 1
     return found
 
 

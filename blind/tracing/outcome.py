@@ -217,6 +217,11 @@ class Outcome:
         return self.answer.most_probable in self.right_answers
 
     @property
+    def true_class_leads(self) -> bool:
+        """Whether the most probable answer is a true class."""
+        return self.answer.most_probable in self.true_names
+
+    @property
     def confidence(self) -> tuple[float, bool] | None:
         """The probability of the most probable answer, and whether it is right; None without an answer."""
         return (self.probability, self.most_probable_right) if self.answer.probabilities else None
@@ -233,7 +238,7 @@ class Outcome:
             return TRUE_CLASS_RESULTS[0]
         if self.single:
             return TRUE_CLASS_RESULTS[1]
-        if self.answer.most_probable in self.true_names:
+        if self.true_class_leads:
             return TRUE_CLASS_RESULTS[2]
         return TRUE_CLASS_RESULTS[3] if self.in_set else TRUE_CLASS_RESULTS[4]
 

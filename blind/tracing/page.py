@@ -1,4 +1,4 @@
-"""The page of the latest full run: marks, verdicts, errors before and after, classes and the confusion matrix."""
+"""The page of the latest full run: marks, verdicts, probabilities, errors, speed, and results by class."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 from blind.tracing.marks import Mark, by_class, most_frequent, true_class_results, verdicts
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
-from conformance.table import cells
+from blind.tracing.sections import confusion_lines, ratio_lines, reliability_lines, speed_lines
+from conformance.table import table
 
 HEAD: Final = """\
 # Blind study of tracing
@@ -36,9 +37,12 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
     parts = (
         _marks(found),
         _verdicts(outcomes),
+        reliability_lines(outcomes),
+        ratio_lines(outcomes),
         _errors(outcomes),
-        *(_true_classes(outcomes, row) for row in CONDITIONS if any(rule.what == "class" for rule in row.rules)),
-        *(_classes(outcomes, row) for row in (*CONDITIONS, *MEASURED)),
+        speed_lines(outcomes),
+        *(_true_classes(outcomes, row) for row in CONDITIONS if _asks_for_class(row)),
+        *(_classes(outcomes, row) for row in (*CONDITIONS, *MEASURED) if row.ratio is not None),
     )
     lines = [line for part in parts for line in part]
     return "\n".join([HEAD, about, "", *lines]).rstrip() + "\n"
@@ -50,7 +54,7 @@ def marks_table(found: Sequence[Mark]) -> list[str]:
         (m.row, m.what, m.required, m.text, "-" if m.baseline is None else f"{100.0 * m.baseline:.1f} %", _met(m))
         for m in found
     ]
-    return _table(("condition", "mark", "required", "reached", "always the most frequent class", ""), rows)
+    return table(("condition", "mark", "required", "reached", "always the most frequent class", ""), rows)
 
 
 def _met(mark: Mark) -> str:
@@ -67,7 +71,7 @@ def _verdicts(outcomes: Sequence[Outcome]) -> list[str]:
     counted = verdicts(outcomes)
     names = sorted({name for one in counted.values() for name in one})
     rows = [(row, *(str(one[name]) for name in names)) for row, one in counted.items()]
-    return ["## Verdicts", "", *_table(("drawn as", *names), rows), ""]
+    return ["## Verdicts", "", *table(("drawn as", *names), rows), ""]
 
 
 def _errors(outcomes: Sequence[Outcome]) -> list[str]:
@@ -89,7 +93,7 @@ def _errors(outcomes: Sequence[Outcome]) -> list[str]:
     # A record without a refit has no ratio and no row, so the page lists it.
     without = [f"{one.score.row} {one.score.number}: {one.score.why}" for one in outcomes if one.score.why]
     not_scored = f"Not scored, so in no row by ratio: {'; '.join(without) or 'none'}."
-    return ["## Errors", "", words, "", *_table(("drawn as", "ratio", *columns), rows), "", not_scored, ""]
+    return ["## Errors", "", words, "", *table(("drawn as", "ratio", *columns), rows), "", not_scored, ""]
 
 
 def _true_classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
@@ -102,7 +106,7 @@ def _true_classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
     rows = [(what, str(closed), str(every)) for what, (closed, every) in counted.items()]
     rows.append(("all", *(str(sum(column)) for column in zip(*counted.values(), strict=True))))
     head = ("the true class", "where the oracle removes half", "records")
-    return [f"## Result for the true class: {row.name}", "", words, "", *_table(head, rows), ""]
+    return [f"## Result for the true class: {row.name}", "", words, "", *table(head, rows), ""]
 
 
 def _median(values: Sequence[float | None]) -> str:
@@ -110,12 +114,17 @@ def _median(values: Sequence[float | None]) -> str:
     return f"{np.median(there):.2f}" if there else "-"
 
 
+def _asks_for_class(row: Condition) -> bool:
+    return any(rule.what == "class" for rule in row.rules)
+
+
 def _classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
-    """Results by class with the row of the confusion matrix; nothing for rows that hide nothing, or two."""
+    """Results by class with the answers, as a matrix or as a list; nothing without records."""
     chosen = row.chosen(outcomes)
     classes = by_class(chosen)
     if not classes:
         return []
+    matrix = confusion_lines(chosen) if _asks_for_class(row) else []
     rows = [
         (
             one.name, str(one.records), str(one.class_right), str(one.family_right), str(one.site_right),
@@ -126,8 +135,6 @@ def _classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
     name, share = most_frequent(chosen)
     words = f"Naming always {name} is right in {100.0 * share:.1f} %."
     head = ("true class", "records", "class", "family", "class and site", "in the set", "named")
-    return [f"## By class: {row.name}", "", words, "", *_table(head, rows), ""]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [cells(*head), cells("---", *["---:"] * (len(head) - 1)), *(cells(*row) for row in rows)]
+    shown = len(head) - bool(matrix)
+    listed = table(head[:shown], [one[:shown] for one in rows])
+    return [f"## By class: {row.name}", "", words, "", *listed, "", *matrix]

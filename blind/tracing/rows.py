@@ -149,11 +149,19 @@ def _right_if_sure(one: Outcome) -> float | None:
     return float(one.most_probable_right) if one.probability >= SURE else None
 
 
+def _is_quick(one: Outcome) -> float:
+    return one.answer.seconds < LONG_S
+
+
 WITH_BACKGROUND: Final = ("strong", "medium", "weak")
 BY_PROBABILITY: Final = ("nothing", "nothing_coloured", "background", "sensor_noise", *WITH_BACKGROUND, "outside")
 """Drawings whose answers are counted for calibration: those with at most one effect."""
 
 SURE: Final = 0.8
+MEDIAN_S: Final = 60.0
+LONG_S: Final = 180.0
+"""Limits of the duration of a trace."""
+
 NO_CAUSE: Final = (
     Rule("a single cause named", attrgetter("single"), 0.05, "<="),
     Rule("a verdict is given", _is_answered, 1.0, ">="),
@@ -209,6 +217,13 @@ CONDITIONS: Final = (
         (
             Rule(f"answers with a probability of {SURE:g} and more are right", _right_if_sure, 0.8, ">="),
             Rule("expected calibration error", attrgetter("confidence"), 0.05, "<=", "calibration"),
+        ),
+    ),
+    Condition(
+        "speed", tuple(one.name for one in DRAWINGS), 400,
+        (
+            Rule("seconds of a trace, median", attrgetter("answer.seconds"), MEDIAN_S, "<=", "median"),
+            Rule(f"traces below {LONG_S:g} s", _is_quick, 0.95, ">="),
         ),
     ),
 )  # fmt: skip

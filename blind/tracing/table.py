@@ -10,10 +10,12 @@ from typing import Final
 from blind.tracing.marks import Mark
 from blind.tracing.outcome import Outcome
 from blind.tracing.page import rendered
+from blind.tracing.sections import pictures
 from conformance.table import cells
 
 RUNS: Final = Path("docs/tracing_runs.md")
 PAGE: Final = Path("docs/tracing_study.md")
+PICTURES: Final = Path("docs/pictures")
 
 HEAD: Final = """\
 # Runs of the blind study of tracing
@@ -27,7 +29,7 @@ Each run of `make blind` appends a row, also a bad one; do not edit the rows. A 
 
 @dataclass(frozen=True)
 class About:
-    """A run: day, commit, seed, hash of the decision, hash of the sealed answers, and number of records."""
+    """A run: day, commit, seed, hash of the decision, hash of the sealed answers, number of records, and machine."""
 
     date: str
     commit: str
@@ -35,20 +37,25 @@ class About:
     decision: str
     sealed: str
     records: int
+    machine: str = "an unknown machine"
 
     @property
     def text(self) -> str:
         """The run as text."""
         return (
             f"Run of {self.date}, commit {self.commit}, seed {self.seed}, {self.records} records, decision"
-            f" {self.decision[:12]}, answers sealed as {self.sealed[:12]}."
+            f" {self.decision[:12]}, answers sealed as {self.sealed[:12]}, on {self.machine}."
         )
 
 
 def publish(root: Path, about: About, outcomes: Sequence[Outcome], found: Sequence[Mark]) -> None:
-    """Append the run to the table, and write its page."""
+    """Append the run to the table, and write its page with its pictures; nothing is written if one cannot be made."""
+    page, drawn = rendered(outcomes, found, about.text), pictures(outcomes)
     append(root / RUNS, about, found)
-    (root / PAGE).write_text(rendered(outcomes, found, about.text), encoding="utf-8")
+    (root / PAGE).write_text(page, encoding="utf-8")
+    for name, svg in drawn.items():
+        (root / PICTURES).mkdir(exist_ok=True)
+        (root / PICTURES / name).write_text(svg, encoding="utf-8")
 
 
 def append(path: Path, about: About, found: Sequence[Mark]) -> None:

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.tracing.probability import NONE, OUTSIDE, LearnedModel
-from blind.tracing.marks import BINS, calibration_error, wilson
+from blind.tracing.reliability import Confidence, bin_table, calibration_error
+from blind.tracing.shares import share_text
 from blind.training.calibrate import Prediction
 from conformance.table import cells
 
@@ -84,9 +85,9 @@ def background_lines(found: Mapping[str, Sequence[Prediction]], named_from: floa
         strong = [one for one in mine if len(one.labelled.forms) == 1 and one.labelled.mechanism]
         strong = [one for one in strong if one.labelled.ratio > STRONG]
         rows.append(cells(
-            kind, str(len(mine)), _share(sum(one.names(named_from) for one in idle), len(idle)),
-            _share(sum(one.names_right(named_from) for one in strong), len(strong)),
-            _share(sum(one.best in one.right for one in strong), len(strong)),
+            kind, str(len(mine)), share_text(sum(one.names(named_from) for one in idle), len(idle)),
+            share_text(sum(one.names_right(named_from) for one in strong), len(strong)),
+            share_text(sum(one.best in one.right for one in strong), len(strong)),
         ))  # fmt: skip
     words = (
         "Each kind of background is left out in turn: the model is learned from bodies without it, and answers those"
@@ -107,9 +108,9 @@ def _scores(model: LearnedModel, found: Sequence[Prediction], named_from: float)
     loss = -np.mean([np.log(max(one.p_of_right, 1e-300)) for one in found])
     return [
         "## Calibration", "",
-        f"- Expected calibration error: {calibration_error([(one.p, one.best in one.right) for one in found]):.3f}.",
-        f"- Answers with a probability of {named_from:g} and more: {_share(right, len(sure))} are right.",
-        f"- The 90 % set has a right answer in {_share(covered, len(found))}.",
+        f"- Expected calibration error: {calibration_error(_confidences(found)):.3f}.",
+        f"- Answers with a probability of {named_from:g} and more: {share_text(right, len(sure))} are right.",
+        f"- The 90 % set has a right answer in {share_text(covered, len(found))}.",
         f"- Its mean size is {np.mean([len(one.likely(model.set_threshold)) for one in found]):.2f}.",
         f"- Mean negative log probability of the right answers: {loss:.3f}.",
         f"- Share named at a ratio of 0.5, 1 and 2, median recording: {_named_at(model, found)}.",
@@ -130,10 +131,10 @@ def group_rows(found: Sequence[Prediction], threshold: float, named_from: float)
         if mine:
             n = len(mine)
             rows.append(cells(
-                group.name, str(n), _share(sum(one.names_right(named_from) for one in mine), n),
-                _share(sum(one.names(named_from) and not one.names_right(named_from) for one in mine), n),
-                _share(sum(one.best in one.right for one in mine), n),
-                _share(sum(bool(set(one.likely(threshold)) & set(one.right)) for one in mine), n),
+                group.name, str(n), share_text(sum(one.names_right(named_from) for one in mine), n),
+                share_text(sum(one.names(named_from) and not one.names_right(named_from) for one in mine), n),
+                share_text(sum(one.best in one.right for one in mine), n),
+                share_text(sum(bool(set(one.likely(threshold)) & set(one.right)) for one in mine), n),
                 f"{np.mean([len(one.likely(threshold)) for one in mine]):.2f}",
             ))  # fmt: skip
     return rows
@@ -166,18 +167,13 @@ def table(head: Sequence[str], rows: Sequence[str]) -> list[str]:
     return [cells(*head), cells("---", *["---:"] * (len(head) - 1)), *rows]
 
 
+def _confidences(found: Sequence[Prediction]) -> list[Confidence]:
+    return [(one.p, one.best in one.right) for one in found]
+
+
 def _reliability(found: Sequence[Prediction]) -> list[str]:
     """Confidence and share of right answers by tenths of the probability of the most probable answer."""
-    rows = []
-    for b in range(BINS):
-        mine = [one for one in found if min(int(one.p * BINS), BINS - 1) == b]
-        if mine:
-            right = sum(one.best in one.right for one in mine)
-            mean = np.mean([one.p for one in mine])
-            span = f"{b / BINS:.1f} to {(b + 1) / BINS:.1f}"
-            rows.append(cells(span, str(len(mine)), f"{mean:.2f}", _share(right, len(mine))))
-    head = ("probability of the most probable answer", "bodies", "mean probability", "right")
-    return ["## Reliability", "", *table(head, rows), ""]
+    return ["## Reliability", "", *bin_table(_confidences(found), "bodies"), ""]
 
 
 def _confusion(found: Sequence[Prediction]) -> list[str]:
@@ -199,10 +195,3 @@ def _confusion(found: Sequence[Prediction]) -> list[str]:
         *table(("truth", "bodies", "answers"), rows),
         "",
     ]
-
-
-def _share(hits: int, of: int) -> str:
-    if not of:
-        return "-"
-    low, high = wilson(hits, of)
-    return f"{100.0 * hits / of:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"
