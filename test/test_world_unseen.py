@@ -26,6 +26,7 @@ from world.effects.unseen_mechanisms import (
 )  # fmt: skip
 
 from blind import training
+from blind.tracing.rows import DRAWINGS
 from blind.training.draw import TrainingSettings, drawn
 
 NUMBERS = range(10)
@@ -301,3 +302,8 @@ def test_no_training_has_an_unseen_kind() -> None:
     assert not {kind for number in range(50) for kind in drawn(number, 7).scales} & set(UNSEEN)
     sources = sorted(Path(training.__file__).parent.rglob("*.py"))
     assert sources and not [path.name for path in sources if "unseen_mechanisms" in path.read_text(encoding="utf-8")]
+
+
+def test_a_drawing_of_the_study_has_unseen_kinds_alone_or_none() -> None:
+    unseen = [one for one in DRAWINGS if set(one.background) & set(UNSEEN)]
+    assert unseen and all(one.background == UNSEEN for one in unseen)
