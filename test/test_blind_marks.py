@@ -237,6 +237,7 @@ def test_every_condition_has_enough_drawings() -> None:
         assert row.least >= 40
         assert (row.filled_from in row.drawings) is (row.ratio is not None)
     assert {name for row in CONDITIONS for name in row.drawings} == set(counts)
+    assert {one.name for one in DRAWINGS if one.effects < 2} == set(ROWS["calibration"].drawings)
     with pytest.raises(ValueError, match="'elsewhere' is unknown, known are nothing,"):
         drawings(["elsewhere"])
     assert [(one.name, one.count) for one in drawings(["two", "weak"], 3)] == [("two", 3), ("weak", 3)]

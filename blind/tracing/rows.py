@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Final, Literal
 
-from world.effects.mixture import PAPER
+from world.effects.mixture import PAPER, UNSEEN
 
 from biodyn_core.effects import CATALOGUE
 from blind.tracing.outcome import FAILED, LEAST_RATIO, Outcome
@@ -36,7 +36,7 @@ class Drawing:
     ratio: intended by the simulation's linear estimate; the score's ratio decides the row of a record. It is usually
     half to twice the intended one. Counts give about forty records for each row by ratio, and a row with fewer gets
     further ones. coloured: adds noise of 0.3 m/s^2 that does not follow the input. background: kinds of
-    `mixture.KINDS`; the paper's alone has scale 1, else scales are drawn; level multiplies them.
+    `mixture.KINDS` or `mixture.UNSEEN`; the paper's alone has scale 1, else scales are drawn; level multiplies them.
     """
 
     name: str
@@ -54,6 +54,7 @@ DRAWINGS: Final = (
     Drawing("nothing", 50, effects=0, level=0.0),
     Drawing("nothing_coloured", 50, effects=0, level=0.0, coloured=True),
     Drawing("background", 60, effects=0),
+    Drawing("background_unseen", 60, effects=0, background=UNSEEN),
     Drawing("sensor_noise", 42, level=0.0, needs="all"),
     Drawing("strong", 54, ratio=(1.5, 4.0), needs="all"),
     Drawing("medium", 64, ratio=(0.45, 0.85), needs="all"),
@@ -154,7 +155,8 @@ def _is_quick(one: Outcome) -> float:
 
 
 WITH_BACKGROUND: Final = ("strong", "medium", "weak")
-BY_PROBABILITY: Final = ("nothing", "nothing_coloured", "background", "sensor_noise", *WITH_BACKGROUND, "outside")
+NOTHING_HIDDEN: Final = ("nothing", "nothing_coloured", "background", "background_unseen")
+BY_PROBABILITY: Final = (*NOTHING_HIDDEN, "sensor_noise", *WITH_BACKGROUND, "outside")
 """Drawings whose answers are counted for calibration: those with at most one effect."""
 
 SURE: Final = 0.8
@@ -171,6 +173,7 @@ CONDITIONS: Final = (
     Condition("nothing hidden, sensor noise", ("nothing",), 50, NO_CAUSE),
     Condition("nothing hidden, loud coloured noise", ("nothing_coloured",), 50, NO_CAUSE),
     Condition("nothing hidden, background", ("background",), 60, NO_CAUSE),
+    Condition("nothing hidden, background of kinds never trained on", ("background_unseen",), 60, NO_CAUSE),
     Condition(
         "sensor noise, ratio > 0.3", ("sensor_noise",), 40,
         (

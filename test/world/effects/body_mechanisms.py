@@ -16,7 +16,7 @@ from scipy import signal
 
 from world.effects.effect import Moment, Person
 from world.effects.event import Event, following
-from world.effects.mechanism import Mechanism
+from world.effects.mechanism import Mechanism, half_normal, log_uniform
 from world.seats import RATE_HZ
 
 if TYPE_CHECKING:
@@ -45,16 +45,6 @@ MOST_DRIFT: Final = 0.5
 """Change of stiffness over the sitting as a share, and its limit."""
 
 
-def _sizes(rms: float, scale: float, rng: np.random.Generator) -> Floats:
-    """Positive sizes (6,), half normal."""
-    return scale * rms * np.abs(rng.standard_normal(6))
-
-
-def _between(low: float, high: float, rng: np.random.Generator, size: int | tuple[int, ...] = 6) -> Floats:
-    """Evenly in the logarithm."""
-    return np.exp(rng.uniform(np.log(low), np.log(high), size))
-
-
 @dataclass(frozen=True, eq=False)
 class Hysteresis(Mechanism):
     """Friction in every joint that is a spring before it slips (Dahl, 1968)."""
@@ -67,8 +57,8 @@ class Hysteresis(Mechanism):
     @classmethod
     def of(cls, person: Person, scale: float, rng: np.random.Generator) -> Self:
         """Slips of 0.1 to 0.4 of the reach."""
-        share = _sizes(YIELD, scale, rng)
-        return cls(share * person.stiffness_n_per_m * person.reach_m, _between(0.1, 0.4, rng) * person.reach_m)
+        share = half_normal(YIELD, scale, rng)
+        return cls(share * person.stiffness_n_per_m * person.reach_m, log_uniform(0.1, 0.4, rng) * person.reach_m)
 
     def act(self, now: Moment, own: Floats) -> Floats:
         """F = Fy z, z' = (v - |v| z) / d."""
@@ -90,8 +80,8 @@ class Relaxation(Mechanism):
     @classmethod
     def of(cls, person: Person, scale: float, rng: np.random.Generator) -> Self:
         """Time constants of 10 to 40 ms and of 0.1 to 1 s."""
-        fast, slow = (_sizes(BRANCH, scale, rng) * person.stiffness_n_per_m for _ in range(2))
-        return cls(fast, slow, _between(0.01, 0.04, rng), _between(0.1, 1.0, rng))
+        fast, slow = (half_normal(BRANCH, scale, rng) * person.stiffness_n_per_m for _ in range(2))
+        return cls(fast, slow, log_uniform(0.01, 0.04, rng), log_uniform(0.1, 1.0, rng))
 
     def act(self, now: Moment, own: Floats) -> Floats:
         """F = k1 (s - q1) + k2 (s - q2), q' = (s - q) / tau."""
@@ -114,8 +104,8 @@ class SprungMasses(Mechanism):
     def of(cls, person: Person, scale: float, rng: np.random.Generator) -> Self:
         """Of 3 to 20 Hz and damping ratios of 0.1 to 0.4."""
         there = rng.permutation(6) < rng.integers(2, 5)
-        mass = there * _sizes(MASS, scale, rng) * person.inertia_kg
-        return cls(mass, 2.0 * np.pi * _between(3.0, 20.0, rng), rng.uniform(0.1, 0.4, 6))
+        mass = there * half_normal(MASS, scale, rng) * person.inertia_kg
+        return cls(mass, 2.0 * np.pi * log_uniform(3.0, 20.0, rng), rng.uniform(0.1, 0.4, 6))
 
     def act(self, now: Moment, own: Floats) -> Floats:
         """Per kg: w^2 (x - z) + 2 zeta w (v - z')."""
@@ -142,7 +132,9 @@ class HorizontalCoupling(Mechanism):
     def of(cls, person: Person, scale: float, rng: np.random.Generator) -> Self:
         """Resonances of 2 to 12 Hz; fields (6, 2) by segment and axis."""
         gain = scale * ACROSS * rng.standard_normal((6, 2))
-        return cls(gain * person.inertia_kg[:, None], _between(2.0, 12.0, rng, (6, 2)), rng.uniform(0.2, 0.5, (6, 2)))
+        return cls(
+            gain * person.inertia_kg[:, None], log_uniform(2.0, 12.0, rng, (6, 2)), rng.uniform(0.2, 0.5, (6, 2))
+        )
 
     def signals(self, event: Event) -> Floats:
         """The forces, N, (n, 6)."""
@@ -171,12 +163,12 @@ class Softening(Mechanism):
     @classmethod
     def of(cls, person: Person, scale: float, rng: np.random.Generator) -> Self:
         """Structure builds up within 2 to 10 s; damping is lost by up to the same share as stiffness."""
-        lost = np.minimum(_sizes(SOFTENED, scale, rng), MOST_SOFTENED)
+        lost = np.minimum(half_normal(SOFTENED, scale, rng), MOST_SOFTENED)
         return cls(
             lost * person.stiffness_n_per_m,
             lost * rng.uniform(0.0, 1.0, 6) * person.damping_ns_per_m,
-            _between(2.0, 10.0, rng),
-            _between(0.5, 3.0, rng) / person.rate_mps,
+            log_uniform(2.0, 10.0, rng),
+            log_uniform(0.5, 3.0, rng) / person.rate_mps,
         )
 
     def act(self, now: Moment, own: Floats) -> Floats:

@@ -54,3 +54,13 @@ class Mechanism(SensorHooks):
         Both begin at 0. Of `now`, x, v, stretch, rate, base_mps2, signal and share are set.
         """
         return None
+
+
+def half_normal(rms: float, scale: float, rng: np.random.Generator, size: int | tuple[int, ...] = 6) -> Floats:
+    """Positive sizes of this rms at scale 1."""
+    return scale * rms * np.abs(rng.standard_normal(size))
+
+
+def log_uniform(low: float, high: float, rng: np.random.Generator, size: int | tuple[int, ...] = 6) -> Floats:
+    """Evenly in the logarithm."""
+    return np.exp(rng.uniform(np.log(low), np.log(high), size))

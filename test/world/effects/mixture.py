@@ -19,6 +19,7 @@ from world.effects.body_mechanisms import (
 from world.effects.effect import Person
 from world.effects.mechanism import Mechanism
 from world.effects.sensor_mechanisms import CoherentFilter, ColouredNoise, Mounting
+from world.effects.unseen_mechanisms import Breathing, FluidFlow, PowerLaw, Sampling, SoftTissue, TwoJointTissue
 
 PAPER: Final = "paper"
 """The kind in `background.py`, whose scale 1 has the residual of the paper."""
@@ -35,6 +36,18 @@ MECHANISMS: Final[Mapping[str, type[Mechanism]]] = {
     "mounting": Mounting,
 }
 KINDS: Final = (PAPER, *MECHANISMS)
+"""The kinds for training; also in the study."""
+
+UNSEEN_MECHANISMS: Final[Mapping[str, type[Mechanism]]] = {
+    "two_joints": TwoJointTissue,
+    "breathing": Breathing,
+    "power_law": PowerLaw,
+    "fluid_flow": FluidFlow,
+    "soft_tissue": SoftTissue,
+    "sampling": Sampling,
+}
+UNSEEN: Final = tuple(UNSEEN_MECHANISMS)
+"""The kinds for the study alone: a background that nothing is trained or adjusted on."""
 
 CHANGES: Final[Mapping[str, tuple[float, float]]] = {
     PAPER: (0.03, 0.25),
@@ -47,6 +60,12 @@ CHANGES: Final[Mapping[str, tuple[float, float]]] = {
     "coherent_filter": (0.02, 0.25),
     "coloured_noise": (0.005, 0.10),
     "mounting": (0.01, 0.10),
+    "two_joints": (0.05, 0.50),
+    "breathing": (0.03, 0.30),
+    "power_law": (0.08, 0.60),
+    "fluid_flow": (0.06, 0.45),
+    "soft_tissue": (0.01, 0.15),
+    "sampling": (0.01, 0.10),
 }
 """Rms change of the vertical accelerations over their rms, median of bodies at scale 1. A refit absorbs most of it in
 joints and nothing in sensors: 3 to 20 % are left."""
@@ -63,8 +82,8 @@ def scales(kinds: Sequence[str], rng: np.random.Generator, bare: float = 0.0) ->
     a body has no background at all.
     """
     for kind in kinds:
-        if kind not in KINDS:
-            raise ValueError(f"background {kind!r} is unknown, known are {', '.join(KINDS)}")
+        if kind not in (known := (*KINDS, *UNSEEN)):
+            raise ValueError(f"background {kind!r} is unknown, known are {', '.join(known)}")
     if tuple(kinds) == (PAPER,):
         return {PAPER: 1.0}
     count = int(rng.integers(1, len(kinds), endpoint=True))
@@ -75,8 +94,9 @@ def scales(kinds: Sequence[str], rng: np.random.Generator, bare: float = 0.0) ->
 
 def mechanisms(person: Person, of: Mapping[str, float], seed: Sequence[int]) -> tuple[Mechanism, ...]:
     """The mechanisms of a body by the scale of each kind: each by (seed, kind) alone, and without those of scale 0."""
+    known = {**MECHANISMS, **UNSEEN_MECHANISMS}
     return tuple(
-        MECHANISMS[kind].of(person, scale, np.random.default_rng([*seed, zlib.crc32(kind.encode())]))
+        known[kind].of(person, scale, np.random.default_rng([*seed, zlib.crc32(kind.encode())]))
         for kind, scale in of.items()
         if kind != PAPER and scale > 0.0
     )

@@ -89,7 +89,7 @@ class ColouredNoise(Mechanism):
         if not self.rms_mps2[sensor]:
             return accel_mps2
         sos = signal.butter(2, self.corner_hz[sensor], fs=HELD_HZ, output="sos")
-        noise = signal.sosfilt(sos, _white(self.grain, sensor, event, accel_mps2.shape), axis=0)
+        noise = signal.sosfilt(sos, white(self.grain, sensor, event, accel_mps2.shape), axis=0)
         moving = event.moving[::2, None]
         return accel_mps2 + self.rms_mps2[sensor] * moving * noise / noise.std(axis=0)
 
@@ -144,9 +144,9 @@ class SensorNoise(Mechanism):
 
     def sensor_acceleration(self, sensor: int, event: Event, accel_mps2: Floats) -> Floats:
         """Add the noise to every axis."""
-        return accel_mps2 + self.added_mps2 * _white(self.grain, sensor, event, accel_mps2.shape)
+        return accel_mps2 + self.added_mps2 * white(self.grain, sensor, event, accel_mps2.shape)
 
 
-def _white(grain: int, sensor: int, event: Event, shape: tuple[int, ...]) -> Floats:
+def white(grain: int, sensor: int, event: Event, shape: tuple[int, ...]) -> Floats:
     """Noise of rms 1, the same whenever it is asked for the same sensor in the same event."""
     return np.random.default_rng([grain, round(1e3 * event.begin_s), sensor]).standard_normal(shape)
