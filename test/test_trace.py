@@ -14,7 +14,7 @@ from biodyn_core.body.parameters import UNFITTED, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.problem import Case, errors
-from biodyn_core.tracing import rounds
+from biodyn_core.tracing import rounds, sensor_tilt, unsteady
 from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate, CandidateFit, ScreeningResult
@@ -27,6 +27,7 @@ from biodyn_core.tracing.results import LIKELY_FAULT, _sensors
 from biodyn_core.tracing.screen import Screening, all_candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace
+from biodyn_core.tracing.unsteady import unsteady_causes
 from biodyn_core.tracing.verdict import reasons_of, verdict_of
 
 SHORT = TraceSettings(
@@ -272,10 +273,26 @@ def without() -> LocalFit:
 
 @pytest.mark.parametrize(
     ("declared", "names"),
-    [("known_omission", {"lift_off"}), ("constant_part", {"clock"}), ("sized_by_training", {"posture"})],
+    [
+        ("known_omission", {"lift_off"}),
+        ("constant_part", {"clock"}),
+        ("sized_by_training", {"posture"}),
+        ("seen_by_gyro", {"tilt"}),
+        ("varies_as", {"clock", "periodic", "posture"}),
+    ],
 )
 def test_effects_declare_their_exceptions(declared: str, names: set[str]) -> None:
     assert {effect.name for effect in CATALOGUE.values() if getattr(effect, declared)} == names
+
+
+def test_effects_of_other_names_are_found_by_what_they_declare(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, module in (("clock", unsteady), ("tilt", sensor_tilt)):
+        monkeypatch.setattr(module, "CATALOGUE", {"other": dataclasses.replace(CATALOGUE[name], name="other")})
+    nuisance = hiding.nuisance(hiding.later)
+    late = unsteady_causes(nuisance, fit_locally(nuisance, None), SHORT.unsteady)
+    leaning = [dataclasses.replace(hiding.events(1)[0], mean_tilts={"neck": (0.1, 0.0)})]
+    assert ("other", "head") in {(one.applied.effect.name, one.applied.site) for one in late}
+    assert [(one.effect.name, one.site) for one in sensor_tilt.sensor_tilts(leaning, 0.025)] == [("other", "neck")]
 
 
 def test_effects_of_one_mechanism_are_laws_of_the_same_variables() -> None:

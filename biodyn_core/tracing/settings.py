@@ -125,6 +125,8 @@ class UnsteadySettings:
     """Half-width of the spectrum that a line is compared with."""
     prominence: float = 3.0
     """A line exceeds the spectrum around it by this factor."""
+    least_line_mps2: float = 0.01
+    """A smaller amplitude of a line counts as this one."""
     most_growth: float = 3.0
     """Largest ratio of a line's size in the quarter of parts with most motion to that with least.
 
