@@ -21,7 +21,7 @@ from biodyn_core.tracing.candidate import Candidate, CandidateFit, ScreeningResu
 from biodyn_core.tracing.choice import choose
 from biodyn_core.tracing.data_checks import FloorSettings, split_held_out
 from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
-from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, fit_locally
+from biodyn_core.tracing.local_fit import LocalFit, fit_locally
 from biodyn_core.tracing.probability import Probabilities
 from biodyn_core.tracing.results import LIKELY_FAULT, _sensors
 from biodyn_core.tracing.screen import Screening, all_candidates
@@ -34,6 +34,8 @@ SHORT = TraceSettings(
     replicates=60, refined=2, most_effects=2, floor=FloorSettings(road_s=1.0, shocks=1, hard_shocks=1)
 )
 """Floors for events of 5 s."""
+
+PRIOR_SCALES = SHORT.local_fit.prior_scales
 
 FEW = ("gain", "clock", "skin", "quadratic_damping", "friction", "lift_off")
 

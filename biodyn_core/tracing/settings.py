@@ -5,7 +5,7 @@ Options of the command carry the names of the fields with a `setting`; the other
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.identification.settings import FitSettings, SwarmSettings
@@ -46,6 +46,14 @@ class WeightSettings:
     event_share: float = setting(0.015, "expected error as a share of the motion of the event", "", 0.0, 1.0)
     counted_s: float = setting(1.0, "length of a window", "s", 0.1, 10.0)
     independent: float = setting(0.001, "share of the samples that count as independent", "", 1e-6, 1.0)
+    decimated_hz: float = 280.0
+    """Rate of the samples that are compared: all channels are low-passed at 100 Hz, so closer ones add nothing."""
+    around_s: float = 0.5
+    """Length over which the motion around a sample is averaged for its weight."""
+    least_samples: int = 50
+    """A window with fewer compared samples does not count in a gain."""
+    reweightings: int = 2
+    """The variances of the events and the nuisance parameters are computed in turn so many times."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -88,9 +96,31 @@ class NuisanceSettings:
 
 
 @dataclass(frozen=True)
+class LocalFitSettings:
+    """Local fits: Gauss-Newton steps of theta, the nuisance parameters and one effect."""
+
+    steps: int = 12
+    """Largest number of steps."""
+    least_decrease: float = 0.002
+    """A step that reduces the objective by less than this share ends the fit."""
+    step_shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05)
+    """Shares of a step, tried in this order until one reduces the objective."""
+    psi_spread: float = 6.0
+    """Prior spread of one step of an effect's parameter, which is mapped to the real line."""
+    inside: float = 0.02
+    """A start keeps this share of each range from both ends, except for nuisances of the effect such as an instant."""
+    prior_scales: tuple[float, ...] = (1.0, 0.56, 0.32, 0.18, 0.1)
+    """Prior scales of the nuisance parameters, 1 among them; the fit chooses the one with the largest evidence."""
+
+
+@dataclass(frozen=True)
 class PreliminarySettings:
     """Selection of candidates before the fits to all events."""
 
+    steps: int = 5
+    """Largest number of steps of a fit to few events."""
+    least_decrease: float = 0.01
+    """A step that reduces the objective by less than this share ends the first fit of a candidate."""
     least_fit: float = 0.01
     """Least reduction of the objective, as a share of the largest one, to first order."""
     least_fit_of_all: float = 0.05
@@ -163,6 +193,7 @@ class TraceSettings:
     floor: FloorSettings = field(default_factory=FloorSettings)
     nuisance: NuisanceSettings = field(default_factory=NuisanceSettings)
     base: FitSettings = BASE
+    local_fit: LocalFitSettings = field(default_factory=LocalFitSettings)
     preliminary: PreliminarySettings = field(default_factory=PreliminarySettings)
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     unsteady: UnsteadySettings = field(default_factory=UnsteadySettings)
@@ -171,3 +202,8 @@ class TraceSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+    @property
+    def few_steps(self) -> LocalFitSettings:
+        """Settings of a local fit to few events."""
+        return replace(self.local_fit, steps=self.preliminary.steps)

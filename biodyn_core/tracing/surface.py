@@ -76,10 +76,9 @@ def surface(nuisance: NuisanceModel, without: LocalFit, site: str) -> Surface:
     heights = spread_n * _heights(nuisance, hats)
     whole = [_hat(site, float(h), stretch, rate, *knot) for h, knot in zip(heights, knots, strict=True)]
     subject = dataclasses.replace(without.subject, effects=(*without.subject.effects, *whole))
-    p = nuisance.choose.products
     products = simulated_products(nuisance.choose, subject)
     square = products.residual_square(without.coefficients)
-    gain = float(mean_log_ratio(without.residual_square, square[:, None], p.event, p.samples)[0])
+    gain = float(mean_log_ratio(without.residual_square, square[:, None], products)[0])
     visited = _visited(nuisance, joint, stretch, rate)
     force_n = np.where(visited, heights.reshape(len(SPEEDS), len(ACROSS)), np.nan)
     return Surface(site, stretch * np.array(ACROSS), rate * np.array(SPEEDS), force_n, gain)
