@@ -23,7 +23,7 @@ from biodyn_core.tracing.data_checks import FloorSettings, split_held_out
 from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
 from biodyn_core.tracing.local_fit import LocalFit, fit_locally
 from biodyn_core.tracing.probability import Probabilities
-from biodyn_core.tracing.results import LIKELY_FAULT, _sensors
+from biodyn_core.tracing.results import _sensors
 from biodyn_core.tracing.screen import Screening, all_candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace
@@ -132,7 +132,7 @@ def test_held_out_events_do_not_influence_the_result_and_a_seed_repeats_it() -> 
 
 
 def test_an_effect_that_worsens_the_prediction_is_not_added() -> None:
-    def worse(subject: Subject, cases: list[Case]) -> Subject:
+    def worse(subject: Subject, *_: object) -> Subject:
         return dataclasses.replace(subject, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
 
     cases = hiding.events(9, hiding.louder, hiding.plain)
@@ -459,12 +459,13 @@ def test_the_reason_names_the_events_of_the_gain(name: str, steady: bool, where:
 
 
 def test_likely_sensor_faults_are_reported_beside_a_cause() -> None:
-    clock, gain, tiny = row("clock", "head", 0.1), row("gain", "neck", 0.2), row("gain", "head", 0.9 * LIKELY_FAULT)
+    likely = SHORT.report.likely_fault
+    clock, gain, tiny = row("clock", "head", 0.1), row("gain", "neck", 0.2), row("gain", "head", 0.9 * likely)
     first = a_round({"skin": 0.6, "gain": 0.2, "clock": 0.1}, row(*SKIN, 0.6), gain, clock, tiny)
     cause = applied(*SKIN)
-    assert [one.fault for one in _sensors(first, (), [cause])] == [gain.applied, clock.applied]
+    assert [one.fault for one in _sensors(first, (), [cause], likely)] == [gain.applied, clock.applied]
     tilt = applied("tilt", "neck", lean_x=0.1)
-    (found,) = _sensors(a_round({"skin": 1.0}, row(*SKIN, 1.0)), [tilt], [cause])
+    (found,) = _sensors(a_round({"skin": 1.0}, row(*SKIN, 1.0)), [tilt], [cause], likely)
     assert (found.source, found.explains, found.gain) == ("gyro", False, None)
 
 

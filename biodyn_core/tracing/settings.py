@@ -182,6 +182,79 @@ class DiagnosticSettings:
 
 
 @dataclass(frozen=True)
+class JointRefitSettings:
+    """Refit of theta and all effects together, without nuisance parameters."""
+
+    inside: float = 0.02
+    """A start keeps this share of each range from both ends, as that of theta does."""
+    first_evaluations: int = 150
+    """Largest number of evaluations of all cases from each start."""
+    evaluations: int = 1500
+    """The same from the best end."""
+    halvings: int = 8
+    """The strengths of a start that is unstable are halved at most so many times."""
+    prior_weight: float = 1e-5
+    """Weight of the prior of general parameters beside the relative squares of residuals.
+
+    It decides only what the events do not.
+    """
+    theta_spread: float = 0.5
+    """Prior spread of ln theta in the covariance: it bounds what is unknown."""
+    psi_spread: float = 3.0
+    """The same of the effects' parameters on the real line."""
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """Free surface of the force of one joint over stretch and rate."""
+
+    candidates: int = 3
+    """The joints among so many of the most probable candidates are tried."""
+    height_spread: float = 0.1
+    """Prior spread of a hat's height, as a share of the joint's linear force at its reach."""
+    reach_percent: float = 99.0
+    """The reach is this percentile of stretch and rate."""
+
+
+@dataclass(frozen=True)
+class MissingForceSettings:
+    """Missing force of a joint or segment by inverse dynamics, and its law."""
+
+    least_high_pass_hz: float = 0.5
+    """Least cut-off of the double integration: below it the bias of sensors exceeds the motion of joints."""
+    high_pass_share: float = 0.1
+    """Cut-off as a share of the joint's natural frequency: a stiff joint follows slow motion by less than the noise."""
+    padded_s: float = 4.0
+    """Zeros after a signal, so that its end does not reach its beginning: two periods of the least cut-off."""
+    settled_s: float = 1.0
+    """Samples within this time after the warm-up are not used: the integration starts there."""
+    longest_s: float = 60.0
+    """Events are used in order until they are longer together."""
+    stretch_bins: int = 25
+    """Bins of the stretch, of equal width from the smallest to the largest value."""
+    rate_bins: int = 13
+    """The same of its rate."""
+    least_samples: int = 3
+    """A bin with fewer samples has no mean."""
+    draws: int = 40
+    """Subjects drawn for the band of a law."""
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """Facts beside the verdict."""
+
+    power_ratio: float = 0.5
+    """Ratio of the effect whose power is stated with the verdict `none`."""
+    likely_fault: float = 0.05
+    """A sensor fault with at least this probability is reported."""
+    noise_band_hz: tuple[float, float] = (60.0, 85.0)
+    """In this band bodies hardly move, so the error of a model is sensor noise."""
+    noise_samples: int = 1024
+    """Segments of the spectrum of the noise; a shorter event does not count."""
+
+
+@dataclass(frozen=True)
 class TraceSettings:
     """Settings of a trace."""
 
@@ -199,6 +272,10 @@ class TraceSettings:
     unsteady: UnsteadySettings = field(default_factory=UnsteadySettings)
     tilt: TiltSettings = field(default_factory=TiltSettings)
     diagnostics: DiagnosticSettings = field(default_factory=DiagnosticSettings)
+    joint_refit: JointRefitSettings = field(default_factory=JointRefitSettings)
+    surface: SurfaceSettings = field(default_factory=SurfaceSettings)
+    missing_force: MissingForceSettings = field(default_factory=MissingForceSettings)
+    report: ReportSettings = field(default_factory=ReportSettings)
 
     def __post_init__(self) -> None:
         check_settings(self)

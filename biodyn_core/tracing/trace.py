@@ -114,9 +114,9 @@ def _with_joint_refit(
     def percent(one: Subject) -> float:
         return mean_percent([errors(case, answer(one, case)) for case in choose])
 
-    textbook = jointly_refitted(outcome.chosen.subject, train)
-    fitted = min((textbook, generalised(textbook, train)), key=percent)
-    before = min(percent(subject), percent(jointly_refitted(subject, train)))
+    textbook = jointly_refitted(outcome.chosen.subject, train, s.joint_refit)
+    fitted = min((textbook, generalised(textbook, train, s.joint_refit)), key=percent)
+    before = min(percent(subject), percent(jointly_refitted(subject, train, s.joint_refit)))
     after = percent(fitted)
     if after < (1.0 - s.evidence.least_improvement) * before:
         return fitted, outcome
