@@ -1,6 +1,7 @@
 """A whole trace: from events of another integrator to a verdict and the errors of held-out events."""
 
 import dataclasses
+import sys
 from functools import cache
 from types import SimpleNamespace
 from unittest import mock
@@ -14,7 +15,7 @@ from biodyn_core.body.parameters import UNFITTED, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.problem import Case, errors
-from biodyn_core.tracing import rounds, sensor_tilt, unsteady
+from biodyn_core.tracing import rounds, sensor_tilt, settings, unsteady
 from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate, CandidateFit, ScreeningResult
@@ -129,6 +130,24 @@ def test_held_out_events_do_not_influence_the_result_and_a_seed_repeats_it() -> 
     assert (found.reasons, found.p_value) == (same.reasons, same.p_value)
     for ours, theirs in zip(held_out_events(found), held_out_events(same), strict=True):
         assert ours.after.mean_percent > 1.5 * theirs.after.mean_percent
+
+
+def test_a_trace_uses_the_given_settings_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No part falls back on defaults of its own."""
+
+    def refuse() -> None:
+        raise AssertionError("a part of the trace makes its own settings")
+
+    given, replaced = dataclasses.replace(SHORT, most_effects=1), set()
+    for module in [one for name, one in sys.modules.items() if name.startswith("biodyn_core.tracing.")]:
+        for name in [name for name in vars(module) if name.endswith("Settings") and module is not settings]:
+            monkeypatch.setattr(module, name, refuse)
+            replaced.add(name)
+    monkeypatch.setattr(rounds, "all_candidates", few)
+    assert {"LocalFitSettings", "JointRefitSettings", "MissingForceSettings", "DiagnosticSettings"} <= replaced
+    cases = hiding.events(9, hiding.nothing, hiding.orifice)
+    found = trace(cases[:3], cases[3:], hiding.TRUTH, given, 1)
+    assert found.verdict == "effect" and found.restoring_forces
 
 
 def test_an_effect_that_worsens_the_prediction_is_not_added() -> None:

@@ -14,9 +14,13 @@ from biodyn_core.tracing.evidence import BodyEvidence, CandidateEvidence, Eviden
 from biodyn_core.tracing.settings import TypicalSettings
 
 LEAST_GAIN: Final = 1e-3
-"""Smaller gains count as this one."""
+"""Smaller gains count as this one.
+
+No number here is a setting: they all define the features that the model was learned with.
+"""
 
 _TYPICAL_TILT: Final = TypicalSettings().usual_lean
+"""The default, with which the model was learned, whatever the settings of a trace are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +87,7 @@ def _above(value: float, knots: Sequence[float]) -> list[float]:
 GAIN_KNOTS: Final = (-2.5, -2.0, -1.5, -1.0, -0.5, 0.0)
 MARGIN_KNOTS: Final = (-0.5, -0.2, 0.0, 0.2, 0.5)
 RESIDUAL_KNOTS: Final = (-0.3, 0.0, 0.3, 0.6)
+"""Knots of the piecewise linear bases, in decimal logarithms."""
 
 
 def _of_candidate(one: CandidateEvidence, context: _Context) -> list[float]:

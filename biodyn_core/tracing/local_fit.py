@@ -17,6 +17,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Ranges
+from biodyn_core.effects.ranges import FINITE
 from biodyn_core.tracing.answers import RUNAWAY_MPS2, accelerations, answers, sensed
 from biodyn_core.tracing.nuisance_model import FREE, N_THETA, EventSet, NuisanceModel
 from biodyn_core.tracing.rows import Products
@@ -28,9 +29,6 @@ PSI_STEP: Final = 0.02
 It moves a parameter by at most half a percent of its range: far more than rounding errors, and the change of the answer
 is still linear.
 """
-
-FINITE: Final = 1e-6
-"""A nuisance of an effect keeps this share of its range from both ends, which are infinite on the real line."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Ranges
+from biodyn_core.effects.ranges import FINITE
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.findings import ForceProfile, RestoringForce
 from biodyn_core.tracing.inverse_dynamics import (
@@ -26,9 +26,6 @@ from biodyn_core.tracing.inverse_dynamics import (
     simulated_motion,
 )
 from biodyn_core.tracing.settings import MissingForceSettings
-
-FINITE: Final = 1e-6
-"""Parameters on a bound keep this share of their range from it, because bounds are infinite on the real line."""
 
 
 @dataclass(frozen=True, eq=False)

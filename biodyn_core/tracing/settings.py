@@ -1,6 +1,7 @@
-"""Settings of a trace. The model of the probabilities was learned with the defaults.
+"""Settings of a trace: every number that decides about data or that is tuned, in a group for each part of the method.
 
-Options of the command carry the names of the fields with a `setting`; the others are not everyday options.
+The model of the probabilities was learned with the defaults. Options of the command carry the names of the fields with
+a `setting`; the others are not everyday options.
 """
 
 from __future__ import annotations
@@ -147,6 +148,10 @@ class EvidenceSettings:
 class UnsteadySettings:
     """Causes that vary from window to window."""
 
+    parts: int = 4
+    """Parts of a window; amplitude and phase of a line are fitted in each."""
+    segment_s: float = 1.0
+    """Length of the segments of the spectrum of a line; 1 s resolves 1 Hz."""
     most_late_s: float = 0.02
     """A larger clock offset has another cause."""
     line_hz: tuple[float, float] = (10.0, 80.0)
@@ -179,6 +184,22 @@ class DiagnosticSettings:
 
     failing: float = 2.0
     """A sub-chain fails if its error exceeds that of the best one by this factor."""
+    band_hz: tuple[float, float] = (0.5, 60.0)
+    """Frequencies of the coherence and of the sub-chains."""
+    coherence_s: float = 2.0
+    """Length of the windows of the coherence."""
+    most_joint_ratio: float = 100.0
+    """Stiffness and damping of a sub-chain's joints differ from the subject's own by at most this factor."""
+    joint_evaluations: int = 12
+    """Largest number of evaluations of a sub-chain's fit."""
+    least_slope_events: int = 3
+    """Fewer events have no slope of the residual over the level."""
+    least_slope_range: float = 0.3
+    """Nor do peaks of the seat within this range of their logarithm."""
+    least_jump_windows: int = 8
+    """Fewer windows have no jump of the residual."""
+    shuffles: int = 200
+    """Random orders of the windows for the p-value of a jump."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy import ndimage, signal
@@ -19,12 +18,6 @@ from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.local_fit import LocalFit
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.settings import UnsteadySettings
-
-SEGMENT_S: Final = 1.0
-"""Segments of the spectrum of a line: a resolution of 1 Hz."""
-
-PARTS: Final = 4
-"""Parts of a window; amplitude and phase of a line are fitted in each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +67,14 @@ def _lines(
     frequency_hz = _line_hz(nuisance, residuals, s)
     if frequency_hz is None:
         return
-    moving = np.concatenate([rows.moving_mps2(PARTS) for rows in events.rows])
+    moving = np.concatenate([rows.moving_mps2(s.parts) for rows in events.rows])
     for site in effect.sites:
         both = [effect.sized(site, *amplitudes_mps2, frequency_hz) for amplitudes_mps2 in ((1.0, 0.0), (0.0, 1.0))]
         squares, sizes = [], []
         for case, rows, y in zip(events.cases, events.rows, residuals, strict=True):
             plain = answer(without.subject, case)
             shown = np.stack([answer(without.subject, case, (line,), plain) - plain for line in both], axis=2)
-            square, size = _fitted_in_parts(y, rows(shown))
+            square, size = _fitted_in_parts(y, rows(shown), s.parts)
             squares.append(square)
             sizes.append(size)
         size = np.concatenate(sizes)
@@ -102,11 +95,11 @@ def _objection(growth: float, s: UnsteadySettings) -> str:
     return f"its line grows {growth:.1f} times with the motion, so it is a response of the body and no periodic force"
 
 
-def _fitted_in_parts(residual: Floats, columns: Floats) -> tuple[Floats, Floats]:
+def _fitted_in_parts(residual: Floats, columns: Floats, parts: int) -> tuple[Floats, Floats]:
     """Squared residual (w,) with columns (w, r, 2) fitted in each part of each window, and the sizes (w * parts,)."""
-    windows, each = len(residual), residual.shape[1] // PARTS * PARTS
-    y = residual[:, :each].reshape(windows * PARTS, -1)
-    c = columns[:, :each].reshape(windows * PARTS, -1, columns.shape[2])
+    windows, each = len(residual), residual.shape[1] // parts * parts
+    y = residual[:, :each].reshape(windows * parts, -1)
+    c = columns[:, :each].reshape(windows * parts, -1, columns.shape[2])
     normal = np.einsum("pri,prj->pij", c, c)
     ridge = 1e-6 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-12
     found = np.linalg.solve(normal + ridge * np.eye(c.shape[2]), np.einsum("pri,pr->pi", c, y)[:, :, None])
@@ -116,14 +109,14 @@ def _fitted_in_parts(residual: Floats, columns: Floats) -> tuple[Floats, Floats]
 
 def _line_hz(nuisance: NuisanceModel, residuals: Sequence[Floats], s: UnsteadySettings) -> float | None:
     """The frequency of the most prominent line of the residual, None if there is none; short events are left out."""
-    frequency_hz = np.arange(0.0, s.line_hz[1] + s.around_hz, 1.0 / SEGMENT_S)
+    frequency_hz = np.arange(0.0, s.line_hz[1] + s.around_hz, 1.0 / s.segment_s)
     total = np.zeros(frequency_hz.size)
     for rows, y in zip(nuisance.choose.rows, residuals, strict=True):
-        whole, each = y.reshape(-1, len(MEASURED_SEGMENTS)), round(SEGMENT_S * rows.rate_hz)
+        whole, each = y.reshape(-1, len(MEASURED_SEGMENTS)), round(s.segment_s * rows.rate_hz)
         if len(whole) >= each:
             own_hz, density = signal.welch(whole, rows.rate_hz, nperseg=each, axis=0)
             total += np.interp(frequency_hz, own_hz, density.sum(axis=1))
-    around = ndimage.median_filter(total, round(2.0 * s.around_hz * SEGMENT_S) + 1)
+    around = ndimage.median_filter(total, round(2.0 * s.around_hz * s.segment_s) + 1)
     inside = (frequency_hz >= s.line_hz[0]) & (frequency_hz <= s.line_hz[1])
     prominence = np.where(inside, total / np.maximum(around, 1e-30), 0.0)
     best = int(prominence.argmax())
