@@ -203,6 +203,22 @@ def test_omitted_general_parameters_are_neutral_and_not_written() -> None:
     assert changed.to_dict()["parameters"] == {**given, "hardening": 1.0} and changed.textbook == effect
 
 
+@pytest.mark.parametrize(
+    ("name", "sizes", "expected"),
+    [
+        ("clock", (0.003,), {"delay_s": 0.003, "drift": 0.0}),
+        ("clock", (-0.5, 1.0), {"delay_s": -0.02, "drift": 5e-4}),
+        ("periodic", (0.0, 1.0, 24.0), {"cosine_mps2": 0.0, "sine_mps2": 1.0, "frequency_hz": 24.0}),
+        ("posture", (-0.9,), {"jump": -0.6, "at_s": 0.0}),
+        ("tilt", (0.1, -0.5), {"lean_x": 0.1, "lean_y": -0.4}),
+    ],
+)
+def test_sizes_are_moved_into_their_ranges(name: str, sizes: tuple[float, ...], expected: dict[str, float]) -> None:
+    effect = CATALOGUE[name]
+    found = effect.sized(effect.sites[0], *sizes)
+    assert found.stated_values == expected and found == found.textbook
+
+
 def test_a_soft_frame_is_a_second_order_filter_of_the_added_motion() -> None:
     seat, driven = shock(1.0), channels(shock(1.0).size)
     rigid, soft = (applied("pitch", forward_m=0.2, softness_s=s) for s in (0.0, 1.0 / (2.0 * np.pi * 12.0)))

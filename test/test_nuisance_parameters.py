@@ -8,11 +8,13 @@ import pytest
 from numpy.typing import NDArray
 
 from biodyn_core.identification.problem import Case
-from biodyn_core.tracing.local_fit import PRIOR_SCALES, fit_locally
+from biodyn_core.tracing.local_fit import fit_locally
 from biodyn_core.tracing.nuisance_model import N_THETA, NuisanceModel, NuisanceSettings
 from biodyn_core.tracing.nuisance_parameters import TypicalSettings, nuisance_parameters
+from biodyn_core.tracing.settings import LocalFitSettings
 
 LEAK = 0.012
+LEAST_SCALE = min(LocalFitSettings().prior_scales)
 
 
 def leaking(case: Case, seed: int) -> Case:
@@ -30,7 +32,7 @@ def cases() -> list[Case]:
 def fitted_with(cases: list[Case], rest_lean: float) -> tuple[dict[str, float], float]:
     """Each nuisance parameter in typical spreads, and the squared residual, at the least prior scale."""
     settings = NuisanceSettings(typical=TypicalSettings(rest_lean=rest_lean))
-    nuisance = NuisanceModel.of(hiding.fitted(), cases[:3], cases[3:], settings).at_scale(PRIOR_SCALES[-1])
+    nuisance = NuisanceModel.of(hiding.fitted(), cases[:3], cases[3:], settings).at_scale(LEAST_SCALE)
     found = fit_locally(nuisance, None)
     return dict(zip(nuisance.names, found.coefficients[N_THETA:], strict=True)), float(found.residual_square.sum())
 

@@ -15,9 +15,10 @@ from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate
 from biodyn_core.tracing.preliminary_fit import PreliminaryFits, from_checkpoint, preliminary_fits, to_checkpoint
 from biodyn_core.tracing.screen import all_candidates
-from biodyn_core.tracing.settings import PreliminarySettings
+from biodyn_core.tracing.settings import TraceSettings
 
-LEAST_FIT = PreliminarySettings().least_fit
+SETTINGS = TraceSettings(replicates=30)
+LEAST_FIT = SETTINGS.preliminary.least_fit
 
 
 def tried() -> list[Candidate]:
@@ -28,7 +29,9 @@ def tried() -> list[Candidate]:
 
 @cache
 def found() -> PreliminaryFits:
-    return preliminary_fits(hiding.nuisance(hiding.louder, hiding.plain), tried(), 30, 0, lambda stage, share: None)
+    return preliminary_fits(
+        hiding.nuisance(hiding.louder, hiding.plain), tried(), 0, lambda stage, share: None, SETTINGS
+    )
 
 
 def test_the_shortlist_has_the_hidden_effect_and_lift_off() -> None:
@@ -113,8 +116,8 @@ def test_an_unstable_fit_is_left_out_and_the_others_stay() -> None:
         return itertools.chain([unstable], fits)
 
     again = preliminary_fits(
-        hiding.nuisance(hiding.louder, hiding.plain), tried(), 30, 0,
-        lambda stage, share: shares.append(share) if stage == "preliminary fits" else None, parallel=parallel,
+        hiding.nuisance(hiding.louder, hiding.plain), tried(), 0,
+        lambda stage, share: shares.append(share) if stage == "preliminary fits" else None, SETTINGS, parallel,
     )  # fmt: skip
     assert [one.key for one in again.candidates] == [one.key for one in others]
     assert [one.tried.gain for one in again.candidates] == [one.tried.gain for one in others]

@@ -16,7 +16,7 @@ from biodyn_core.tracing.candidate import Candidate, CandidateFit, PreliminaryFi
 from biodyn_core.tracing.local_fit import LocalFit, fit_locally
 from biodyn_core.tracing.preliminary_fit import PreliminaryFits
 from biodyn_core.tracing.screen import Screening
-from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.settings import LocalFitSettings, PreliminarySettings, TraceSettings
 from biodyn_core.tracing.unsteady import UnsteadyCause
 
 SETTINGS = TraceSettings(refined=2)
@@ -48,7 +48,7 @@ def nothing(stage: str, share: float) -> None:
 def test_preliminary_fits_are_stored_for_their_events_and_seed(monkeypatch: pytest.MonkeyPatch) -> None:
     tried, computed = candidates(), []
 
-    def fits(few, given, replicates, seed, *others) -> PreliminaryFits:
+    def fits(few, given, seed, *others) -> PreliminaryFits:
         computed.append(seed)
         return PreliminaryFits(screened(*given), tuple(given))
 
@@ -72,10 +72,10 @@ def test_preliminary_fits_are_stored_for_their_events_and_seed(monkeypatch: pyte
 def test_a_candidate_starts_from_its_best_stable_fit_to_few_events(objective: float, moved: bool) -> None:
     """An unstable fit leaves the start of the preliminary fit; beyond the first ones all have that."""
     tried, better = candidates(), applied("gain", "neck", gain=0.12)
-    settings = dataclasses.replace(SETTINGS.preliminary, many_starts=1)
+    settings = dataclasses.replace(SETTINGS, preliminary=PreliminarySettings(many_starts=1))
     worse = dataclasses.replace(without(), applied=applied("gain", "neck", gain=0.2), objective=np.inf)
     best = dataclasses.replace(without(), applied=better, objective=objective)
-    count = 1 + len(rounds._shapes(screened(*tried), tried[0], settings))
+    count = 1 + len(rounds._shapes(screened(*tried), tried[0], settings.preliminary))
 
     def parallel(stage, function, few, starts):
         assert len(starts) == count > 2
@@ -89,7 +89,7 @@ def test_candidates_without_a_stable_fit_are_left_out(monkeypatch: pytest.Monkey
     tried, shares = candidates(), []
     nuisance = hiding.nuisance(hiding.louder)
     monkeypatch.setattr(rounds, "_best_starts", lambda few, screening, shortlist, *_: [one.start for one in shortlist])
-    local = fit_locally(nuisance, applied("skin", "head"), 1)
+    local = fit_locally(nuisance, applied("skin", "head"), LocalFitSettings(steps=1))
     found = rounds._fitted(
         nuisance, PreliminaryFits(screened(*tried), tuple(tried)), rounds.WithoutEffect(nuisance), SETTINGS,
         lambda stage, share: shares.append(share), lambda *_: iter([[], [(nuisance.prior_scale, local)]]),
@@ -103,7 +103,7 @@ def test_a_cause_that_varies_with_time_keeps_its_fit_unless_it_has_a_constant_pa
     nuisance, one = hiding.nuisance(hiding.louder), applied(name, "neck")
     local = dataclasses.replace(without(), applied=one, residual_square=0.5 * without().residual_square)
     fit = CandidateFit(local, np.full(3, 0.4), ("road",) * 3, steady=False)
-    found = rounds._with_intervals(nuisance, Candidate(one, "", fit=fit))
+    found = rounds._with_intervals(nuisance, Candidate(one, "", fit=fit), SETTINGS)
     assert (found is not local) == refits
     assert bool(found.intervals) == refits and bool(found.subject.effects) == refits
     np.testing.assert_array_equal(found.residual_square, local.residual_square)  # of the varying cause
@@ -113,7 +113,7 @@ def test_an_event_whose_simulation_is_unstable_is_refused_by_name(monkeypatch: p
     cases, unstable = hiding.events(6), dataclasses.replace(without(), objective=np.inf)
     monkeypatch.setattr(rounds, "_most_probable", lambda nuisance, settings: hiding.nuisance(hiding.louder))
     monkeypatch.setattr(rounds, "_preliminary", lambda *_: PreliminaryFits(screened(), ()))
-    monkeypatch.setattr(rounds, "WithoutEffect", lambda nuisance: SimpleNamespace(at=lambda scale: unstable))
+    monkeypatch.setattr(rounds, "WithoutEffect", lambda *_: SimpleNamespace(at=lambda scale: unstable))
     with pytest.raises(InputError, match="the simulation is unstable in one of ") as refused:
         rounds.search(hiding.TRUTH, cases[:3], cases[3:], SETTINGS, 1, nothing)
     assert all(case.name in str(refused.value) for case in cases[3:])
@@ -135,7 +135,7 @@ def test_an_unstable_effect_has_no_fit_at_any_scale(monkeypatch: pytest.MonkeyPa
     ):
         given = iter(fits)
         monkeypatch.setattr(fitted_candidates, "fit_locally", lambda *_, given=given: next(given))
-        assert [scale for scale, _ in fitted_candidates.fits_at_scales(nuisance, one)] == scales
+        assert [scale for scale, _ in fitted_candidates.fits_at_scales(nuisance, (one, SETTINGS.local_fit))] == scales
 
 
 def test_a_cause_that_varies_with_time_is_a_candidate_if_it_was_screened(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -151,11 +151,12 @@ def test_the_residual_square_is_the_sum_by_window() -> None:
     columns = [rng.standard_normal((w, 20, 4)) for w in (2, 3)]
     missed = [rng.standard_normal((w, 20)) for w in (2, 3)]
     b = rng.standard_normal(4)
-    products = Products.of(columns, missed, [np.full(2, 20.0), np.full(3, 20.0)])
+    products = Products.of(columns, missed, [np.full(2, 20.0), np.array([20.0, 20.0, 19.0])], 20)
     slow = [
         sum((missed[e][w][r] - sum(columns[e][w][r][k] * b[k] for k in range(4))) ** 2 for r in range(20))
         for e in range(2)
         for w in range(len(missed[e]))
     ]
     np.testing.assert_allclose(products.residual_square(b), slow, rtol=1e-10)
-    assert products.event.tolist() == [0, 0, 1, 1, 1] and products.samples.tolist() == [20.0] * 5
+    assert products.event.tolist() == [0, 0, 1, 1, 1] and products.samples.tolist() == [20.0] * 4 + [19.0]
+    assert products.counted.tolist() == [True] * 4 + [False]

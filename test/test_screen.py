@@ -131,7 +131,7 @@ def test_p_values_are_uniform_without_a_hidden_effect() -> None:
     p_values = []
     for number in range(40):
         event_sets = {name: drawn(getattr(nuisance, name), rng) for name in ("train", "choose")}
-        alike: NuisanceModel = dataclasses.replace(nuisance, **event_sets).reweighted()
+        alike: NuisanceModel = dataclasses.replace(nuisance, **event_sets).reweighted(2)
         p_values.append(screen(alike, tried, 60, number).ranking[0].screened.p_value)
     assert np.count_nonzero(np.array(p_values) <= 0.05) <= 7  # 2 are expected
     assert 0.35 < np.mean(p_values) < 0.65
@@ -140,9 +140,10 @@ def test_p_values_are_uniform_without_a_hidden_effect() -> None:
 def test_the_mean_log_ratio_averages_windows_then_events() -> None:
     before, event = np.array([8.0, 8.0, 8.0, 8.0, 8.0]), np.array([0, 0, 0, 1, 1])
     after = np.array([[8.0], [4.0], [2.0], [1.0], [8.0]])
-    samples = np.array([100.0, 100.0, 100.0, 100.0, 10.0])  # the last window is too short to count
+    counted = np.array([True, True, True, True, False])
+    windows = dataclasses.replace(hiding.nuisance().choose.products, event=event, counted=counted)
     ln2 = np.log(2.0)
-    np.testing.assert_allclose(mean_log_ratio(before, after, event, samples), [0.5 * (ln2 + 3.0 * ln2)])
+    np.testing.assert_allclose(mean_log_ratio(before, after, windows), [0.5 * (ln2 + 3.0 * ln2)])
 
 
 def test_untestable_effects_are_listed() -> None:

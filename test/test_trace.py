@@ -1,6 +1,7 @@
 """A whole trace: from events of another integrator to a verdict and the errors of held-out events."""
 
 import dataclasses
+import sys
 from functools import cache
 from types import SimpleNamespace
 from unittest import mock
@@ -14,25 +15,28 @@ from biodyn_core.body.parameters import UNFITTED, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.problem import Case, errors
-from biodyn_core.tracing import rounds
+from biodyn_core.tracing import rounds, sensor_tilt, settings, unsteady
 from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.candidate import Candidate, CandidateFit, ScreeningResult
 from biodyn_core.tracing.choice import choose
 from biodyn_core.tracing.data_checks import FloorSettings, split_held_out
 from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
-from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, fit_locally
+from biodyn_core.tracing.local_fit import LocalFit, fit_locally
 from biodyn_core.tracing.probability import Probabilities
-from biodyn_core.tracing.results import LIKELY_FAULT, _sensors
+from biodyn_core.tracing.results import _sensors
 from biodyn_core.tracing.screen import Screening, all_candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace
+from biodyn_core.tracing.unsteady import unsteady_causes
 from biodyn_core.tracing.verdict import reasons_of, verdict_of
 
 SHORT = TraceSettings(
     replicates=60, refined=2, most_effects=2, floor=FloorSettings(road_s=1.0, shocks=1, hard_shocks=1)
 )
 """Floors for events of 5 s."""
+
+PRIOR_SCALES = SHORT.local_fit.prior_scales
 
 FEW = ("gain", "clock", "skin", "quadratic_damping", "friction", "lift_off")
 
@@ -128,8 +132,26 @@ def test_held_out_events_do_not_influence_the_result_and_a_seed_repeats_it() -> 
         assert ours.after.mean_percent > 1.5 * theirs.after.mean_percent
 
 
+def test_a_trace_uses_the_given_settings_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No part falls back on defaults of its own."""
+
+    def refuse() -> None:
+        raise AssertionError("a part of the trace makes its own settings")
+
+    given, replaced = dataclasses.replace(SHORT, most_effects=1), set()
+    for module in [one for name, one in sys.modules.items() if name.startswith("biodyn_core.tracing.")]:
+        for name in [name for name in vars(module) if name.endswith("Settings") and module is not settings]:
+            monkeypatch.setattr(module, name, refuse)
+            replaced.add(name)
+    monkeypatch.setattr(rounds, "all_candidates", few)
+    assert {"LocalFitSettings", "JointRefitSettings", "MissingForceSettings", "DiagnosticSettings"} <= replaced
+    cases = hiding.events(9, hiding.nothing, hiding.orifice)
+    found = trace(cases[:3], cases[3:], hiding.TRUTH, given, 1)
+    assert found.verdict == "effect" and found.restoring_forces
+
+
 def test_an_effect_that_worsens_the_prediction_is_not_added() -> None:
-    def worse(subject: Subject, cases: list[Case]) -> Subject:
+    def worse(subject: Subject, *_: object) -> Subject:
         return dataclasses.replace(subject, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
 
     cases = hiding.events(9, hiding.louder, hiding.plain)
@@ -272,10 +294,26 @@ def without() -> LocalFit:
 
 @pytest.mark.parametrize(
     ("declared", "names"),
-    [("known_omission", {"lift_off"}), ("constant_part", {"clock"}), ("sized_by_training", {"posture"})],
+    [
+        ("known_omission", {"lift_off"}),
+        ("constant_part", {"clock"}),
+        ("sized_by_training", {"posture"}),
+        ("seen_by_gyro", {"tilt"}),
+        ("varies_as", {"clock", "periodic", "posture"}),
+    ],
 )
 def test_effects_declare_their_exceptions(declared: str, names: set[str]) -> None:
     assert {effect.name for effect in CATALOGUE.values() if getattr(effect, declared)} == names
+
+
+def test_effects_of_other_names_are_found_by_what_they_declare(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, module in (("clock", unsteady), ("tilt", sensor_tilt)):
+        monkeypatch.setattr(module, "CATALOGUE", {"other": dataclasses.replace(CATALOGUE[name], name="other")})
+    nuisance = hiding.nuisance(hiding.later)
+    late = unsteady_causes(nuisance, fit_locally(nuisance, None), SHORT.unsteady)
+    leaning = [dataclasses.replace(hiding.events(1)[0], mean_tilts={"neck": (0.1, 0.0)})]
+    assert ("other", "head") in {(one.applied.effect.name, one.applied.site) for one in late}
+    assert [(one.effect.name, one.site) for one in sensor_tilt.sensor_tilts(leaning, 0.025)] == [("other", "neck")]
 
 
 def test_effects_of_one_mechanism_are_laws_of_the_same_variables() -> None:
@@ -440,12 +478,13 @@ def test_the_reason_names_the_events_of_the_gain(name: str, steady: bool, where:
 
 
 def test_likely_sensor_faults_are_reported_beside_a_cause() -> None:
-    clock, gain, tiny = row("clock", "head", 0.1), row("gain", "neck", 0.2), row("gain", "head", 0.9 * LIKELY_FAULT)
+    likely = SHORT.report.likely_fault
+    clock, gain, tiny = row("clock", "head", 0.1), row("gain", "neck", 0.2), row("gain", "head", 0.9 * likely)
     first = a_round({"skin": 0.6, "gain": 0.2, "clock": 0.1}, row(*SKIN, 0.6), gain, clock, tiny)
     cause = applied(*SKIN)
-    assert [one.fault for one in _sensors(first, (), [cause])] == [gain.applied, clock.applied]
+    assert [one.fault for one in _sensors(first, (), [cause], likely)] == [gain.applied, clock.applied]
     tilt = applied("tilt", "neck", lean_x=0.1)
-    (found,) = _sensors(a_round({"skin": 1.0}, row(*SKIN, 1.0)), [tilt], [cause])
+    (found,) = _sensors(a_round({"skin": 1.0}, row(*SKIN, 1.0)), [tilt], [cause], likely)
     assert (found.source, found.explains, found.gain) == ("gyro", False, None)
 
 

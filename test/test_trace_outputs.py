@@ -31,6 +31,7 @@ from biodyn_core.tracing.findings import (
     Diagnostics,
     ForceProfile,
     Interval,
+    NamingPower,
     Need,
     NuisanceValue,
     RankedCandidate,
@@ -218,7 +219,7 @@ def found(verdict: Verdict = "effect", **changed: Any) -> Trace:
         floor_percent=0.9,
         p_value=0.001 if rounds else None,
         named_from=0.8 if rounds else None,
-        power=0.7 if verdict == "none" else None,
+        power=NamingPower(0.5, 0.7) if verdict == "none" else None,
         untestable=("bending at neck",),
         left_out=("neck: not compared, its sensor was loose",),
         lacking=("to fit: 12 s without shocks, 30 are needed",) if verdict == "not_decidable" else (),
@@ -357,7 +358,10 @@ def test_documents_have_no_nan(verdict: Verdict) -> None:
         diagnostics(), amplitude_transfer={"road": (NAN, math.inf)}, coherent={"seat": ("pelvis", NAN)},
         peeling={"head": NAN}, level_slope=NAN, jump=("rail_1", NAN), drift={"mass_scale": math.inf}, seat_tension=NAN,
     )  # fmt: skip
-    for trace in (found(verdict), found(verdict, diagnostics=lost, floor_percent=NAN, p_value=NAN, power=NAN)):
+    for trace in (
+        found(verdict),
+        found(verdict, diagnostics=lost, floor_percent=NAN, p_value=NAN, power=NamingPower(0.5, NAN)),
+    ):
         document = trace_document(Report(trace))
         json.dumps(document, allow_nan=False)
         text_of(Report(trace))
@@ -417,8 +421,9 @@ def test_reliability_has_the_probability_of_the_verdict() -> None:
         " of such recordings. A smaller effect may be present."
     )
     assert of["unexplained"].startswith("The probability of an effect outside the catalogue is 0.55. ")
-    assert "named in more than 99 % of such" in reliability(found("none", power=0.998))
-    assert "named in less than 1 % of such" in reliability(found("none", power=0.001))
+    for share, shown in ((0.998, "more than 99"), (0.001, "less than 1"), (0.5, "50")):
+        text = reliability(found("none", power=NamingPower(0.3, share)))
+        assert f"An effect of ratio 0.3 would have been named in {shown} % of such recordings." in text
     assert "ratio" not in reliability(found("none", power=None))
 
 

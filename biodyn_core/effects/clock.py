@@ -27,5 +27,6 @@ EFFECT = SensorTransform(
     ),
     transform=_transform,
     constant_part=True,
+    varies_as="delay",
     separated_by="tap",
 )

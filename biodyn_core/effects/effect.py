@@ -19,6 +19,13 @@ from biodyn_core.base.suggestions import did_you_mean, known_are
 Place = Literal["joint", "segment", "sensor", "seat"]
 Kind = Literal["strength", "shape", "nuisance"]
 Experiment = Literal["standstill", "tap", "quiet_loud_quiet", "turns", "bare", "shocks", "levels"]
+Variation = Literal["delay", "line", "step"]
+"""How a cause varies with time.
+
+delay: a sensor has another delay in every window. line: a spectral line has another amplitude and phase in every part
+of a window. step: a joint has another stiffness and damping from an instant between two events on.
+"""
+
 Values = Mapping[str, float]
 """The values of an effect's parameters by name."""
 
@@ -138,7 +145,10 @@ class Effect:
     Read by tracing alone. variant_of: the mechanism that it is one law of, its own name if empty. known_omission: the
     base chain is known to lack it, so it is always fitted. constant_part: if it varies from window to window, a subject
     can carry its constant part. sized_by_training: if it varies between events, only the events for fitting set its
-    size. separated_by: the experiment that separates it from rivals; `biodyn_core.tracing.experiments` has the texts.
+    size. varies_as: how it may vary with time; its first parameters are then the delay in s, or cosine and sine in
+    m/s^2 and the frequency in Hz of the line, or the change of stiffness as a share. seen_by_gyro: the gyro of its
+    sensor measures it, so recordings correct it; its first parameters are then the tilts along x and y as shares of g.
+    separated_by: the experiment that separates it from rivals; `biodyn_core.tracing.experiments` has the texts.
     """
 
     place: ClassVar[Place]
@@ -155,6 +165,8 @@ class Effect:
     known_omission: bool = False
     constant_part: bool = False
     sized_by_training: bool = False
+    varies_as: Variation | None = None
+    seen_by_gyro: bool = False
     separated_by: Experiment = "levels"
 
     @property
@@ -185,6 +197,13 @@ class Effect:
     def required_channels(self, site: str) -> tuple[str, ...]:
         """The channels it needs at a site, by their names in a recording."""
         return tuple(name.replace("own.", f"{site}.") for name in self.channels)
+
+    def sized(self, site: str, *sizes: float) -> AppliedEffect:
+        """The textbook form at a site: sizes of the first parameters, moved into their ranges, and 0 for the others."""
+        parameters = self.textbook_parameters
+        every = (*sizes, *[0.0] * (len(parameters) - len(sizes)))
+        values = {p.name: min(max(size, p.lower), p.upper) for p, size in zip(parameters, every, strict=True)}
+        return AppliedEffect(self, site, values)
 
 
 @dataclass(frozen=True)

@@ -33,5 +33,6 @@ EFFECT = SegmentForce(
     constants=_constants,
     law=force,
     states=1,
+    varies_as="line",
     separated_by="standstill",
 )

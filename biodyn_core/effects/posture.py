@@ -45,5 +45,6 @@ EFFECT = JointForce(
     max_added_stiffness_damping=_max_added_stiffness_damping,
     states=1,
     sized_by_training=True,
+    varies_as="step",
     separated_by="quiet_loud_quiet",
 )  # fmt: skip

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.effects.effect import EffectParameter
+
+FINITE: Final = 1e-6
+"""A value that keeps this share of its range from both ends stays finite on the whole line, where they are infinite."""
 
 
 @dataclass(frozen=True)

@@ -22,5 +22,6 @@ EFFECT = SensorTransform(
     ),
     transform=_transform,
     channels=("own.x", "own.y"),
+    seen_by_gyro=True,
     separated_by="turns",
 )

@@ -8,7 +8,7 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.effects import AppliedEffect
-from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit
+from biodyn_core.tracing.local_fit import LocalFit
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class CandidateFit:
     conditions: tuple[str, ...]
     steady: bool = True
     typical_multiple: float = np.inf
-    fitted_at: float = PRIOR_SCALES[0]
+    fitted_at: float = 1.0
     objection: str = ""
 
     @property

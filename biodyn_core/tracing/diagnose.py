@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy import optimize, signal
@@ -23,47 +22,43 @@ from biodyn_core.tracing.nuisance_model import FREE, N_THETA, NuisanceModel
 from biodyn_core.tracing.rows import Products
 from biodyn_core.tracing.settings import DiagnosticSettings
 
-BAND_HZ: Final = (0.5, 60.0)
-COHERENCE_S: Final = 2.0
-"""Length of the windows of the coherence."""
-
-REACH: Final = float(np.log(100.0))
-"""Range of a sub-chain's joints around the subject's own, in ln of stiffness and damping."""
-
 
 def diagnose(subject: Subject, nuisance: NuisanceModel, settings: DiagnosticSettings | None = None) -> Diagnostics:
     """Diagnostics of the residual of a fitted subject in the events for fitting."""
     s = settings or DiagnosticSettings()
     cases = nuisance.train.cases
     residuals = [np.where(case.compared, case.measured_mps2 - answer(subject, case), 0.0) for case in cases]
-    peeled = peeling(subject, cases)
+    peeled = peeling(subject, cases, s)
     return Diagnostics(
         amplitude_transfer=_amplitude_transfer(nuisance),
-        coherent=coherent(cases, residuals),
+        coherent=coherent(cases, residuals, s),
         peeling=peeled,
         bracket=bracket(peeled, s.failing),
-        level_slope=_level_slope(cases, residuals),
-        jump=_jump(nuisance),
+        level_slope=_level_slope(cases, residuals, s),
+        jump=_jump(nuisance, s),
         at_bound=at_bound(subject.parameters.vector(), FREE),
         drift=_drift(nuisance),
         seat_tension=max(seat_tension(subject, case) for case in cases),
     )
 
 
-def coherent(cases: Sequence[Case], residuals: Sequence[Floats]) -> Mapping[str, tuple[str, float]]:
+def coherent(
+    cases: Sequence[Case], residuals: Sequence[Floats], settings: DiagnosticSettings | None = None
+) -> Mapping[str, tuple[str, float]]:
     """Per channel, the segment with the most coherent residual, and its coherent share of power above chance.
 
     Chance is the share for the channel shifted by half its length.
     """
+    s = settings or DiagnosticSettings()
     names = sorted(set.intersection(*(set(case.channels) for case in cases)))
     channels = {f"{SEAT}.z": [case.seat_mps2 for case in cases]}
     channels |= {name: [case.channels[name] for case in cases] for name in names}
-    windowed = [_windowed(one, case) for one, case in zip(residuals, cases, strict=True)]
+    windowed = [_windowed(one, case, s) for one, case in zip(residuals, cases, strict=True)]
     found = {}
     for name, columns in channels.items():
         shifted = [np.roll(column, len(column) // 2) for column in columns]
         share, chance = (
-            _share([_windowed(c[:, None], case) for c, case in zip(drive, cases, strict=True)], windowed)
+            _share([_windowed(c[:, None], case, s) for c, case in zip(drive, cases, strict=True)], windowed)
             for drive in (columns, shifted)
         )
         best = int(np.argmax(share - chance))
@@ -71,13 +66,13 @@ def coherent(cases: Sequence[Case], residuals: Sequence[Floats]) -> Mapping[str,
     return found
 
 
-def _windowed(values: Floats, case: Case) -> Complexes:
-    """Spectra (w, f, k) within the band of half-overlapping windows of 2 s of values (n, k), after the warm-up."""
-    length = min(round(COHERENCE_S * case.rate_hz), len(values) - case.begin)
+def _windowed(values: Floats, case: Case, s: DiagnosticSettings) -> Complexes:
+    """Spectra (w, f, k) within the band of half-overlapping windows of values (n, k), after the warm-up."""
+    length = min(round(s.coherence_s * case.rate_hz), len(values) - case.begin)
     parts = np.lib.stride_tricks.sliding_window_view(np.nan_to_num(values[case.begin :]), length, axis=0)
     spectra = np.fft.rfft(parts[:: length // 2] * signal.windows.hann(length), axis=2)
     frequency_hz = np.fft.rfftfreq(length, 1.0 / case.rate_hz)
-    inside = np.flatnonzero((frequency_hz >= BAND_HZ[0]) & (frequency_hz <= BAND_HZ[1]))
+    inside = np.flatnonzero((frequency_hz >= s.band_hz[0]) & (frequency_hz <= s.band_hz[1]))
     return np.asarray(spectra[:, :, inside].transpose(0, 2, 1))
 
 
@@ -91,14 +86,16 @@ def _share(drive: Sequence[Complexes], residual: Sequence[Complexes]) -> Floats:
     return np.asarray(along / np.maximum(power.sum(axis=0), 1e-30))
 
 
-def peeling(subject: Subject, cases: Sequence[Case]) -> dict[str, float]:
+def peeling(subject: Subject, cases: Sequence[Case], settings: DiagnosticSettings | None = None) -> dict[str, float]:
     """Error (% of rms) of the segments above each sensor, driven by its measurement, with their joints refitted.
 
     From the head down: the head on the neck, the head on the upper torso, ... on the seat. Linear, in the frequency
     domain, around the subject's own joints; the central torso has no sensor and follows the chain.
     """
     chain = Chain.of(subject)
-    spectra = [_spectra(case) for case in cases]
+    s = settings or DiagnosticSettings()
+    spectra = [_spectra(case, s.band_hz) for case in cases]
+    range_of_log = float(np.log(s.most_joint_ratio))
     found = {}
     for below in range(len(MEASURED_SEGMENTS) - 1, -1, -1):
         bottom = 0 if below == 0 else int(MEASURED_SEGMENT_INDEX[below - 1]) + 1
@@ -111,7 +108,8 @@ def peeling(subject: Subject, cases: Sequence[Case]) -> dict[str, float]:
         if not compared:
             continue
         sub = _SubChain(bottom, chain.inertia_kg[bottom:], chain.rayleigh_rad_per_s, seen)
-        best = optimize.least_squares(sub.residual, start, bounds=(start - REACH, start + REACH), max_nfev=12)
+        bounds = (start - range_of_log, start + range_of_log)
+        best = optimize.least_squares(sub.residual, start, bounds=bounds, max_nfev=s.joint_evaluations)
         found[node] = float(100.0 * np.sqrt(2.0 * best.cost / compared))
     return found
 
@@ -154,13 +152,13 @@ class _SubChain:
         return np.concatenate([flat.real, flat.imag])
 
 
-def _spectra(case: Case) -> tuple[Floats, Complexes, Floats]:
+def _spectra(case: Case, band_hz: tuple[float, float]) -> tuple[Floats, Complexes, Floats]:
     """Frequencies (f,), spectra (f, 6) of the seat and the five sensors, and weights (5,), one over a sensor's rms."""
     used = np.where(case.energy > 0.0, case.measured_mps2, 0.0)
     whole = np.column_stack([case.seat_mps2, used])[case.begin :]
     spectrum = np.fft.rfft(whole * signal.windows.tukey(len(whole), 0.1)[:, None], axis=0)
     frequency_hz = np.fft.rfftfreq(len(whole), 1.0 / case.rate_hz)
-    inside = (frequency_hz >= BAND_HZ[0]) & (frequency_hz <= BAND_HZ[1])
+    inside = (frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1])
     spectrum = spectrum[inside]
     energy = np.asarray((np.abs(spectrum[:, 1:]) ** 2).sum(axis=0), dtype=np.float64)
     weight: Floats = np.where(energy > 0.0, 1.0 / np.sqrt(np.where(energy > 0.0, energy, 1.0)), 0.0)
@@ -222,29 +220,29 @@ def _drift(nuisance: NuisanceModel) -> dict[str, float]:
     return dict(zip(names, (found.max(axis=0) - found.min(axis=0)).tolist(), strict=True))
 
 
-def _level_slope(cases: Sequence[Case], residuals: Sequence[Floats]) -> float | None:
+def _level_slope(cases: Sequence[Case], residuals: Sequence[Floats], s: DiagnosticSettings) -> float | None:
     """Slope of ln(relative residual) over ln(peak of the seat) of the events; None if the peaks are similar."""
     peak = np.log([np.abs(case.seat_mps2).max() for case in cases])
     size = [
         np.sqrt((one[case.compared] ** 2).sum() / max(case.energy.sum(), 1e-9))
         for case, one in zip(cases, residuals, strict=True)
     ]
-    if len(cases) < 3 or np.ptp(peak) < 0.3:
+    if len(cases) < s.least_slope_events or np.ptp(peak) < s.least_slope_range:
         return None
     return float(np.polyfit(peak, np.log(np.maximum(size, 1e-12)), 1)[0])
 
 
-def _jump(nuisance: NuisanceModel) -> tuple[str, float] | None:
+def _jump(nuisance: NuisanceModel, s: DiagnosticSettings) -> tuple[str, float] | None:
     """The event at which the residual changes most (CUSUM of log squares by window), and its p-value by shuffling."""
     p = nuisance.train.products
-    if p.square.size < 8:
+    if p.square.size < s.least_jump_windows:
         return None
     score = np.log(np.maximum(p.residual_square(nuisance.solution(p)), 1e-12) / np.maximum(p.samples, 1.0))
     score = score - score.mean()
     walk = np.abs(np.cumsum(score))
     rng = np.random.default_rng(0)
-    shuffled = [np.abs(np.cumsum(rng.permutation(score))).max() for _ in range(200)]
+    shuffled = [np.abs(np.cumsum(rng.permutation(score))).max() for _ in range(s.shuffles)]
     at = int(np.argmax(walk))
-    chance = (1.0 + sum(one >= walk[at] for one in shuffled)) / 201.0
+    chance = (1.0 + sum(one >= walk[at] for one in shuffled)) / (1.0 + s.shuffles)
     first = min(at + 1, score.size - 1)  # the sum turns at the last window before the change
     return nuisance.train.cases[int(p.event[first])].name, chance

@@ -13,7 +13,7 @@ from biodyn_core.identification.fit import at_bound
 from biodyn_core.tracing.candidate import Candidate, CandidateFit
 from biodyn_core.tracing.findings import Diagnostics
 from biodyn_core.tracing.fitted_candidates import WithoutEffect, residual_ratio, residual_ratios
-from biodyn_core.tracing.local_fit import PRIOR_SCALES, LocalFit, evidence_gain
+from biodyn_core.tracing.local_fit import LocalFit, evidence_gain
 from biodyn_core.tracing.nuisance_model import FREE, NuisanceModel
 from biodyn_core.tracing.screen import Screening
 from biodyn_core.tracing.sensor_tilt import mean_tilts
@@ -141,7 +141,7 @@ def _of_body(without_effect: WithoutEffect, screening: Screening, diagnostics: D
     without, cases = without_effect.at(nuisance.prior_scale), nuisance.choose.cases
     return BodyEvidence(
         residuals=residual_ratios(nuisance, without),
-        residual_at_unit_scale=residual_ratio(nuisance, without_effect.at(PRIOR_SCALES[0])),
+        residual_at_unit_scale=residual_ratio(nuisance, without_effect.at(1.0)),
         nuisance_square=without.nuisance_square,
         prior_scale=nuisance.prior_scale,
         chance=(float(np.quantile(screening.chance, 0.5)), float(np.quantile(screening.chance, 0.95))),

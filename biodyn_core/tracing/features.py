@@ -14,9 +14,13 @@ from biodyn_core.tracing.evidence import BodyEvidence, CandidateEvidence, Eviden
 from biodyn_core.tracing.settings import TypicalSettings
 
 LEAST_GAIN: Final = 1e-3
-"""Smaller gains count as this one."""
+"""Smaller gains count as this one.
+
+No number here is a setting: they all define the features that the model was learned with.
+"""
 
 _TYPICAL_TILT: Final = TypicalSettings().usual_lean
+"""The default, with which the model was learned, whatever the settings of a trace are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +87,14 @@ def _above(value: float, knots: Sequence[float]) -> list[float]:
 GAIN_KNOTS: Final = (-2.5, -2.0, -1.5, -1.0, -0.5, 0.0)
 MARGIN_KNOTS: Final = (-0.5, -0.2, 0.0, 0.2, 0.5)
 RESIDUAL_KNOTS: Final = (-0.3, 0.0, 0.3, 0.6)
+"""Knots of the piecewise linear bases, in decimal logarithms."""
 
 
 def _of_candidate(one: CandidateEvidence, context: _Context) -> list[float]:
     gain = _log(_best_gain(one), LEAST_GAIN, 10.0)
     margin = gain - _log(context.best_other(CATALOGUE[one.effect].mechanism), LEAST_GAIN, 10.0)
     behind = gain - _log(context.best, LEAST_GAIN, 10.0)
-    body = context.body
+    body, effect = context.body, CATALOGUE[one.effect]
     return [
         gain, *_above(gain, GAIN_KNOTS),
         np.clip(margin, -1.5, 1.0), *_above(min(margin, 1.0), MARGIN_KNOTS),
@@ -98,10 +103,10 @@ def _of_candidate(one: CandidateEvidence, context: _Context) -> list[float]:
         _log(one.screened, LEAST_GAIN, 10.0), one.absorbed,
         *_of_fit(one.fit, body),
         *_of_varying(one.varying),
-        float(one.site in body.bracket and CATALOGUE[one.effect].place == "joint"),
+        float(one.site in body.bracket and effect.place == "joint"),
         _own_coherence(one, body),
-        _log(body.tilts.get(one.site, 0.0) / _TYPICAL_TILT, 0.1, 30.0) if one.effect == "tilt" else 0.0,
-        _log(body.jump or 1.0, 0.005, 1.0) if one.effect == "posture" else 0.0,
+        _log(body.tilts.get(one.site, 0.0) / _TYPICAL_TILT, 0.1, 30.0) if effect.seen_by_gyro else 0.0,
+        _log(body.jump or 1.0, 0.005, 1.0) if effect.varies_as == "step" else 0.0,
     ]  # fmt: skip
 
 

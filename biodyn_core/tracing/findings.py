@@ -228,6 +228,14 @@ class Diagnostics:
     seat_tension: float
 
 
+@dataclass(frozen=True)
+class NamingPower:
+    """The share of such recordings in which an effect of this ratio is named."""
+
+    ratio: float
+    share: float
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trace:
     """A whole trace.
@@ -238,7 +246,7 @@ class Trace:
     floor_percent: error by sensor noise alone, None if unknown. untestable: effects that lack a channel. left_out:
     events or sensors that are not used, with the reason. experiment: the next recordings. calibrated: whether the
     screening was computed or read from an earlier trace. nuisance: largest multiple first. named_from: probability from
-    which one cause is named. power: share of such recordings in which an effect of ratio 0.5 is named, None if unknown.
+    which one cause is named. power: None if unknown or if an effect is missing.
     """
 
     verdict: Verdict
@@ -256,7 +264,7 @@ class Trace:
     effects: tuple[AppliedEffect, ...] = ()
     intervals: tuple[tuple[Interval, ...], ...] = ()
     ambiguous_with: tuple[AppliedEffect, ...] = ()
-    power: float | None = None
+    power: NamingPower | None = None
     family: str = ""
     rounds: tuple[Round, ...] = ()
     nuisance: tuple[NuisanceValue, ...] = ()

@@ -13,7 +13,7 @@ from biodyn_core.tracing.candidate import Candidate, CandidateFit
 from biodyn_core.tracing.local_fit import LocalFit, evidence_gain, fit_locally
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.screen import Screening, by_event
-from biodyn_core.tracing.settings import UnsteadySettings
+from biodyn_core.tracing.settings import LocalFitSettings, UnsteadySettings
 from biodyn_core.tracing.unsteady import unsteady_causes
 
 
@@ -32,28 +32,31 @@ def residual_ratios(nuisance: NuisanceModel, fit: LocalFit) -> tuple[float, ...]
 class WithoutEffect:
     """The fits without an effect, one for each prior scale that is needed."""
 
-    def __init__(self, nuisance: NuisanceModel) -> None:
-        self.nuisance = nuisance
+    def __init__(self, nuisance: NuisanceModel, settings: LocalFitSettings | None = None) -> None:
+        self.nuisance, self.settings = nuisance, settings or LocalFitSettings()
         self._fits: dict[float, LocalFit] = {}
 
     def at(self, prior_scale: float) -> LocalFit:
         """The fit at a prior scale."""
         if prior_scale not in self._fits:
-            self._fits[prior_scale] = fit_locally(self.nuisance.at_scale(prior_scale), None)
+            self._fits[prior_scale] = fit_locally(self.nuisance.at_scale(prior_scale), None, self.settings)
         return self._fits[prior_scale]
 
 
-def fits_at_scales(nuisance: NuisanceModel, start: AppliedEffect) -> list[tuple[float, LocalFit]]:
+def fits_at_scales(
+    nuisance: NuisanceModel, item: tuple[AppliedEffect, LocalFitSettings]
+) -> list[tuple[float, LocalFit]]:
     """Fits of an effect to all events, with their prior scales: the most probable without and with the effect.
 
-    Empty if the simulation is unstable.
+    item: its start and the settings. Empty if the simulation is unstable.
     """
-    local = fit_locally(nuisance, start)
+    start, settings = item
+    local = fit_locally(nuisance, start, settings)
     if local.applied is None or not np.isfinite(local.objective):
         return []
     if local.prior_scale == nuisance.prior_scale:
         return [(nuisance.prior_scale, local)]
-    again = fit_locally(nuisance.at_scale(local.prior_scale), local.applied)
+    again = fit_locally(nuisance.at_scale(local.prior_scale), local.applied, settings)
     both = [(nuisance.prior_scale, local), (local.prior_scale, again)]
     return both if np.isfinite(again.objective) else both[:1]
 
@@ -74,8 +77,7 @@ def fitted_candidate(
 def _gains(without_effect: WithoutEffect, local: LocalFit, prior_scale: float) -> Floats:
     """The gain of an effect in each event for choosing, (e,), both fits at one prior scale."""
     nuisance, without = without_effect.nuisance, without_effect.at(prior_scale)
-    p = nuisance.choose.products
-    ratios = by_event(without.residual_square, local.residual_square[:, None], p.event, p.samples)[:, 0]
+    ratios = by_event(without.residual_square, local.residual_square[:, None], nuisance.choose.products)[:, 0]
     return np.asarray(ratios + evidence_gain(nuisance, without, local))
 
 
@@ -87,13 +89,13 @@ def unsteady_candidates(
     nuisance: NuisanceModel, without: LocalFit, screening: Screening, settings: UnsteadySettings
 ) -> list[Candidate]:
     """Causes that vary with time, as fitted candidates; only those that were screened."""
-    p, found = nuisance.choose.products, []
+    products, found = nuisance.choose.products, []
     screened = {one.key: one for one in reversed(screening.ranking)}
     for cause in unsteady_causes(nuisance, without, settings):
         known = screened.get((cause.applied.effect.name, cause.applied.site))
         if known is not None:
             local = dataclasses.replace(without, applied=cause.applied, residual_square=cause.residual_square)
-            gains = by_event(without.residual_square, cause.residual_square[:, None], p.event, p.samples)[:, 0]
+            gains = by_event(without.residual_square, cause.residual_square[:, None], products)[:, 0]
             fit = CandidateFit(local, gains, _conditions(nuisance), steady=False, objection=cause.objection)
             found.append(dataclasses.replace(known, fit=fit))
     return found

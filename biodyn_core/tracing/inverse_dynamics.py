@@ -22,24 +22,13 @@ from biodyn_core.body.model import Chain, predict
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, JointForce, JointLimit, SegmentForce, apply_to_sensors
 from biodyn_core.identification.problem import Case
+from biodyn_core.tracing.settings import MissingForceSettings
 
 CENTRAL: Final = SEGMENTS.index("central_torso")
 """The segment without a sensor."""
 
-LEAST_HIGH_PASS_HZ: Final = 0.5
-"""Smallest cut-off of the double integration: below it the bias of sensors exceeds the motion of joints."""
-
-HIGH_PASS_SHARE: Final = 0.1
-"""Cut-off as a share of the joint's natural frequency: a stiff joint follows slow motion by less than the noise."""
-
-PADDED_S: Final = 4.0
-"""Zeros after a signal, so that its end does not reach its beginning."""
-
-SETTLED_S: Final = 1.0
-"""Samples within this time after the warm-up are not used: the integration starts there."""
-
 LAW_STEP: Final = 0.3
-"""Largest |eigenvalue| x step for the states of a law."""
+"""Largest |eigenvalue| x step for the states of a law: over a time constant Heun's method then errs by 2 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +51,8 @@ class Target:
     """A joint or a segment as linear maps: shares (6,) of the segments' unbalanced forces, and of displacements.
 
     The tension of a joint balances all segments above. The force on a segment balances that segment alone, on the
-    central torso also both neighbours, because its motion is not measured. The site seat is the whole body.
+    central torso also both neighbours, because its motion is not measured. The site seat is the whole body. settled_s:
+    samples within this time after the warm-up are not used.
     """
 
     site: str
@@ -70,34 +60,37 @@ class Target:
     force_shares: Floats
     motion_shares: Floats
     high_pass_hz: float
+    settled_s: float
 
     @classmethod
-    def of(cls, applied: AppliedEffect, chain: Chain) -> Target:
+    def of(cls, applied: AppliedEffect, chain: Chain, settings: MissingForceSettings | None = None) -> Target:
         """The target of an effect inside the chain."""
+        s = settings or MissingForceSettings()
         if applied.site == SEAT:
             shares = chain.inertia_kg / chain.inertia_kg.sum()
-            return cls(SEAT, False, np.ones(N_SEGMENTS), shares, high_pass_hz(chain, 0))
+            return cls(SEAT, False, np.ones(N_SEGMENTS), shares, high_pass_hz(chain, 0, s), s.settled_s)
         index = SEGMENTS.index(applied.site)
-        return cls.of_joint(index, chain) if applied.effect.place == "joint" else cls.of_segment(index, chain)
+        return cls.of_joint(index, chain, s) if applied.effect.place == "joint" else cls.of_segment(index, chain, s)
 
     @classmethod
-    def of_joint(cls, index: int, chain: Chain) -> Target:
+    def of_joint(cls, index: int, chain: Chain, settings: MissingForceSettings | None = None) -> Target:
         """The joint below a segment."""
+        s = settings or MissingForceSettings()
         moves = np.eye(N_SEGMENTS)[index]
         if index > 0:
             moves[index - 1] = -1.0
         above = -(np.arange(N_SEGMENTS) >= index).astype(np.float64)
-        return cls(SEGMENTS[index], True, above, moves, high_pass_hz(chain, index))
+        return cls(SEGMENTS[index], True, above, moves, high_pass_hz(chain, index, s), s.settled_s)
 
     @classmethod
-    def of_segment(cls, index: int, chain: Chain) -> Target:
+    def of_segment(cls, index: int, chain: Chain, s: MissingForceSettings) -> Target:
         """A segment."""
         balanced = np.eye(N_SEGMENTS)[index]
         if index == CENTRAL:
             balanced[index - 1 : index + 2] = 1.0
         joints = range(index, min(index + 2, N_SEGMENTS))
-        cut_off_hz = max(high_pass_hz(chain, joint) for joint in joints)
-        return cls(SEGMENTS[index], False, balanced, np.eye(N_SEGMENTS)[index], cut_off_hz)
+        cut_off_hz = max(high_pass_hz(chain, joint, s) for joint in joints)
+        return cls(SEGMENTS[index], False, balanced, np.eye(N_SEGMENTS)[index], cut_off_hz, s.settled_s)
 
     @property
     def joint_shares(self) -> Floats:
@@ -115,14 +108,14 @@ class Target:
             needed[CENTRAL - 1 : CENTRAL + 2] = True
         own = np.zeros(N_SEGMENTS, dtype=bool) if self.site == SEAT else self.motion_shares != 0.0
         required = needed[MEASURED_SEGMENT_INDEX] & (own[MEASURED_SEGMENT_INDEX] | (case.energy > 0.0))
-        late = np.arange(len(case.seat_mps2)) >= case.begin + round(SETTLED_S * case.rate_hz)
+        late = np.arange(len(case.seat_mps2)) >= case.begin + round(self.settled_s * case.rate_hz)
         return np.asarray(case.compared[:, required].all(axis=1) & late)
 
 
-def high_pass_hz(chain: Chain, joint: int) -> float:
+def high_pass_hz(chain: Chain, joint: int, s: MissingForceSettings) -> float:
     """Cut-off of the double integration for a joint."""
     natural_hz = math.sqrt(chain.stiffness_n_per_m[joint] / chain.mass_kg[joint:].sum()) / (2.0 * math.pi)
-    return max(LEAST_HIGH_PASS_HZ, HIGH_PASS_SHARE * natural_hz)
+    return max(s.least_high_pass_hz, s.high_pass_share * natural_hz)
 
 
 def simulated_motion(subject: Subject, case: Case) -> Motion:
@@ -133,14 +126,17 @@ def simulated_motion(subject: Subject, case: Case) -> Motion:
     )
 
 
-def measured_motion(subject: Subject, case: Case, cut_off_hz: float) -> Motion:
+def measured_motion(
+    subject: Subject, case: Case, cut_off_hz: float, settings: MissingForceSettings | None = None
+) -> Motion:
     """The measured motion of a case: that of a subject, corrected by the residual above the cut-off.
 
     The central torso follows its neighbours by the linear joints 3 and 4 of the subject.
     """
+    padded_s = (settings or MissingForceSettings()).padded_s
     own = simulated_motion(subject, case)
     shown = apply_to_sensors(subject.effects, own.accel_mps2, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
-    length = fft.next_fast_len(len(shown) + round(PADDED_S * case.rate_hz), real=True)
+    length = fft.next_fast_len(len(shown) + round(padded_s * case.rate_hz), real=True)
     residual = np.zeros((length // 2 + 1, N_SEGMENTS), dtype=np.complex128)
     residual[:, MEASURED_SEGMENT_INDEX] = fft.rfft(_residual(case, shown), length, axis=0)
     p = np.asarray(2j * np.pi * fft.rfftfreq(length, 1.0 / case.rate_hz), dtype=np.complex128)

@@ -24,29 +24,13 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import Clocks
 from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers
 from biodyn_core.tracing.nuisance_model import FREE
+from biodyn_core.tracing.settings import JointRefitSettings
 
 STEP: Final = 1e-4
-"""Step of an effect's parameter for its derivative, as a share of its range."""
+"""Step of an effect's parameter for its derivative, as a share of its range.
 
-INSIDE: Final = 0.02
-"""A start keeps this share of each range from both ends, as that of theta does."""
-
-FIRST_EVALUATIONS: Final = 150
-"""Largest number of evaluations of all cases from each start."""
-
-EVALUATIONS: Final = 1500
-"""The same from the best end."""
-
-THETA_SPREAD: Final = 0.5
-PSI_SPREAD: Final = 3.0
-"""Prior spreads of ln theta and of effect parameters on the real line in the covariance: they bound what is unknown."""
-
-HALVINGS: Final = 8
-"""A start that is unstable is weakened so many times."""
-
-PRIOR_WEIGHT: Final = 1e-5
-"""Weight of the prior of general parameters beside the relative squares of residuals: it decides only what events do
-not."""
+The change of the answer is far larger than rounding errors, and still linear.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,33 +41,36 @@ class JointFit:
     objective: float
 
 
-def jointly_refitted(subject: Subject, cases: Sequence[Case]) -> Subject:
+def jointly_refitted(subject: Subject, cases: Sequence[Case], settings: JointRefitSettings | None = None) -> Subject:
     """The subject with theta and the textbook parameters of the least sum of squares over all cases (Eq. 33)."""
-    return refit(subject, cases, [subject], textbook=True).subject
+    return refit(subject, cases, [subject], textbook=True, settings=settings).subject
 
 
-def generalised(subject: Subject, cases: Sequence[Case]) -> Subject:
+def generalised(subject: Subject, cases: Sequence[Case], settings: JointRefitSettings | None = None) -> Subject:
     """A refitted subject with the general form of its last effect, from several starts, and all refitted again.
 
     The subject itself if its last effect has no general form.
     """
     if not subject.effects or not subject.effects[-1].effect.general_form:
         return subject
-    return refit(subject, cases, general_starts(subject, cases)).subject
+    return refit(subject, cases, general_starts(subject, cases, settings), settings=settings).subject
 
 
-def covariances(subject: Subject, cases: Sequence[Case], independent: float) -> list[Floats]:
+def covariances(
+    subject: Subject, cases: Sequence[Case], independent: float, settings: JointRefitSettings | None = None
+) -> list[Floats]:
     """Covariance (p, p) of the parameters of each effect of a refitted subject on the real line, all else fitted too.
 
     independent: the share of the samples that count as independent. The residual counts as noise.
     """
-    problem = _Problem(subject, cases, FREE, "trusted", textbook=False)
-    share = np.clip(problem.shares(), INSIDE, 1.0 - INSIDE)
+    s = settings or JointRefitSettings()
+    problem = _Problem(subject, cases, FREE, "trusted", textbook=False, settings=s)
+    share = np.clip(problem.shares(), s.inside, 1.0 - s.inside)
     residuals, slopes = problem.linearised(problem.theta, share)
     slopes[:, -share.size :] *= share * (1.0 - share)
     samples = sum(int(case.compared.sum()) for case in cases)
     variance = float(residuals @ residuals) / max(independent * samples, 1.0)
-    spread = np.concatenate([np.full(slopes.shape[1] - share.size, THETA_SPREAD), np.full(share.size, PSI_SPREAD)])
+    spread = np.concatenate([np.full(slopes.shape[1] - share.size, s.theta_spread), np.full(share.size, s.psi_spread)])
     covariance: Floats = np.asarray(np.linalg.inv(slopes.T @ slopes / variance + np.diag(1.0 / spread**2)))
     ends = np.cumsum([len(one.effect.parameters) for one in subject.effects]) + covariance.shape[0] - share.size
     return [
@@ -99,35 +86,40 @@ def refit(
     clocks: Clocks = "trusted",
     textbook: bool = False,
     free: Flags = FREE,
+    settings: JointRefitSettings | None = None,
 ) -> JointFit:
     """The best of several starts, refitted until it converges; never worse than the subject itself.
 
     textbook: general parameters keep their values.
     """
+    s = settings or JointRefitSettings()
 
     def problem(one: Subject) -> _Problem:
-        return _Problem(one, cases, free, clocks, textbook)
+        return _Problem(one, cases, free, clocks, textbook, s)
 
-    ends = [_descended(problem(_stable(one, cases)), FIRST_EVALUATIONS) for one in tried]
+    ends = [_descended(problem(_stable(one, cases, s.halvings)), s.first_evaluations) for one in tried]
     best = min(ends, key=lambda end: end.objective)
-    last = _descended(problem(best.subject), EVALUATIONS)
+    last = _descended(problem(best.subject), s.evaluations)
     return min((last, best, JointFit(subject, problem(subject).objective())), key=lambda end: end.objective)
 
 
-def general_starts(subject: Subject, cases: Sequence[Case]) -> list[Subject]:
+def general_starts(
+    subject: Subject, cases: Sequence[Case], settings: JointRefitSettings | None = None
+) -> list[Subject]:
     """The subject, and with each combination of the starts of the general parameters of its last effect.
 
     Strengths then give the change of the answer that the subject's own values give, by least squares.
     """
     if not subject.effects:
         return [subject]
+    halvings = (settings or JointRefitSettings()).halvings
     *others, last = subject.effects
     without = dataclasses.replace(subject, effects=tuple(others))
     plain = np.concatenate([one.ravel() for one in answers(without, cases)])
 
     def change(one: AppliedEffect) -> Floats:
         bent = dataclasses.replace(without, effects=(*others, one))
-        return np.concatenate([each.ravel() for each in answers(_stable(bent, cases), cases)]) - plain
+        return np.concatenate([each.ravel() for each in answers(_stable(bent, cases, halvings), cases)]) - plain
 
     general = [p for p in last.effect.parameters if p.neutral is not None and p.grid]
     found, own = [subject], change(last)
@@ -142,9 +134,9 @@ def general_starts(subject: Subject, cases: Sequence[Case]) -> list[Subject]:
     return found
 
 
-def _stable(subject: Subject, cases: Sequence[Case]) -> Subject:
+def _stable(subject: Subject, cases: Sequence[Case], halvings: int) -> Subject:
     """The subject, with weaker strengths of its last effect if its simulation is unstable."""
-    for _ in range(HALVINGS):
+    for _ in range(halvings):
         if all(np.abs(one).max() < RUNAWAY_MPS2 for one in answers(subject, cases)) or not subject.effects:
             break
         *others, last = subject.effects
@@ -181,8 +173,12 @@ def _descended(problem: _Problem, evaluations: int) -> JointFit:
 class _Problem:
     """The objective of the cases; effect parameters are shares of their ranges (m,)."""
 
-    def __init__(self, subject: Subject, cases: Sequence[Case], free: Flags, clocks: Clocks, textbook: bool) -> None:
+    def __init__(
+        self, subject: Subject, cases: Sequence[Case], free: Flags, clocks: Clocks, textbook: bool,
+        settings: JointRefitSettings,
+    ) -> None:  # fmt: skip
         self.free, self._subject, self._cases, self._clocks = free, subject, cases, clocks
+        self._settings = settings
         self._fitted = [
             one.effect.textbook_parameters if textbook else one.effect.parameters for one in subject.effects
         ]
@@ -205,7 +201,7 @@ class _Problem:
 
     def start(self) -> Floats:
         """The start of the effect parameters, on the real line (m,)."""
-        return self._ranges.unbounded(self._values, INSIDE)
+        return self._ranges.unbounded(self._values, self._settings.inside)
 
     def subject(self, share: Floats, theta: Floats) -> Subject:
         """The subject with these shares and theta (15,)."""
@@ -242,7 +238,7 @@ class _Problem:
                 for (_, p), s in zip(self._parameters, shares, strict=True)
             ])  # fmt: skip
 
-        at, weight = multiples(share), np.sqrt(PRIOR_WEIGHT)
+        at, weight = multiples(share), np.sqrt(self._settings.prior_weight)
         step = np.where(share < 0.5, STEP, -STEP)
         return weight * at, weight * (multiples(share + step) - at) / step
 

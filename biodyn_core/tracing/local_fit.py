@@ -17,37 +17,18 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Ranges
+from biodyn_core.effects.ranges import FINITE
 from biodyn_core.tracing.answers import RUNAWAY_MPS2, accelerations, answers, sensed
 from biodyn_core.tracing.nuisance_model import FREE, N_THETA, EventSet, NuisanceModel
 from biodyn_core.tracing.rows import Products
-
-STEPS: Final = 12
-LEAST_DECREASE: Final = 2e-3
-"""A step that reduces the objective by less than this share ends the fit."""
-
-STEP_SHARES: Final = (1.0, 0.5, 0.2, 0.05)
-"""Shares of a step, tried in this order until one reduces the objective."""
+from biodyn_core.tracing.settings import LocalFitSettings
 
 PSI_STEP: Final = 0.02
-"""Step for the derivative by an effect's parameter, which is mapped to the real line."""
+"""Step for the derivative by an effect's parameter, which is mapped to the real line.
 
-PSI_SPREAD: Final = 6.0
-"""Prior spread of one step of such a parameter."""
-
-INSIDE: Final = 0.02
-"""A start keeps this share of each range from both ends, except for nuisances of the effect such as an instant."""
-
-WEAKER_STARTS: Final = (0.5, 0.25, 0.12, 0.06)
-"""Shares of a start's strength that are tried while the start fits worse than no effect, or is unstable."""
-
-WEAKER_ENDS: Final = (0.85, 0.7, 0.5, 0.3)
-"""Shares of a fitted strength that are tried while the fit is unstable in an event for choosing."""
-
-LEAST_SHARE: Final = 1e-4
-"""A weaker strength keeps this share of its range from both ends."""
-
-PRIOR_SCALES: Final = (1.0, 0.56, 0.32, 0.18, 0.1)
-"""Prior scales of the nuisance parameters; the fit chooses the one with the largest evidence."""
+It moves a parameter by at most half a percent of its range: far more than rounding errors, and the change of the answer
+is still linear.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +37,7 @@ class LocalFit:
 
     coefficients (k,) of the known columns, theta's first; objective: on the events for fitting, infinite if the
     simulation is unstable; nuisance_square: sum of squared nuisance parameters, in typical spreads; prior_scale: the
-    most probable of `PRIOR_SCALES`; penalty: of theta and nuisance parameters, in twice the log evidence, at the prior
+    most probable one; penalty: of theta and nuisance parameters, in twice the log evidence, at the prior
     scale of the model; residual_square (w,): by window of the events for choosing; intervals: 95 % of each parameter
     of the effect; at_bound: those of them that end on a bound.
     """
@@ -74,21 +55,21 @@ class LocalFit:
 
 
 def fit_locally(
-    nuisance: NuisanceModel, start: AppliedEffect | None, steps: int = STEPS, with_intervals: bool = False,
-    least_decrease: float = LEAST_DECREASE,
+    nuisance: NuisanceModel, start: AppliedEffect | None, settings: LocalFitSettings | None = None,
+    with_intervals: bool = False,
 ) -> LocalFit:  # fmt: skip
     """Fit theta, the nuisance parameters and an effect from its start values; without a start, no effect.
 
-    A step that reduces the objective by less than the share least_decrease ends the fit. Intervals cost as much as one
-    step.
+    Intervals cost as much as one step.
     """
-    problem = _Problem(nuisance, start)
+    s = settings or LocalFitSettings()
+    problem = _Problem(nuisance, start, s)
     at = problem.start()
-    for _ in range(steps):
-        better = _line_search(problem, at) if np.isfinite(at.objective) else None
+    for _ in range(s.steps):
+        better = _line_search(problem, at, s.step_shares) if np.isfinite(at.objective) else None
         if better is None:
             break
-        little = at.objective - better.objective < least_decrease * at.objective
+        little = at.objective - better.objective < s.least_decrease * at.objective
         at = better
         if little:
             break
@@ -108,6 +89,11 @@ def fit_locally(
     )  # fmt: skip
 
 
+def fit_from(nuisance: NuisanceModel, item: tuple[AppliedEffect, LocalFitSettings]) -> LocalFit:
+    """The local fit from a start with settings, for a parallel map."""
+    return fit_locally(nuisance, *item)
+
+
 def evidence_gain(nuisance: NuisanceModel, without: LocalFit, fitted: LocalFit) -> float:
     """Decrease of the penalty by an effect, in twice the log evidence for each independent sample.
 
@@ -122,13 +108,13 @@ def simulated_products(events: EventSet, subject: Subject) -> Products:
     return events.products_of(events.residuals(subject))
 
 
-def _line_search(problem: _Problem, at: _Point) -> _Point | None:
-    """The first point along the step with a smaller objective; None if there is none."""
+def _line_search(problem: _Problem, at: _Point, shares: Sequence[float]) -> _Point | None:
+    """The first point at these shares of the step with a smaller objective; None if there is none."""
     slopes = problem.by_psi(at)
     delta, psi = problem.step(at, slopes)
     if not (np.isfinite(delta).all() and np.isfinite(psi).all()):  # the simulation is unstable beside this point
         return None
-    for share in STEP_SHARES:
+    for share in shares:
         tried = problem.at(at.delta + share * (delta - at.delta), at.psi + share * (psi - at.psi), slopes)
         if tried.objective < at.objective:
             return tried
@@ -158,12 +144,12 @@ class _Point:
 class _Problem:
     """The objective of the events for fitting: squared residuals and the prior."""
 
-    def __init__(self, nuisance: NuisanceModel, template: AppliedEffect | None) -> None:
-        self._nuisance, self._template = nuisance, template
+    def __init__(self, nuisance: NuisanceModel, template: AppliedEffect | None, settings: LocalFitSettings) -> None:
+        self._nuisance, self._template, self._settings = nuisance, template, settings
         parameters = template.effect.textbook_parameters if template else ()
         self._names = [p.name for p in parameters]
         self._ranges = Ranges(parameters)
-        self._inside = np.array([1e-6 if p.kind == "nuisance" else INSIDE for p in parameters])
+        self._inside = np.array([FINITE if p.kind == "nuisance" else settings.inside for p in parameters])
         self._normal = nuisance.normal()
         self._own = np.linalg.inv(self._normal[N_THETA:, N_THETA:])
         self._has_strength = template is not None and bool(template.effect.strengths)
@@ -194,7 +180,7 @@ class _Problem:
     def start(self) -> _Point:
         """The start; if no effect fits better than it, the best of weaker ones."""
         found = self.at(np.zeros(N_THETA), self.unbounded(self._template))
-        for share in WEAKER_STARTS if self._has_strength else ():
+        for share in self._settings.weaker_starts if self._has_strength else ():
             if found.objective < self._without:
                 break
             tried = self.at(found.delta, self._weaker(self._template, share))
@@ -209,7 +195,7 @@ class _Problem:
         square = simulated_products(self._nuisance.choose, at.subject).residual_square(at.b)
         if square.max() < RUNAWAY_MPS2**2 or not self._has_strength:
             return at, square
-        for share in WEAKER_ENDS:
+        for share in self._settings.weaker_ends:
             tried = self.at(at.delta, self._weaker(self.applied(at.psi), share), at.slopes)
             if tried.objective < self._without:
                 found = simulated_products(self._nuisance.choose, tried.subject).residual_square(tried.b)
@@ -233,7 +219,7 @@ class _Problem:
         square = float(self._nuisance.weight @ at.products.square)
         square += float(at.delta @ (2.0 * right[:N_THETA] - data[:N_THETA, :N_THETA] @ at.delta))
         found = []
-        for scale in PRIOR_SCALES:
+        for scale in self._settings.prior_scales:
             prior = self._prior(scale, at.psi)
             x = np.linalg.solve(data + np.diag(prior), right)
             own = slice(N_THETA, len(prior) - at.psi.size)
@@ -277,7 +263,7 @@ class _Problem:
         assert applied is not None
         strengths = applied.effect.strengths
         values = [applied.values[name] * (share if name in strengths else 1.0) for name in self._names]
-        return self._ranges.unbounded(np.array(values), LEAST_SHARE)
+        return self._ranges.unbounded(np.array(values), self._settings.least_share)
 
     def _subject(self, delta: Floats, psi: Floats) -> Subject:
         """The fitted subject, moved by delta (14,), with the effect."""
@@ -290,7 +276,8 @@ class _Problem:
 
     def _prior(self, prior_scale: float, psi: Floats) -> Floats:
         """The precision of all unknowns: theta and nuisance parameters (k,), then the effect's (p,)."""
-        return np.concatenate([self._nuisance.precision_at(prior_scale), np.full(psi.size, 1.0 / PSI_SPREAD**2)])
+        of_psi = np.full(psi.size, 1.0 / self._settings.psi_spread**2)
+        return np.concatenate([self._nuisance.precision_at(prior_scale), of_psi])
 
     def _system(self, at: _Point, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
         """The normal equations of all unknowns, without the prior: theta and nuisance (k,), the effect's (p,)."""

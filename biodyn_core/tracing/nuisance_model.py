@@ -32,9 +32,10 @@ from biodyn_core.tracing.rows import Products, Rows
 from biodyn_core.tracing.settings import NuisanceSettings
 
 FREE: Final = np.array([p.group != "mass_scale" for p in PARAMETERS])
-"""m_scale cancels from accelerations."""
+"""The fitted ones of theta's 15 parameters: m_scale cancels from accelerations."""
 
 N_THETA: Final = int(FREE.sum())
+"""Their number, which is the number of theta's columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +89,11 @@ class NuisanceModel:
         spread = np.concatenate([np.full(N_THETA, s.theta_spread), np.ones(len(parameters) + 2)])
         shared = (subject, parameters, s)
         events = list(parallel("linearising", _linearised, shared, [*train, *choose]))
-        sets = [_event_set(*each) for each in ((train, events[: len(train)]), (choose, events[len(train) :]))]
-        independent = s.weights.independent
+        independent, parts = s.weights.independent, ((train, events[: len(train)]), (choose, events[len(train) :]))
+        sets = [_event_set(*each, s.weights.least_samples) for each in parts]
         weight = np.full(sets[0].products.square.size, independent)
-        return cls(subject, parameters, 1.0 / spread**2, sets[0], sets[1], weight, independent).reweighted()
+        found = cls(subject, parameters, 1.0 / spread**2, sets[0], sets[1], weight, independent)
+        return found.reweighted(s.weights.reweightings)
 
     @property
     def precision(self) -> Floats:
@@ -139,10 +141,13 @@ class NuisanceModel:
         """The nuisance parameters in the order of their columns."""
         return (*(one.name for one in self.parameters), "gain of seat", "clock of seat")
 
-    def reweighted(self) -> NuisanceModel:
-        """Every event weighted by one over the variance of its residual, so that no shock dominates."""
+    def reweighted(self, times: int) -> NuisanceModel:
+        """Every event weighted by one over the variance of its residual, so that no shock dominates.
+
+        times: variances and coefficients are computed in turn so many times.
+        """
         weight, p = self.weight, self.train.products
-        for _ in range(2):
+        for _ in range(times):
             square = p.residual_square(self.solution(p, weight))
             variance = np.array(
                 [square[p.event == e].sum() / max(p.samples[p.event == e].sum(), 1.0) for e in np.unique(p.event)]
@@ -161,9 +166,10 @@ class NuisanceModel:
         return np.asarray(np.linalg.solve(self.normal(w), w @ products.cross))
 
 
-def _event_set(cases: Sequence[Case], events: Sequence[tuple[Rows, Floats, Floats]]) -> EventSet:
+def _event_set(cases: Sequence[Case], events: Sequence[tuple[Rows, Floats, Floats]], least_samples: int) -> EventSet:
     rows, known, residuals = zip(*events, strict=True) if events else ((), (), ())
-    return EventSet(tuple(cases), rows, known, Products.of(known, residuals, [one.samples for one in rows]))
+    products = Products.of(known, residuals, [one.samples for one in rows], least_samples)
+    return EventSet(tuple(cases), rows, known, products)
 
 
 def _linearised(

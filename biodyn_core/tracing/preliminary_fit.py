@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -16,17 +16,13 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.candidate import Candidate, PreliminaryFit, ScreeningResult
-from biodyn_core.tracing.local_fit import LocalFit, evidence_gain, fit_locally
+from biodyn_core.tracing.local_fit import evidence_gain, fit_from, fit_locally
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.screen import Screening, mean_log_ratio, screen
-from biodyn_core.tracing.settings import PreliminarySettings
+from biodyn_core.tracing.settings import PreliminarySettings, TraceSettings
 
 OnStage = Callable[[str, float], None]
 """Called with the stage of a trace and the share of it that is done."""
-
-STEPS: Final = 5
-LEAST_DECREASE: Final = 0.01
-"""Steps of a preliminary fit, and the least decrease of the objective for a further one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,27 +41,24 @@ class PreliminaryFits:
 
 
 def preliminary_fits(
-    few: NuisanceModel, candidates: Sequence[Candidate], replicates: int, seed: int, on_stage: OnStage,
-    settings: PreliminarySettings | None = None, parallel: ParallelMap = serial_map,
+    few: NuisanceModel, candidates: Sequence[Candidate], seed: int, on_stage: OnStage,
+    settings: TraceSettings | None = None, parallel: ParallelMap = serial_map,
 ) -> PreliminaryFits:  # fmt: skip
     """Screen all candidates on few events, and fit each effect at each site from its best shape."""
-    s = settings or PreliminarySettings()
-    screening = screen(few, candidates, replicates, seed, lambda share: on_stage("screening", share), parallel)
-    without, p = fit_locally(few, None, STEPS), few.choose.products
-    chosen, found = _selected(screening, s), []
-    fits = parallel("preliminary fits", _fitted_to_few, few, [_sized(one, s) for one in chosen])
+    s = settings or TraceSettings()
+    screening = screen(few, candidates, s.replicates, seed, lambda share: on_stage("screening", share), parallel)
+    chosen, found = _selected(screening, s.preliminary), []
+    without = fit_locally(few, None, s.few_steps)
+    few_steps = dataclasses.replace(s.few_steps, least_decrease=s.preliminary.least_decrease)
+    fits = parallel("preliminary fits", fit_from, few, [(_sized(one, s.preliminary), few_steps) for one in chosen])
     for number, (one, local) in enumerate(zip(chosen, fits, strict=True)):
         if local.applied is not None and np.isfinite(local.objective):
-            ratio = mean_log_ratio(without.residual_square, local.residual_square[:, None], p.event, p.samples)
+            ratio = mean_log_ratio(without.residual_square, local.residual_square[:, None], few.choose.products)
             gain = float(ratio[0]) + evidence_gain(few, without, local)
             result = PreliminaryFit(gain, 1.0 - local.objective / without.objective, local.applied)
             found.append(dataclasses.replace(one, preliminary=result))
         on_stage("preliminary fits", (number + 1) / len(chosen))
     return PreliminaryFits(screening, tuple(found))
-
-
-def _fitted_to_few(few: NuisanceModel, start: AppliedEffect) -> LocalFit:
-    return fit_locally(few, start, STEPS, least_decrease=LEAST_DECREASE)
 
 
 def _selected(screening: Screening, s: PreliminarySettings) -> list[Candidate]:

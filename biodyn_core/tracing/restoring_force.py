@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Ranges
+from biodyn_core.effects.ranges import FINITE
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.findings import ForceProfile, RestoringForce
 from biodyn_core.tracing.inverse_dynamics import (
@@ -25,22 +25,7 @@ from biodyn_core.tracing.inverse_dynamics import (
     missing_force,
     simulated_motion,
 )
-
-STRETCHES: Final = 25
-RATES: Final = 13
-"""Numbers of bins, of equal width from the smallest to the largest value."""
-
-LEAST_SAMPLES: Final = 3
-"""A bin with fewer samples has no mean."""
-
-DRAWS: Final = 40
-"""Subjects drawn for the band of a law."""
-
-LONGEST_S: Final = 60.0
-"""Events are used in order until they are longer together."""
-
-INSIDE: Final = 1e-6
-"""Parameters on a bound keep this share of their range from it."""
+from biodyn_core.tracing.settings import MissingForceSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +55,15 @@ class _Points:
 
 @dataclass(frozen=True, eq=False)
 class _Bins:
-    """Bins of equal width over the range of a coordinate."""
+    """Bins of equal width over the range of a coordinate; one with fewer than least_samples has no mean."""
 
     edges: Floats
+    least_samples: int
 
     @classmethod
-    def over(cls, values: Floats, count: int) -> _Bins:
+    def over(cls, values: Floats, count: int, least_samples: int) -> _Bins:
         """From the smallest to the largest value."""
-        return cls(np.linspace(values.min(), values.max(), count + 1))
+        return cls(np.linspace(values.min(), values.max(), count + 1), least_samples)
 
     @property
     def centres(self) -> Floats:
@@ -90,25 +76,28 @@ class _Bins:
 
     def means(self, at: Floats, values: Floats) -> Floats:
         """Mean of values (n,) in each bin of their coordinate, NaN for few."""
-        return _means(self.numbers(at), values, len(self.edges) - 1)
+        return _means(self.numbers(at), values, len(self.edges) - 1, self.least_samples)
 
 
 def restoring_force(
-    target: Target, before: Subject, after: Subject, found: Sequence[FittedEffect], cases: Sequence[Case], seed: int
-) -> RestoringForce | None:
+    target: Target, before: Subject, after: Subject, found: Sequence[FittedEffect], cases: Sequence[Case], seed: int,
+    settings: MissingForceSettings | None = None,
+) -> RestoringForce | None:  # fmt: skip
     """The missing force at a target in events; None if they have too few usable samples.
 
     found: the effects at the target that the subject after has and the one before lacks; without any there is no law.
     """
-    shown = _within(cases)
+    s = settings or MissingForceSettings()
+    shown = _within(cases, s.longest_s)
     base = _with(after, {_key(one.applied): None for one in found})
-    points = _joined([_points(target, before, base, after, case) for case in shown])
-    if len(points.stretch_m) < LEAST_SAMPLES:
+    points = _joined([_points(target, before, base, after, case, s) for case in shown])
+    if len(points.stretch_m) < s.least_samples:
         return None
-    stretches, rates = _Bins.over(points.stretch_m, STRETCHES), _Bins.over(points.rate_mps, RATES)
-    draws = [_law(target, base, subject, shown) for subject in _drawn(after, found, seed)] if found else []
-    cells = stretches.numbers(points.stretch_m) + STRETCHES * rates.numbers(points.rate_mps)
-    shape = (RATES, STRETCHES)
+    stretches = _Bins.over(points.stretch_m, s.stretch_bins, s.least_samples)
+    rates = _Bins.over(points.rate_mps, s.rate_bins, s.least_samples)
+    draws = [_law(target, base, subject, shown) for subject in _drawn(after, found, seed, s.draws)] if found else []
+    cells = stretches.numbers(points.stretch_m) + s.stretch_bins * rates.numbers(points.rate_mps)
+    shape, count = (s.rate_bins, s.stretch_bins), s.rate_bins * s.stretch_bins
     return RestoringForce(
         site=target.site,
         joint=target.joint,
@@ -121,20 +110,20 @@ def restoring_force(
         missing_after_n=_rms(points.after_n),
         stretch_m=stretches.centres,
         rate_mps=rates.centres,
-        samples=np.bincount(cells, minlength=STRETCHES * RATES).reshape(shape),
-        before_n=_means(cells, points.before_n, STRETCHES * RATES).reshape(shape),
-        after_n=_means(cells, points.after_n, STRETCHES * RATES).reshape(shape),
+        samples=np.bincount(cells, minlength=count).reshape(shape),
+        before_n=_means(cells, points.before_n, count, s.least_samples).reshape(shape),
+        after_n=_means(cells, points.after_n, count, s.least_samples).reshape(shape),
         over_stretch=_profile(stretches, points.stretch_m, points, [(law[0], law[2]) for law in draws]),
         over_rate=_profile(rates, points.rate_mps, points, [(law[1], law[2]) for law in draws]),
     )
 
 
-def _within(cases: Sequence[Case]) -> list[Case]:
+def _within(cases: Sequence[Case], longest_s: float) -> list[Case]:
     """The first events that are long enough together, each loading condition in turn."""
     turns = [sum(earlier.case == case.case for earlier in cases[:number]) for number, case in enumerate(cases)]
     ordered = [case for _, case in sorted(zip(turns, cases, strict=True), key=lambda one: one[0])]
     ends = np.cumsum([len(case.seat_mps2) / case.rate_hz for case in ordered])
-    return ordered[: int(np.searchsorted(ends, LONGEST_S)) + 1]
+    return ordered[: int(np.searchsorted(ends, longest_s)) + 1]
 
 
 def _key(applied: AppliedEffect) -> tuple[str, str]:
@@ -147,9 +136,11 @@ def _with(subject: Subject, changed: Mapping[tuple[str, str], AppliedEffect | No
     return dataclasses.replace(subject, effects=tuple(one for one in effects if one is not None))
 
 
-def _points(target: Target, before: Subject, base: Subject, after: Subject, case: Case) -> _Points:
+def _points(
+    target: Target, before: Subject, base: Subject, after: Subject, case: Case, s: MissingForceSettings
+) -> _Points:
     """The usable samples of one event, all of one motion: below the high-pass it is that of the subject after."""
-    motion, used = measured_motion(after, case, target.high_pass_hz), target.used(case)
+    motion, used = measured_motion(after, case, target.high_pass_hz, s), target.used(case)
     forces = (missing_force(Chain.of(subject), motion, target) for subject in (before, base, after))
     everything = (*target.coordinates(motion), inertial_force(Chain.of(after), motion, target), *forces)
     return _Points(*(one[used] for one in everything))
@@ -160,11 +151,11 @@ def _joined(parts: Sequence[_Points]) -> _Points:
     return _Points(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def _drawn(after: Subject, found: Sequence[FittedEffect], seed: int) -> Iterator[Subject]:
+def _drawn(after: Subject, found: Sequence[FittedEffect], seed: int, draws: int) -> Iterator[Subject]:
     """The subject after, then with the parameters of its effects drawn, if their covariance is known."""
     yield after
     rng = np.random.default_rng(seed)
-    for _ in range(DRAWS if all(one.can_be_drawn for one in found) else 0):
+    for _ in range(draws if all(one.can_be_drawn for one in found) else 0):
         yield _with(after, {_key(one.applied): _draw(one, rng) for one in found})
 
 
@@ -173,7 +164,7 @@ def _draw(one: FittedEffect, rng: np.random.Generator) -> AppliedEffect:
     if not parameters:
         return one.applied
     ranges, names = Ranges(parameters), [p.name for p in parameters]
-    centre = ranges.unbounded(np.array([one.applied.values[name] for name in names]), INSIDE)
+    centre = ranges.unbounded(np.array([one.applied.values[name] for name in names]), FINITE)
     # An inverse may be asymmetric in its last digits.
     drawn = rng.multivariate_normal(centre, one.covariance, method="eigh", check_valid="ignore")
     values = ranges.bounded(drawn).tolist()
@@ -217,12 +208,12 @@ def _profile(bins: _Bins, at: Floats, points: _Points, draws: Sequence[tuple[Flo
     )
 
 
-def _means(cells: Integers, values: Floats, count: int) -> Floats:
+def _means(cells: Integers, values: Floats, count: int, least_samples: int) -> Floats:
     """Mean of values (n,) in each of `count` cells, NaN for few; cells outside are dropped."""
     inside = (cells >= 0) & (cells < count)
     samples = np.bincount(cells[inside], minlength=count)
     sums = np.bincount(cells[inside], values[inside], minlength=count)
-    return np.where(samples >= LEAST_SAMPLES, sums / np.maximum(samples, 1), np.nan)
+    return np.where(samples >= least_samples, sums / np.maximum(samples, 1), np.nan)
 
 
 def _rms(values: Floats) -> float:

@@ -19,6 +19,7 @@ from biodyn_core.tracing.experiments import separating, to_record
 from biodyn_core.tracing.findings import (
     ComparedEvent,
     Interval,
+    NamingPower,
     Need,
     NuisanceValue,
     RankedCandidate,
@@ -39,18 +40,12 @@ from biodyn_core.tracing.rounds import Outcome
 from biodyn_core.tracing.screen import untestable
 from biodyn_core.tracing.sensor_limits import LIMITS
 from biodyn_core.tracing.sensor_tilt import sensor_tilts, tilt_deg
-from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.settings import ReportSettings, SurfaceSettings, TraceSettings
 from biodyn_core.tracing.surface import surface
 from biodyn_core.tracing.verdict import named, reasons_of, verdict_of
 
-POWER_RATIO: Final = 0.5
-"""Ratio of the effect whose power is stated with the verdict `none`."""
-
-LIKELY_FAULT: Final = 0.05
-"""A sensor fault with at least this probability is reported."""
-
-NOISE_BAND_HZ: Final = (60.0, 85.0)
-"""In this band bodies hardly move, so the error of a model is sensor noise."""
+BANDWIDTH_HZ: Final = 100.0
+"""All channels are low-passed at this frequency, so white noise has its density times this as its mean square."""
 
 
 def build_result(
@@ -61,7 +56,7 @@ def build_result(
     train, choose, report = uses
     first = outcomes[0]
     verdict = verdict_of(first.round, s.named_from)
-    law = _surface(first) if verdict == "unexplained" else None
+    law = _surface(first, s.surface) if verdict == "unexplained" else None
     tilts = sensor_tilts([*train, *choose], s.nuisance.typical.usual_lean, s.tilt)  # nothing is decided by a report
     added = after.effects[len(before.effects) :]
     causes = tuple(one.round.chosen.applied for one in outcomes if one.round.chosen is not None)
@@ -84,7 +79,7 @@ def build_result(
         effects=(*tilted, *added, *not_added),
         intervals=(*(() for _ in tilted), *_intervals(outcomes, added), *(() for _ in not_added)),
         ambiguous_with=rivals,
-        power=_power(samples, s.named_from) if verdict == "none" else None,
+        power=_power(samples, s) if verdict == "none" else None,
         family=_family([*causes[:1], *rivals]),
         experiment=separating([one.effect for one in (*causes[:1], *rivals)]),
         events=_events(given, before, after, train, choose, report),
@@ -93,21 +88,21 @@ def build_result(
         diagnostics=first.diagnostics,
         surface=law,
         restoring_forces=_restoring_forces(before, after, law, train, report, s, seed),
-        floor_percent=_floor_percent(report, after),
+        floor_percent=_floor_percent(report, after, s.report),
         p_value=best.p_value if best.steady else None,
         named_from=s.named_from,
         untestable=untestable([*train, *choose]),
         left_out=tuple(left_out),
         seed=seed,
         calibrated="anew",
-        sensors=_sensors(first.round, [one for one in tilts if one not in tilted], causes),
+        sensors=_sensors(first.round, [one for one in tilts if one not in tilted], causes, s.report.likely_fault),
     )
 
 
-def _power(samples: float, named_from: float) -> float | None:
+def _power(samples: float, s: TraceSettings) -> NamingPower | None:
     """The share of such recordings in which an effect is named; None for a probability that it was not learned for."""
-    power = packaged().power
-    return power.named(POWER_RATIO, samples) if power.named_from == named_from else None
+    power, ratio = packaged().power, s.report.power_ratio
+    return NamingPower(ratio, power.named(ratio, samples)) if power.named_from == s.named_from else None
 
 
 def _same(one: AppliedEffect, other: AppliedEffect) -> bool:
@@ -138,9 +133,9 @@ def _why_not_added(outcomes: Sequence[Outcome], tilted: Sequence[AppliedEffect])
 
 
 def _sensors(
-    first: Round, tilts: Sequence[AppliedEffect], causes: Sequence[AppliedEffect]
+    first: Round, tilts: Sequence[AppliedEffect], causes: Sequence[AppliedEffect], likely: float
 ) -> tuple[SensorFinding, ...]:
-    """Tilts by gyros, and likely sensor faults that are not among the causes."""
+    """Tilts by gyros, and sensor faults of a likely probability that are not among the causes."""
     tried: dict[tuple[str, str], RankedCandidate] = {}
     for one in first.ranking:
         tried.setdefault(one.key, one)
@@ -148,7 +143,7 @@ def _sensors(
     found = {
         key: SensorFinding(one.applied, "fit", one.gain, False)
         for key, one in tried.items()
-        if key[0] in LIMITS and one.refitted and one.probability >= LIKELY_FAULT and key not in named_causes
+        if key[0] in LIMITS and one.refitted and one.probability >= likely and key not in named_causes
     }
     for tilt in tilts:
         key = (tilt.effect.name, tilt.site)
@@ -156,10 +151,11 @@ def _sensors(
     return tuple(found.values())
 
 
-def _surface(outcome: Outcome) -> Surface | None:
-    """The surface with the largest gain, of the joints among the first three candidates."""
-    sites = [one.applied.site for one in outcome.round.ranking[:3] if one.applied.effect.place == "joint"]
-    found = [surface(outcome.nuisance, outcome.without, site) for site in dict.fromkeys(sites)]
+def _surface(outcome: Outcome, s: SurfaceSettings) -> Surface | None:
+    """The surface with the largest gain, of the joints among the first candidates."""
+    first = outcome.round.ranking[: s.candidates]
+    sites = [one.applied.site for one in first if one.applied.effect.place == "joint"]
+    found = [surface(outcome.nuisance, outcome.without, site, s) for site in dict.fromkeys(sites)]
     return max(found, key=lambda one: one.gain, default=None)
 
 
@@ -169,7 +165,8 @@ def _restoring_forces(
 ) -> tuple[RestoringForce, ...]:  # fmt: skip
     """The missing force at each joint and segment with an added effect; without any, at the joint of a surface."""
     chain, added = Chain.of(after), after.effects[len(before.effects) :]
-    known = covariances(after, train, s.nuisance.weights.independent)[len(before.effects) :] if added else []
+    every = covariances(after, train, s.nuisance.weights.independent, s.joint_refit) if added else []
+    known = every[len(before.effects) :]
     fitted = [
         FittedEffect(one, covariance)
         for one, covariance in zip(added, known, strict=True)
@@ -178,10 +175,10 @@ def _restoring_forces(
     by_target: dict[tuple[str, str], list[FittedEffect]] = {}
     for one in fitted:
         by_target.setdefault((one.applied.effect.place, one.applied.site), []).append(one)
-    targets = [(Target.of(each[0].applied, chain), each) for each in by_target.values()]
+    targets = [(Target.of(each[0].applied, chain, s.missing_force), each) for each in by_target.values()]
     if not added and law is not None:
-        targets = [(Target.of_joint(SEGMENTS.index(law.site), chain), [])]
-    found = [restoring_force(target, before, after, each, report, seed) for target, each in targets]
+        targets = [(Target.of_joint(SEGMENTS.index(law.site), chain, s.missing_force), [])]
+    found = [restoring_force(target, before, after, each, report, seed, s.missing_force) for target, each in targets]
     return tuple(one for one in found if one is not None)
 
 
@@ -204,7 +201,7 @@ def build_undecided(
         after=before,
         experiment=to_record(needs, s.floor),
         events=_events(given, before, before, *uses),
-        floor_percent=_floor_percent(uses[-1], before),
+        floor_percent=_floor_percent(uses[-1], before, s.report),
         untestable=untestable(everything),
         left_out=tuple(left_out),
         lacking=tuple(lacking),
@@ -280,7 +277,7 @@ def _family(effects: Sequence[AppliedEffect]) -> str:
     return families.pop() if len(families) == 1 else ""
 
 
-def _floor_percent(cases: Sequence[Case], subject: Subject) -> float | None:
+def _floor_percent(cases: Sequence[Case], subject: Subject, s: ReportSettings) -> float | None:
     """Error by sensor noise alone, mean normalised rms in percent, from the band where bodies hardly move.
 
     An upper limit, because the error of the model in this band counts as noise.
@@ -289,11 +286,11 @@ def _floor_percent(cases: Sequence[Case], subject: Subject) -> float | None:
     for case in cases:
         residual = np.where(case.compared, case.measured_mps2 - answer(subject, case), 0.0)
         after = residual[case.begin :]
-        if len(after) < 1024:
+        if len(after) < s.noise_samples:
             continue
-        frequency_hz, density = signal.welch(after, case.rate_hz, nperseg=1024, axis=0)
-        still = (frequency_hz >= NOISE_BAND_HZ[0]) & (frequency_hz <= NOISE_BAND_HZ[1])
-        noise = np.sqrt(np.median(density[still], axis=0) * 100.0)
+        frequency_hz, density = signal.welch(after, case.rate_hz, nperseg=s.noise_samples, axis=0)
+        still = (frequency_hz >= s.noise_band_hz[0]) & (frequency_hz <= s.noise_band_hz[1])
+        noise = np.sqrt(np.median(density[still], axis=0) * BANDWIDTH_HZ)
         rms = np.sqrt(case.energy / np.maximum(case.compared.sum(axis=0), 1))
         found.append(100.0 * np.mean(noise[case.energy > 0.0] / rms[case.energy > 0.0]))
     return float(np.mean(found)) if found else None

@@ -27,10 +27,9 @@ from biodyn_core.tracing.fitted_candidates import (
     residual_ratio,
     unsteady_candidates,
 )
-from biodyn_core.tracing.local_fit import LocalFit, fit_locally
+from biodyn_core.tracing.local_fit import LocalFit, fit_from, fit_locally
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.preliminary_fit import (
-    STEPS,
     OnStage,
     PreliminaryFits,
     from_checkpoint,
@@ -129,7 +128,7 @@ def search(
     candidates = all_candidates(subject, [*train, *held])
     preliminary = _preliminary(few, candidates, settings, seed, on_stage, checkpoint, parallel)
     nuisance = _most_probable(NuisanceModel.of(subject, train, held, settings.nuisance, parallel), settings)
-    without_effect = WithoutEffect(nuisance)
+    without_effect = WithoutEffect(nuisance, settings.local_fit)
     without = without_effect.at(nuisance.prior_scale)
     if not np.isfinite(without.objective):
         names = ", ".join(case.name for case in held)
@@ -150,7 +149,7 @@ def decided(found: Search, settings: TraceSettings, least: float = 0.0) -> Outco
     p = probabilities(found.evidence(settings, diagnostics))
     rest = _not_fitted(screening, found.fitted)
     choice = choose(found.fitted, rest, p, least, nuisance, without, screening, settings.evidence.near_bound)
-    fit = None if choice.index is None else _with_intervals(nuisance, choice.fitted[choice.index])
+    fit = None if choice.index is None else _with_intervals(nuisance, choice.fitted[choice.index], settings)
     return Outcome(choice.round, diagnostics, nuisance, without, fit)
 
 
@@ -162,8 +161,9 @@ def _fitted(
     found = []
     shortlist = preliminary.shortlist(settings.refined)
     on_stage("fitting candidates", 0.0)
-    starts = _best_starts(few, preliminary.screening, shortlist, settings.preliminary, parallel)
-    all_fits = parallel("fitting candidates", fits_at_scales, without_effect.nuisance, starts)
+    starts = _best_starts(few, preliminary.screening, shortlist, settings, parallel)
+    items = [(start, settings.local_fit) for start in starts]
+    all_fits = parallel("fitting candidates", fits_at_scales, without_effect.nuisance, items)
     for number, (one, fits) in enumerate(zip(shortlist, all_fits, strict=True)):
         if fits:
             found.append(fitted_candidate(without_effect, one, fits))
@@ -171,12 +171,12 @@ def _fitted(
     return found
 
 
-def _with_intervals(nuisance: NuisanceModel, one: Candidate) -> LocalFit:
+def _with_intervals(nuisance: NuisanceModel, one: Candidate, s: TraceSettings) -> LocalFit:
     """The fit of the chosen candidate with intervals; of a cause that varies with time, of its constant part if any."""
     local = one.fitted.local
     if not one.fitted.steady and not one.start.effect.constant_part:
         return local
-    fit = fit_locally(nuisance.at_scale(local.prior_scale), local.applied, with_intervals=True)
+    fit = fit_locally(nuisance.at_scale(local.prior_scale), local.applied, s.local_fit, with_intervals=True)
     return dataclasses.replace(fit, residual_square=local.residual_square)
 
 
@@ -185,7 +185,7 @@ def _most_probable(nuisance: NuisanceModel, settings: TraceSettings) -> Nuisance
 
     A larger residual shows that something is missing; the nuisance parameters are then small beside it.
     """
-    found = fit_locally(nuisance, None)
+    found = fit_locally(nuisance, None, settings.local_fit)
     good = residual_ratio(nuisance, found) < settings.evidence.good_fit and np.isfinite(found.objective)
     return nuisance.at_scale(found.prior_scale) if good else nuisance
 
@@ -198,7 +198,7 @@ def _preliminary(
     key = f"preliminary {fingerprint([*few.train.cases, *few.choose.cases], few.subject, seed, settings)}"
     if checkpoint is not None and key in checkpoint:
         return from_checkpoint(checkpoint[key], candidates)
-    found = preliminary_fits(few, candidates, settings.replicates, seed, on_stage, settings.preliminary, parallel)
+    found = preliminary_fits(few, candidates, seed, on_stage, settings, parallel)
     if checkpoint is not None:
         checkpoint[key] = to_checkpoint(found)
     return found
@@ -213,16 +213,16 @@ def first_of_each(cases: Sequence[Case]) -> list[Case]:
 
 
 def _best_starts(
-    few: NuisanceModel, screening: Screening, shortlist: Sequence[Candidate], s: PreliminarySettings,
-    parallel: ParallelMap,
-) -> list[AppliedEffect]:  # fmt: skip
+    few: NuisanceModel, screening: Screening, shortlist: Sequence[Candidate], s: TraceSettings, parallel: ParallelMap
+) -> list[AppliedEffect]:
     """The start of each candidate: its preliminary fit; of the first ones the best fit to few events from all starts.
 
     These are the preliminary fit, and all shapes and strengths.
     """
-    all_starts = [(one.tried.applied, *_shapes(screening, one, s)) for one in shortlist[: s.many_starts]]
-    flat = [start for starts in all_starts for start in starts]
-    fits = parallel("fitting candidates", _fitted_to_few, few, flat)
+    of = s.preliminary
+    all_starts = [(one.tried.applied, *_shapes(screening, one, of)) for one in shortlist[: of.many_starts]]
+    items = [(start, s.few_steps) for starts in all_starts for start in starts]
+    fits = parallel("fitting candidates", fit_from, few, items)
     found = [one.tried.applied for one in shortlist]
     for number, starts in enumerate(all_starts):
         best = min([next(fits) for _ in starts], key=lambda fit: fit.objective)
@@ -239,10 +239,6 @@ def _shapes(screening: Screening, one: Candidate, s: PreliminarySettings) -> lis
         for size in s.strengths
         if other.key == one.key
     ]
-
-
-def _fitted_to_few(few: NuisanceModel, start: AppliedEffect) -> LocalFit:
-    return fit_locally(few, start, STEPS)
 
 
 def _not_fitted(screening: Screening, fitted: Sequence[Candidate]) -> list[Candidate]:

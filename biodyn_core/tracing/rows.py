@@ -8,21 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.settings import TypicalSettings, WeightSettings
-
-DECIMATED_HZ: Final = 280.0
-"""All channels are low-passed at 100 Hz, so closer samples add no information."""
-
-LOCAL_S: Final = 0.5
-"""Length over which the motion around a sample is averaged for its weight."""
 
 
 class Rows:
@@ -32,7 +26,7 @@ class Rows:
     """
 
     def __init__(self, case: Case, answer: Floats, weights: WeightSettings, typical: TypicalSettings) -> None:
-        self._begin, self._every = case.begin, max(1, round(case.rate_hz / DECIMATED_HZ))
+        self._begin, self._every = case.begin, max(1, round(case.rate_hz / weights.decimated_hz))
         self.rate_hz = rate_hz = case.rate_hz / self._every
         measured, compared = self.decimated(case.measured_mps2), self.decimated(case.compared)
         self._weight = np.where(compared, 1.0 / _expected(measured, compared, rate_hz, weights), 0.0)
@@ -99,7 +93,7 @@ class Rows:
 
 def _expected(measured: Floats, compared: Floats, rate_hz: float, s: WeightSettings) -> Floats:
     """Expected error of a good model at each sample, rms, (n, 5)."""
-    around = ndimage.uniform_filter1d(measured**2, max(1, round(LOCAL_S * rate_hz)), axis=0)
+    around = ndimage.uniform_filter1d(measured**2, max(1, round(s.around_s * rate_hz)), axis=0)
     whole = (measured**2).sum(axis=0) / np.maximum(compared.sum(axis=0), 1)
     return np.asarray(np.sqrt(s.noise_mps2**2 + s.local_share**2 * around + s.event_share**2 * whole))
 
@@ -108,7 +102,8 @@ def _expected(measured: Floats, compared: Floats, rate_hz: float, s: WeightSetti
 class Products:
     """Sums of products by window: of columns (w, k, k), of columns and residual (w, k), of the residual (w,).
 
-    event (w,): the number of the window's event; samples (w,): how many samples are compared in it.
+    event (w,): the number of the window's event; samples (w,): how many samples are compared in it; counted (w,):
+    whether they are enough for a gain.
     """
 
     columns: Floats
@@ -116,10 +111,14 @@ class Products:
     square: Floats
     event: Integers
     samples: Floats
+    counted: Flags
 
     @classmethod
-    def of(cls, columns: Sequence[Floats], residuals: Sequence[Floats], samples: Sequence[Floats]) -> Products:
-        """From the rows (w, r, k) and (w, r) of each event."""
+    def of(
+        cls, columns: Sequence[Floats], residuals: Sequence[Floats], samples: Sequence[Floats], least_samples: int
+    ) -> Products:
+        """From the rows (w, r, k) and (w, r) of each event; a window with fewer than least_samples does not count."""
+        of_windows = np.concatenate(list(samples))
         return cls(
             columns=np.concatenate([np.einsum("wri,wrj->wij", c, c, optimize=True) for c in columns]),
             cross=np.concatenate(
@@ -127,7 +126,8 @@ class Products:
             ),
             square=np.concatenate([np.einsum("wr,wr->w", y, y) for y in residuals]),
             event=np.repeat(np.arange(len(samples)), [len(one) for one in samples]),
-            samples=np.concatenate(list(samples)),
+            samples=of_windows,
+            counted=of_windows >= least_samples,
         )
 
     def residual_square(self, b: Floats) -> Floats:

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.arrays import Floats
 from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect, EffectParameter
@@ -27,10 +27,10 @@ from biodyn_core.tracing.reach import Reach
 from biodyn_core.tracing.rows import Products
 
 UNSEEN: Final = 1e-9
-"""A candidate is not observable if the nuisance model leaves no more than this share of its square."""
+"""A candidate is not observable if the nuisance model leaves no more than this share of its square.
 
-LEAST_SAMPLES: Final = 50
-"""A window with fewer compared samples does not count."""
+Rounding errors of the difference leave as much.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +230,7 @@ class _Linear:
         known = choose.cross - np.einsum("wij,j->wi", choose.columns, b)
         match = with_residual[1] - changes.with_known @ b - known @ self.share
         after = before[:, None] - 2.0 * sizes * match + sizes**2 * self._own_choose
-        return mean_log_ratio(before, after, choose.event, choose.samples)
+        return mean_log_ratio(before, after, choose)
 
     @cached_property
     def _own_choose(self) -> Floats:
@@ -264,13 +264,13 @@ def _flipped(products: Products, with_residual: Floats, signs: Floats) -> tuple[
     return dataclasses.replace(products, cross=products.cross * signs[:, None]), with_residual * signs[:, None]
 
 
-def mean_log_ratio(before: Floats, after: Floats, event: Integers, samples: Floats) -> Floats:
-    """Mean over events of the mean over their windows of log(before (w,) / after (w, c)), (c,)."""
-    return by_event(before, after, event, samples).mean(axis=0)
+def mean_log_ratio(before: Floats, after: Floats, windows: Products) -> Floats:
+    """Mean over events of the mean over their counted windows of log(before (w,) / after (w, c)), (c,)."""
+    return by_event(before, after, windows).mean(axis=0)
 
 
-def by_event(before: Floats, after: Floats, event: Integers, samples: Floats) -> Floats:
+def by_event(before: Floats, after: Floats, windows: Products) -> Floats:
     """The mean over windows of that logarithm for each event, (e, c)."""
-    counted = (samples >= LEAST_SAMPLES) & (before > 0.0)
+    counted, event = windows.counted & (before > 0.0), windows.event
     ratio = np.log(before[:, None] / np.maximum(after, 1e-9 * before[:, None] + 1e-300))
     return np.array([ratio[counted & (event == e)].mean(axis=0) for e in np.unique(event[counted])])

@@ -14,6 +14,8 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.settings import TypicalSettings
 
 _TYPICAL: Final = TypicalSettings()
+"""The defaults, because a limit does not follow the settings of a trace."""
+
 ICM_20948: Final = "TDK InvenSense ICM-20948, DS-000189 rev. 1.3, table 2"
 
 

@@ -38,14 +38,15 @@ def sensor_tilts(
     """
     s = settings or TiltSettings()
     limit = s.most_typical * spread
-    found = []
-    for sensor, mean_tilt in _mean_tilts(cases).items():
-        if float(np.linalg.norm(mean_tilt)) > limit:
-            x, y = np.clip(mean_tilt, -0.4, 0.4).tolist()
-            found.append(AppliedEffect(CATALOGUE["tilt"], sensor, {"lean_x": x, "lean_y": y}))
-    return tuple(found)
+    return tuple(
+        effect.sized(sensor, *mean_tilt.tolist())
+        for effect in CATALOGUE.values()
+        for sensor, mean_tilt in _mean_tilts(cases).items()
+        if effect.seen_by_gyro and float(np.linalg.norm(mean_tilt)) > limit
+    )
 
 
 def tilt_deg(tilt: AppliedEffect) -> float:
     """The angle of a tilt, degrees."""
-    return float(np.degrees(np.arcsin(np.hypot(tilt.values["lean_x"], tilt.values["lean_y"]))))
+    x, y = (tilt.values[name] for name in tilt.effect.strengths)
+    return float(np.degrees(np.arcsin(np.hypot(x, y))))

@@ -1,11 +1,12 @@
-"""Settings of a trace. The model of the probabilities was learned with the defaults.
+"""Settings of a trace: every number that decides about data or that is tuned, in a group for each part of the method.
 
-Options of the command carry the names of the fields with a `setting`; the others are not everyday options.
+The model of the probabilities was learned with the defaults. Options of the command carry the names of the fields with
+a `setting`; the others are not everyday options.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.identification.settings import FitSettings, SwarmSettings
@@ -46,6 +47,14 @@ class WeightSettings:
     event_share: float = setting(0.015, "expected error as a share of the motion of the event", "", 0.0, 1.0)
     counted_s: float = setting(1.0, "length of a window", "s", 0.1, 10.0)
     independent: float = setting(0.001, "share of the samples that count as independent", "", 1e-6, 1.0)
+    decimated_hz: float = 280.0
+    """Rate of the samples that are compared: all channels are low-passed at 100 Hz, so closer ones add nothing."""
+    around_s: float = 0.5
+    """Length over which the motion around a sample is averaged for its weight."""
+    least_samples: int = 50
+    """A window with fewer compared samples does not count in a gain."""
+    reweightings: int = 2
+    """The variances of the events and the nuisance parameters are computed in turn so many times."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -88,9 +97,37 @@ class NuisanceSettings:
 
 
 @dataclass(frozen=True)
+class LocalFitSettings:
+    """Local fits: Gauss-Newton steps of theta, the nuisance parameters and one effect."""
+
+    steps: int = 12
+    """Largest number of steps."""
+    least_decrease: float = 0.002
+    """A step that reduces the objective by less than this share ends the fit."""
+    step_shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05)
+    """Shares of a step, tried in this order until one reduces the objective."""
+    psi_spread: float = 6.0
+    """Prior spread of one step of an effect's parameter, which is mapped to the real line."""
+    inside: float = 0.02
+    """A start keeps this share of each range from both ends, except for nuisances of the effect such as an instant."""
+    weaker_starts: tuple[float, ...] = (0.5, 0.25, 0.12, 0.06)
+    """Shares of a start's strength that are tried while the start fits worse than no effect, or is unstable."""
+    weaker_ends: tuple[float, ...] = (0.85, 0.7, 0.5, 0.3)
+    """Shares of a fitted strength that are tried while the fit is unstable in an event for choosing."""
+    least_share: float = 1e-4
+    """A weaker strength keeps this share of its range from both ends."""
+    prior_scales: tuple[float, ...] = (1.0, 0.56, 0.32, 0.18, 0.1)
+    """Prior scales of the nuisance parameters, 1 among them; the fit chooses the one with the largest evidence."""
+
+
+@dataclass(frozen=True)
 class PreliminarySettings:
     """Selection of candidates before the fits to all events."""
 
+    steps: int = 5
+    """Largest number of steps of a fit to few events."""
+    least_decrease: float = 0.01
+    """A step that reduces the objective by less than this share ends the first fit of a candidate."""
     least_fit: float = 0.01
     """Least reduction of the objective, as a share of the largest one, to first order."""
     least_fit_of_all: float = 0.05
@@ -117,6 +154,10 @@ class EvidenceSettings:
 class UnsteadySettings:
     """Causes that vary from window to window."""
 
+    parts: int = 4
+    """Parts of a window; amplitude and phase of a line are fitted in each."""
+    segment_s: float = 1.0
+    """Length of the segments of the spectrum of a line; 1 s resolves 1 Hz."""
     most_late_s: float = 0.02
     """A larger clock offset has another cause."""
     line_hz: tuple[float, float] = (10.0, 80.0)
@@ -125,6 +166,8 @@ class UnsteadySettings:
     """Half-width of the spectrum that a line is compared with."""
     prominence: float = 3.0
     """A line exceeds the spectrum around it by this factor."""
+    least_line_mps2: float = 0.01
+    """A smaller amplitude of a line counts as this one."""
     most_growth: float = 3.0
     """Largest ratio of a line's size in the quarter of parts with most motion to that with least.
 
@@ -147,6 +190,95 @@ class DiagnosticSettings:
 
     failing: float = 2.0
     """A sub-chain fails if its error exceeds that of the best one by this factor."""
+    band_hz: tuple[float, float] = (0.5, 60.0)
+    """Frequencies of the coherence and of the sub-chains."""
+    coherence_s: float = 2.0
+    """Length of the windows of the coherence."""
+    most_joint_ratio: float = 100.0
+    """Stiffness and damping of a sub-chain's joints differ from the subject's own by at most this factor."""
+    joint_evaluations: int = 12
+    """Largest number of evaluations of a sub-chain's fit."""
+    least_slope_events: int = 3
+    """Fewer events have no slope of the residual over the level."""
+    least_slope_range: float = 0.3
+    """Nor do peaks of the seat within this range of their logarithm."""
+    least_jump_windows: int = 8
+    """Fewer windows have no jump of the residual."""
+    shuffles: int = 200
+    """Random orders of the windows for the p-value of a jump."""
+
+
+@dataclass(frozen=True)
+class JointRefitSettings:
+    """Refit of theta and all effects together, without nuisance parameters."""
+
+    inside: float = 0.02
+    """A start keeps this share of each range from both ends, as that of theta does."""
+    first_evaluations: int = 150
+    """Largest number of evaluations of all cases from each start."""
+    evaluations: int = 1500
+    """The same from the best end."""
+    halvings: int = 8
+    """The strengths of a start that is unstable are halved at most so many times."""
+    prior_weight: float = 1e-5
+    """Weight of the prior of general parameters beside the relative squares of residuals.
+
+    It decides only what the events do not.
+    """
+    theta_spread: float = 0.5
+    """Prior spread of ln theta in the covariance: it bounds what is unknown."""
+    psi_spread: float = 3.0
+    """The same of the effects' parameters on the real line."""
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """Free surface of the force of one joint over stretch and rate."""
+
+    candidates: int = 3
+    """The joints among so many of the most probable candidates are tried."""
+    height_spread: float = 0.1
+    """Prior spread of a hat's height, as a share of the joint's linear force at its reach."""
+    reach_percent: float = 99.0
+    """The reach is this percentile of stretch and rate."""
+
+
+@dataclass(frozen=True)
+class MissingForceSettings:
+    """Missing force of a joint or segment by inverse dynamics, and its law."""
+
+    least_high_pass_hz: float = 0.5
+    """Least cut-off of the double integration: below it the bias of sensors exceeds the motion of joints."""
+    high_pass_share: float = 0.1
+    """Cut-off as a share of the joint's natural frequency: a stiff joint follows slow motion by less than the noise."""
+    padded_s: float = 4.0
+    """Zeros after a signal, so that its end does not reach its beginning: two periods of the least cut-off."""
+    settled_s: float = 1.0
+    """Samples within this time after the warm-up are not used: the integration starts there."""
+    longest_s: float = 60.0
+    """Events are used in order until they are longer together."""
+    stretch_bins: int = 25
+    """Bins of the stretch, of equal width from the smallest to the largest value."""
+    rate_bins: int = 13
+    """The same of its rate."""
+    least_samples: int = 3
+    """A bin with fewer samples has no mean."""
+    draws: int = 40
+    """Subjects drawn for the band of a law."""
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """Facts beside the verdict."""
+
+    power_ratio: float = 0.5
+    """Ratio of the effect whose power is stated with the verdict `none`."""
+    likely_fault: float = 0.05
+    """A sensor fault with at least this probability is reported."""
+    noise_band_hz: tuple[float, float] = (60.0, 85.0)
+    """In this band bodies hardly move, so the error of a model is sensor noise."""
+    noise_samples: int = 1024
+    """Segments of the spectrum of the noise; a shorter event does not count."""
 
 
 @dataclass(frozen=True)
@@ -161,11 +293,21 @@ class TraceSettings:
     floor: FloorSettings = field(default_factory=FloorSettings)
     nuisance: NuisanceSettings = field(default_factory=NuisanceSettings)
     base: FitSettings = BASE
+    local_fit: LocalFitSettings = field(default_factory=LocalFitSettings)
     preliminary: PreliminarySettings = field(default_factory=PreliminarySettings)
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     unsteady: UnsteadySettings = field(default_factory=UnsteadySettings)
     tilt: TiltSettings = field(default_factory=TiltSettings)
     diagnostics: DiagnosticSettings = field(default_factory=DiagnosticSettings)
+    joint_refit: JointRefitSettings = field(default_factory=JointRefitSettings)
+    surface: SurfaceSettings = field(default_factory=SurfaceSettings)
+    missing_force: MissingForceSettings = field(default_factory=MissingForceSettings)
+    report: ReportSettings = field(default_factory=ReportSettings)
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+    @property
+    def few_steps(self) -> LocalFitSettings:
+        """Settings of a local fit to few events."""
+        return replace(self.local_fit, steps=self.preliminary.steps)

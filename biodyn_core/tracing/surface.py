@@ -21,18 +21,16 @@ from biodyn_core.tracing.findings import Surface
 from biodyn_core.tracing.local_fit import LocalFit, simulated_products
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.screen import mean_log_ratio
+from biodyn_core.tracing.settings import SurfaceSettings
 
 ACROSS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)
-"""Knots of stretch, in reaches of the joint; a hat is constant beyond the last knot."""
+"""Knots of stretch, in reaches of the joint; a hat is constant beyond the last knot.
+
+The widths of a hat in `force` are the distances of these knots and of `SPEEDS`.
+"""
 
 SPEEDS: Final = (-1.0, 0.0, 1.0)
 """Knots of rate, in reaches of the joint."""
-
-SHARE: Final = 0.1
-"""Prior spread of a hat's height, as a share of the joint's linear force at its reach."""
-
-REACH: Final = 99.0
-"""The reach is this percentile of stretch and rate."""
 
 
 def force(
@@ -66,20 +64,20 @@ HAT: Final = JointForce(
 )
 
 
-def surface(nuisance: NuisanceModel, without: LocalFit, site: str) -> Surface:
+def surface(nuisance: NuisanceModel, without: LocalFit, site: str, settings: SurfaceSettings | None = None) -> Surface:
     """Fit the surface of one joint beside theta and nuisance parameters; the gain is in the events for choosing."""
+    s = settings or SurfaceSettings()
     joint = SEGMENTS.index(site)
-    stretch, rate, linear_n = _reach(nuisance, joint)
+    stretch, rate, linear_n = _reach(nuisance, joint, s.reach_percent)
     knots = [(at, speed) for speed in SPEEDS for at in ACROSS]
-    spread_n = SHARE * linear_n
+    spread_n = s.height_spread * linear_n
     hats = [_hat(site, spread_n, stretch, rate, *knot) for knot in knots]
     heights = spread_n * _heights(nuisance, hats)
     whole = [_hat(site, float(h), stretch, rate, *knot) for h, knot in zip(heights, knots, strict=True)]
     subject = dataclasses.replace(without.subject, effects=(*without.subject.effects, *whole))
-    p = nuisance.choose.products
     products = simulated_products(nuisance.choose, subject)
     square = products.residual_square(without.coefficients)
-    gain = float(mean_log_ratio(without.residual_square, square[:, None], p.event, p.samples)[0])
+    gain = float(mean_log_ratio(without.residual_square, square[:, None], products)[0])
     visited = _visited(nuisance, joint, stretch, rate)
     force_n = np.where(visited, heights.reshape(len(SPEEDS), len(ACROSS)), np.nan)
     return Surface(site, stretch * np.array(ACROSS), rate * np.array(SPEEDS), force_n, gain)
@@ -109,12 +107,12 @@ def _heights(nuisance: NuisanceModel, hats: list[AppliedEffect]) -> Floats:
     return np.asarray(np.linalg.solve(matrix, np.concatenate([weight @ train.products.cross, match]))[-len(hats) :])
 
 
-def _reach(nuisance: NuisanceModel, joint: int) -> tuple[float, float, float]:
+def _reach(nuisance: NuisanceModel, joint: int, percent: float) -> tuple[float, float, float]:
     """Reach of the joint in the events for fitting: stretch m, rate m/s and linear force N."""
     chain = Chain.of(nuisance.subject)
     responses = [predict(nuisance.subject, c.seat_mps2, c.rate_hz, c.channels) for c in nuisance.train.cases]
-    stretch = float(np.median([np.percentile(np.abs(r.stretch_m[:, joint]), REACH) for r in responses]))
-    rate = float(np.median([np.percentile(np.abs(r.stretch_rate_mps[:, joint]), REACH) for r in responses]))
+    stretch = float(np.median([np.percentile(np.abs(r.stretch_m[:, joint]), percent) for r in responses]))
+    rate = float(np.median([np.percentile(np.abs(r.stretch_rate_mps[:, joint]), percent) for r in responses]))
     return stretch, rate, float(chain.stiffness_n_per_m[joint]) * stretch
 
 

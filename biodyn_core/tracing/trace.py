@@ -18,7 +18,6 @@ from biodyn_core.tracing import data_checks
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.joint_refit import generalised, jointly_refitted
-from biodyn_core.tracing.local_fit import PRIOR_SCALES
 from biodyn_core.tracing.preliminary_fit import OnStage
 from biodyn_core.tracing.probability import packaged
 from biodyn_core.tracing.results import build_result, build_undecided
@@ -96,7 +95,7 @@ def _rounds(
         fit = outcome.chosen
         if fit is None or not outcome.adds_effect:  # another round would find the same cause again
             break
-        if outcome.after < s.enough and fit.prior_scale == PRIOR_SCALES[-1]:
+        if outcome.after < s.enough and fit.prior_scale == min(s.local_fit.prior_scales):
             break
     return found
 
@@ -115,9 +114,9 @@ def _with_joint_refit(
     def percent(one: Subject) -> float:
         return mean_percent([errors(case, answer(one, case)) for case in choose])
 
-    textbook = jointly_refitted(outcome.chosen.subject, train)
-    fitted = min((textbook, generalised(textbook, train)), key=percent)
-    before = min(percent(subject), percent(jointly_refitted(subject, train)))
+    textbook = jointly_refitted(outcome.chosen.subject, train, s.joint_refit)
+    fitted = min((textbook, generalised(textbook, train, s.joint_refit)), key=percent)
+    before = min(percent(subject), percent(jointly_refitted(subject, train, s.joint_refit)))
     after = percent(fitted)
     if after < (1.0 - s.evidence.least_improvement) * before:
         return fitted, outcome

@@ -7,24 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy import ndimage, signal
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
-from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.effects import CATALOGUE, AppliedEffect, Effect
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.local_fit import LocalFit
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.settings import UnsteadySettings
-
-SEGMENT_S: Final = 1.0
-"""Segments of the spectrum of a line: a resolution of 1 Hz."""
-
-PARTS: Final = 4
-"""Parts of a window; amplitude and phase of a line are fitted in each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,50 +33,52 @@ def unsteady_causes(nuisance: NuisanceModel, without: LocalFit, settings: Unstea
     """Causes without constant parameters, with their objections."""
     events, b = nuisance.choose, without.coefficients
     residuals = [y - known @ b for known, y in zip(events.known, events.residuals(without.subject), strict=True)]
-    yield from _clocks(nuisance, residuals, settings)
-    yield from _lines(nuisance, without, residuals, settings)
-    yield from _postures(nuisance, without, residuals)
+    for effect in CATALOGUE.values():
+        if effect.varies_as == "delay":
+            yield from _delays(effect, nuisance, residuals, settings)
+        elif effect.varies_as == "line":
+            yield from _lines(effect, nuisance, without, residuals, settings)
+        elif effect.varies_as == "step":
+            yield from _steps(effect, nuisance, without, residuals)
 
 
-def _clocks(nuisance: NuisanceModel, residuals: Sequence[Floats], s: UnsteadySettings) -> Iterator[UnsteadyCause]:
-    """The clock of each sensor, fitted in every window, if its offset is atypical."""
+def _delays(
+    effect: Effect, nuisance: NuisanceModel, residuals: Sequence[Floats], s: UnsteadySettings
+) -> Iterator[UnsteadyCause]:
+    """The delay of each sensor, fitted in every window, if it is atypical."""
     rows = nuisance.choose.rows
-    for segment, name in enumerate(MEASURED_SEGMENTS):
+    for site in effect.sites:
+        segment = MEASURED_SEGMENTS.index(site)
         pairs = [one.clock_corrected(y, segment) for one, y in zip(rows, residuals, strict=True)]
         late_s = np.concatenate([late for _, late in pairs])
         late_s = late_s[late_s != 0.0]  # a window without compared samples has no delay
         if late_s.size == 0 or np.median(np.abs(late_s)) <= rows[0].typical_clock_s:
             continue
         delay_s = float(np.clip(np.median(late_s), -s.most_late_s, s.most_late_s))
-        applied = AppliedEffect(CATALOGUE["clock"], name, {"delay_s": delay_s, "drift": 0.0})
-        yield UnsteadyCause(applied, np.concatenate([(residual**2).sum(axis=1) for residual, _ in pairs]))
+        squares = [(residual**2).sum(axis=1) for residual, _ in pairs]
+        yield UnsteadyCause(effect.sized(site, delay_s), np.concatenate(squares))
 
 
 def _lines(
-    nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Floats], s: UnsteadySettings
+    effect: Effect, nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Floats], s: UnsteadySettings
 ) -> Iterator[UnsteadyCause]:
     """The most prominent line of the residual, on each segment, fitted in parts of windows."""
     events = nuisance.choose
     frequency_hz = _line_hz(nuisance, residuals, s)
     if frequency_hz is None:
         return
-    effect = CATALOGUE["periodic"]
-    moving = np.concatenate([rows.moving_mps2(PARTS) for rows in events.rows])
+    moving = np.concatenate([rows.moving_mps2(s.parts) for rows in events.rows])
     for site in effect.sites:
-        one = {"cosine_mps2": 1.0, "sine_mps2": 0.0, "frequency_hz": frequency_hz}
-        both = [
-            AppliedEffect(effect, site, values)
-            for values in (one, one | {"cosine_mps2": 0.0, "sine_mps2": 1.0})
-        ]  # fmt: skip
+        both = [effect.sized(site, *amplitudes_mps2, frequency_hz) for amplitudes_mps2 in ((1.0, 0.0), (0.0, 1.0))]
         squares, sizes = [], []
         for case, rows, y in zip(events.cases, events.rows, residuals, strict=True):
             plain = answer(without.subject, case)
             shown = np.stack([answer(without.subject, case, (line,), plain) - plain for line in both], axis=2)
-            square, size = _fitted_in_parts(y, rows(shown))
+            square, size = _fitted_in_parts(y, rows(shown), s.parts)
             squares.append(square)
             sizes.append(size)
         size = np.concatenate(sizes)
-        applied = AppliedEffect(effect, site, one | {"cosine_mps2": float(np.clip(np.median(size), 0.01, 2.0))})
+        applied = effect.sized(site, max(float(np.median(size)), s.least_line_mps2), 0.0, frequency_hz)
         yield UnsteadyCause(applied, np.concatenate(squares), _objection(_growth(size, moving), s))
 
 
@@ -100,11 +95,11 @@ def _objection(growth: float, s: UnsteadySettings) -> str:
     return f"its line grows {growth:.1f} times with the motion, so it is a response of the body and no periodic force"
 
 
-def _fitted_in_parts(residual: Floats, columns: Floats) -> tuple[Floats, Floats]:
+def _fitted_in_parts(residual: Floats, columns: Floats, parts: int) -> tuple[Floats, Floats]:
     """Squared residual (w,) with columns (w, r, 2) fitted in each part of each window, and the sizes (w * parts,)."""
-    windows, each = len(residual), residual.shape[1] // PARTS * PARTS
-    y = residual[:, :each].reshape(windows * PARTS, -1)
-    c = columns[:, :each].reshape(windows * PARTS, -1, columns.shape[2])
+    windows, each = len(residual), residual.shape[1] // parts * parts
+    y = residual[:, :each].reshape(windows * parts, -1)
+    c = columns[:, :each].reshape(windows * parts, -1, columns.shape[2])
     normal = np.einsum("pri,prj->pij", c, c)
     ridge = 1e-6 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-12
     found = np.linalg.solve(normal + ridge * np.eye(c.shape[2]), np.einsum("pri,pr->pi", c, y)[:, :, None])
@@ -114,21 +109,23 @@ def _fitted_in_parts(residual: Floats, columns: Floats) -> tuple[Floats, Floats]
 
 def _line_hz(nuisance: NuisanceModel, residuals: Sequence[Floats], s: UnsteadySettings) -> float | None:
     """The frequency of the most prominent line of the residual, None if there is none; short events are left out."""
-    frequency_hz = np.arange(0.0, s.line_hz[1] + s.around_hz, 1.0 / SEGMENT_S)
+    frequency_hz = np.arange(0.0, s.line_hz[1] + s.around_hz, 1.0 / s.segment_s)
     total = np.zeros(frequency_hz.size)
     for rows, y in zip(nuisance.choose.rows, residuals, strict=True):
-        whole, each = y.reshape(-1, len(MEASURED_SEGMENTS)), round(SEGMENT_S * rows.rate_hz)
+        whole, each = y.reshape(-1, len(MEASURED_SEGMENTS)), round(s.segment_s * rows.rate_hz)
         if len(whole) >= each:
             own_hz, density = signal.welch(whole, rows.rate_hz, nperseg=each, axis=0)
             total += np.interp(frequency_hz, own_hz, density.sum(axis=1))
-    around = ndimage.median_filter(total, round(2.0 * s.around_hz * SEGMENT_S) + 1)
+    around = ndimage.median_filter(total, round(2.0 * s.around_hz * s.segment_s) + 1)
     inside = (frequency_hz >= s.line_hz[0]) & (frequency_hz <= s.line_hz[1])
     prominence = np.where(inside, total / np.maximum(around, 1e-30), 0.0)
     best = int(prominence.argmax())
     return float(frequency_hz[best]) if prominence[best] > s.prominence else None
 
 
-def _postures(nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Floats]) -> Iterator[UnsteadyCause]:
+def _steps(
+    effect: Effect, nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Floats]
+) -> Iterator[UnsteadyCause]:
     """Each joint with different stiffness and damping before and after an instant between two events.
 
     Fitted to the events for fitting alone, so the events for choosing do not influence it.
@@ -137,7 +134,8 @@ def _postures(nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Fl
     fitted = [y - known @ b for known, y in zip(train.known, train.residuals(without.subject), strict=True)]
     begins_ns = np.array([case.begins_ns for case in train.cases])
     weights = [nuisance.weight[train.products.event == e][0] for e in range(len(train.cases))]
-    for joint, site in enumerate(SEGMENTS):
+    for site in effect.sites:
+        joint = SEGMENTS.index(site)
         own = [joint, N_SEGMENTS + joint]
         normal = np.array(
             [
@@ -159,9 +157,8 @@ def _postures(nuisance: NuisanceModel, without: LocalFit, residuals: Sequence[Fl
             ((y - known[:, :, own] @ change) ** 2).sum(axis=1)
             for change, known, y in zip(changes, choose.known, residuals, strict=True)
         ]
-        jump = float(np.clip(np.exp(2.0 * (after - before)[0]) - 1.0, -0.6, 1.0))
-        applied = AppliedEffect(CATALOGUE["posture"], site, {"jump": jump, "at_s": 0.0})
-        yield UnsteadyCause(applied, np.concatenate(squares))
+        change_of_stiffness = float(np.exp(2.0 * (after - before)[0]) - 1.0)
+        yield UnsteadyCause(effect.sized(site, change_of_stiffness), np.concatenate(squares))
 
 
 def _step_change(normal: Floats, match: Floats, is_after: Flags) -> tuple[float, Floats, Floats]:

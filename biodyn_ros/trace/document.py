@@ -70,7 +70,7 @@ def trace_document(report: Report) -> Document:
         "floor": known(trace.floor_percent),
         "p_value": known(trace.p_value),
         "named_from": known(trace.named_from),
-        "power": known(trace.power),
+        "power": known(trace.power.share) if trace.power is not None else None,
         "calibrated": trace.calibrated,
         "candidates": [_candidate(candidate) for candidate in first],
         "rounds": [_round(each) for each in trace.rounds],

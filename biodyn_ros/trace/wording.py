@@ -20,7 +20,6 @@ from biodyn_core.tracing.findings import (
     Trace,
 )
 from biodyn_core.tracing.probability import NONE, OUTSIDE
-from biodyn_core.tracing.results import POWER_RATIO
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_core.tracing.verdict import in_words
 from biodyn_ros.base.json_files import finite
@@ -300,10 +299,11 @@ def _probable(trace: Trace) -> Iterator[str]:
 
 def _power(trace: Trace) -> Iterator[str]:
     """How often a recording like these would have named an effect."""
-    power = known(trace.power)
-    if power is not None:
-        shown = "more than 99" if power >= 0.995 else "less than 1" if power < 0.005 else f"{100.0 * power:.0f}"
-        yield f"An effect of ratio {POWER_RATIO:g} would have been named in {shown} % of such recordings."
+    power = trace.power
+    if power is not None and known(power.share) is not None:
+        share = power.share
+        shown = "more than 99" if share >= 0.995 else "less than 1" if share < 0.005 else f"{100.0 * share:.0f}"
+        yield f"An effect of ratio {power.ratio:g} would have been named in {shown} % of such recordings."
 
 
 def _percent(share: float) -> str:
