@@ -67,6 +67,14 @@ def test_two_effects_are_both_right_and_an_untried_one_is_outside() -> None:
     assert right(strange) == right(untried) == {OUTSIDE} and strange.mechanism == ""
 
 
+def test_an_unknown_ratio_is_no_number_and_is_not_weak() -> None:
+    label, _ = labelled(example(FRICTION, ratio=None))
+    (idle,) = labelled(example(ratio=None))
+    assert np.isnan(label.ratio) and idle.ratio == 0.0
+    assert NONE not in right(label) and right(label) == right(labelled(example(FRICTION))[0])
+    assert not any(group.holds(Prediction(label, {}, ())) for group in GROUPS if "ratio" in group.name)
+
+
 def test_a_body_that_cannot_be_traced_has_no_label() -> None:
     assert labelled(dataclasses.replace(example(CUBIC), evidence=None)) == []
 
@@ -203,7 +211,8 @@ def test_the_power_follows_the_ratio() -> None:
         p = 0.95 if rng.uniform() < 1.0 / (1.0 + np.exp(-(-0.5 + 4.0 * x))) else 0.6
         one = dataclasses.replace(label, ratio=10.0**x, samples=float(rng.uniform(50.0, 200.0)))
         found.append(Prediction(one, {"dry_friction": p, NONE: 1.0 - p}, ("dry_friction",)))
-    power = calibrate.power(found, 0.8)
+    unknown = dataclasses.replace(label, ratio=float("nan"))
+    power = calibrate.power([*found, Prediction(unknown, {"dry_friction": 1.0}, ("dry_friction",))], 0.8)
     for ratio in (0.3, 1.0, 3.0):
         expected = 1.0 / (1.0 + np.exp(-(-0.5 + 4.0 * np.log10(ratio))))
         assert power.named(ratio, 100.0) == pytest.approx(expected, abs=0.05)

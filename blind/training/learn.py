@@ -49,7 +49,8 @@ class Labelled:
     """The features of one body and the right answers: by mechanism and exactly, (c + 2,) each; its weight in the loss.
 
     forms: the hidden ones, of which the first decides the fold. background: its kinds. mechanism: of the first hidden
-    effect, empty if it has no class. ratio: 0 if nothing is hidden. samples: independent ones for fitting.
+    effect, empty if it has no class. ratio: 0 if nothing is hidden, nan if it is unknown. samples: independent ones for
+    fitting.
     """
 
     features: Features
@@ -82,11 +83,18 @@ def labelled(example: Example) -> list[Labelled]:
     label = Labelled(
         found, np.append(by_mechanism, tail), np.append(exact, tail), 1.0, example.number, example.forms,
         tuple(sorted(example.background)), mechanisms[0] if mechanisms and not example.outside else "",
-        example.ratio or 0.0, example.evidence.body.samples,
+        _ratio(example), example.evidence.body.samples,
     )  # fmt: skip
     if len(causes) != 1 or example.outside or not by_mechanism.any():
         return [label]
     return [label, _left_out(example.evidence, label, weak)]
+
+
+def _ratio(example: Example) -> float:
+    """A body that ran away at its first strength has no ratio: its strength was changed until it was stable."""
+    if not example.forms:
+        return 0.0
+    return float("nan") if example.ratio is None else example.ratio
 
 
 def _same(key: tuple[str, str], cause: tuple[str, str]) -> bool:
