@@ -211,8 +211,10 @@ def test_the_power_follows_the_ratio() -> None:
         p = 0.95 if rng.uniform() < 1.0 / (1.0 + np.exp(-(-0.5 + 4.0 * x))) else 0.6
         one = dataclasses.replace(label, ratio=10.0**x, samples=float(rng.uniform(50.0, 200.0)))
         found.append(Prediction(one, {"dry_friction": p, NONE: 1.0 - p}, ("dry_friction",)))
-    unknown = dataclasses.replace(label, ratio=float("nan"))
-    power = calibrate.power([*found, Prediction(unknown, {"dry_friction": 1.0}, ("dry_friction",))], 0.8)
+    for ratio in (float("nan"), 0.0):  # unknown; an effect that changes nothing
+        one = dataclasses.replace(label, ratio=ratio)
+        found.append(Prediction(one, {"dry_friction": 1.0}, ("dry_friction",)))
+    power = calibrate.power(found, 0.8)
     for ratio in (0.3, 1.0, 3.0):
         expected = 1.0 / (1.0 + np.exp(-(-0.5 + 4.0 * np.log10(ratio))))
         assert power.named(ratio, 100.0) == pytest.approx(expected, abs=0.05)

@@ -145,10 +145,10 @@ def set_threshold(found: Sequence[Prediction]) -> float:
 def power(found: Sequence[Prediction], named_from: float) -> Power:
     """The curve of named effects by penalised maximum likelihood, from bodies with one effect of the catalogue.
 
-    Those without a known ratio do not count.
+    Those without a known ratio, or whose effect changes nothing, do not count.
     """
     of_catalogue = [one for one in found if len(one.labelled.forms) == 1 and one.labelled.mechanism]
-    single = [one for one in of_catalogue if np.isfinite(one.labelled.ratio)]
+    single = [one for one in of_catalogue if one.labelled.ratio > 0.0]
     rows = [(1.0, np.log10(one.labelled.ratio), np.log10(one.labelled.samples)) for one in single]
     x, named = np.array(rows).reshape(-1, 3), np.array([one.names_right(named_from) for one in single])
     centre = x[:, 2].mean() if single else 0.0
