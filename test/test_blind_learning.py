@@ -231,8 +231,10 @@ def test_the_page_counts_answers_by_group() -> None:
         Prediction(strong, {"skin": 0.85, NONE: 0.15}, ("dry_friction",)),
         Prediction(idle, {"skin": 0.6, NONE: 0.4}, (NONE,)),
     ]
+    nowhere = Prediction(dataclasses.replace(strong, ratio=float("nan")), {"skin": 0.9, NONE: 0.1}, ("dry_friction",))
+    assert " all, those of no other row included | 6 | 50.0 %" in group_rows([*found, nowhere], 0.3, 0.8)[-1]
     rows = group_rows(found, 0.3, 0.8)
-    assert len(rows) == 2 < len(GROUPS)
+    assert len(rows) == 3 < len(GROUPS)
     assert rows[0].startswith("| nothing hidden, with a background | 1 | 0.0 %") and "2.00 |" in rows[0]
     assert rows[1].startswith("| one effect, with a background, ratio > 0.8 | 4 | 75.0 %")
     page = rendered(random_model(), found, 0.8, [])

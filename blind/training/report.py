@@ -60,6 +60,7 @@ GROUPS: Final = (
         lambda one: bool(one.labelled.forms) and not one.labelled.mechanism and one.labelled.ratio > STRONG,
     ),
     Group("two effects", lambda one: len(one.labelled.forms) == 2),
+    Group("all, those of no other row included", lambda one: True),
 )
 
 

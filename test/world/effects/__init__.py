@@ -9,6 +9,6 @@ reaches any by the name of its split, so that nobody has to open the module.
 bags, gives the streams with and without what is hidden, and says the truth, which is in neither.
 
 `mixture` has the kinds of background: the paper's (`background`), and mechanisms in the body (`body_mechanisms`) and in
-the sensors (`sensor_mechanisms`). Those of `unseen_mechanisms` are for scoring only, as `blind_forms` are: nothing is
+the sensors (`sensor_mechanisms`). Those of `unseen_mechanisms` are for scoring only, as `third_forms` are: nothing is
 trained or adjusted on them.
 """
