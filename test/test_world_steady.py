@@ -69,9 +69,9 @@ def test_an_unstable_strength_is_reduced_to_the_last_stable_one(monkeypatch: pyt
 
 
 def test_without_a_stable_weaker_strength_a_stronger_one_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    def together(sittings: list[Sat]) -> list[Sat]:
+    def with_effects(sittings: list[Sat]) -> list[Sat]:
         return [one if stiff(one) else dataclasses.replace(one, hidden=(np.zeros(1),)) for one in sittings]
 
-    monkeypatch.setattr(sitting, "together", together)
+    monkeypatch.setattr(sitting, "with_effects", with_effects)
     (found,) = sitting.steady([Sat((Law(0.3),))])
     assert found.effects[0].strength == pytest.approx(1.2) and found.hidden[0][0] == 0.0

@@ -141,7 +141,7 @@ def _simulated(bodies: Sequence[TrainingBody], seed: int) -> list[Sitting]:
         scaled = absorbing.scaled_once([found[i] for i in busy], list(busy.values()))
         for i, one in zip(busy, scaled, strict=True):
             found[i] = one
-    return sitting.steady(sitting.with_effects_only(found), sitting.with_effects_only)
+    return sitting.steady(sitting.together(found))
 
 
 def _is_used(one: sitting.Planned) -> bool:

@@ -68,9 +68,8 @@ class Planned:
 class Sitting:
     """One person's sitting. plain and hidden are accelerations by event, (n, 6) at `HELD_HZ`, without and with effects.
 
-    plain is empty after `with_effects_only`. Both have the same person, background, seats, mountings and noise.
-    background is of the paper's kind, mechanisms are of the other kinds, scales has the scale of each. Every sensor in
-    worn has a stream.
+    Both have the same person, background, seats, mountings and noise. background is of the paper's kind, mechanisms are
+    of the other kinds, scales has the scale of each. Every sensor in worn has a stream.
     """
 
     body_mass_kg: float
@@ -132,9 +131,6 @@ class Sitting:
         }
 
 
-Simulate = Callable[[Sequence[Sitting]], list[Sitting]]
-
-
 def drawn(
     count: int,
     seed: int,
@@ -184,21 +180,22 @@ def with_background(draft: Sitting, scales: Mapping[str, float], rng: np.random.
     )
 
 
-def steady(sittings: Sequence[Sitting], simulate: Simulate | None = None) -> list[Sitting]:
-    """The same with other strengths of effects that make a body unstable; simulate: `together` unless given.
+def steady(sittings: Sequence[Sitting]) -> list[Sitting]:
+    """The same with other strengths of effects that make a body unstable: by the first stable factor, or the last.
 
-    Weaker by halves first; then stronger, because a law may be stiffer at a lower strength.
+    Weaker by halves first; then stronger, because a law may be stiffer at a lower strength. All are simulated at once.
     """
-    found, drawn_so = list(sittings), list(sittings)
-    for factor in FACTORS:
-        wild = [i for i, one in enumerate(found) if runs_away(one.hidden)]
-        if not wild:
-            break
-        others = [tuple(effect.scaled(factor) for effect in drawn_so[i].effects) for i in wild]
-        changed = [dataclasses.replace(drawn_so[i], effects=own) for i, own in zip(wild, others, strict=True)]
-        for i, one in zip(wild, (simulate or together)(changed), strict=True):
-            found[i] = one
+    found = list(sittings)
+    wild = [i for i, one in enumerate(found) if runs_away(one.hidden)]
+    tried = with_effects([_scaled(found[i], factor) for i in wild for factor in FACTORS]) if wild else []
+    for turn, i in enumerate(wild):
+        mine = tried[turn * len(FACTORS) : (turn + 1) * len(FACTORS)]
+        found[i] = next((one for one in mine if not runs_away(one.hidden)), mine[-1])
     return found
+
+
+def _scaled(one: Sitting, factor: float) -> Sitting:
+    return dataclasses.replace(one, effects=tuple(effect.scaled(factor) for effect in one.effects))
 
 
 def together(sittings: Sequence[Sitting]) -> list[Sitting]:
@@ -212,8 +209,8 @@ def together(sittings: Sequence[Sitting]) -> list[Sitting]:
     ]
 
 
-def with_effects_only(sittings: Sequence[Sitting]) -> list[Sitting]:
-    """Simulate all events of sittings with their effects; plain stays empty."""
+def with_effects(sittings: Sequence[Sitting]) -> list[Sitting]:
+    """Simulate all events of sittings with their effects; plain stays as it is."""
     went = moved([one.party(one.effects) for one in sittings])
     return [dataclasses.replace(one, hidden=each.accel_mps2) for one, each in zip(sittings, went, strict=True)]
 
