@@ -20,7 +20,7 @@ from biodyn_core.tracing.probability import NONE, OUTSIDE
 from blind.tracing.outcome import Cause
 from blind.tracing.reliability import calibration_error
 from blind.training import calibrate, collect, learn
-from blind.training.calibrate import FOLDS, Prediction, fold_of
+from blind.training.calibrate import FOLDS, Learned, Prediction, fold_of
 from blind.training.collect import Example, archive_of, examples, pack
 from blind.training.learn import EFFECTS, Design, Labelled, _loss, _Scales, chances, labelled, learned_weights
 from blind.training.report import GROUPS, group_rows, rendered
@@ -73,6 +73,16 @@ def test_an_unknown_ratio_is_no_number_and_is_not_weak() -> None:
     assert np.isnan(label.ratio) and idle.ratio == 0.0
     assert NONE not in right(label) and right(label) == right(labelled(example(FRICTION))[0])
     assert not any(group.holds(Prediction(label, {}, ())) for group in GROUPS if "ratio" in group.name)
+
+
+def test_with_the_true_law_the_label_is_the_same_for_other_evidence() -> None:
+    friction, *others = EVIDENCE.candidates
+    ideal = dataclasses.replace(EVIDENCE, candidates=(dataclasses.replace(friction, general=friction.fit), *others))
+    assert learn.with_true_law(example(FRICTION)) == []
+    (found,) = learn.with_true_law(dataclasses.replace(example(FRICTION), with_true_law=ideal))
+    own = labelled(example(FRICTION))[0]
+    assert right(found) == right(own) and found.weight == 1.0
+    assert (found.features.of_candidates != own.features.of_candidates).any()
 
 
 def test_a_body_that_cannot_be_traced_has_no_label() -> None:
@@ -193,7 +203,7 @@ def test_nine_of_ten_right_answers_reach_the_threshold_of_the_set() -> None:
 
 def test_drawn_bodies_are_calibrated_and_covered(bodies: list[Labelled]) -> None:
     """On bodies that were neither learned from nor calibrated on."""
-    model = calibrate.learned(bodies[:1000], {}, 0.8).model
+    model = calibrate.learned(bodies[:1000], [], {}, 0.8).model
     fresh = [dataclasses.replace(one, background=("new",)) for one in bodies[1000:]]
     found = calibrate.beyond([*bodies[:1000], *fresh], "new", model)
     assert calibration_error([(one.p, one.best in one.right) for one in found]) < 0.06
@@ -237,14 +247,21 @@ def test_the_page_counts_answers_by_group() -> None:
     assert len(rows) == 3 < len(GROUPS)
     assert rows[0].startswith("| nothing hidden, with a background | 1 | 0.0 %") and "2.00 |" in rows[0]
     assert rows[1].startswith("| one effect, with a background, ratio > 0.8 | 4 | 75.0 %")
-    page = rendered(random_model(), found, 0.8, [])
+    true = Prediction(strong, {"dry_friction": 0.95, NONE: 0.05}, ("dry_friction",))
+    page = rendered(Learned(random_model(), found[3:], [true]), 0.8, [])
+    assert "| 1.5 to 3 | 1 | 0.0 % (0.0 to 79.3) | 100.0 % (20.7 to 100.0) | 0.0 %" in page
+    assert "| 0.8 to 1.5 | 0 |" in page
+    page = rendered(Learned(random_model(), found, []), 0.8, [])
     assert "| dry_friction | 4 | dry_friction 3, skin 1 |" in page and "| none | 1 | skin 1 |" in page
     assert "| 0.8 to 0.9 | 1 | 0.85 | 0.0 %" in page and "- bodies: 3" in page
 
 
 def test_examples_are_packed_and_extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "examples.jsonl"
-    stored = [example(CUBIC, number=3), dataclasses.replace(example(number=1), evidence=None)]
+    stored = [
+        dataclasses.replace(example(CUBIC, number=3), with_true_law=EVIDENCE),
+        dataclasses.replace(example(number=1), evidence=None),
+    ]
     path.write_text("".join(one.line() + "\n" for one in stored))
     assert examples(path) == [stored[1], stored[0]]
     pack(path)

@@ -16,7 +16,7 @@ from blind.tracing.marks import marks
 from blind.tracing.outcome import Outcome
 from blind.tracing.page import rendered
 from blind.tracing.pictures import BY_RATIO, RELIABILITY
-from blind.tracing.sections import confusion_lines, pictures, ratio_lines, reliability_lines, speed_lines
+from blind.tracing.sections import ceiling_lines, confusion_lines, pictures, ratio_lines, reliability_lines, speed_lines
 from blind.tracing.shares import share_text
 from blind.tracing.table import PAGE, PICTURES, RUNS, About, publish
 
@@ -62,6 +62,27 @@ def test_the_reliability_has_its_bins_and_its_error() -> None:
 def test_perfect_answers_have_no_calibration_error() -> None:
     lines = reliability_lines([outcome("nothing", "none", p=1.0)] * 12)
     assert "error is 0.000." in lines[2] and "have 0.000 by chance (median), and less than 0.000" in lines[2]
+
+
+def test_the_ceiling_is_that_of_records_with_the_true_law() -> None:
+    def ideal(one: Outcome, p: float, *likely: str) -> Outcome:
+        score = dataclasses.replace(one.score, ceiling={"skin": p, "none": 1.0 - p}, ceiling_likely=likely)
+        return Outcome(one.answer, score)
+
+    records = [
+        ideal(outcome("strong", "effect", [SKIN], [SKIN], ratio=1.0, p=0.95), 0.9, "skin"),
+        ideal(outcome("strong", "none", [], [SKIN], ratio=1.0), 0.85, "skin"),
+        ideal(outcome("strong", "none", [], [SKIN], ratio=1.0), 0.6, "skin", "none"),
+        ideal(outcome("strong", "none", [], [SKIN], ratio=1.0), 0.1, "none"),
+        ideal(outcome("strong", "none", [], [STOP], ratio=1.0), 0.9, "skin"),
+        outcome("strong", "effect", [SKIN], [SKIN], ratio=1.0),
+    ]
+    lines = ceiling_lines(records)
+    *_, row = rows_of(lines)
+    assert row[0] == "with background, ratio > 0.8" and row[1] == "5"
+    assert row[2:] == [share_text(1, 5), share_text(2, 5), share_text(1, 5), share_text(3, 5)]
+    assert "\n".join(lines) in rendered(records, marks(records), "Run.")
+    assert ceiling_lines(records[-1:]) == []
 
 
 def test_the_accuracy_of_a_step_goes_from_none_to_all() -> None:

@@ -88,8 +88,8 @@ def test_refits_give_ratio_oracle_placebo_and_generic(
     # Sensors' effects alone, so that no integrators have to be compiled.
     monkeypatch.setattr(refits, "CATALOGUE", {name: CATALOGUE[name] for name in ("backrest", "clock", "skin")})
     fits = [fit_joint(known.train, SUBJECT, 0) for known in (hidden, plain)]
-    assert ratio(fits[1], plain.cases, fits[1], plain.cases) == 0.0
-    visible = ratio(fits[0], hidden.cases, fits[1], plain.cases)
+    assert ratio(fits[1].subject, plain.cases, fits[1].subject, plain.cases) == 0.0
+    visible = ratio(fits[0].subject, hidden.cases, fits[1].subject, plain.cases)
     assert visible > 1.0
     truth = Cause("backrest", "upper_torso", "backrest")
     before, best, wrong = (

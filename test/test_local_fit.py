@@ -76,6 +76,18 @@ def test_the_interval_contains_the_size_and_narrows_with_more_data() -> None:
     assert wide_high - wide_low > 1.1 * (high - low)
 
 
+def test_a_start_of_theta_counts_only_if_it_fits_better() -> None:
+    """Without a step, that of an earlier fit is as good as its end, and one far away changes nothing."""
+    nuisance, start = hiding.nuisance(hiding.louder), applied("gain", "neck")
+    ended, plain = fit_locally(nuisance, start), fit_locally(nuisance, start, as_given(0))
+    again = fit_locally(nuisance, ended.applied, as_given(0), theta=ended.subject.parameters)
+    assert again.objective == pytest.approx(ended.objective, rel=1e-6) and again.objective < plain.objective
+    vector = nuisance.subject.parameters.vector()
+    vector[0] *= 1.4
+    far = fit_locally(nuisance, start, as_given(0), theta=type(nuisance.subject.parameters).from_vector(vector))
+    assert far.objective == plain.objective and far.subject.parameters == plain.subject.parameters
+
+
 def test_a_fit_without_an_effect_reduces_the_residual_and_adds_no_effect() -> None:
     nuisance, found = hiding.nuisance(hiding.louder), without(hiding.louder)
     p = nuisance.train.products
@@ -129,8 +141,8 @@ def test_an_unstable_start_has_an_infinite_objective() -> None:
 def test_a_start_that_fits_worse_than_no_effect_becomes_weaker() -> None:
     """A sensor on skin of 30 Hz. From 10 Hz with little damping the steps end in another minimum."""
     nuisance, far = hiding.nuisance(hiding.on_skin), applied("skin", "head", softness_s=0.015, damping_ratio=0.1)
-    problem = local_fit._Problem(nuisance, far, LocalFitSettings())
-    at, start = problem.at(np.zeros(N_THETA), problem.unbounded(far)), problem.start()
+    problem = local_fit._Problem(nuisance, far, LocalFitSettings(), textbook=True)
+    at, start = problem.at(np.zeros(N_THETA), problem.unbounded(far)), problem.start(None)
     assert start.objective < without(hiding.on_skin).objective < at.objective
     weaker = problem.applied(start.psi).values
     assert weaker["softness_s"] / far.values["softness_s"] == pytest.approx(0.25)

@@ -14,10 +14,11 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing import probability
 from biodyn_core.tracing.evidence import BodyEvidence, CandidateEvidence, Evidence, FitEvidence
-from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, features
+from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, LEAST_GAIN, Features, features
 from biodyn_core.tracing.probability import (
     EFFECT_NAMES,
     SHARED_BODY_NAMES,
+    VERSION,
     LearnedModel,
     Power,
     Probabilities,
@@ -137,9 +138,63 @@ def test_features_rank_gains_and_know_the_best() -> None:
     assert bracket.tolist() == [1.0, 1.0, 0.0, 0.0]
 
 
+def column(rows: Features, name: str) -> list[float]:
+    return rows.of_candidates[:, CANDIDATE_NAMES.index(name)].tolist()
+
+
+def test_the_form_with_the_larger_gain_counts() -> None:
+    friction, *others = EVIDENCE.candidates
+    bent = dataclasses.replace(friction, general=fit(0.8, 0.9, 0.7, residual=0.3))
+    rows = features(Evidence(BODY, (bent, *others)))
+    assert column(rows, "gain")[0] == pytest.approx(np.log10(0.8))
+    assert column(rows, "residual")[0] == pytest.approx(np.log10(0.3))
+    assert column(rows, "generalised") == [1.0, 0.0, 0.0, 0.0]
+    assert column(rows, "general over textbook") == [pytest.approx(np.log10(0.8 / 0.4)), 0.0, 0.0, 0.0]
+    worse = dataclasses.replace(friction, general=fit(0.1, 0.1, 0.1))
+    rows = features(Evidence(BODY, (worse, *others)))
+    assert column(rows, "gain")[0] == pytest.approx(np.log10(0.4))
+    assert column(rows, "general over textbook")[0] == pytest.approx(np.log10(0.1 / 0.4))
+
+
+def test_gains_beside_other_candidates_count() -> None:
+    friction, cubic, stop, tilt = EVIDENCE.candidates
+    friction = dataclasses.replace(friction, beside=(("tilt", "head", 0.002),))
+    tilt = dataclasses.replace(tilt, beside=(("friction", "neck", 0.3),))
+    rows = features(Evidence(BODY, (friction, cubic, stop, tilt)))
+    gain = column(rows, "gain")
+    assert column(rows, "beside rival") == pytest.approx([np.log10(0.3), 0.0, 0.0, np.log10(0.002)])
+    shares = [np.log10(0.3) - gain[0], 0.0, 0.0, np.log10(0.002) - gain[3]]
+    assert column(rows, "share beside rival") == pytest.approx(shares)
+    assert column(rows, "rest") == pytest.approx([np.log10(0.002), 0.0, 0.0, np.log10(0.3)])
+    assert column(rows, "rest over gain") == pytest.approx([np.log10(0.002 / 0.4), 0.0, 0.0, np.log10(0.3) - gain[3]])
+    body = dict(zip(BODY_NAMES, rows.of_body.tolist(), strict=True))
+    assert (body["rest"], body["rest over best"]) == pytest.approx((np.log10(0.002), np.log10(0.002 / 0.4)))
+    without = features(Evidence(BODY, (cubic, stop, tilt)))  # nothing is beside a candidate that is not there
+    assert column(without, "beside rival")[2] == gain[3] and column(without, "rest")[2] == np.log10(LEAST_GAIN)
+
+
+def test_the_gain_of_a_cause_that_varies_counts_unless_there_is_an_objection() -> None:
+    *others, tilt = EVIDENCE.candidates
+    assert column(features(EVIDENCE), "gain")[3] == pytest.approx(np.log10(0.01 / 3.0))
+    varying = dataclasses.replace(tilt, varying=((0.1, 0.3), False))
+    assert column(features(Evidence(BODY, (*others, varying))), "gain")[3] == pytest.approx(np.log10(0.2))
+    alone = dataclasses.replace(varying, tried=None, fit=None)
+    rows = features(Evidence(BODY, (*others, alone)))
+    assert (column(rows, "not tried")[3], column(rows, "not fitted")[3]) == (0.0, 0.0)
+
+
+def test_another_site_of_its_mechanism_is_no_rest() -> None:
+    friction, *others = EVIDENCE.candidates
+    here = dataclasses.replace(friction, beside=(("hysteresis", "head", 0.2), ("tilt", "head", 0.01)))
+    there = dataclasses.replace(friction, effect="hysteresis", site="head")
+    assert CATALOGUE["hysteresis"].mechanism == CATALOGUE["friction"].mechanism
+    assert column(features(Evidence(BODY, (here, there, *others))), "rest")[0] == np.log10(0.01)
+
+
 def test_evidence_is_stored_with_four_digits() -> None:
-    again = Evidence.from_dict(json.loads(json.dumps(EVIDENCE.to_dict())))
-    assert again == EVIDENCE
+    whole = dataclasses.replace(EVIDENCE.candidates[0], general=fit(0.5, 0.5), beside=(("tilt", "head", 0.01),))
+    evidence = Evidence(BODY, (whole, *EVIDENCE.candidates[1:]))
+    assert Evidence.from_dict(json.loads(json.dumps(evidence.to_dict()))) == evidence
     third = dataclasses.replace(EVIDENCE, body=dataclasses.replace(BODY, drift=1.0 / 3.0))
     assert Evidence.from_dict(third.to_dict()).body.drift == 0.3333
 
@@ -158,7 +213,10 @@ def test_a_learned_model_is_read_as_it_was_written() -> None:
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        (lambda text: text.replace('"version": 1', '"version": 99'), "version 99 of the learned model, allowed is 1"),
+        (
+            lambda text: text.replace(f'"version": {VERSION}', '"version": 99'),
+            f"version 99 of the learned model, allowed is {VERSION}",
+        ),
         (lambda text: text[:-200], "the learned model is damaged"),
         (lambda text: text.replace('"behind best"', '"in front"'), "the learned model is damaged"),
         (lambda text: "[]", "the learned model is damaged"),

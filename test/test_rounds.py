@@ -19,7 +19,7 @@ from biodyn_core.tracing.screen import Screening
 from biodyn_core.tracing.settings import LocalFitSettings, PreliminarySettings, TraceSettings
 from biodyn_core.tracing.unsteady import UnsteadyCause
 
-SETTINGS = TraceSettings(refined=2)
+SETTINGS = TraceSettings(refined=2, generalised=0)
 
 
 @cache
@@ -31,7 +31,7 @@ def candidates() -> list[Candidate]:
     """A gain and a skin, screened and fitted to few events."""
     found = []
     for index, one in enumerate((applied("gain", "neck", gain=0.05), applied("skin", "head"))):
-        fit = PreliminaryFit(0.4 - 0.1 * index, 0.3, one)
+        fit = PreliminaryFit(0.4 - 0.1 * index, 0.3, one, hiding.TRUTH.parameters)
         screening = ScreeningResult(0.3, 0.2, 1.0, 0.1, 0.01)
         found.append(Candidate(one, one.effect.strengths[0], index, screening, fit))
     return found
@@ -82,17 +82,22 @@ def test_a_candidate_starts_from_its_best_stable_fit_to_few_events(objective: fl
         return iter([worse, best, *[worse] * (count - 2)])
 
     found = rounds._best_starts(hiding.nuisance(hiding.louder), screened(*tried), tried, settings, parallel)
-    assert found == [better if moved else tried[0].tried.applied, tried[1].tried.applied]
+    assert [start for start, _ in found] == [better if moved else tried[0].tried.applied, tried[1].tried.applied]
+    assert [theta for _, theta in found] == [
+        best.subject.parameters if moved else tried[0].tried.theta, tried[1].tried.theta,
+    ]  # fmt: skip
 
 
 def test_candidates_without_a_stable_fit_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     tried, shares = candidates(), []
     nuisance = hiding.nuisance(hiding.louder)
-    monkeypatch.setattr(rounds, "_best_starts", lambda few, screening, shortlist, *_: [one.start for one in shortlist])
+    starts = [(one.start, None) for one in tried]
+    monkeypatch.setattr(rounds, "_best_starts", lambda *_: starts)
     local = fit_locally(nuisance, applied("skin", "head"), LocalFitSettings(steps=1))
     found = rounds._fitted(
         nuisance, PreliminaryFits(screened(*tried), tuple(tried)), rounds.WithoutEffect(nuisance), SETTINGS,
-        lambda stage, share: shares.append(share), lambda *_: iter([[], [(nuisance.prior_scale, local)]]),
+        lambda stage, share: shares.append(share),
+        lambda stage, function, shared, items: iter([[], [(nuisance.prior_scale, local)]][: len(items)]),
     )  # fmt: skip
     assert [one.key for one in found] == [("skin", "head")] and shares == [0.0, 0.5, 1.0]
     assert found[0].fitted.local is local
@@ -134,8 +139,9 @@ def test_an_unstable_effect_has_no_fit_at_any_scale(monkeypatch: pytest.MonkeyPa
         ([stable, runaway], [nuisance.prior_scale]),
     ):
         given = iter(fits)
-        monkeypatch.setattr(fitted_candidates, "fit_locally", lambda *_, given=given: next(given))
-        assert [scale for scale, _ in fitted_candidates.fits_at_scales(nuisance, (one, SETTINGS.local_fit))] == scales
+        monkeypatch.setattr(fitted_candidates, "fit_locally", lambda *_, given=given, theta: next(given))
+        found = fitted_candidates.fits_at_scales(nuisance, (one, hiding.TRUTH.parameters, SETTINGS.local_fit))
+        assert [scale for scale, _ in found] == scales
 
 
 def test_a_cause_that_varies_with_time_is_a_candidate_if_it_was_screened(monkeypatch: pytest.MonkeyPatch) -> None:

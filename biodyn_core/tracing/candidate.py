@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.body.parameters import Parameters
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.local_fit import LocalFit
 
@@ -29,11 +30,15 @@ class ScreeningResult:
 
 @dataclass(frozen=True)
 class PreliminaryFit:
-    """The fit to the first event of each loading condition: gain in the events for choosing, share of the objective."""
+    """The fit to the first event of each loading condition: gain in the events for choosing, share of the objective.
+
+    applied, theta: the effect with its fitted values, and the theta that was fitted with it.
+    """
 
     gain: float
     decrease: float
     applied: AppliedEffect
+    theta: Parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +80,7 @@ class Candidate:
     """One effect at one site with start values, and the results of its stages.
 
     strength: the parameter that scales its size, empty if presence alone is the effect. index: its place in the
-    screening. screening, preliminary, fit: None before that stage.
+    screening. screening, preliminary, fit, general: None before that stage; general: the fit of the general form.
     """
 
     start: AppliedEffect
@@ -84,6 +89,7 @@ class Candidate:
     screening: ScreeningResult | None = None
     preliminary: PreliminaryFit | None = None
     fit: CandidateFit | None = None
+    general: CandidateFit | None = None
 
     @property
     def key(self) -> tuple[str, str]:
@@ -101,6 +107,11 @@ class Candidate:
         """The preliminary fit, which has taken place."""
         assert self.preliminary is not None
         return self.preliminary
+
+    @property
+    def best_fit(self) -> CandidateFit:
+        """The fit of the general form if its gain is larger, else that of the textbook form."""
+        return max((one for one in (self.fitted, self.general) if one is not None), key=lambda one: one.gain)
 
     @property
     def fitted(self) -> CandidateFit:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from biodyn_core.identification.fit import at_bound
+from biodyn_core.tracing.beside import Beside
 from biodyn_core.tracing.candidate import Candidate, CandidateFit
 from biodyn_core.tracing.findings import Diagnostics
 from biodyn_core.tracing.fitted_candidates import WithoutEffect, residual_ratio, residual_ratios
@@ -51,8 +52,9 @@ class CandidateEvidence:
     """The evidence of one effect at one site.
 
     screened, decrease, absorbed: gain, decrease and absorbed share of screening; tried: gain and decrease of the
-    preliminary fit; None before that stage. varying: gains (e,) of the same cause fitted again in every window or
-    between events, and whether there is an objection to it; None if there is no such cause.
+    preliminary fit; fit, general: of the textbook form and of the general one; None before that stage. varying: gains
+    (e,) of the same cause fitted again in every window or between events, and whether there is an objection to it; None
+    if there is no such cause. beside: effect, site and gain of each other fitted candidate beside this one.
     """
 
     effect: str
@@ -63,6 +65,8 @@ class CandidateEvidence:
     tried: tuple[float, float] | None = None
     fit: FitEvidence | None = None
     varying: tuple[tuple[float, ...], bool] | None = None
+    general: FitEvidence | None = None
+    beside: tuple[tuple[str, str, float], ...] = ()
 
     @property
     def key(self) -> tuple[str, str]:
@@ -120,7 +124,7 @@ class Evidence:
 
 def evidence_of(
     without_effect: WithoutEffect, screening: Screening, preliminary: Sequence[Candidate], fitted: Sequence[Candidate],
-    diagnostics: Diagnostics, near_bound: float,
+    beside: Beside, diagnostics: Diagnostics, near_bound: float,
 ) -> Evidence:  # fmt: skip
     """The evidence of a round from its fits."""
     best: dict[tuple[str, str], Candidate] = {}
@@ -132,7 +136,9 @@ def evidence_of(
     candidates = [_of_candidate(without_effect, one, near_bound) for one in best.values()]
     return Evidence(
         _of_body(without_effect, screening, diagnostics),
-        tuple(dataclasses.replace(one, varying=varying.get(one.key)) for one in candidates),
+        tuple(
+            dataclasses.replace(one, beside=beside.get(one.key, ()), varying=varying.get(one.key)) for one in candidates
+        ),
     )
 
 
@@ -161,8 +167,11 @@ def _of_body(without_effect: WithoutEffect, screening: Screening, diagnostics: D
 
 def _of_candidate(without_effect: WithoutEffect, one: Candidate, near_bound: float) -> CandidateEvidence:
     tried = (one.preliminary.gain, one.preliminary.decrease) if one.preliminary is not None else None
-    of, fit = one.screened, None if one.fit is None else _of_fit(without_effect, one.fit, near_bound)
-    return CandidateEvidence(*one.key, of.gain, of.decrease, of.absorbed, tried, fit)
+    fit, general = (
+        None if each is None else _of_fit(without_effect, each, near_bound) for each in (one.fit, one.general)
+    )
+    of = one.screened
+    return CandidateEvidence(*one.key, of.gain, of.decrease, of.absorbed, tried, fit, general=general)
 
 
 def _of_fit(without_effect: WithoutEffect, fit: CandidateFit, near_bound: float) -> FitEvidence:
@@ -216,5 +225,5 @@ def _frozen(value: Any) -> Any:
 
 def _candidate(stored: Mapping[str, Any]) -> CandidateEvidence:
     values = {key: _frozen(value) for key, value in stored.items()}
-    fit = values.pop("fit")
-    return CandidateEvidence(**values, fit=None if fit is None else FitEvidence(**fit))
+    fit, general = (None if one is None else FitEvidence(**one) for one in (values.pop("fit"), values.pop("general")))
+    return CandidateEvidence(**values, fit=fit, general=general)

@@ -39,15 +39,35 @@ class Features:
 
 @dataclass(frozen=True)
 class _Context:
-    """What a candidate is compared with: the best gain of all, and the best one of each mechanism."""
+    """What a candidate is compared with.
+
+    best: the largest gain; of_mechanisms: that of each mechanism; mechanisms: of all candidates by effect and site;
+    fitted: those that are fitted to all events, the largest gain first.
+    """
 
     body: BodyEvidence
     best: float
     of_mechanisms: dict[str, float]
+    mechanisms: dict[tuple[str, str], str]
+    fitted: tuple[CandidateEvidence, ...]
 
     def best_other(self, mechanism: str) -> float:
         """The best gain of another mechanism."""
         return max((gain for name, gain in self.of_mechanisms.items() if name != mechanism), default=LEAST_GAIN)
+
+    def rest(self, one: CandidateEvidence) -> float:
+        """The largest gain of another mechanism beside a candidate."""
+        own = self.mechanisms[one.key]
+        others = [(self.mechanisms.get((effect, site), own), gain) for effect, site, gain in one.beside]
+        return max((gain for mechanism, gain in others if mechanism != own), default=0.0)
+
+    def beside_rival(self, one: CandidateEvidence) -> float:
+        """The gain of a candidate beside the best candidate of another mechanism; its own gain without one."""
+        own = self.mechanisms[one.key]
+        rival = next((other for other in self.fitted if self.mechanisms[other.key] != own), None)
+        if rival is None:
+            return _best_gain(one)
+        return next((gain for effect, site, gain in rival.beside if (effect, site) == one.key), 0.0)
 
 
 def features(evidence: Evidence) -> Features:
@@ -64,14 +84,31 @@ def _context(evidence: Evidence) -> _Context:
     for one in evidence.candidates:
         mechanism = CATALOGUE[one.effect].mechanism
         found[mechanism] = max(found.get(mechanism, LEAST_GAIN), _best_gain(one))
-    return _Context(evidence.body, max(found.values(), default=LEAST_GAIN), found)
+    fitted = sorted((one for one in evidence.candidates if one.fit is not None), key=_best_gain, reverse=True)
+    return _Context(
+        body=evidence.body,
+        best=max(found.values(), default=LEAST_GAIN),
+        of_mechanisms=found,
+        mechanisms={one.key: CATALOGUE[one.effect].mechanism for one in evidence.candidates},
+        fitted=tuple(fitted),
+    )
+
+
+def _best_fit(one: CandidateEvidence) -> FitEvidence | None:
+    """The fit of the general form if its gain is larger, else that of the textbook form."""
+    return max((each for each in (one.fit, one.general) if each is not None), key=lambda each: each.gain, default=None)
 
 
 def _best_gain(one: CandidateEvidence) -> float:
-    """The gain of the furthest stage, at least `LEAST_GAIN`."""
-    if one.fit is not None:
-        return max(one.fit.gain, LEAST_GAIN)
-    return max(min(one.tried[0] if one.tried else one.screened, one.screened), LEAST_GAIN)
+    """The larger gain of the furthest stage and of the cause fitted again with time; `LEAST_GAIN` at least."""
+    fit = _best_fit(one)
+    steady = fit.gain if fit is not None else min(one.tried[0] if one.tried else one.screened, one.screened)
+    return max(steady, _varying_gain(one), LEAST_GAIN)
+
+
+def _varying_gain(one: CandidateEvidence) -> float:
+    """The mean gain of a cause that varies with time, 0 without one or with an objection."""
+    return 0.0 if one.varying is None or one.varying[1] else float(np.mean(one.varying[0]))
 
 
 def _log(value: float, least: float, most: float) -> float:
@@ -87,6 +124,7 @@ def _above(value: float, knots: Sequence[float]) -> list[float]:
 GAIN_KNOTS: Final = (-2.5, -2.0, -1.5, -1.0, -0.5, 0.0)
 MARGIN_KNOTS: Final = (-0.5, -0.2, 0.0, 0.2, 0.5)
 RESIDUAL_KNOTS: Final = (-0.3, 0.0, 0.3, 0.6)
+REST_KNOTS: Final = (-1.0, -0.5)
 """Knots of the piecewise linear bases, in decimal logarithms."""
 
 
@@ -99,9 +137,11 @@ def _of_candidate(one: CandidateEvidence, context: _Context) -> list[float]:
         gain, *_above(gain, GAIN_KNOTS),
         np.clip(margin, -1.5, 1.0), *_above(min(margin, 1.0), MARGIN_KNOTS),
         max(behind, -1.5), float(behind == 0.0),
-        float(one.tried is None), float(one.fit is None),
+        float(one.tried is None and one.varying is None), float(one.fit is None and one.varying is None),
         _log(one.screened, LEAST_GAIN, 10.0), one.absorbed,
-        *_of_fit(one.fit, body),
+        *_of_fit(_best_fit(one), body),
+        *_of_general(one),
+        *_of_beside(one, context, gain),
         *_of_varying(one.varying),
         float(one.site in body.bracket and effect.place == "joint"),
         _own_coherence(one, body),
@@ -134,6 +174,23 @@ def _of_fit(fit: FitEvidence | None, body: BodyEvidence) -> list[float]:
     ]  # fmt: skip
 
 
+def _of_general(one: CandidateEvidence) -> list[float]:
+    """Whether there is a fit of the general form, and its gain over that of the textbook form."""
+    if one.fit is None or one.general is None:
+        return [0.0, 0.0]
+    textbook, general = (_log(each.gain, LEAST_GAIN, 10.0) for each in (one.fit, one.general))
+    return [1.0, float(np.clip(general - textbook, -1.0, 2.0))]
+
+
+def _of_beside(one: CandidateEvidence, context: _Context, gain: float) -> list[float]:
+    """What remains of the gain beside the best rival, and what others gain beside this one; all 0 without a fit."""
+    if one.fit is None:
+        return [0.0] * len(_BESIDE_NAMES)
+    remains = _log(context.beside_rival(one), LEAST_GAIN, 10.0)
+    rest = _log(context.rest(one), LEAST_GAIN, 10.0)
+    return [max(remains - gain, -2.0), remains, rest - gain, *_above(rest - gain, REST_KNOTS), rest]
+
+
 def _of_varying(varying: tuple[tuple[float, ...], bool] | None) -> list[float]:
     if varying is None:
         return [0.0, 0.0, 0.0]
@@ -151,8 +208,9 @@ def _of_body(evidence: Evidence, context: _Context) -> list[float]:
     body = evidence.body
     residual = _log(body.residual_at_unit_scale, 0.1, 30.0)
     best = _log(context.best, LEAST_GAIN, 10.0)
-    fits = [one.fit for one in evidence.candidates if one.fit is not None]
+    fits = [fit for fit in map(_best_fit, evidence.candidates) if fit is not None]
     left = min((one.residual for one in fits), default=float(np.median(body.residuals)))
+    rest = _log(context.rest(context.fitted[0]) if context.fitted else LEAST_GAIN, LEAST_GAIN, 10.0)
     others = sorted(context.of_mechanisms.values())
     return [
         residual, *_above(residual, RESIDUAL_KNOTS),
@@ -161,6 +219,7 @@ def _of_body(evidence: Evidence, context: _Context) -> list[float]:
         best, *_above(best, GAIN_KNOTS),
         _log(context.best / max(body.chance[1], LEAST_GAIN), 0.1, 100.0), _log(body.chance[1], LEAST_GAIN, 10.0),
         _log(left, 0.1, 30.0), best - _log(others[-2] if len(others) > 1 else LEAST_GAIN, LEAST_GAIN, 10.0),
+        rest, rest - best,
         _log(body.samples, 10.0, 1e4),
         float(np.clip(body.level_slope or 0.0, -2.0, 2.0)), _log(body.jump or 1.0, 0.005, 1.0),
         _log(body.drift, 1e-3, 10.0), _log(body.transfer, 1.0, 10.0), float(body.known_effects > 0),
@@ -171,6 +230,10 @@ def _knots(name: str, count: int) -> list[str]:
     return [name, *(f"{name} above {i}" for i in range(count))]
 
 
+_BESIDE_NAMES: Final = (
+    "share beside rival", "beside rival", *_knots("rest over gain", len(REST_KNOTS)), "rest",
+)  # fmt: skip
+
 _FIT_NAMES: Final = (
     "improved share", "t", "worst condition", "evidence gain", "decrease", "decrease over gain", "residual",
     "residual over before", "nuisance over before", "prior scale", "prior scale over before", "nothing typical",
@@ -179,12 +242,12 @@ _FIT_NAMES: Final = (
 
 CANDIDATE_NAMES: Final = (
     *_knots("gain", len(GAIN_KNOTS)), *_knots("margin", len(MARGIN_KNOTS)), "behind best", "best", "not tried",
-    "not fitted", "screened", "absorbed", *_FIT_NAMES, "varying", "varying above", "varying objected", "in bracket",
-    "coherence", "gyro tilt", "jump",
+    "not fitted", "screened", "absorbed", *_FIT_NAMES, "generalised", "general over textbook", *_BESIDE_NAMES,
+    "varying", "varying above", "varying objected", "in bracket", "coherence", "gyro tilt", "jump",
 )  # fmt: skip
 
 BODY_NAMES: Final = (
     *_knots("residual", len(RESIDUAL_KNOTS)), "residual at scale", "nuisance", "prior scale",
-    *_knots("best gain", len(GAIN_KNOTS)), "best over chance", "chance", "residual left", "lead", "samples",
-    "level slope", "jump", "drift", "transfer", "known effects",
+    *_knots("best gain", len(GAIN_KNOTS)), "best over chance", "chance", "residual left", "lead", "rest",
+    "rest over best", "samples", "level slope", "jump", "drift", "transfer", "known effects",
 )  # fmt: skip

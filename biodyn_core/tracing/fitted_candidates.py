@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.body.parameters import Parameters
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.candidate import Candidate, CandidateFit
 from biodyn_core.tracing.local_fit import LocalFit, evidence_gain, fit_locally
@@ -44,34 +45,30 @@ class WithoutEffect:
 
 
 def fits_at_scales(
-    nuisance: NuisanceModel, item: tuple[AppliedEffect, LocalFitSettings]
+    nuisance: NuisanceModel, item: tuple[AppliedEffect, Parameters, LocalFitSettings]
 ) -> list[tuple[float, LocalFit]]:
     """Fits of an effect to all events, with their prior scales: the most probable without and with the effect.
 
-    item: its start and the settings. Empty if the simulation is unstable.
+    item: its start, the start of theta, and the settings. Empty if the simulation is unstable.
     """
-    start, settings = item
-    local = fit_locally(nuisance, start, settings)
+    start, theta, settings = item
+    local = fit_locally(nuisance, start, settings, theta=theta)
     if local.applied is None or not np.isfinite(local.objective):
         return []
     if local.prior_scale == nuisance.prior_scale:
         return [(nuisance.prior_scale, local)]
-    again = fit_locally(nuisance.at_scale(local.prior_scale), local.applied, settings)
+    again = fit_locally(nuisance.at_scale(local.prior_scale), local.applied, settings, theta=local.subject.parameters)
     both = [(nuisance.prior_scale, local), (local.prior_scale, again)]
     return both if np.isfinite(again.objective) else both[:1]
 
 
-def fitted_candidate(
-    without_effect: WithoutEffect, one: Candidate, fits: Sequence[tuple[float, LocalFit]]
-) -> Candidate:
-    """A candidate with its `fits_at_scales`, at least one; its gain is the smaller one of both prior scales."""
+def candidate_fit(without_effect: WithoutEffect, fits: Sequence[tuple[float, LocalFit]]) -> CandidateFit:
+    """The fit of an effect by its `fits_at_scales`, at least one; its gain is the smaller one of both prior scales."""
     nuisance = without_effect.nuisance
     gains = [_gains(without_effect, local, scale) for scale, local in fits]
     fitted_at, local = fits[-1]
     fit = CandidateFit(local, min(gains, key=np.mean), _conditions(nuisance), fitted_at=fitted_at)
-    return dataclasses.replace(
-        one, fit=dataclasses.replace(fit, typical_multiple=nuisance.typical_multiple(fit.applied))
-    )
+    return dataclasses.replace(fit, typical_multiple=nuisance.typical_multiple(fit.applied))
 
 
 def _gains(without_effect: WithoutEffect, local: LocalFit, prior_scale: float) -> Floats:

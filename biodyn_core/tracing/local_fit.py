@@ -16,7 +16,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.body.parameters import LOWER, UPPER, Parameters
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import AppliedEffect, Ranges
+from biodyn_core.effects import AppliedEffect, Effect, EffectParameter, Ranges
 from biodyn_core.effects.ranges import FINITE
 from biodyn_core.tracing.answers import RUNAWAY_MPS2, accelerations, answers, sensed
 from biodyn_core.tracing.nuisance_model import FREE, N_THETA, EventSet, NuisanceModel
@@ -56,15 +56,16 @@ class LocalFit:
 
 def fit_locally(
     nuisance: NuisanceModel, start: AppliedEffect | None, settings: LocalFitSettings | None = None,
-    with_intervals: bool = False,
+    with_intervals: bool = False, textbook: bool = True, theta: Parameters | None = None,
 ) -> LocalFit:  # fmt: skip
     """Fit theta, the nuisance parameters and an effect from its start values; without a start, no effect.
 
+    textbook: general parameters keep their values. theta: a further start of it, beside that of the fitted subject.
     Intervals cost as much as one step.
     """
     s = settings or LocalFitSettings()
-    problem = _Problem(nuisance, start, s)
-    at = problem.start()
+    problem = _Problem(nuisance, start, s, textbook)
+    at = problem.start(theta)
     for _ in range(s.steps):
         better = _line_search(problem, at, s.step_shares) if np.isfinite(at.objective) else None
         if better is None:
@@ -89,9 +90,10 @@ def fit_locally(
     )  # fmt: skip
 
 
-def fit_from(nuisance: NuisanceModel, item: tuple[AppliedEffect, LocalFitSettings]) -> LocalFit:
-    """The local fit from a start with settings, for a parallel map."""
-    return fit_locally(nuisance, *item)
+def fit_from(nuisance: NuisanceModel, item: tuple[AppliedEffect, Parameters | None, LocalFitSettings]) -> LocalFit:
+    """The local fit from a start, and one of theta, with settings, for a parallel map."""
+    start, theta, settings = item
+    return fit_locally(nuisance, start, settings, theta=theta)
 
 
 def evidence_gain(nuisance: NuisanceModel, without: LocalFit, fitted: LocalFit) -> float:
@@ -141,12 +143,18 @@ class _Point:
     slopes: Sequence[Floats]
 
 
+def _fitted_parameters(effect: Effect, textbook: bool) -> tuple[EffectParameter, ...]:
+    return effect.textbook_parameters if textbook else effect.parameters
+
+
 class _Problem:
     """The objective of the events for fitting: squared residuals and the prior."""
 
-    def __init__(self, nuisance: NuisanceModel, template: AppliedEffect | None, settings: LocalFitSettings) -> None:
+    def __init__(
+        self, nuisance: NuisanceModel, template: AppliedEffect | None, settings: LocalFitSettings, textbook: bool
+    ) -> None:
         self._nuisance, self._template, self._settings = nuisance, template, settings
-        parameters = template.effect.textbook_parameters if template else ()
+        parameters = _fitted_parameters(template.effect, textbook) if template else ()
         self._names = [p.name for p in parameters]
         self._ranges = Ranges(parameters)
         self._inside = np.array([FINITE if p.kind == "nuisance" else settings.inside for p in parameters])
@@ -177,9 +185,16 @@ class _Problem:
         prior = float(self._nuisance.precision[:N_THETA] @ delta**2)
         return float(weight @ products.square) - float(right @ own) + prior, np.concatenate([np.zeros(N_THETA), own])
 
-    def start(self) -> _Point:
-        """The start; if no effect fits better than it, the best of weaker ones."""
-        found = self.at(np.zeros(N_THETA), self.unbounded(self._template))
+    def start(self, theta: Parameters | None) -> _Point:
+        """The better start of theta; if no effect fits better than it, the best of weaker strengths.
+
+        An effect that replaces a part of a joint, such as a cushion, fits only with another theta than without it.
+        """
+        psi = self.unbounded(self._template)
+        found = self.at(np.zeros(N_THETA), psi)
+        if theta is not None:
+            delta = np.log(theta.vector()[FREE] / self._nuisance.subject.parameters.vector()[FREE])
+            found = min(found, self.at(delta, psi), key=lambda point: point.objective)
         for share in self._settings.weaker_starts if self._has_strength else ():
             if found.objective < self._without:
                 break

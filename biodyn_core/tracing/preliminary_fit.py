@@ -14,6 +14,7 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.parallel import ParallelMap, serial_map
+from biodyn_core.body.parameters import Parameters
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing.candidate import Candidate, PreliminaryFit, ScreeningResult
 from biodyn_core.tracing.local_fit import evidence_gain, fit_from, fit_locally
@@ -50,12 +51,15 @@ def preliminary_fits(
     chosen, found = _selected(screening, s.preliminary), []
     without = fit_locally(few, None, s.few_steps)
     few_steps = dataclasses.replace(s.few_steps, least_decrease=s.preliminary.least_decrease)
-    fits = parallel("preliminary fits", fit_from, few, [(_sized(one, s.preliminary), few_steps) for one in chosen])
+    fits = parallel(
+        "preliminary fits", fit_from, few, [(_sized(one, s.preliminary), None, few_steps) for one in chosen]
+    )
     for number, (one, local) in enumerate(zip(chosen, fits, strict=True)):
         if local.applied is not None and np.isfinite(local.objective):
             ratio = mean_log_ratio(without.residual_square, local.residual_square[:, None], few.choose.products)
             gain = float(ratio[0]) + evidence_gain(few, without, local)
-            result = PreliminaryFit(gain, 1.0 - local.objective / without.objective, local.applied)
+            decrease = 1.0 - local.objective / without.objective
+            result = PreliminaryFit(gain, decrease, local.applied, local.subject.parameters)
             found.append(dataclasses.replace(one, preliminary=result))
         on_stage("preliminary fits", (number + 1) / len(chosen))
     return PreliminaryFits(screening, tuple(found))
@@ -81,8 +85,8 @@ def to_checkpoint(fits: PreliminaryFits) -> dict[str, Any]:
     return {
         "chance": fits.screening.chance.tolist(),
         "ranking": [row(one) for one in fits.screening.ranking],
-        "fits": [[one.index, one.tried.gain, one.tried.decrease, dict(one.tried.applied.values)]
-                 for one in fits.candidates],
+        "fits": [[one.index, one.tried.gain, one.tried.decrease, dict(one.tried.applied.values),
+                  one.tried.theta.vector().tolist()] for one in fits.candidates],
     }  # fmt: skip
 
 
@@ -105,9 +109,12 @@ def _ranked(candidates: Sequence[Candidate], index: float, *values: float) -> Ca
     return dataclasses.replace(candidates[int(index)], index=int(index), screening=result)
 
 
-def _fitted(one: Candidate, gain: float, decrease: float, values: Mapping[str, float]) -> Candidate:
+def _fitted(
+    one: Candidate, gain: float, decrease: float, values: Mapping[str, float], theta: Sequence[float]
+) -> Candidate:
     applied = dataclasses.replace(one.start, values={name: float(value) for name, value in values.items()})
-    return dataclasses.replace(one, preliminary=PreliminaryFit(float(gain), float(decrease), applied))
+    parameters = Parameters.from_vector(np.array(theta, dtype=np.float64))
+    return dataclasses.replace(one, preliminary=PreliminaryFit(float(gain), float(decrease), applied, parameters))
 
 
 def _sized(one: Candidate, s: PreliminarySettings) -> AppliedEffect:

@@ -23,7 +23,7 @@ from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.evidence import Evidence
 from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features, features
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Of the learned file: it changes with the features."""
 
 NONE: Final = "none"

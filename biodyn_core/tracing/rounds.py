@@ -11,10 +11,12 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.parallel import ParallelMap, serial_map
+from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
+from biodyn_core.tracing.beside import Beside, answered, beside
 from biodyn_core.tracing.candidate import Candidate
 from biodyn_core.tracing.choice import choose
 from biodyn_core.tracing.diagnose import diagnose
@@ -22,11 +24,12 @@ from biodyn_core.tracing.evidence import Evidence, evidence_of
 from biodyn_core.tracing.findings import Diagnostics, Round
 from biodyn_core.tracing.fitted_candidates import (
     WithoutEffect,
+    candidate_fit,
     fits_at_scales,
-    fitted_candidate,
     residual_ratio,
     unsteady_candidates,
 )
+from biodyn_core.tracing.general_fit import with_general_fits
 from biodyn_core.tracing.local_fit import LocalFit, fit_from, fit_locally
 from biodyn_core.tracing.nuisance_model import NuisanceModel
 from biodyn_core.tracing.preliminary_fit import (
@@ -81,12 +84,17 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The fits of a round before its decision; fitted: candidates fitted to all events, the largest gain first."""
+    """The fits of a round before its decision.
+
+    fitted: candidates fitted to all events, the largest gain first. beside: gains of these beside each other, without
+    those that vary with time.
+    """
 
     without_effect: WithoutEffect
     screening: Screening
     preliminary: tuple[Candidate, ...]
     fitted: tuple[Candidate, ...]
+    beside: Beside
 
     @property
     def nuisance(self) -> NuisanceModel:
@@ -105,7 +113,7 @@ class Search:
     def evidence(self, settings: TraceSettings, diagnostics: Diagnostics) -> Evidence:
         """The evidence of all candidates."""
         return evidence_of(
-            self.without_effect, self.screening, self.preliminary, self.fitted, diagnostics,
+            self.without_effect, self.screening, self.preliminary, self.fitted, self.beside, diagnostics,
             settings.evidence.near_bound,
         )  # fmt: skip
 
@@ -137,9 +145,10 @@ def search(
         )
     screening = preliminary.screening
     fitted = _fitted(few, preliminary, without_effect, settings, on_stage, parallel)
+    gains = beside(nuisance, {one.key: answered(nuisance, one.best_fit.local.subject) for one in fitted})
     fitted += unsteady_candidates(nuisance, without, screening, settings.unsteady)
     by_gain = tuple(sorted(fitted, key=lambda one: -one.fitted.gain))
-    return Search(without_effect, screening, preliminary.candidates, by_gain)
+    return Search(without_effect, screening, preliminary.candidates, by_gain, gains)
 
 
 def decided(found: Search, settings: TraceSettings, least: float = 0.0) -> Outcome:
@@ -162,13 +171,13 @@ def _fitted(
     shortlist = preliminary.shortlist(settings.refined)
     on_stage("fitting candidates", 0.0)
     starts = _best_starts(few, preliminary.screening, shortlist, settings, parallel)
-    items = [(start, settings.local_fit) for start in starts]
+    items = [(*start, settings.local_fit) for start in starts]
     all_fits = parallel("fitting candidates", fits_at_scales, without_effect.nuisance, items)
     for number, (one, fits) in enumerate(zip(shortlist, all_fits, strict=True)):
         if fits:
-            found.append(fitted_candidate(without_effect, one, fits))
+            found.append(dataclasses.replace(one, fit=candidate_fit(without_effect, fits)))
         on_stage("fitting candidates", (number + 1) / len(shortlist))
-    return found
+    return with_general_fits(few, without_effect, found, settings, parallel)
 
 
 def _with_intervals(nuisance: NuisanceModel, one: Candidate, s: TraceSettings) -> LocalFit:
@@ -176,7 +185,8 @@ def _with_intervals(nuisance: NuisanceModel, one: Candidate, s: TraceSettings) -
     local = one.fitted.local
     if not one.fitted.steady and not one.start.effect.constant_part:
         return local
-    fit = fit_locally(nuisance.at_scale(local.prior_scale), local.applied, s.local_fit, with_intervals=True)
+    scaled_model, theta = nuisance.at_scale(local.prior_scale), local.subject.parameters
+    fit = fit_locally(scaled_model, local.applied, s.local_fit, with_intervals=True, theta=theta)
     return dataclasses.replace(fit, residual_square=local.residual_square)
 
 
@@ -214,20 +224,23 @@ def first_of_each(cases: Sequence[Case]) -> list[Case]:
 
 def _best_starts(
     few: NuisanceModel, screening: Screening, shortlist: Sequence[Candidate], s: TraceSettings, parallel: ParallelMap
-) -> list[AppliedEffect]:
-    """The start of each candidate: its preliminary fit; of the first ones the best fit to few events from all starts.
+) -> list[tuple[AppliedEffect, Parameters]]:
+    """The start of each candidate and of theta: its preliminary fit; of the first ones the best fit from all starts.
 
-    These are the preliminary fit, and all shapes and strengths.
+    These are the preliminary fit, and all shapes and strengths; they are fitted to few events.
     """
     of = s.preliminary
-    all_starts = [(one.tried.applied, *_shapes(screening, one, of)) for one in shortlist[: of.many_starts]]
-    items = [(start, s.few_steps) for starts in all_starts for start in starts]
+    all_starts = [
+        [(one.tried.applied, one.tried.theta), *((start, None) for start in _shapes(screening, one, of))]
+        for one in shortlist[: of.many_starts]
+    ]
+    items = [(*start, s.few_steps) for starts in all_starts for start in starts]
     fits = parallel("fitting candidates", fit_from, few, items)
-    found = [one.tried.applied for one in shortlist]
+    found = [(one.tried.applied, one.tried.theta) for one in shortlist]
     for number, starts in enumerate(all_starts):
         best = min([next(fits) for _ in starts], key=lambda fit: fit.objective)
         if best.applied is not None and np.isfinite(best.objective):
-            found[number] = best.applied
+            found[number] = best.applied, best.subject.parameters
     return found
 
 

@@ -122,8 +122,8 @@ def screen(
         changes.append(one)
         on_progress(len(changes) / len(items))
     trained = len(nuisance.train.cases)
-    sets = [_Changes.of(each) for each in (changes[:trained], changes[trained:])]
-    linear = _Linear.of(nuisance, *sets)
+    sets = [Changes.of(each) for each in (changes[:trained], changes[trained:])]
+    linear = LinearStep.of(nuisance, *sets)
     gains = linear.gains(nuisance.train.products, nuisance.choose.products, [one.with_residual for one in sets])
     screening = Screening((), linear.chance(replicates, np.random.default_rng(seed)))
     found = [
@@ -141,7 +141,7 @@ def screen(
 
 
 @dataclass(frozen=True, eq=False)
-class _Changes:
+class Changes:
     """Products of the candidates' rows by window: with known columns (w, c, k), own (w, c), with residual (w, c)."""
 
     with_known: Floats
@@ -149,7 +149,16 @@ class _Changes:
     with_residual: Floats
 
     @classmethod
-    def of(cls, events: Sequence[_Changes]) -> _Changes:
+    def by_window(cls, own: Floats, known: Floats, residual: Floats) -> Changes:
+        """Those of one event, from rows of candidates (w, r, c), of the known columns (w, r, k) and of the residual."""
+        return cls(
+            np.matmul(own.transpose(0, 2, 1), known),
+            np.einsum("wrc,wrc->wc", own, own),
+            np.einsum("wrc,wr->wc", own, residual, optimize=True),
+        )
+
+    @classmethod
+    def of(cls, events: Sequence[Changes]) -> Changes:
         """Those of all events from those of each."""
         return cls(
             np.concatenate([one.with_known for one in events]),
@@ -158,7 +167,7 @@ class _Changes:
         )
 
 
-def _changed(nuisance: NuisanceModel, item: tuple[bool, int, Sequence[Candidate]]) -> _Changes:
+def _changed(nuisance: NuisanceModel, item: tuple[bool, int, Sequence[Candidate]]) -> Changes:
     """The products of candidates in one event: for fitting or not, by its number."""
     is_train, number, candidates = item
     events = nuisance.train if is_train else nuisance.choose
@@ -169,22 +178,18 @@ def _changed(nuisance: NuisanceModel, item: tuple[bool, int, Sequence[Candidate]
     for i, one in enumerate(candidates):
         change = rows.decimated(answer(nuisance.subject, case, (one.start,), plain)) - rows.decimated(plain)
         own[:, :, i] = rows.of_decimated(change[:, :, None])[:, :, 0]
-    return _Changes(
-        np.matmul(own.transpose(0, 2, 1), known),
-        np.einsum("wrc,wrc->wc", own, own),
-        np.einsum("wrc,wr->wc", own, residual, optimize=True),
-    )
+    return Changes.by_window(own, known, residual)
 
 
 @dataclass(frozen=True, eq=False)
-class _Linear:
+class LinearStep:
     """The linear step of each candidate alone.
 
     share (k, c): of the known columns in each candidate; energy (c,): of its remaining part; sizes (c,); absorbed (c,).
     """
 
     nuisance: NuisanceModel
-    changes: tuple[_Changes, _Changes]
+    changes: tuple[Changes, Changes]
     inverse: Floats
     share: Floats
     energy: Floats
@@ -192,7 +197,8 @@ class _Linear:
     absorbed: Floats
 
     @classmethod
-    def of(cls, nuisance: NuisanceModel, train: _Changes, choose: _Changes) -> _Linear:
+    def of(cls, nuisance: NuisanceModel, train: Changes, choose: Changes) -> LinearStep:
+        """The steps for changes in the events for fitting and for choosing."""
         weight, products = nuisance.weight, nuisance.train.products
         inverse = np.linalg.inv(nuisance.normal())
         with_known = np.einsum("w,wck->ck", weight, train.with_known)
@@ -253,7 +259,7 @@ class _Linear:
         return np.sort(drawn)
 
 
-def _remaining(products: Products, changes: _Changes, b: Floats) -> tuple[Products, Floats]:
+def _remaining(products: Products, changes: Changes, b: Floats) -> tuple[Products, Floats]:
     """Products for the residual less the known columns times b (k,)."""
     cross = products.cross - np.einsum("wij,j->wi", products.columns, b)
     remaining = dataclasses.replace(products, cross=cross, square=products.residual_square(b))

@@ -289,6 +289,7 @@ class TraceSettings:
     named_from: float = setting(0.8, "probability from which one cause is named", "", 0.5, 1.0)
     replicates: int = setting(200, "random draws of the largest gain", "", 20, 100_000)
     refined: int = setting(12, "candidates that are fitted to all events", "", 1, 1000)
+    generalised: int = setting(5, "best ones of these, and best mechanisms, with fits of general laws", "", 0, 1000)
     enough: float = setting(0.5, "multiple of a good model's residual below which the search ends", "", 0.0, 100.0)
     floor: FloorSettings = field(default_factory=FloorSettings)
     nuisance: NuisanceSettings = field(default_factory=NuisanceSettings)

@@ -70,7 +70,8 @@ def closures(kind: str, count: int, seed: int, split: Split, is_long: bool = Fal
         found.append(
             Closure(
                 kind, type(one.effects[0]).__name__, cause.site,
-                ratio(fits[0], hidden.cases, fits[1], plain.cases), *closed, *([] if is_long else [float("nan")]),
+                ratio(fits[0].subject, hidden.cases, fits[1].subject, plain.cases), *closed,
+                *([] if is_long else [float("nan")]),
             )
         )  # fmt: skip
     return found

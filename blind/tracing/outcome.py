@@ -97,7 +97,8 @@ class Score:
     ratio: rms of the effect's change of the base refit's residual over the rms without it. Errors are in percent, of
     the answer's unseen events, infinite for an unstable simulation: floor without the effect; placebo, generic and
     oracle with it. recovered: the energy that the answer removes, as a share of that which the oracle removes, 0 for a
-    wrong class. why: the error message of a failed refit.
+    wrong class. ceiling, ceiling_likely: the probabilities of the first round, and its 90 % set, as if the catalogue
+    had the true law; empty where they are not needed. why: the error message of a failed refit.
     """
 
     row: str
@@ -111,6 +112,8 @@ class Score:
     generic_percent: float | None = None
     oracle_percent: float | None = None
     recovered: float | None = None
+    ceiling: Mapping[str, float] = field(default_factory=dict)
+    ceiling_likely: tuple[str, ...] = ()
     why: str = ""
 
     def closed(self, percent: float | None) -> float | None:
@@ -128,6 +131,7 @@ class Score:
         """Read a line of `line_of`."""
         data = json.loads(line)
         data["causes"] = tuple(Cause(**one) for one in data["causes"])
+        data["ceiling_likely"] = tuple(data.get("ceiling_likely", ()))
         return cls(**data)
 
 
@@ -198,6 +202,17 @@ class Outcome:
     def in_set(self) -> bool:
         """Whether the 90 % set has a true class."""
         return bool(self.true_names & set(self.answer.likely))
+
+    def named_with_true_law(self, named_from: float) -> bool:
+        """Whether the true class would be named if the catalogue had its law."""
+        ideal = self.score.ceiling
+        best = max(ideal, key=lambda name: ideal[name], default="")
+        return best in self.true_names and ideal[best] >= named_from
+
+    @property
+    def in_set_with_true_law(self) -> bool:
+        """Whether the 90 % set would have a true class if the catalogue had its law."""
+        return bool(self.true_names & set(self.score.ceiling_likely))
 
     @property
     def right_answers(self) -> frozenset[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from blind.tracing.marks import Mark, by_class, most_frequent, true_class_results, verdicts
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
-from blind.tracing.sections import confusion_lines, ratio_lines, reliability_lines, speed_lines
+from blind.tracing.sections import ceiling_lines, confusion_lines, ratio_lines, reliability_lines, speed_lines
 from conformance.table import table
 
 HEAD: Final = """\
@@ -36,6 +36,7 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
     """The whole page; about: the line of the run."""
     parts = (
         _marks(found),
+        ceiling_lines(outcomes),
         _verdicts(outcomes),
         reliability_lines(outcomes),
         ratio_lines(outcomes),

@@ -17,12 +17,14 @@ from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.fit import Fit, fit_joint, mean_percent, prediction_errors, predictions
 from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.problem import Case
+from biodyn_core.tracing.probability import Probabilities
 from biodyn_core.tracing.settings import TraceSettings
 from blind.tracing.answer import TRACE_SEED
+from blind.tracing.ceiling import ceiling
 from blind.tracing.outcome import Answer, Outcome, Score
 from blind.tracing.records import Record, causes, record
 from blind.tracing.refits import FARTHEST_MPS2, oracle, placebo
-from blind.tracing.rows import STRONG, Drawing
+from blind.tracing.rows import STRONG, WEAK, Drawing
 
 Floats = NDArray[np.float64]
 
@@ -52,16 +54,24 @@ def _refitted(found: Score, drawing: Drawing, answer: Answer, one: Sitting) -> S
     subjects = _subjects(answer, hidden.subject)
     found = dataclasses.replace(
         found,
-        ratio=ratio(fits[0], hidden.cases, fits[1], plain.cases),
+        ratio=ratio(fits[0].subject, hidden.cases, fits[1].subject, plain.cases),
         floor_percent=_percent(fits[1].subject, unseen(answer, plain).held_out),
         generic_percent=generic_percent(fits[0], unseen(answer, hidden)),
         after_percent=_percent(subjects[1], unseen(answer, hidden).held_out) if subjects else None,
         before_percent=_percent(fits[0].subject, unseen(answer, hidden).held_out),
     )
-    visible = one.level == 0.0 or (found.ratio or 0.0) > STRONG
-    if drawing.needs != "all" or not visible or found.causes[0].name not in CATALOGUE:
+    shown = np.inf if one.level == 0.0 else found.ratio or 0.0
+    if drawing.needs != "all" or shown <= WEAK or found.causes[0].name not in CATALOGUE:
         return found
-    return _beside(found, answer, unseen(answer, hidden), fits[0])
+    found = _with_ceiling(found, ceiling(hidden, found.causes[0], plain, fits[1].subject))
+    return _beside(found, answer, unseen(answer, hidden), fits[0]) if shown > STRONG else found
+
+
+def _with_ceiling(found: Score, ideal: Probabilities | None) -> Score:
+    if ideal is None:
+        return found
+    answers = {name: float(f"{p:.4g}") for name, p in ideal.of_answers.items()}
+    return dataclasses.replace(found, ceiling=answers, ceiling_likely=ideal.likely)
 
 
 def unseen(answer: Answer, known: Record) -> Record:
@@ -94,8 +104,8 @@ def recovered(before: float, after: float, best: float, right: bool) -> float | 
     return (before - after) / (before - best) if before - best > LEAST_TAKEN * before else None
 
 
-def ratio(hidden: Fit, with_effect: Sequence[Case], plain: Fit, without: Sequence[Case]) -> float:
-    """Rms of the residual with the effect minus that without, over the rms without, each after its own refit.
+def ratio(hidden: Subject, with_effect: Sequence[Case], plain: Subject, without: Sequence[Case]) -> float:
+    """Rms of the residual with the effect minus that without, over the rms without, each by its own refitted subject.
 
     Samples are relative to the energy of the events without the effect, and compared in both.
     """
@@ -106,7 +116,7 @@ def ratio(hidden: Fit, with_effect: Sequence[Case], plain: Fit, without: Sequenc
             continue
         other = beside[case.name]
         rows = min(len(case.measured_mps2), len(other.measured_mps2))
-        one, two = (residuals(f.subject, c)[:rows] for f, c in ((hidden, case), (plain, other)))
+        one, two = (residuals(of, c)[:rows] for of, c in ((hidden, case), (plain, other)))
         there = np.isfinite(one) & np.isfinite(two)
         scale = np.where(other.energy > 0.0, other.energy, np.inf)
         own += float((np.where(there, one - two, 0.0) ** 2 / scale).sum())

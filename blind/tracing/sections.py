@@ -13,7 +13,8 @@ from blind.tracing.marks import NO_ANSWER, confusion
 from blind.tracing.outcome import LEAST_RATIO, Outcome
 from blind.tracing.pictures import BY_RATIO, RELIABILITY, ratio_picture, reliability_picture
 from blind.tracing.reliability import Confidence, bin_table, calibration_error, error_by_chance
-from blind.tracing.rows import BY_PROBABILITY, DRAWINGS, LONG_S, MEDIAN_S, STRONG, WEAK
+from blind.tracing.rows import BY_PROBABILITY, CONDITIONS, DRAWINGS, LONG_S, MEDIAN_S, STRONG, SURE, WEAK
+from blind.tracing.shares import share_text
 from conformance.table import table
 
 WITHOUT: Final = ("This run has no probabilities.", "")
@@ -47,6 +48,26 @@ def reliability_lines(outcomes: Sequence[Outcome]) -> list[str]:
     )
     alt = "Reliability diagram: share of right answers against the probability of the most probable answer"
     return [*title, words, "", *_picture(alt, RELIABILITY), *bin_table(answers, "records"), ""]
+
+
+def ceiling_lines(outcomes: Sequence[Outcome]) -> list[str]:
+    """The marks for the class beside those with the true law in the catalogue; nothing without such records."""
+    rows = []
+    for row in CONDITIONS:
+        mine = [one for one in row.chosen(outcomes) if one.score.ceiling]
+        if mine and any(rule.what == "class" for rule in row.rules):
+            counts = (
+                sum(one.class_right for one in mine), sum(one.named_with_true_law(SURE) for one in mine),
+                sum(one.in_set for one in mine), sum(one.in_set_with_true_law for one in mine),
+            )  # fmt: skip
+            rows.append((row.name, str(len(mine)), *(share_text(count, len(mine)) for count in counts)))
+    words = (
+        "What the same decision reaches in the same records as if the catalogue had the true law, which predicts"
+        " exactly what the effect changes. What is missed even so, no better law would find: the background hides it,"
+        " or another class resembles it."
+    )
+    head = ("condition", "records", "class", "with the true law", "in the 90 % set", "with the true law")
+    return ["## Ceiling", "", words, "", *table(head, rows), ""] if rows else []
 
 
 def ratio_lines(outcomes: Sequence[Outcome]) -> list[str]:

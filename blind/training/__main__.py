@@ -23,7 +23,7 @@ from biodyn_core.tracing.settings import TraceSettings
 from blind.tracing.__main__ import ROOT, commit
 from blind.training.calibrate import beyond, learned
 from blind.training.collect import Example, collect, examples, pack
-from blind.training.learn import labelled
+from blind.training.learn import labelled, with_true_law
 from blind.training.report import background_lines, rendered
 
 SEED: Final = 20261124
@@ -55,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) -> None:
     """Learn the model from examples, and write it with its page."""
     every = [label for one in stored for label in labelled(one)]
+    ideal = [label for one in stored for label in with_true_law(one)]
     traced, named_from = len({one.number for one in every}), TraceSettings().named_from
     provenance = {
         "date": dt.datetime.now(dt.timezone.utc).date().isoformat(),
@@ -63,11 +64,11 @@ def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) 
         "bodies": traced,
         "bodies that cannot be traced": len(stored) - traced,
     }
-    found = learned(every, provenance, named_from)
+    found = learned(every, ideal, provenance, named_from)
     report(f"learned from {traced} bodies")
     unlike = {kind: beyond(every, kind, found.model) for kind in mixture.KINDS}
     MODEL.write_text(learned_text(found.model), encoding="utf-8")
-    page = rendered(found.model, found.found, named_from, background_lines(unlike, named_from))
+    page = rendered(found, named_from, background_lines(unlike, named_from))
     PAGE.write_text(page, encoding="utf-8")
     report(f"wrote {MODEL.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}")
 

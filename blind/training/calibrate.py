@@ -168,13 +168,19 @@ def chosen_ridge(examples: Sequence[Labelled]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """A calibrated model, and the predictions by cross-validation that it was calibrated on."""
+    """A calibrated model, and the predictions by cross-validation that it was calibrated on.
+
+    ceiling: those for bodies with one effect of the catalogue, as if the catalogue had its true law.
+    """
 
     model: LearnedModel
     found: Sequence[Prediction]
+    ceiling: Sequence[Prediction]
 
 
-def learned(examples: Sequence[Labelled], provenance: Mapping[str, Any], named_from: float) -> Learned:
+def learned(
+    examples: Sequence[Labelled], with_true_law: Sequence[Labelled], provenance: Mapping[str, Any], named_from: float
+) -> Learned:
     """The model of all examples, calibrated on predictions by cross-validation."""
     ridge = chosen_ridge(examples)
     weights = cross_weights(examples, ridge)
@@ -182,4 +188,4 @@ def learned(examples: Sequence[Labelled], provenance: Mapping[str, Any], named_f
     found = [one for one in predictions(examples, weights, temperature) if one.labelled.weight == 1.0]
     own = learned_weights(Design.of(examples), ridge)
     model = LearnedModel(own, temperature, set_threshold(found), power(found, named_from), ridge, dict(provenance))
-    return Learned(model, found)
+    return Learned(model, found, predictions(with_true_law, weights, temperature))

@@ -13,27 +13,24 @@ from typing import Any
 
 from world.effects.moving import runs_away
 
-from biodyn_core.base.errors import InputError
-from biodyn_core.base.parallel import serial_map
-from biodyn_core.tracing import data_checks
 from biodyn_core.tracing.evidence import Evidence
-from biodyn_core.tracing.rounds import search
-from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.trace import refitted
 from blind.tracing.outcome import Cause
-from blind.tracing.records import Record, causes, record
+from blind.tracing.records import causes
 from blind.training.draw import OUTSIDE, TOGETHER, TrainingBody, TrainingSettings, drawn, sittings
+from blind.training.traced import TracedBody, traced
 
-SEED = 0
-"""Of a trace."""
+EVIDENCES = ("evidence", "with_true_law")
+"""Fields of an example that hold evidence."""
 
 
 @dataclass(frozen=True)
 class Example:
     """The evidence of one body, None if it cannot be traced, and its truth.
 
-    causes: the hidden effects of the catalogue; outside: whether one of no class is hidden. ratio: about that of the
-    hidden effects, None without. forms: their names in the simulation. background: the scales by kind.
+    causes: the hidden effects of the catalogue; outside: whether one of no class is hidden. ratio: that of the hidden
+    effects as in the blind study (`blind.tracing.score.ratio`), None without. forms: their names in the simulation.
+    background: the scales by kind. with_true_law: the evidence as if the catalogue had the law of the hidden effect,
+    None unless it is one effect of the catalogue.
     """
 
     number: int
@@ -43,13 +40,14 @@ class Example:
     forms: tuple[str, ...]
     background: Mapping[str, float]
     evidence: Evidence | None
+    with_true_law: Evidence | None = None
 
     def line(self) -> str:
         """As one line of JSON."""
         facts = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         facts["causes"] = [dataclasses.astuple(one) for one in self.causes]
-        evidence = None if self.evidence is None else self.evidence.to_dict()
-        return json.dumps(facts | {"evidence": evidence}, separators=(",", ":"))
+        stored = {name: None if facts[name] is None else facts[name].to_dict() for name in EVIDENCES}
+        return json.dumps(facts | stored, separators=(",", ":"))
 
     @classmethod
     def of_line(cls, line: str) -> Example:
@@ -57,8 +55,8 @@ class Example:
         facts: dict[str, Any] = json.loads(line)
         facts["causes"] = tuple(Cause(*one) for one in facts["causes"])
         facts["forms"] = tuple(facts["forms"])
-        evidence = None if facts["evidence"] is None else Evidence.from_dict(facts["evidence"])
-        return cls(**facts | {"evidence": evidence})
+        read = {name: None if facts[name] is None else Evidence.from_dict(facts[name]) for name in EVIDENCES}
+        return cls(**facts | read)
 
 
 def collect(numbers: Sequence[int], seed: int, path: Path, processes: int, report: Callable[[str], None]) -> None:
@@ -108,29 +106,14 @@ def made(numbers: Sequence[int], seed: int, settings: TrainingSettings | None = 
     """The examples of bodies by their numbers, without evidence of those whose simulation stays unstable."""
     for number, one in zip(numbers, sittings(numbers, seed, settings), strict=True):
         body = drawn(number, seed, settings)
-        evidence = None if runs_away(one.hidden) else evidence_of_record(record(one))
-        yield _example(body, one.ratio if one.effects else None, evidence)
+        own = causes([effect for effect in body.effects if effect.kind != OUTSIDE])
+        found = None if runs_away(one.hidden) else traced(one, own[0] if len(body.effects) == len(own) == 1 else None)
+        yield _example(body, own, found or TracedBody(None, None))
 
 
-def _example(body: TrainingBody, ratio: float | None, evidence: Evidence | None) -> Example:
+def _example(body: TrainingBody, own: tuple[Cause, ...], found: TracedBody) -> Example:
     """The truth of a body beside its evidence."""
-    effects = body.effects
     return Example(
-        body.number, causes([one for one in effects if one.kind != OUTSIDE]),
-        any(one.kind == OUTSIDE for one in effects), ratio, tuple(type(one).__name__ for one in effects),
-        {kind: scale for kind, scale in body.scales.items() if scale}, evidence,
+        body.number, own, len(own) < len(body.effects), found.ratio, tuple(type(one).__name__ for one in body.effects),
+        {kind: scale for kind, scale in body.scales.items() if scale}, found.evidence, found.with_true_law,
     )  # fmt: skip
-
-
-def evidence_of_record(one: Record, settings: TraceSettings | None = None) -> Evidence | None:
-    """The evidence of the first round of a trace; None if the record cannot be fitted."""
-    s = settings or TraceSettings()
-    train, choose, _ = data_checks.usable(one.train, one.held_out, s.floor)
-    if not train or not choose:
-        return None
-    try:
-        before = refitted(train, one.subject, s, SEED, None, serial_map)
-        found = search(before, train, choose, s, SEED, lambda stage, share: None)
-        return found.evidence(s, found.diagnostics(s))
-    except InputError:
-        return None

@@ -90,6 +90,13 @@ def labelled(example: Example) -> list[Labelled]:
     return [label, _left_out(example.evidence, label, weak)]
 
 
+def with_true_law(example: Example) -> list[Labelled]:
+    """An example with its label as if the catalogue had the true law; empty without such evidence."""
+    if example.with_true_law is None:
+        return []
+    return labelled(dataclasses.replace(example, evidence=example.with_true_law))[:1]
+
+
 def _ratio(example: Example) -> float:
     """A body that ran away at its first strength has no ratio: its strength was changed until it was stable."""
     if not example.forms:

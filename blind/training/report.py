@@ -12,11 +12,13 @@ import numpy as np
 from biodyn_core.tracing.probability import NONE, OUTSIDE, LearnedModel
 from blind.tracing.reliability import Confidence, bin_table, calibration_error
 from blind.tracing.shares import share_text
-from blind.training.calibrate import Prediction
+from blind.training.calibrate import Learned, Prediction
 from conformance.table import cells
 
 STRONG: Final = 0.8
 WEAK: Final = 0.4
+RATIOS: Final = (0.4, 0.8, 1.5, 3.0, 6.0)
+"""Limits of the rows of the ceiling."""
 
 HEAD: Final = """\
 # The learned model of tracing
@@ -64,13 +66,15 @@ GROUPS: Final = (
 )
 
 
-def rendered(model: LearnedModel, found: Sequence[Prediction], named_from: float, by_background: Sequence[str]) -> str:
+def rendered(learned: Learned, named_from: float, by_background: Sequence[str]) -> str:
     """The whole page; by_background: lines of the test that leaves out kinds of background."""
+    model, found = learned.model, learned.found
     lines = [
         HEAD,
         *_provenance(model),
         *_scores(model, found, named_from),
         *_groups(model, found, named_from),
+        *_ceiling(learned, named_from),
         *by_background,
         *_reliability(found),
         *_confusion(found),
@@ -87,8 +91,7 @@ def background_lines(found: Mapping[str, Sequence[Prediction]], named_from: floa
         strong = [one for one in strong if one.labelled.ratio > STRONG]
         rows.append(cells(
             kind, str(len(mine)), share_text(sum(one.names(named_from) for one in idle), len(idle)),
-            share_text(sum(one.names_right(named_from) for one in strong), len(strong)),
-            share_text(sum(one.best in one.right for one in strong), len(strong)),
+            _named_right(strong, named_from), _best_right(strong),
         ))  # fmt: skip
     words = (
         "Each kind of background is left out in turn: the model is learned from bodies without it, and answers those"
@@ -124,6 +127,14 @@ def _named_at(model: LearnedModel, found: Sequence[Prediction]) -> str:
     return ", ".join(f"{100.0 * model.power.named(ratio, samples):.0f} %" for ratio in (0.5, 1.0, 2.0))
 
 
+def _named_right(found: Sequence[Prediction], named_from: float) -> str:
+    return share_text(sum(one.names_right(named_from) for one in found), len(found))
+
+
+def _best_right(found: Sequence[Prediction]) -> str:
+    return share_text(sum(one.best in one.right for one in found), len(found))
+
+
 def group_rows(found: Sequence[Prediction], threshold: float, named_from: float) -> list[str]:
     """A row of the table for each group with bodies."""
     rows = []
@@ -132,9 +143,9 @@ def group_rows(found: Sequence[Prediction], threshold: float, named_from: float)
         if mine:
             n = len(mine)
             rows.append(cells(
-                group.name, str(n), share_text(sum(one.names_right(named_from) for one in mine), n),
+                group.name, str(n), _named_right(mine, named_from),
                 share_text(sum(one.names(named_from) and not one.names_right(named_from) for one in mine), n),
-                share_text(sum(one.best in one.right for one in mine), n),
+                _best_right(mine),
                 share_text(sum(bool(set(one.likely(threshold)) & set(one.right)) for one in mine), n),
                 f"{np.mean([len(one.likely(threshold)) for one in mine]):.2f}",
             ))  # fmt: skip
@@ -161,6 +172,33 @@ def _groups(model: LearnedModel, found: Sequence[Prediction], named_from: float)
         *table(HEADER, group_rows(found, model.set_threshold, named_from)),
         "",
     ]
+
+
+def _ceiling(learned: Learned, named_from: float) -> list[str]:
+    """The answers with the catalogue's laws and with the true law, by ratio."""
+    ideal = {one.labelled.number: one for one in learned.ceiling}
+    pairs = [(one, ideal[one.labelled.number]) for one in learned.found if one.labelled.number in ideal]
+    rows = []
+    for low, high in zip(RATIOS, (*RATIOS[1:], np.inf), strict=True):
+        mine = [pair for pair in pairs if pair[0].labelled.background and low < pair[0].labelled.ratio <= high]
+        each = [[own for own, _ in mine], [true for _, true in mine]]
+        span = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
+        named, right = [_named_right(one, named_from) for one in each], [_best_right(one) for one in each]
+        rows.append(cells(span, str(len(mine)), *named, *right))
+    words = (
+        "The ceiling: the same models answer the same bodies, those with one effect of the catalogue and a background,"
+        " as if the catalogue had the true law. It predicts exactly what the effect changes. What it misses too, no"
+        " better law would name: the background hides it, or another mechanism resembles it."
+    )
+    head = (
+        "ratio",
+        "bodies",
+        "right cause named",
+        "with the true law",
+        "most probable answer right",
+        "with the true law",
+    )
+    return ["## The true law in the catalogue", "", words, "", *table(head, rows), ""]
 
 
 def table(head: Sequence[str], rows: Sequence[str]) -> list[str]:
