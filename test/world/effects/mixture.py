@@ -70,6 +70,9 @@ CHANGES: Final[Mapping[str, tuple[float, float]]] = {
 """Rms change of the vertical accelerations over their rms, median of bodies at scale 1. A refit absorbs most of it in
 joints and nothing in sensors: 3 to 20 % are left."""
 
+MOST_SHARE: Final = 0.4
+"""A kind with a larger share of the squares would not be a background: it is an effect of ratio 0.8 beside the rest."""
+
 LEVELS: Final = (0.15, 2.0)
 """The level of a background is log-uniform between these; at 1 it has the size of the paper's kind."""
 
@@ -77,17 +80,19 @@ LEVELS: Final = (0.15, 2.0)
 def scales(kinds: Sequence[str], rng: np.random.Generator, bare: float = 0.0) -> dict[str, float]:
     """Draw the scale of each kind, 0 if absent; `PAPER` alone is not drawn, but 1. ValueError for an unknown kind.
 
-    A body has one to all of the kinds, every count equally likely. The squares of their scales are shares of the square
-    of the level (Dirichlet, evenly), because the changes of unlike mechanisms add up in squares. bare: probability that
-    a body has no background at all.
+    Every count of kinds is equally likely. The squares of their scales are shares of the square of the level
+    (Dirichlet, evenly), because the changes of unlike mechanisms add up in squares. Both are drawn until no share
+    exceeds `MOST_SHARE`, or twice an even share of few kinds. bare: probability that a body has no background at all.
     """
     for kind in kinds:
         if kind not in (known := (*KINDS, *UNSEEN)):
             raise ValueError(f"background {kind!r} is unknown, known are {', '.join(known)}")
     if tuple(kinds) == (PAPER,):
         return {PAPER: 1.0}
-    count = int(rng.integers(1, len(kinds), endpoint=True))
-    shares = dict(zip(rng.permutation(kinds)[:count].tolist(), rng.dirichlet(np.ones(count)), strict=True))
+    shares, most = {kinds[0]: np.inf}, max(MOST_SHARE, 2.0 / len(kinds))
+    while max(shares.values()) > most:
+        count = int(rng.integers(1, len(kinds), endpoint=True))
+        shares = dict(zip(rng.permutation(kinds)[:count].tolist(), rng.dirichlet(np.ones(count)), strict=True))
     level = float(np.exp(rng.uniform(*np.log(LEVELS)))) * float(rng.uniform() >= bare)
     return {kind: level * float(np.sqrt(shares.get(kind, 0.0))) for kind in kinds}
 
