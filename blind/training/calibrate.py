@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 FOLDS: Final = 6
 COVERAGE: Final = 0.9
-RIDGES: Final = (3.0, 10.0, 30.0, 100.0, 300.0)
+RIDGES: Final = (10.0, 30.0, 100.0, 300.0, 1000.0)
 
 
 @dataclass(frozen=True, eq=False)
