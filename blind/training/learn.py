@@ -41,9 +41,8 @@ FIRST_OF_BODY: Final = ("constant", "best gain", "residual", "best over chance")
 """Beginnings of the names of the features whose weights are least restrained."""
 
 FIRST_RIDGE: Final = 0.3
-OWN_RIDGE: Final = 1.0
-"""Precision of weights in multiples of the ridge, by cross-validation: own weights matter, because the deviations of
-bodies resemble some effects and not others."""
+OWN_RIDGE: Final = 8.0
+"""Precision of weights in multiples of the ridge, of those tried the best in cross-validation."""
 
 EFFECTS: Final = tuple(sorted(CATALOGUE))
 
