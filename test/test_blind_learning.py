@@ -78,8 +78,8 @@ def test_an_unknown_ratio_is_no_number_and_is_not_weak() -> None:
 def test_with_the_true_law_the_label_is_the_same_for_other_evidence() -> None:
     friction, *others = EVIDENCE.candidates
     ideal = dataclasses.replace(EVIDENCE, candidates=(dataclasses.replace(friction, general=friction.fit), *others))
-    assert learn.with_true_law(example(FRICTION)) == []
-    (found,) = learn.with_true_law(dataclasses.replace(example(FRICTION), with_true_law=ideal))
+    assert learn.labelled_with_true_law(example(FRICTION)) == []
+    (found,) = learn.labelled_with_true_law(dataclasses.replace(example(FRICTION), with_true_law=ideal))
     own = labelled(example(FRICTION))[0]
     assert right(found) == right(own) and found.weight == 1.0
     assert (found.features.of_candidates != own.features.of_candidates).any()

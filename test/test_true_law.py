@@ -1,20 +1,28 @@
 """A search with the true law in the catalogue: it explains what the hidden effect changes, and no more."""
 
+import dataclasses
 from functools import cache
+from types import SimpleNamespace
 
 import hiding
 import numpy as np
 import pytest
 from hiding import applied
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.tracing.beside import answered, beside
 from biodyn_core.tracing.candidate import Candidate, ScreeningResult
 from biodyn_core.tracing.fitted_candidates import WithoutEffect, candidate_fit
 from biodyn_core.tracing.local_fit import fit_locally
+from biodyn_core.tracing.probability import probabilities
 from biodyn_core.tracing.rounds import Search
 from biodyn_core.tracing.screen import Screening
+from biodyn_core.tracing.settings import TraceSettings
+from blind.tracing import ceiling as ceiling_module
 from blind.tracing.outcome import Cause
+from blind.tracing.records import Record
 from blind.tracing.true_law import with_true_law
+from blind.training import traced as traced_module
 
 
 @cache
@@ -61,3 +69,44 @@ def test_a_cause_without_a_site_is_at_that_of_the_best_candidate(site: str, know
     found = ideal(Cause("asymmetry", site, ""))
     assert (found is not None) == known
     assert found is None or found.fitted[0].start.site == "pelvis"
+
+
+def record(law: hiding.Law) -> Record:
+    cases = hiding.events(9, law=law)
+    return Record(hiding.TRUTH, cases[:3], cases[3:])
+
+
+def test_the_ceiling_is_the_decision_with_the_true_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search is given, so that the answer is that of the true law alone."""
+    monkeypatch.setattr(ceiling_module, "refitted", lambda *_: hiding.fitted(law=hiding.one_sided))
+    monkeypatch.setattr(ceiling_module, "search", lambda *_: search())
+    cause, records = Cause("asymmetry", "pelvis", ""), [record(hiding.one_sided), record(hiding.plain)]
+    found = ceiling_module.ceiling(records[0], cause, records[1], hiding.fitted())
+    without = probabilities(search().evidence(TraceSettings(), search().diagnostics(TraceSettings())))
+    assert found is not None
+    assert found.of(("asymmetry", "pelvis")) > without.of(("asymmetry", "pelvis"))
+    assert next(iter(found.of_answers)) == "nonlinear_stiffness"
+    gone = dataclasses.replace(cause, name="skin")
+    assert ceiling_module.ceiling(records[0], gone, records[1], hiding.fitted()) is None
+
+
+def test_a_body_has_its_ratio_and_the_evidence_with_and_without_the_true_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without effects there is no ratio, without a cause of the catalogue no true law, without a fit nothing."""
+    laws = {True: hiding.one_sided, False: hiding.plain}
+    monkeypatch.setattr(traced_module, "record", lambda one, with_effects=True: record(laws[with_effects]))
+    monkeypatch.setattr(traced_module, "searched", lambda hidden, settings: search())
+    theta = hiding.TRUTH.parameters.vector()
+    busy, idle = (SimpleNamespace(effects=effects, theta=theta) for effects in (("hidden",), ()))
+    cause = Cause("asymmetry", "pelvis", "")
+    found, outside, nothing = (traced_module.traced(*of) for of in ((busy, cause), (busy, None), (idle, None)))
+    assert found is not None and outside is not None and nothing is not None
+    assert found.ratio == outside.ratio and found.ratio > 1.0 and nothing.ratio is None
+    assert found.evidence == outside.evidence == nothing.evidence != found.with_true_law
+    assert outside.with_true_law is None and nothing.with_true_law is None
+
+    def unfit(*_: object) -> Search:
+        raise InputError("unstable")
+
+    for other in (lambda *_: None, unfit):
+        monkeypatch.setattr(traced_module, "searched", other)
+        assert traced_module.traced(busy, cause) is None

@@ -20,7 +20,6 @@ from biodyn_core.tracing.screen import Changes, LinearStep
 Beside = Mapping[tuple[str, str], tuple[tuple[str, str, float], ...]]
 """By effect and site of a candidate: effect, site and gain of each other one beside it."""
 
-
 Answers = tuple[list[Floats], list[Floats]]
 """The answers (n, 5) of a fit in each event for fitting, and in each for choosing."""
 

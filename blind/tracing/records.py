@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
@@ -16,7 +16,7 @@ from world import sensors
 from world.effects.draw import Split, forms
 from world.effects.effect import Effect
 from world.effects.event import Event
-from world.effects.sitting import START_NS, USES, Plan, Sitting, Use
+from world.effects.sitting import START_NS, Plan, Sitting
 from world.effects.sitting import drawn as sittings_drawn
 from world.effects.wearing import Stream
 
@@ -79,17 +79,15 @@ def sittings(drawing: Drawing, numbers: Sequence[int], seed: int, split: Split, 
     return [found[number - first] for number in numbers]
 
 
-def record(one: Sitting, coloured: bool = False, with_effects: bool = True, uses: Collection[Use] = USES) -> Record:
+def record(one: Sitting, coloured: bool = False, with_effects: bool = True) -> Record:
     """The known part of a sitting, without events that cannot be read.
 
-    Events of use `fit` are for fitting, the others are held out; those of no use in uses are left out.
+    Events of use `fit` are for fitting, the others are held out.
     """
     train: list[Case] = []
     held_out: list[Case] = []
     left_out: list[str] = []
     for index, planned in enumerate(one.events):
-        if planned.use not in uses:
-            continue
         name = f"{planned.use}/{planned.name}"
         streams = one.streams(index, with_effects)
         if coloured:

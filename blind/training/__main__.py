@@ -23,7 +23,7 @@ from biodyn_core.tracing.settings import TraceSettings
 from blind.tracing.__main__ import ROOT, commit
 from blind.training.calibrate import beyond, learned
 from blind.training.collect import Example, collect, examples, pack
-from blind.training.learn import labelled, with_true_law
+from blind.training.learn import labelled, labelled_with_true_law
 from blind.training.report import background_lines, rendered
 
 SEED: Final = 20261124
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) -> None:
     """Learn the model from examples, and write it with its page."""
     every = [label for one in stored for label in labelled(one)]
-    ideal = [label for one in stored for label in with_true_law(one)]
+    ideal = [label for one in stored for label in labelled_with_true_law(one)]
     traced, named_from = len({one.number for one in every}), TraceSettings().named_from
     provenance = {
         "date": dt.datetime.now(dt.timezone.utc).date().isoformat(),

@@ -93,7 +93,7 @@ def labelled(example: Example) -> list[Labelled]:
     return [label, _left_out(example.evidence, label, weak)]
 
 
-def with_true_law(example: Example) -> list[Labelled]:
+def labelled_with_true_law(example: Example) -> list[Labelled]:
     """An example with its label as if the catalogue had the true law; empty without such evidence."""
     if example.with_true_law is None:
         return []

@@ -27,13 +27,14 @@ Made by `make train`. Do not edit.
 
 `biodyn trace` turns the evidence of all candidates into probabilities by a model that was learned from simulated
 bodies (`test/world`). This page shows its answers to bodies in cross-validation: no body has a form of a hidden effect
-that its model was learned from. Ridge, temperature and the limit of the 90 % set were chosen on these same answers, so
-the figures of calibration are optimistic. The blind study ([tracing_study.md](tracing_study.md)) uses further forms; it
+that its model was learned from. The ridge, the precision of an effect's own weights, the weight of examples without
+their mechanism, the temperature and the limit of the 90 % set were chosen on these same answers. So the figures are
+optimistic. The blind study ([tracing_study.md](tracing_study.md)) uses further forms; it
 has not scored this model yet.
 
-A body with nothing hidden still has a background of several mechanisms, none of which has more than 40 % of its squares
-as drawn. A refit of theta absorbs some of them more than others, so that one may dominate what is left: a wrong name of
-such a body may be the mechanism of its background.
+Nothing hidden still leaves a background of several kinds of mechanisms. No kind has more than 40 % of the squares
+before the refit of theta. The refit absorbs some kinds more than others, so one kind may dominate the residual. The
+wrong name of such a body may be the mechanism of that kind.
 """
 
 
