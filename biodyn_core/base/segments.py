@@ -15,6 +15,9 @@ SEAT: Final = "seat"
 HEAD: Final = "head"
 SENSORS: Final = (SEAT, "pelvis", "lower_torso", "upper_torso", "neck", HEAD)
 
+CENTRAL: Final = SEGMENTS.index("central_torso")
+"""The segment without a sensor."""
+
 N_SEGMENTS: Final = len(SEGMENTS)
 N_SENSORS: Final = len(SENSORS)
 

@@ -16,16 +16,13 @@ import numpy as np
 from scipy import fft
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats
-from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, N_SEGMENTS, SEAT, SEGMENTS
+from biodyn_core.base.segments import CENTRAL, MEASURED_SEGMENT_INDEX, N_SEGMENTS, SEAT, SEGMENTS
 from biodyn_core.body.effect_assembly import Element
 from biodyn_core.body.model import Chain, predict
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, JointForce, JointLimit, SegmentForce, apply_to_sensors
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.settings import MissingForceSettings
-
-CENTRAL: Final = SEGMENTS.index("central_torso")
-"""The segment without a sensor."""
 
 LAW_STEP: Final = 0.3
 """Largest |eigenvalue| x step for the states of a law: over a time constant Heun's method then errs by 2 %."""
@@ -204,7 +201,8 @@ def _tension(chain: Chain, motion: Motion, joint: int) -> Floats:
             found = found + _law(element, motion, stretch, rate)
     for element in here:
         if isinstance(element.effect, JointLimit):
-            found = np.array([element.effect.law(one, *element.constants) for one in found.tolist()])
+            pairs = zip(found.tolist(), rate.tolist(), strict=True)
+            found = np.array([element.effect.law(*pair, *element.constants) for pair in pairs])
     return np.asarray(found)
 
 
