@@ -135,10 +135,16 @@ def foam(p, k, k_alpha, b, d, r, s, q):
     return tension - (k * d + k_alpha * d * abs(d) + b * r), [q[1], own / p["mass_kg"] - s, creep]
 
 
+def turned(angle_rad):
+    """From components along x and y to those along an axis and across it."""
+    return np.array([[np.cos(angle_rad), np.sin(angle_rad)], [-np.sin(angle_rad), np.cos(angle_rad)]])
+
+
 def nodding(p, k, b, q, rates):
-    axis, slopes = np.array([np.cos(p["axis_rad"]), np.sin(p["axis_rad"])]), rates - 0.5 * q
-    angle, slope, rest = axis @ q, axis @ slopes, p["rest_rad"]
-    return p["length_m"] * (0.5 * k * ((angle + rest) ** 2 - rest**2) + b * (angle + rest) * slope), slopes
+    turn, slopes = turned(p["axis_rad"]), rates - 0.5 * q
+    (angle, other), (slope, turning), rest = turn @ q, turn @ slopes, p["rest_rad"]
+    spring = 0.5 * k * ((angle + rest) ** 2 - rest**2 + p["across"] * other**2)
+    return p["length_m"] * (spring + b * ((angle + rest) * slope + p["across"] * other * turning)), slopes
 
 
 def resonator(p, frequency_hz, d, r, s, q):
@@ -148,10 +154,12 @@ def resonator(p, frequency_hz, d, r, s, q):
     return pull, [q[1], -pull / p["mass_kg"] - held * (q[0] + 0.01 * q[1]) - s]
 
 
-def carried(p, whole, weight):
-    if p["width_n"]:
-        return weight - p["width_n"] * np.logaddexp(0.0, (weight - whole) / p["width_n"])
-    return min(whole, weight)
+def carried(p, whole, rate, weight, b):
+    """The tension of a contact by Hunt and Crossley, from the tension without it: elastic part and damper apart."""
+    elastic = weight - (whole - b * rate)
+    share = 1.0 - p["fading"] * (1.0 - np.clip(elastic / weight, 0.0, 1.0))
+    contact = elastic - b * rate * share
+    return weight - (p["width_n"] * np.logaddexp(0.0, contact / p["width_n"]) if p["width_n"] else max(contact, 0.0))
 
 
 def twin(effect: AppliedEffect, seat: np.ndarray, subject: Subject = SUBJECT, rate_hz: float = RATE_HZ) -> np.ndarray:
@@ -178,7 +186,7 @@ def twin(effect: AppliedEffect, seat: np.ndarray, subject: Subject = SUBJECT, ra
         own = []
         if extra is None:  # lift_off: the seat joint in all carries no more than the weight
             whole = (k[0] * stretch[0] + b[0] * rate[0]) + tension[0]
-            tension[0] += carried(dict(effect.values), whole, weight) - whole
+            tension[0] += carried(dict(effect.values), whole, rate[0], weight, b[0]) - whole
         else:
             force, own = extra(t, *((stretch[at], rate[at]) if on_joint else (x[at], v[at])), s, q)
             (tension if on_joint else on)[at] += force

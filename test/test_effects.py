@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from equations import RATE_HZ, SUBJECT, carried, channels, law, twin
+from equations import RATE_HZ, SUBJECT, carried, channels, law, turned, twin
 from hiding import applied
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -74,14 +74,14 @@ GENERAL = {
     "added_mass": {"liner_hz": 20.0, "exponent": 1.0, "held_hz": 5.0},
     "asymmetry": {"asymmetry_per_m": 100.0, "exponent": -1.0},
     "backrest": {"cubic_per_m2": 5000.0},
-    "bending": {"length_m": 0.8, "axis_rad": 0.7, "rest_rad": 0.2},
+    "bending": {"length_m": 0.8, "axis_rad": 0.7, "rest_rad": 0.2, "across": 0.6},
     "cross_axis": {"corner_hz": 8.0, "damping_ratio": 0.3},
     "cubic": {"cubic_per_m2": 2e4, "exponent": -1.5},
     "cushion": {"stiffening_per_m": 50.0, "creep_ratio": 1.0, "creep_s": 0.02},
     "friction": {"friction_n": 30.0, "smooth_mps": 0.004, "stribeck": 0.8},
     "harness": {"slack_m": 0.001, "hardening": 2.5, "loss_s_per_m": 1.0},
     "hysteresis": {"yield_n": 60.0, "yield_m": 1e-3, "exponent": 1.3, "unloading": 0.4},
-    "lift_off": {"width_n": 40.0},
+    "lift_off": {"width_n": 40.0, "fading": 0.8},
     "posture": {"jump": 0.5, "at_s": 0.2, "width_s": 0.05, "damping_share": 1.5},
     "quadratic_damping": {"growth_s_per_m": 20.0, "exponent": -0.7},
     "reflex": {"lag_s": 0.02, "lead_s": 0.05, "saturation_per_m": 100.0},
@@ -122,7 +122,7 @@ def law_beside_its_equation(effect: AppliedEffect, t: float, d: float, r: float,
     kind, p = effect.effect, dict(effect.values)
     constants = kind.constants(JOINT, p)
     if isinstance(kind, JointLimit):
-        return [kind.law(d, *constants)], [carried(p, d, constants[0])]
+        return [kind.law(d, r, *constants)], [carried(p, d, r, constants[0], JOINT.damping_n_s_per_m)]
     k, k_alpha = JOINT.stiffness_n_per_m, JOINT.stiffening_n_per_m2
     past: tuple[list, list] = ([0.0, 1.0], [-0.03, 0.05])
     size = round(RATE_HZ) + 1
@@ -131,8 +131,8 @@ def law_beside_its_equation(effect: AppliedEffect, t: float, d: float, r: float,
     if kind.name in ("posture", "periodic"):
         states = [t]
     elif kind.name == "bending":  # the equation has the angles about both axes
-        axis = np.array([np.cos(p["axis_rad"]), np.sin(p["axis_rad"])])
-        states, q = [q[0]], q[0] * axis
+        turn = turned(p["axis_rad"])
+        states, q = list(q[:2]), turn.T @ q[:2]
         driven, times = channels(size), np.arange(size) / RATE_HZ
         added = [np.interp(t, times, driven[f"neck.bend_rate_{one}"]) for one in "xy"]
     elif kind.name == "reflex":  # the equation has the second lag and its rate
@@ -145,7 +145,7 @@ def law_beside_its_equation(effect: AppliedEffect, t: float, d: float, r: float,
         assert own == [1.0]  # its state is the time
         own = []
     elif kind.name == "bending":
-        rates = [axis @ rates]
+        rates = turn @ rates
     elif kind.name == "reflex":
         rise, fall = own
         own = [fall, (rise - fall) / lag_s] if p["lag_s"] or p["lead_s"] else own
@@ -160,13 +160,13 @@ def law_beside_its_equation(effect: AppliedEffect, t: float, d: float, r: float,
 def test_a_law_in_plain_python_is_its_equation_at_every_instant(name: str, values: dict[str, float]) -> None:
     """... without the integration, on both sides of whatever it distinguishes, and at rest."""
     rng = np.random.default_rng(5)
-    sizes = [3000.0, 0.0, 0.0] if name == "lift_off" else [0.03, 0.3, 10.0]
+    sizes = [3000.0, 1.0, 0.0] if name == "lift_off" else [0.03, 0.3, 10.0]
     motion = np.vstack([np.zeros(3), rng.uniform(-1.0, 1.0, (200, 3)) * sizes])
     times, states = rng.uniform(0.05, 0.5, len(motion)), rng.uniform(-0.05, 0.05, (len(motion), 3))
     if name == "thixotropy":
         states = abs(states)
     effect = applied(name, **values)
-    count = {"bending": 1, "reflex": 2}.get(name, getattr(effect.effect, "states", 0))
+    count = {"reflex": 2}.get(name, getattr(effect.effect, "states", 0))
     pairs = [
         law_beside_its_equation(effect, t, *of, list(q[:count])) for t, of, q in zip(times, motion, states, strict=True)
     ]
@@ -494,7 +494,7 @@ def test_effects_are_written_to_and_read_from_the_subject_file(tmp_path) -> None
             "[{name: relaxation, site: neck}]",
             "relaxation: missing under parameters: stiffness_ratio (0 to 2), tau_s (0.005 to 3 s)",
         ),
-        ("[{name: lift_off, site: pelvis, parameters: {x: 1}}]", "unknown parameter 'x', known are width_n"),
+        ("[{name: lift_off, site: pelvis, parameters: {x: 1}}]", "unknown parameter 'x', known are width_n, fading"),
         (
             "[{name: relaxation, site: neck, parameters: {stiffness_ratio: 0.4, tau_s: 9}}]",
             "relaxation.tau_s is 9, allowed are 0.005 to 3 s",

@@ -296,7 +296,7 @@ class JointForce(Force):
 
 @dataclass(frozen=True, kw_only=True)
 class JointLimit(ChainEffect):
-    """A limit of the whole tension of a joint: law(tension N, constants) returns the limited tension."""
+    """A limit of the whole tension of a joint: law(tension N, rate m/s, constants) returns the limited one."""
 
     place: ClassVar[Place] = "joint"
 
@@ -369,6 +369,11 @@ class AppliedEffect:
     def stated_values(self) -> dict[str, float]:
         """The values without those that are neutral."""
         return {p.name: self.values[p.name] for p in self.effect.parameters if self.values[p.name] != p.neutral}
+
+    @property
+    def is_textbook(self) -> bool:
+        """Whether its law has the textbook form."""
+        return all(self.values[p.name] == p.neutral for p in self.effect.parameters if p.neutral is not None)
 
     @property
     def textbook(self) -> AppliedEffect:

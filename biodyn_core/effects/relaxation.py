@@ -39,7 +39,7 @@ EFFECT = JointForce(
     parameters=(
         EffectParameter("stiffness_ratio", "", 0.0, 2.0, 0.4, "strength"),
         EffectParameter("tau_s", "s", 0.005, 3.0, 0.1, grid=(0.02, 0.1, 0.5)),
-        EffectParameter("second_share", "", 0.0, 3.0, 0.0, grid=(0.0, 0.7), neutral=0.0, spread=0.7,
+        EffectParameter("second_share", "", 0.0, 3.0, 0.0, grid=(0.7,), neutral=0.0, spread=0.7,
                         source="tissue relaxes over decades of time; the size: no source"),
         EffectParameter("second_tau_s", "s", 0.005, 3.0, 0.02, grid=(0.01, 0.3), neutral=0.02, spread=1.0,
                         source="as second_share"),

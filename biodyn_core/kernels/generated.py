@@ -103,7 +103,7 @@ def _lines(number: int, piece: Piece, state: int, place: int) -> dict[str, str]:
     slopes = [f"p[{place + piece.constants + i}]" for i in range(len(drives))]
     memory = place + piece.constants + len(drives)
     if piece.role == "limit of a joint":
-        limited = f"_piece_{number}({', '.join(['force', *constants])})"
+        limited = f"_piece_{number}({', '.join(['force', 'rate', *constants])})"
         here = f"j == {piece.at}" if piece.at != ANYWHERE else f"p[{place} + j] > 0.0"
         return {"joints": f"if {here}:\n    force = {limited}\n"}
     mark, total, *moves = _MOVES[piece.role]
