@@ -6,12 +6,12 @@ from functools import cache
 import hiding
 import numpy as np
 import pytest
-from hiding import applied
+from hiding import TRUTH, applied
 
 from biodyn_core.base.parallel import serial_map
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.tracing import general_fit as module
-from biodyn_core.tracing.candidate import Candidate
+from biodyn_core.tracing.candidate import Candidate, PreliminaryFit
 from biodyn_core.tracing.fitted_candidates import WithoutEffect, candidate_fit
 from biodyn_core.tracing.general_fit import general_fit, selected, with_general_fits
 from biodyn_core.tracing.local_fit import fit_locally
@@ -49,9 +49,27 @@ def test_the_general_form_gains_more_where_the_law_is_no_textbook_form() -> None
 
 
 def test_a_general_form_never_fits_worse_than_its_textbook_start() -> None:
-    nuisance, textbook = without_effect().nuisance, candidate("cubic", "pelvis").fitted
-    found = general_fit((nuisance, nuisance), (textbook.local, 1.0, SETTINGS))
-    assert found.objective <= textbook.local.objective * (1.0 + 1e-6)
+    nuisance, one = without_effect().nuisance, candidate("cubic", "pelvis")
+    found = general_fit((nuisance, nuisance), (one, SETTINGS))
+    assert found.objective <= one.fitted.local.objective * (1.0 + 1e-6)
+
+
+def test_the_preliminary_fit_is_one_of_the_starts() -> None:
+    """The textbook form ends on the wrong side; from there the fit of the general form stays on it."""
+    nuisance, right = without_effect().nuisance, candidate("asymmetry", "pelvis")
+    start = applied("asymmetry", "pelvis", asymmetry_per_m=-1.0)
+    wrong = fit_locally(nuisance, start, dataclasses.replace(SETTINGS.local_fit, steps=0))
+    one = Candidate(start, "asymmetry_per_m", fit=candidate_fit(without_effect(), [(1.0, wrong)]))
+    bent = general_fit((nuisance, nuisance), (right, SETTINGS))
+    known = PreliminaryFit(0.5, 0.5, bent.applied, bent.subject.parameters)
+    quick = dataclasses.replace(
+        SETTINGS,
+        local_fit=dataclasses.replace(SETTINGS.local_fit, steps=0),
+        preliminary=dataclasses.replace(SETTINGS.preliminary, steps=0),
+    )
+    with_it = general_fit((nuisance, nuisance), (dataclasses.replace(one, preliminary_general=known), quick))
+    without = general_fit((nuisance, nuisance), (one, quick))
+    assert with_it.objective < 0.95 * without.objective
 
 
 def test_an_unstable_general_form_leaves_the_textbook_form(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,3 +95,5 @@ def test_the_best_candidates_and_the_best_of_each_mechanism_are_selected() -> No
     assert selected(fitted, 2) == [1, 2, 4]  # cubic and stop are one mechanism; friction is the best of the second
     assert selected(fitted, 3) == [0, 1, 2, 3, 4]
     assert selected([], 3) == []
+    bent = PreliminaryFit(0.6, 0.6, fitted[0].fitted.applied, TRUTH.parameters)
+    assert selected([dataclasses.replace(fitted[0], preliminary_general=bent), *fitted[1:]], 1) == [0]

@@ -80,7 +80,8 @@ class Candidate:
     """One effect at one site with start values, and the results of its stages.
 
     strength: the parameter that scales its size, empty if presence alone is the effect. index: its place in the
-    screening. screening, preliminary, fit, general: None before that stage; general: the fit of the general form.
+    screening. screening, preliminary, fit: None before that stage. preliminary_general, general: the same fits with the
+    general form of the law, None without one.
     """
 
     start: AppliedEffect
@@ -88,6 +89,7 @@ class Candidate:
     index: int = -1
     screening: ScreeningResult | None = None
     preliminary: PreliminaryFit | None = None
+    preliminary_general: PreliminaryFit | None = None
     fit: CandidateFit | None = None
     general: CandidateFit | None = None
 
@@ -107,6 +109,11 @@ class Candidate:
         """The preliminary fit, which has taken place."""
         assert self.preliminary is not None
         return self.preliminary
+
+    @property
+    def all_tried(self) -> tuple[PreliminaryFit, ...]:
+        """The preliminary fits of both forms of the law, as far as they have taken place."""
+        return tuple(one for one in (self.preliminary, self.preliminary_general) if one is not None)
 
     @property
     def best_fit(self) -> CandidateFit:

@@ -52,9 +52,10 @@ class CandidateEvidence:
     """The evidence of one effect at one site.
 
     screened, decrease, absorbed: gain, decrease and absorbed share of screening; tried: gain and decrease of the
-    preliminary fit; fit, general: of the textbook form and of the general one; None before that stage. varying: gains
-    (e,) of the same cause fitted again in every window or between events, and whether there is an objection to it; None
-    if there is no such cause. beside: effect, site and gain of each other fitted candidate beside this one.
+    preliminary fit of the better form; fit, general: of the textbook form and of the general one; None before that
+    stage. varying: gains (e,) of the same cause fitted again in every window or between events, and whether there is an
+    objection to it; None if there is no such cause. beside: effect, site and gain of each other fitted candidate beside
+    this one.
     """
 
     effect: str
@@ -166,7 +167,8 @@ def _of_body(without_effect: WithoutEffect, screening: Screening, diagnostics: D
 
 
 def _of_candidate(without_effect: WithoutEffect, one: Candidate, near_bound: float) -> CandidateEvidence:
-    tried = (one.preliminary.gain, one.preliminary.decrease) if one.preliminary is not None else None
+    best = max(one.all_tried, key=lambda fit: fit.gain, default=None)
+    tried = None if best is None else (best.gain, best.decrease)
     fit, general = (
         None if each is None else _of_fit(without_effect, each, near_bound) for each in (one.fit, one.general)
     )

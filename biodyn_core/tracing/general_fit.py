@@ -26,7 +26,7 @@ def with_general_fits(
 ) -> list[Candidate]:  # fmt: skip
     """The candidates; those of `selected` that have a general form have its fit, unless it is unstable."""
     able = [i for i in selected(fitted, settings.generalised) if fitted[i].start.effect.general_form]
-    items = [(fitted[i].fitted.local, fitted[i].fitted.fitted_at, settings) for i in able]
+    items = [(fitted[i], settings) for i in able]
     found = list(fitted)
     fits = parallel("fitting candidates", general_fit, (few, without_effect.nuisance), items)
     for i, local in zip(able, fits, strict=True):
@@ -37,25 +37,32 @@ def with_general_fits(
 
 
 def selected(fitted: Sequence[Candidate], count: int) -> list[int]:
-    """The places of so many candidates with the largest gains, and of the best one of so many mechanisms."""
-    by_gain = sorted(range(len(fitted)), key=lambda i: -fitted[i].fitted.gain)
+    """The places of so many candidates with the largest gains, and of the best one of so many mechanisms.
+
+    The gain of the general form in the events of the preliminary fits counts as well.
+    """
+    gains = [max(one.fitted.gain, one.preliminary_general.gain if one.preliminary_general else 0.0) for one in fitted]
+    by_gain = sorted(range(len(fitted)), key=lambda i: -gains[i])
     first: dict[str, int] = {}
     for i in by_gain:
         first.setdefault(fitted[i].start.effect.mechanism, i)
     return sorted({*by_gain[:count], *list(first.values())[:count]})
 
 
-def general_fit(models: tuple[NuisanceModel, NuisanceModel], item: tuple[LocalFit, float, TraceSettings]) -> LocalFit:
-    """The general form of a fitted effect, from its best start by few events.
+def general_fit(models: tuple[NuisanceModel, NuisanceModel], item: tuple[Candidate, TraceSettings]) -> LocalFit:
+    """The general form of a fitted effect, from its best start by few events, the preliminary fit among them.
 
-    models: of few events and of all; item: the fit of the textbook form, its prior scale, and the settings.
+    models: of few events and of all; item: the candidate, and the settings. The prior scale is that of its fit.
     """
-    textbook, scale, s = item
-    few, nuisance = (one.at_scale(scale) for one in models)
+    one, s = item
+    few, nuisance = (model.at_scale(one.fitted.fitted_at) for model in models)
+    textbook = one.fitted.local
     theta = textbook.subject.parameters
-    starts = [one.effects[-1] for one in general_starts(textbook.subject, few.train.cases, s.joint_refit)]
-    ends = [fit_locally(few, one, s.few_steps, textbook=False, theta=theta) for one in starts]
-    best = min(ends, key=lambda one: one.objective)
+    starts = [(each.effects[-1], theta) for each in general_starts(textbook.subject, few.train.cases, s.joint_refit)]
+    if one.preliminary_general is not None:
+        starts.append((one.preliminary_general.applied, one.preliminary_general.theta))
+    ends = [fit_locally(few, start, s.few_steps, textbook=False, theta=theta) for start, theta in starts]
+    best = min(ends, key=lambda end: end.objective)
     if not np.isfinite(best.objective):
         best = textbook
     return fit_locally(nuisance, best.applied, s.local_fit, textbook=False, theta=best.subject.parameters)

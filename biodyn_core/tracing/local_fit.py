@@ -96,6 +96,14 @@ def fit_from(nuisance: NuisanceModel, item: tuple[AppliedEffect, Parameters | No
     return fit_locally(nuisance, start, settings, theta=theta)
 
 
+def start_objective(
+    nuisance: NuisanceModel, start: AppliedEffect, theta: Parameters, settings: LocalFitSettings
+) -> float:
+    """The objective of an effect with these values at this theta, with the best nuisance parameters."""
+    problem = _Problem(nuisance, start, settings, textbook=False)
+    return problem.at(problem.relative(theta), problem.unbounded(start)).objective
+
+
 def evidence_gain(nuisance: NuisanceModel, without: LocalFit, fitted: LocalFit) -> float:
     """Decrease of the penalty by an effect, in twice the log evidence for each independent sample.
 
@@ -193,14 +201,17 @@ class _Problem:
         psi = self.unbounded(self._template)
         found = self.at(np.zeros(N_THETA), psi)
         if theta is not None:
-            delta = np.log(theta.vector()[FREE] / self._nuisance.subject.parameters.vector()[FREE])
-            found = min(found, self.at(delta, psi), key=lambda point: point.objective)
+            found = min(found, self.at(self.relative(theta), psi), key=lambda point: point.objective)
         for share in self._settings.weaker_starts if self._has_strength else ():
             if found.objective < self._without:
                 break
             tried = self.at(found.delta, self._weaker(self._template, share))
             found = min(found, tried, key=lambda point: point.objective)
         return found
+
+    def relative(self, theta: Parameters) -> Floats:
+        """Ln theta relative to the fit's, (14,)."""
+        return np.asarray(np.log(theta.vector()[FREE] / self._nuisance.subject.parameters.vector()[FREE]))
 
     def stable(self, at: _Point) -> tuple[_Point, Floats]:
         """The first of this point and weaker ones that is stable in the events for choosing, and its residual there.

@@ -245,12 +245,12 @@ def _best_starts(
 
 
 def _shapes(screening: Screening, one: Candidate, s: PreliminarySettings) -> list[AppliedEffect]:
-    """Every shape of a candidate's effect at its site, with every strength of a start."""
+    """Every shape of the textbook form of a candidate's effect at its site, with every strength of a start."""
     return [
         scaled(other.start, other.strength, size)
         for other in screening.candidates
         for size in s.strengths
-        if other.key == one.key
+        if other.key == one.key and other.start.is_textbook
     ]
 
 

@@ -52,7 +52,7 @@ class Screening:
 
 
 def all_candidates(subject: Subject, cases: Sequence[Case]) -> list[Candidate]:
-    """Every effect at every site that these cases can show, from every combination of its starts.
+    """Every effect at every site that these cases can show, from every start of its textbook and its general form.
 
     An effect of the subject is no candidate: added to itself it is the same law beyond its range.
     """
@@ -62,14 +62,17 @@ def all_candidates(subject: Subject, cases: Sequence[Case]) -> list[Candidate]:
         for effect in CATALOGUE.values()
         for site in effect.sites
         if (effect.name, site) not in known and _is_testable(effect, site, cases)
-        for strength, applied in starts(effect, site, reach)
+        for strength, applied in starts(effect, site, reach, textbook=False)
     ]
 
 
-def starts(effect: Effect, site: str, reach: Reach) -> list[tuple[str, AppliedEffect]]:
-    """Each strength of an effect in turn at a typical value, with every combination of the starts of its shape."""
-    shapes = itertools.product(*(_grid(p, reach.at(effect, site)) for p in effect.textbook_parameters))
-    found = [dict(zip((p.name for p in effect.textbook_parameters), shape, strict=True)) for shape in shapes]
+def starts(effect: Effect, site: str, reach: Reach, textbook: bool = True) -> list[tuple[str, AppliedEffect]]:
+    """Each strength of an effect in turn at a typical value, with every combination of the starts of its shape.
+
+    textbook: general parameters keep their neutral values.
+    """
+    shapes = _named(effect.textbook_parameters, [_grid(p, reach.at(effect, site)) for p in effect.textbook_parameters])
+    found = [shape | bend for bend in ({}, *([] if textbook else _bends(effect))) for shape in shapes]
     return [
         (strength, AppliedEffect(effect, site, shape | _others(effect, strength)))
         for strength in effect.strengths or ("",)
@@ -89,6 +92,19 @@ def untestable(cases: Sequence[Case]) -> tuple[str, ...]:
 
 def _is_testable(effect: Effect, site: str, cases: Sequence[Case]) -> bool:
     return all(name in case.channels for case in cases for name in effect.required_channels(site))
+
+
+def _bends(effect: Effect) -> list[dict[str, float]]:
+    """Every combination of the starts of the general parameters, without the textbook form."""
+    general = [p for p in effect.parameters if p.neutral is not None]
+    every = _named(general, [p.grid or (p.size,) for p in general])
+    return [one for one in every if any(one[p.name] != p.neutral for p in general)]
+
+
+def _named(parameters: Sequence[EffectParameter], starts: Sequence[Sequence[float]]) -> list[dict[str, float]]:
+    """Every combination of the starts of parameters, by name."""
+    names = [p.name for p in parameters]
+    return [dict(zip(names, values, strict=True)) for values in itertools.product(*starts)]
 
 
 def _others(effect: Effect, strength: str) -> dict[str, float]:

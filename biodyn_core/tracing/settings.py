@@ -126,6 +126,10 @@ class PreliminarySettings:
 
     steps: int = 5
     """Largest number of steps of a fit to few events."""
+    generalised: int = 12
+    """So many candidates, by the reduction of the objective to first order, have a fit of the general form as well."""
+    general_steps: int = 3
+    """Largest number of steps of such a fit."""
     least_decrease: float = 0.01
     """A step that reduces the objective by less than this share ends the first fit of a candidate."""
     least_fit: float = 0.01
