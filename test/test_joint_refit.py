@@ -13,6 +13,7 @@ from biodyn_core.identification.problem import errors
 from biodyn_core.tracing import joint_refit
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.joint_refit import covariances, general_starts, generalised, jointly_refitted, refit
+from biodyn_core.tracing.settings import JointRefitSettings
 
 SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
 
@@ -116,6 +117,15 @@ def test_a_general_form_comes_nearer_to_a_law_that_the_textbook_form_is_not() ->
     assert both < 0.9 * alone
     gain = dataclasses.replace(textbook, effects=(applied("gain", "neck"),))
     assert generalised(gain, cases()) is gain  # it has no general form
+
+
+def test_a_general_form_starts_from_a_given_subject_too() -> None:
+    """The textbook form is absent, so the starts from it are too weak for one evaluation."""
+    law, one = hiding.one_sided, JointRefitSettings(first_evaluations=1, evaluations=1)
+    base = fitted(hiding.nothing, law, applied("asymmetry", "pelvis", asymmetry_per_m=0.0))
+    known = generalised(dataclasses.replace(base, effects=(applied("asymmetry", "pelvis"),)), cases(law=law))
+    alone, given = (generalised(base, cases(law=law), one, also=also) for also in ((), (known,)))
+    assert error_percent(given, hiding.nothing, law) < 0.7 * error_percent(alone, hiding.nothing, law)
 
 
 def test_a_start_that_is_unstable_is_weakened_and_a_refit_is_never_worse_than_the_subject() -> None:

@@ -114,6 +114,18 @@ def test_a_cause_that_varies_with_time_keeps_its_fit_unless_it_has_a_constant_pa
     np.testing.assert_array_equal(found.residual_square, local.residual_square)  # of the varying cause
 
 
+def test_the_better_form_is_kept_with_the_intervals_of_the_textbook_form() -> None:
+    nuisance, one = hiding.nuisance(law=hiding.one_sided), applied("asymmetry", "pelvis")
+    textbook = fit_locally(nuisance, one)
+    general = fit_locally(nuisance, textbook.applied, textbook=False, theta=textbook.subject.parameters)
+    fits = [CandidateFit(local, np.full(3, gain), ("road",) * 3) for local, gain in ((textbook, 0.2), (general, 0.3))]
+    kept = [rounds._with_intervals(nuisance, Candidate(one, "", fit=fits[0], general=of), SETTINGS)
+            for of in (None, fits[1])]  # fmt: skip
+    assert [found.subject.effects[0].is_textbook for found in kept] == [True, False]
+    assert kept[1].subject is general.subject and kept[1].residual_square is general.residual_square
+    assert kept[0].intervals == kept[1].intervals and len(kept[0].intervals) == 1
+
+
 def test_an_event_whose_simulation_is_unstable_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     cases, unstable = hiding.events(6), dataclasses.replace(without(), objective=np.inf)
     monkeypatch.setattr(rounds, "_most_probable", lambda nuisance, settings: hiding.nuisance(hiding.louder))

@@ -151,7 +151,7 @@ def test_a_trace_uses_the_given_settings_alone(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_an_effect_that_worsens_the_prediction_is_not_added() -> None:
-    def worse(subject: Subject, *_: object) -> Subject:
+    def worse(subject: Subject, *_: object, **__: object) -> Subject:
         return dataclasses.replace(subject, parameters=Parameters.from_vector(1.1 * hiding.TRUTH.parameters.vector()))
 
     cases = hiding.events(9, hiding.louder, hiding.plain)
@@ -399,6 +399,17 @@ def test_the_most_probable_candidate_of_the_most_probable_mechanism_is_chosen() 
 def test_nothing_is_chosen_where_none_or_outside_is_most_probable(none: float, outside: float) -> None:
     choice = decided({SKIN: 0.4, CUBIC: 0.1}, [fitted(*SKIN), fitted(*CUBIC)], none=none, outside=outside)
     assert choice.index is None and choice.round.chosen is None and choice.round.rivals == ()
+
+
+def test_a_candidate_is_reported_by_the_better_of_its_forms() -> None:
+    textbook, bent = fitted(*CUBIC, 0.1), applied(*CUBIC, exponent=-1.0)
+    general = dataclasses.replace(textbook.fitted, local=dataclasses.replace(without(), applied=bent), gains=np.ones(3))
+    choice = decided({CUBIC: 0.9}, [dataclasses.replace(textbook, general=general)], none=0.1)
+    assert choice.round.chosen is not None
+    assert choice.round.chosen.applied is bent and choice.round.chosen.gain == 1.0
+    worse = dataclasses.replace(general, gains=np.zeros(3))
+    choice = decided({CUBIC: 0.9}, [dataclasses.replace(textbook, general=worse)], none=0.1)
+    assert choice.round.chosen is not None and choice.round.chosen.gain == pytest.approx(0.1)
 
 
 def test_a_further_effect_needs_a_probability() -> None:

@@ -34,7 +34,7 @@ def choose(
     (a cause that varies with time is one of its own); rest: those that are only screened.
     """
     largest: dict[tuple[str, str], Candidate] = {}
-    for one in sorted(fitted, key=lambda one: -one.fitted.gain):
+    for one in sorted(fitted, key=lambda one: -one.best_fit.gain):
         largest.setdefault(one.key, one)
     by_probability = sorted(largest.values(), key=lambda one: -p.of(one.key))
     rows = [_fitted_row(one, p, nuisance, without, screening, near_bound) for one in by_probability]
@@ -72,7 +72,7 @@ def _fitted_row(
     one: Candidate, p: Probabilities, nuisance: NuisanceModel, without: LocalFit, screening: Screening,
     near_bound: float,
 ) -> RankedCandidate:  # fmt: skip
-    fit = one.fitted
+    fit = one.best_fit
     return RankedCandidate(
         fit.applied, p.of(one.key), fit.gain, True, screening.p_value(fit.gain), one.screened.absorbed,
         fit.improved_events, tuple(_remarks(fit, nuisance, without, near_bound)), fit.steady,

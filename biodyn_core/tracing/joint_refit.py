@@ -46,14 +46,17 @@ def jointly_refitted(subject: Subject, cases: Sequence[Case], settings: JointRef
     return refit(subject, cases, [subject], textbook=True, settings=settings).subject
 
 
-def generalised(subject: Subject, cases: Sequence[Case], settings: JointRefitSettings | None = None) -> Subject:
+def generalised(
+    subject: Subject, cases: Sequence[Case], settings: JointRefitSettings | None = None, also: Sequence[Subject] = ()
+) -> Subject:
     """A refitted subject with the general form of its last effect, from several starts, and all refitted again.
 
-    The subject itself if its last effect has no general form.
+    also: further starts. The subject itself if its last effect has no general form.
     """
     if not subject.effects or not subject.effects[-1].effect.general_form:
         return subject
-    return refit(subject, cases, general_starts(subject, cases, settings), settings=settings).subject
+    starts = [*general_starts(subject, cases, settings), *also]
+    return refit(subject, cases, starts, settings=settings).subject
 
 
 def covariances(

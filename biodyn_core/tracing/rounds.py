@@ -147,7 +147,7 @@ def search(
     fitted = _fitted(few, preliminary, without_effect, settings, on_stage, parallel)
     gains = beside(nuisance, {one.key: answered(nuisance, one.best_fit.local.subject) for one in fitted})
     fitted += unsteady_candidates(nuisance, without, screening, settings.unsteady)
-    by_gain = tuple(sorted(fitted, key=lambda one: -one.fitted.gain))
+    by_gain = tuple(sorted(fitted, key=lambda one: -one.best_fit.gain))
     return Search(without_effect, screening, preliminary.candidates, by_gain, gains)
 
 
@@ -181,13 +181,18 @@ def _fitted(
 
 
 def _with_intervals(nuisance: NuisanceModel, one: Candidate, s: TraceSettings) -> LocalFit:
-    """The fit of the chosen candidate with intervals; of a cause that varies with time, of its constant part if any."""
-    local = one.fitted.local
+    """The better fit of the chosen candidate, with the intervals of the textbook form.
+
+    Of a cause that varies with time, the fit of its constant part if there is one.
+    """
+    best, textbook = one.best_fit.local, one.fitted.local
     if not one.fitted.steady and not one.start.effect.constant_part:
-        return local
-    scaled_model, theta = nuisance.at_scale(local.prior_scale), local.subject.parameters
-    fit = fit_locally(scaled_model, local.applied, s.local_fit, with_intervals=True, theta=theta)
-    return dataclasses.replace(fit, residual_square=local.residual_square)
+        return textbook
+    scaled_model, theta = nuisance.at_scale(textbook.prior_scale), textbook.subject.parameters
+    fit = fit_locally(scaled_model, textbook.applied, s.local_fit, with_intervals=True, theta=theta)
+    if best is not textbook:
+        return dataclasses.replace(best, intervals=fit.intervals)
+    return dataclasses.replace(fit, residual_square=textbook.residual_square)
 
 
 def _most_probable(nuisance: NuisanceModel, settings: TraceSettings) -> NuisanceModel:

@@ -114,8 +114,11 @@ def _with_joint_refit(
     def percent(one: Subject) -> float:
         return mean_percent([errors(case, answer(one, case)) for case in choose])
 
-    textbook = jointly_refitted(outcome.chosen.subject, train, s.joint_refit)
-    fitted = min((textbook, generalised(textbook, train, s.joint_refit)), key=percent)
+    chosen = outcome.chosen.subject
+    *others, last = chosen.effects
+    plain = dataclasses.replace(chosen, effects=(*others, last.textbook))
+    textbook = jointly_refitted(plain, train, s.joint_refit)
+    fitted = min((textbook, generalised(textbook, train, s.joint_refit, also=[chosen])), key=percent)
     before = min(percent(subject), percent(jointly_refitted(subject, train, s.joint_refit)))
     after = percent(fitted)
     if after < (1.0 - s.evidence.least_improvement) * before:

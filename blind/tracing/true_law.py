@@ -16,7 +16,6 @@ from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.beside import Answers, answered, beside
-from biodyn_core.tracing.candidate import Candidate
 from biodyn_core.tracing.fitted_candidates import candidate_fit
 from biodyn_core.tracing.local_fit import LocalFit
 from biodyn_core.tracing.nuisance_model import N_THETA, EventSet
@@ -43,7 +42,7 @@ def with_true_law(found: Search, cause: Cause, plain: Subject, without: Sequence
     of_fits = {one.key: answered(found.nuisance, one.best_fit.local.subject) for one in others}
     return dataclasses.replace(
         found,
-        fitted=(Candidate(own.start, own.strength, own.index, own.screening, own.preliminary, fit), *others, *varying),
+        fitted=(dataclasses.replace(own, fit=fit, general=None), *others, *varying),
         beside=beside(found.nuisance, {own.key: whole} | of_fits),
     )
 
