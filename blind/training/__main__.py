@@ -21,14 +21,16 @@ from biodyn_core.tracing import probability
 from biodyn_core.tracing.probability import learned_text
 from biodyn_core.tracing.settings import TraceSettings
 from blind.tracing.__main__ import ROOT, commit
+from blind.training import recordings
 from blind.training.calibrate import beyond, learned
 from blind.training.collect import Example, collect, examples, pack
 from blind.training.learn import labelled, labelled_with_true_law
-from blind.training.report import background_lines, rendered
+from blind.training.report import background_lines, recordings_lines, rendered
 
 SEED: Final = 20261124
 BODIES: Final = 2000
 EXAMPLES: Final = ROOT / "blind" / "training" / "examples.jsonl"
+FURTHER: Final = ROOT / "blind" / "training" / "recordings"
 MODEL: Final = ROOT / "biodyn_core" / "tracing" / probability.FILE
 PAGE: Final = ROOT / "docs" / "tracing_learned.md"
 
@@ -41,13 +43,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def report(text: str) -> None:
         print(f"blind: {time.perf_counter() - begin:6.0f} s: {text}", file=sys.stderr, flush=True)
 
-    wanted = range(options.bodies)
-    if not {one.number for one in examples(options.examples)}.issuperset(wanted):
-        if not seats.data().is_dir():
-            report(f"the recordings are not in {seats.data()}: set BIODYN_DATA to their directory")
-            return 2
+    wanted, further = range(options.bodies), range(options.recordings)
+    missing = not {one.number for one in examples(options.examples)}.issuperset(wanted)
+    missing_further = not {number for number, _ in recordings.stored(FURTHER)}.issuperset(further)
+    if (missing or missing_further) and not seats.data().is_dir():
+        report(f"the recordings are not in {seats.data()}: set BIODYN_DATA to their directory")
+        return 2
+    if missing:
         collect(wanted, options.seed, options.examples, options.processes, report)
         pack(options.examples)
+    if missing_further:
+        recordings.collect(further, options.seed + 1, FURTHER, options.processes, report)
     _learn([one for one in examples(options.examples) if one.number in wanted], options.seed, report)
     return 0
 
@@ -68,7 +74,8 @@ def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) 
     report(f"learned from {traced} bodies")
     unlike = {kind: beyond(every, kind, found.model) for kind in mixture.KINDS}
     MODEL.write_text(learned_text(found.model), encoding="utf-8")
-    page = rendered(found, named_from, background_lines(unlike, named_from))
+    further = recordings_lines(recordings.answered(recordings.stored(FURTHER), found.model), named_from)
+    page = rendered(found, named_from, [*background_lines(unlike, named_from), *further])
     PAGE.write_text(page, encoding="utf-8")
     report(f"wrote {MODEL.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}")
 
@@ -76,6 +83,7 @@ def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m blind train", description=__doc__)
     parser.add_argument("--bodies", type=int, default=BODIES, help=f"number of bodies, default {BODIES}")
+    parser.add_argument("--recordings", type=int, default=0, help="bodies with further recordings, default: as stored")
     parser.add_argument("--seed", type=int, default=SEED, help=f"of the drawing, default {SEED}")
     parser.add_argument("--processes", type=int, default=2, help="that collect evidence, default 2")
     parser.add_argument("--examples", type=Path, default=EXAMPLES, metavar="FILE", help="of the stored evidence")

@@ -114,10 +114,15 @@ def beyond(examples: Sequence[Labelled], kind: str, model: LearnedModel) -> list
     """The answers to bodies with a kind of background by weights that were learned from bodies without it."""
     weights = learned_weights(Design.of([one for one in examples if kind not in one.background]), model.ridge)
     mine = [one for one in examples if kind in one.background and one.weight == 1.0]
-    if not mine:
+    return answers(mine, weights, model.temperature)
+
+
+def answers(examples: Sequence[Labelled], weights: Weights, temperature: float) -> list[Prediction]:
+    """The answers of examples by one set of weights."""
+    if not examples:
         return []
-    design = Design.of(mine)
-    every = zip(mine, chances(design, weights, model.temperature), design.present, strict=True)
+    design = Design.of(examples)
+    every = zip(examples, chances(design, weights, temperature), design.present, strict=True)
     return [_prediction(one, p[there]) for one, p, there in every]
 
 

@@ -108,11 +108,12 @@ def made(numbers: Sequence[int], seed: int, settings: TrainingSettings | None = 
         body = drawn(number, seed, settings)
         own = causes([effect for effect in body.effects if effect.kind != OUTSIDE])
         found = None if runs_away(one.hidden) else traced(one, own[0] if len(body.effects) == len(own) == 1 else None)
-        yield _example(body, own, found or TracedBody(None, None))
+        yield example(body, own, found)
 
 
-def _example(body: TrainingBody, own: tuple[Cause, ...], found: TracedBody) -> Example:
-    """The truth of a body beside its evidence."""
+def example(body: TrainingBody, own: tuple[Cause, ...], traced_body: TracedBody | None) -> Example:
+    """The truth of a body beside its evidence, None if it cannot be traced."""
+    found = traced_body or TracedBody(None, None)
     return Example(
         body.number, own, len(own) < len(body.effects), found.ratio, tuple(type(one).__name__ for one in body.effects),
         {kind: scale for kind, scale in body.scales.items() if scale}, found.evidence, found.with_true_law,

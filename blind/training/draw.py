@@ -33,8 +33,8 @@ class TrainingSettings:
     nothing, two, outside: shares of bodies without an effect, with two effects of the catalogue's classes, and with one
     of no class; the others have one of the catalogue's classes. Classes are drawn evenly from kinds, forms evenly from
     those of a class in all splits. ratio: log-uniform range of the intended ratio. background: kinds of a background,
-    see `mixture.scales`; bare: share of bodies without one. counts, seconds: least and most events
-    for each use, and seconds of motion in each, by case. noise: log-uniform multiple of the sensors' noise. missing:
+    see `mixture.scales`; bare: share of bodies without one. counts, seconds: least and most events for each use, and
+    seconds of motion in each, by case; levels: see `Plan`. noise: log-uniform multiple of the sensors' noise. missing:
     share of bodies without one of the body's sensors.
     """
 
@@ -52,6 +52,7 @@ class TrainingSettings:
     missing: float = 0.08
     uses: tuple[sitting.Use, ...] = ("fit", "held")
     recorded: bool = True
+    levels: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def _form(kind: str, s: TrainingSettings, rng: np.random.Generator) -> Effect:
 def _plan(s: TrainingSettings, rng: np.random.Generator) -> Plan:
     road, pothole, rail = (int(rng.integers(least, most, endpoint=True)) for least, most in s.counts)
     road_s, pothole_s, rail_s = (float(rng.uniform(*between)) for between in s.seconds)
-    return Plan((road, pothole, rail), (road_s, pothole_s, rail_s), s.uses, s.recorded)
+    return Plan((road, pothole, rail), (road_s, pothole_s, rail_s), s.uses, s.recorded, levels=s.levels)
 
 
 def _missing(s: TrainingSettings, effects: Sequence[Effect], rng: np.random.Generator) -> str:

@@ -13,6 +13,7 @@ from biodyn_core.tracing.probability import NONE, OUTSIDE, LearnedModel
 from blind.tracing.reliability import Confidence, bin_table, calibration_error
 from blind.tracing.shares import share_text
 from blind.training.calibrate import Learned, Prediction
+from blind.training.recordings import AMOUNTS, Answers
 from conformance.table import cells
 
 STRONG: Final = 0.8
@@ -71,8 +72,8 @@ GROUPS: Final = (
 )
 
 
-def rendered(learned: Learned, named_from: float, by_background: Sequence[str]) -> str:
-    """The whole page; by_background: lines of the test that leaves out kinds of background."""
+def rendered(learned: Learned, named_from: float, tests: Sequence[str]) -> str:
+    """The whole page; tests: lines of those with other models or other bodies."""
     model, found = learned.model, learned.found
     lines = [
         HEAD,
@@ -80,7 +81,7 @@ def rendered(learned: Learned, named_from: float, by_background: Sequence[str]) 
         *_scores(model, found, named_from),
         *_groups(model, found, named_from),
         *_ceiling(learned, named_from),
-        *by_background,
+        *tests,
         *_reliability(found),
         *_confusion(found),
     ]
@@ -104,6 +105,32 @@ def background_lines(found: Mapping[str, Sequence[Prediction]], named_from: floa
     )
     head = ("kind", "bodies", "nothing hidden: a cause named", "ratio > 0.8: right cause named", "most probable right")
     return ["## Backgrounds of a kind that was not learned", "", words, "", *table(head, rows), ""]
+
+
+def recordings_lines(found: Mapping[str, Answers], named_from: float) -> list[str]:
+    """The table of further recordings; found: the answers by the names of `AMOUNTS`."""
+    ratios = [one.labelled.ratio for one in found[AMOUNTS[0].name].catalogue]
+    rows = []
+    for low, high in zip(RATIOS[:3], (*RATIOS[1:3], np.inf), strict=True):
+        mine = [i for i, ratio in enumerate(ratios) if low < ratio <= high]
+        for amount in AMOUNTS if mine else ():
+            each = [[of[i] for i in mine] for of in (found[amount.name].catalogue, found[amount.name].true_law)]
+            named, right = [_named_right(one, named_from) for one in each], [_best_right(one) for one in each]
+            sure = [f"{np.mean([one.p_right for one in of]):.2f}" for of in each]
+            rows.append(cells(f"{_span(low, high)}: {amount.words}", str(len(mine)), *named, *right, *sure))
+    words = (
+        "Each body has one effect of the catalogue and a background. All its recordings come from one sitting, of which"
+        " a part is traced. Events for fitting and held-out events grow alike. The ratio is that of the least data."
+        " None of these bodies was learned from, but bodies with the same forms of laws were."
+    )
+    both = ("with the true law",)
+    head = ("ratio: recordings", "bodies", "right cause named", *both, "most probable answer right", *both,
+            "mean probability of the right answer", *both)  # fmt: skip
+    return ["## Further recordings", "", words, "", *table(head, rows), ""] if rows else []
+
+
+def _span(low: float, high: float) -> str:
+    return f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
 
 
 def _provenance(model: LearnedModel) -> list[str]:
@@ -187,9 +214,8 @@ def _ceiling(learned: Learned, named_from: float) -> list[str]:
     for low, high in zip(RATIOS, (*RATIOS[1:], np.inf), strict=True):
         mine = [pair for pair in pairs if pair[0].labelled.background and low < pair[0].labelled.ratio <= high]
         each = [[own for own, _ in mine], [true for _, true in mine]]
-        span = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
         named, right = [_named_right(one, named_from) for one in each], [_best_right(one) for one in each]
-        rows.append(cells(span, str(len(mine)), *named, *right))
+        rows.append(cells(_span(low, high), str(len(mine)), *named, *right))
     words = (
         "The ceiling: the same models answer the same bodies, those with one effect of the catalogue and a background,"
         " as if the catalogue had the true law. It predicts exactly what the effect changes. What it misses too, no"

@@ -73,6 +73,10 @@ class Event:
             self, accel_mps2=self.accel_mps2[:count], angle_rad=self.angle_rad[:count], motion_s=kept
         )
 
+    def at_level(self, level: float) -> Event:
+        """The event with so many times the motion."""
+        return dataclasses.replace(self, accel_mps2=level * self.accel_mps2, angle_rad=level * self.angle_rad)
+
     def aside_mps2(self, sensor: int) -> Floats:
         """Forward and left accelerations of the seat (0) or a segment (1-6), (n, 2): a resonance each."""
         sideways = self.accel_mps2[:, :2]

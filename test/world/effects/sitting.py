@@ -32,13 +32,17 @@ START_NS: Final = 1_800_000_000_000_000_000
 
 @dataclass(frozen=True)
 class Plan:
-    """How many events of a case there are for each use, and seconds of motion in one: 30 s of road, 3 and 3 shocks."""
+    """How many events of a case there are for each use, and seconds of motion in one: 30 s of road, 3 and 3 shocks.
+
+    levels: of the first events of each case and use, in multiples of a drawn motion; the others have 1.
+    """
 
     counts: tuple[int, int, int] = (3, 3, 3)
     seconds: tuple[float, float, float] = (10.0, 6.0, 6.0)
     uses: tuple[Use, ...] = USES
     recorded: bool = True
     pause_s: tuple[float, float] = (3.0, 20.0)
+    levels: tuple[float, ...] = ()
 
 
 PLAN: Final = Plan()
@@ -247,6 +251,8 @@ def _planned(plan: Plan, rng: np.random.Generator) -> tuple[Planned, ...]:
             origin = seats.ORIGINS[int(rng.integers(2))] if plan.recorded else "synthetic"
             numbers[use, case] += 1
             happens = event.drawn(case, origin, seconds, begin_s, sway, rng)
+            if turn < len(plan.levels):
+                happens = happens.at_level(plan.levels[turn])
             found.append(Planned(use, f"{case}_{numbers[use, case]}", happens))
             begin_s += happens.time_s[-1] + rng.uniform(*plan.pause_s)
     return tuple(dataclasses.replace(one, event=dataclasses.replace(one.event, whole_s=begin_s)) for one in found)
