@@ -22,8 +22,9 @@ from blind.tracing.reliability import calibration_error
 from blind.training import calibrate, collect, learn
 from blind.training.calibrate import FOLDS, Learned, Prediction, fold_of
 from blind.training.collect import Example, archive_of, examples, pack
+from blind.training.ideal import answers_with_true_laws
 from blind.training.learn import EFFECTS, Design, Labelled, _loss, _Scales, chances, labelled, learned_weights
-from blind.training.report import GROUPS, group_rows, rendered
+from blind.training.report import GROUPS, ceiling_lines, group_rows, rendered
 
 FRICTION, CUBIC = Cause("friction", "neck", ""), Cause("cubic", "neck", "")
 
@@ -211,6 +212,22 @@ def test_drawn_bodies_are_calibrated_and_covered(bodies: list[Labelled]) -> None
     assert 0.86 < covered < 0.95
 
 
+def test_the_decision_with_true_laws_does_not_see_what_gives_a_true_law_away() -> None:
+    """A true law is marked by features in which it is unlike a fit; without them the answers are as without marks."""
+    labels = [labelled(example(*causes, number=n))[0] for n, causes in enumerate([(FRICTION,), (CUBIC,), ()] * 12)]
+    plain = labels[:24]
+    marked = []
+    for one in plain:
+        of_candidates = one.features.of_candidates.copy()
+        of_candidates[: one.by_mechanism.size - 2][one.by_mechanism[:-2], CANDIDATE_NAMES.index("evidence gain")] = -3.0
+        marked.append(dataclasses.replace(one, features=dataclasses.replace(one.features, of_candidates=of_candidates)))
+    without, with_marks = (answers_with_true_laws(labels, true) for true in (plain, marked))
+    assert [one.labelled.number for one in without] == list(range(24))
+    for one, other in zip(without, with_marks, strict=True):
+        assert one.answers == other.answers
+    assert answers_with_true_laws(labels, []) == []
+
+
 def test_the_power_follows_the_ratio() -> None:
     """Drawn from a logistic curve over the ratio alone."""
     rng = np.random.default_rng(8)
@@ -248,9 +265,10 @@ def test_the_page_counts_answers_by_group() -> None:
     assert rows[0].startswith("| nothing hidden, with a background | 1 | 0.0 %") and "2.00 |" in rows[0]
     assert rows[1].startswith("| one effect, with a background, ratio > 0.8 | 4 | 75.0 %")
     true = Prediction(strong, {"dry_friction": 0.95, NONE: 0.05}, ("dry_friction",))
-    page = rendered(Learned(random_model(), found[3:], [true]), 0.8, [])
-    assert "| 1.5 to 3 | 1 | 0.0 % (0.0 to 79.3) | 100.0 % (20.7 to 100.0) | 0.0 %" in page
-    assert "| 0.8 to 1.5 | 0 |" in page
+    lines = ceiling_lines(found[3:4], [[true], found[3:4]], 0.8)
+    (row,) = [line for line in lines if line.startswith("| 1.5 to 3 | 1 |")]
+    assert [cell.split()[0] for cell in row.split("|")[3:-1]] == ["0.0", "100.0", "0.0"] * 2
+    assert any(line.startswith("| 0.8 to 1.5 | 0 |") for line in lines)
     page = rendered(Learned(random_model(), found, []), 0.8, [])
     assert "| dry_friction | 4 | dry_friction 3, skin 1 |" in page and "| none | 1 | skin 1 |" in page
     assert "| 0.8 to 0.9 | 1 | 0.85 | 0.0 %" in page and "- bodies: 3" in page

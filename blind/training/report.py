@@ -80,7 +80,6 @@ def rendered(learned: Learned, named_from: float, tests: Sequence[str]) -> str:
         *_provenance(model),
         *_scores(model, found, named_from),
         *_groups(model, found, named_from),
-        *_ceiling(learned, named_from),
         *tests,
         *_reliability(found),
         *_confusion(found),
@@ -206,29 +205,31 @@ def _groups(model: LearnedModel, found: Sequence[Prediction], named_from: float)
     ]
 
 
-def _ceiling(learned: Learned, named_from: float) -> list[str]:
-    """The answers with the catalogue's laws and with the true law, by ratio."""
-    ideal = {one.labelled.number: one for one in learned.ceiling}
-    pairs = [(one, ideal[one.labelled.number]) for one in learned.found if one.labelled.number in ideal]
+def ceiling_lines(
+    found: Sequence[Prediction], ceilings: Sequence[Sequence[Prediction]], named_from: float
+) -> list[str]:  # fmt: skip
+    """The answers with the catalogue's laws beside those with true laws, by ratio.
+
+    found: with the catalogue's laws; ceilings: with true laws, by the same decision and by one learned with them.
+    """
+    by_number = [{one.labelled.number: one for one in every} for every in (found, *ceilings)]
+    numbers = [n for n in by_number[1] if all(n in one for one in by_number) and by_number[1][n].labelled.background]
     rows = []
     for low, high in zip(RATIOS, (*RATIOS[1:], np.inf), strict=True):
-        mine = [pair for pair in pairs if pair[0].labelled.background and low < pair[0].labelled.ratio <= high]
-        each = [[own for own, _ in mine], [true for _, true in mine]]
+        mine = [n for n in numbers if low < by_number[1][n].labelled.ratio <= high]
+        each = [[one[n] for n in mine] for one in by_number]
         named, right = [_named_right(one, named_from) for one in each], [_best_right(one) for one in each]
         rows.append(cells(_span(low, high), str(len(mine)), *named, *right))
     words = (
         "The ceiling: the same models answer the same bodies, those with one effect of the catalogue and a background,"
-        " as if the catalogue had the true law. It predicts exactly what the effect changes. What it misses too, no"
-        " better law would name: the background hides it, or another mechanism resembles it."
+        " as if the catalogue had the true law. It predicts exactly what the effect changes. The third figure is of"
+        " models that were learned with true laws too, without the features in which a true law is unlike a fit: what"
+        " they miss, no better law and no better decision from these features would name. The background hides it, or"
+        " another mechanism resembles it."
     )
-    head = (
-        "ratio",
-        "bodies",
-        "right cause named",
-        "with the true law",
-        "most probable answer right",
-        "with the true law",
-    )
+    head = ("ratio", "bodies")
+    for name in ("right cause named", "most probable answer right"):
+        head += (name, "with the true law", "... and learned with it")
     return ["## The true law in the catalogue", "", words, "", *table(head, rows), ""]
 
 
