@@ -72,15 +72,15 @@ GROUPS: Final = (
 )
 
 
-def rendered(learned: Learned, named_from: float, tests: Sequence[str]) -> str:
-    """The whole page; tests: lines of those with other models or other bodies."""
+def rendered(learned: Learned, named_from: float, more: Sequence[str]) -> str:
+    """The whole page; more: lines of further sections, after the groups."""
     model, found = learned.model, learned.found
     lines = [
         HEAD,
         *_provenance(model),
         *_scores(model, found, named_from),
         *_groups(model, found, named_from),
-        *tests,
+        *more,
         *_reliability(found),
         *_confusion(found),
     ]
@@ -223,9 +223,8 @@ def ceiling_lines(
     words = (
         "The ceiling: the same models answer the same bodies, those with one effect of the catalogue and a background,"
         " as if the catalogue had the true law. It predicts exactly what the effect changes. The third figure is of"
-        " models that were learned with true laws too, without the features in which a true law is unlike a fit: what"
-        " they miss, no better law and no better decision from these features would name. The background hides it, or"
-        " another mechanism resembles it."
+        " models that were learned with true laws too, without the features in which a true law is unlike a fit. What"
+        " they miss, better laws alone would not name."
     )
     head = ("ratio", "bodies")
     for name in ("right cause named", "most probable answer right"):
