@@ -22,7 +22,7 @@ from blind.tracing.reliability import calibration_error
 from blind.training import calibrate, collect, learn
 from blind.training.calibrate import FOLDS, Learned, Prediction, fold_of
 from blind.training.collect import Example, archive_of, examples, pack
-from blind.training.ideal import answers_with_true_laws
+from blind.training.ideal import IdealDecision
 from blind.training.learn import EFFECTS, Design, Labelled, _loss, _Scales, chances, labelled, learned_weights
 from blind.training.report import GROUPS, ceiling_lines, group_rows, rendered
 
@@ -221,11 +221,11 @@ def test_the_decision_with_true_laws_does_not_see_what_gives_a_true_law_away() -
         of_candidates = one.features.of_candidates.copy()
         of_candidates[: one.by_mechanism.size - 2][one.by_mechanism[:-2], CANDIDATE_NAMES.index("evidence gain")] = -3.0
         marked.append(dataclasses.replace(one, features=dataclasses.replace(one.features, of_candidates=of_candidates)))
-    without, with_marks = (answers_with_true_laws(labels, true) for true in (plain, marked))
+    without, with_marks = (IdealDecision.of(labels, true).cross_validated() for true in (plain, marked))
     assert [one.labelled.number for one in without] == list(range(24))
     for one, other in zip(without, with_marks, strict=True):
         assert one.answers == other.answers
-    assert answers_with_true_laws(labels, []) == []
+    assert IdealDecision.of(labels, []).cross_validated() == []
 
 
 def test_the_power_follows_the_ratio() -> None:

@@ -15,7 +15,10 @@ from world.effects.sitting import Plan, Sitting, _planned, draft_of
 from world.seats import CASES
 
 from blind.tracing.outcome import Cause
+from blind.training import collect as collecting
 from blind.training import recordings
+from blind.training.ideal import IdealDecision
+from blind.training.learn import labelled
 from blind.training.recordings import AMOUNTS, SETTINGS, answered, collect, made, recorded, stored
 from blind.training.report import recordings_lines
 from blind.training.traced import TracedBody
@@ -91,7 +94,7 @@ def test_bodies_are_collected_once_and_stored_by_number(tmp_path: Path, monkeypa
         return [of_amounts(number) for number in numbers]
 
     monkeypatch.setattr(recordings, "_found", found)
-    monkeypatch.setattr(recordings, "ProcessPoolExecutor", ThreadPoolExecutor)
+    monkeypatch.setattr(collecting, "ProcessPoolExecutor", ThreadPoolExecutor)
     folder = tmp_path / "recordings"
     assert stored(folder) == []
     collect(range(8), 1, folder, 1, lambda text: None)
@@ -103,14 +106,20 @@ def test_bodies_are_collected_once_and_stored_by_number(tmp_path: Path, monkeypa
     assert {path.name for path in folder.iterdir()} == {f"{amount.name}.jsonl.xz" for amount in AMOUNTS}
 
 
+LABELS = [labelled(example(*causes, number=n))[0] for n, causes in enumerate([(FRICTION,), ()])]
+NO_DECISION = IdealDecision.of(LABELS, [])
+"""Learned from two bodies without a true law."""
+
+
 def test_the_table_has_a_row_for_each_ratio_and_amount() -> None:
     untraced = {**of_amounts(3), "shocks": dataclasses.replace(example(FRICTION), evidence=None)}
     bodies = [(1, of_amounts(1, 0.5)), (2, of_amounts(2, 1.0)), (3, untraced)]
-    found = answered(bodies, random_model())
+    found = answered(bodies, random_model(), NO_DECISION)
     assert [len(one.catalogue) for one in found.values()] == [2] * len(AMOUNTS)
+    assert [len(one.learned) for one in found.values()] == [2] * len(AMOUNTS)
     lines = recordings_lines(found, 0.8)
     rows = [line for line in lines if line.startswith(("| 0.4 to 0.8: ", "| 0.8 to 1.5: "))]
     assert len(rows) == 2 * len(AMOUNTS) and not any("above 1.5" in line for line in lines)
     assert all(row.split("|")[2].strip() == "1" for row in rows)
-    nothing = answered([], random_model())
+    nothing = answered([], random_model(), NO_DECISION)
     assert recordings_lines(nothing, 0.8) == []

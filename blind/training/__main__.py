@@ -24,7 +24,7 @@ from blind.tracing.__main__ import ROOT, commit
 from blind.training import recordings
 from blind.training.calibrate import beyond, learned
 from blind.training.collect import Example, collect, examples, pack
-from blind.training.ideal import answers_with_true_laws
+from blind.training.ideal import IdealDecision
 from blind.training.learn import labelled, labelled_with_true_law
 from blind.training.report import background_lines, ceiling_lines, recordings_lines, rendered
 
@@ -75,8 +75,9 @@ def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) 
     report(f"learned from {traced} bodies")
     unlike = {kind: beyond(every, kind, found.model) for kind in mixture.KINDS}
     MODEL.write_text(learned_text(found.model), encoding="utf-8")
-    further = recordings_lines(recordings.answered(recordings.stored(FURTHER), found.model), named_from)
-    ceilings = ceiling_lines(found.found, [found.ceiling, answers_with_true_laws(every, ideal)], named_from)
+    own = IdealDecision.of(every, ideal)
+    further = recordings_lines(recordings.answered(recordings.stored(FURTHER), found.model, own), named_from)
+    ceilings = ceiling_lines(found.found, [found.ceiling, own.cross_validated()], named_from)
     page = rendered(found, named_from, [*ceilings, *background_lines(unlike, named_from), *further])
     PAGE.write_text(page, encoding="utf-8")
     report(f"wrote {MODEL.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}")

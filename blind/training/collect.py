@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from world.effects.moving import runs_away
 
@@ -18,6 +18,8 @@ from blind.tracing.outcome import Cause
 from blind.tracing.records import causes
 from blind.training.draw import OUTSIDE, TOGETHER, TrainingBody, TrainingSettings, drawn, sittings
 from blind.training.traced import TracedBody, traced
+
+T = TypeVar("T")
 
 EVIDENCES = ("evidence", "with_true_law")
 """Fields of an example that hold evidence."""
@@ -63,15 +65,22 @@ def collect(numbers: Sequence[int], seed: int, path: Path, processes: int, repor
     """Append the examples of these bodies to a file; those that are known are left out."""
     known = {example.number for example in examples(path)}
     missing = [number for number in numbers if number not in known]
-    chunks = [missing[begin : begin + TOGETHER] for begin in range(0, len(missing), TOGETHER)]
-    with ProcessPoolExecutor(processes) as executor, path.open("a", encoding="utf-8") as file:
-        done = 0
-        for future in as_completed([executor.submit(_lines, chunk, seed) for chunk in chunks]):
-            lines = future.result()
+    done = 0
+    for lines in in_chunks(_lines, missing, TOGETHER, seed, processes):
+        with path.open("a", encoding="utf-8") as file:
             file.writelines(line + "\n" for line in lines)
-            file.flush()
-            done += len(lines)
-            report(f"{done} of {len(missing)} bodies")
+        done += len(lines)
+        report(f"{done} of {len(missing)} bodies")
+
+
+def in_chunks(
+    make: Callable[[Sequence[int], int], list[T]], numbers: Sequence[int], together: int, seed: int, processes: int
+) -> Iterator[list[T]]:
+    """What is made of bodies that are simulated together, as it is ready, in several processes."""
+    chunks = [numbers[begin : begin + together] for begin in range(0, len(numbers), together)]
+    with ProcessPoolExecutor(processes) as executor:
+        for future in as_completed([executor.submit(make, chunk, seed) for chunk in chunks]):
+            yield future.result()
 
 
 def archive_of(path: Path) -> Path:

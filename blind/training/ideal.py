@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from biodyn_core.tracing.features import CANDIDATE_NAMES
-from blind.training.calibrate import Prediction, chosen_ridge, cross_weights, predictions, temperature_of
-from blind.training.learn import Labelled
+from biodyn_core.tracing.probability import Weights
+from blind.training.calibrate import Prediction, answers, chosen_ridge, cross_weights, predictions, temperature_of
+from blind.training.learn import Design, Labelled, learned_weights
 
 UNLIKE: Final = (
     "generalised", "general over textbook", "evidence gain", "nuisance over before", "prior scale",
@@ -20,18 +22,38 @@ UNLIKE: Final = (
 _HIDDEN: Final = [CANDIDATE_NAMES.index(name) for name in UNLIKE]
 
 
-def answers_with_true_laws(examples: Sequence[Labelled], with_true_law: Sequence[Labelled]) -> list[Prediction]:
-    """The answers to the bodies that have evidence with their true law, by cross-validation.
+@dataclass(frozen=True, eq=False)
+class IdealDecision:
+    """A decision that is learned with true laws: from bodies as if the catalogue had the true law of each.
 
-    All others, and the examples without their mechanism, have their own evidence. No features of `UNLIKE` take part.
+    Bodies without such evidence, and the examples without their mechanism, have their own. No features of `UNLIKE` take
+    part. numbers: the bodies with their true law.
     """
-    ideal = {one.number: one for one in with_true_law}
-    if not ideal:
-        return []
-    every = [_without_unlike(ideal.get(one.number, one) if one.weight == 1.0 else one) for one in examples]
-    weights = cross_weights(every, chosen_ridge(every))
-    found = predictions(every, weights, temperature_of(every, weights))
-    return [one for one in found if one.labelled.weight == 1.0 and one.labelled.number in ideal]
+
+    examples: Sequence[Labelled]
+    numbers: frozenset[int]
+    ridge: float
+    folds: Sequence[Weights]
+    temperature: float
+
+    @classmethod
+    def of(cls, examples: Sequence[Labelled], with_true_law: Sequence[Labelled]) -> IdealDecision:
+        """Learned from the examples, of which those with a true law are replaced."""
+        ideal = {one.number: one for one in with_true_law}
+        every = [_without_unlike(ideal.get(one.number, one) if one.weight == 1.0 else one) for one in examples]
+        ridge = chosen_ridge(every)
+        folds = cross_weights(every, ridge)
+        return cls(every, frozenset(ideal), ridge, folds, temperature_of(every, folds))
+
+    def cross_validated(self) -> list[Prediction]:
+        """The answers to the bodies with their true law, each by weights that saw none of its forms."""
+        found = predictions(self.examples, self.folds, self.temperature)
+        return [one for one in found if one.labelled.weight == 1.0 and one.labelled.number in self.numbers]
+
+    def answers(self, others: Sequence[Labelled]) -> list[Prediction]:
+        """The answers to bodies that it was not learned from."""
+        weights = learned_weights(Design.of(self.examples), self.ridge)
+        return answers([_without_unlike(one) for one in others], weights, self.temperature)
 
 
 def _without_unlike(one: Labelled) -> Labelled:

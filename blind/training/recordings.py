@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,9 +18,10 @@ from world.seats import Case
 from biodyn_core.tracing.probability import LearnedModel
 from blind.tracing.records import causes
 from blind.training.calibrate import Prediction, answers
-from blind.training.collect import Example, example, examples, pack
+from blind.training.collect import Example, example, examples, in_chunks, pack
 from blind.training.draw import TrainingSettings, drawn, sittings
-from blind.training.learn import Labelled, labelled, labelled_with_true_law
+from blind.training.ideal import IdealDecision
+from blind.training.learn import labelled, labelled_with_true_law
 from blind.training.traced import traced
 
 TOGETHER: Final = 6
@@ -71,20 +71,16 @@ def recorded(one: Sitting, amount: Amount) -> Sitting:
     return dataclasses.replace(one, events=events, plain=plain, hidden=hidden)
 
 
-def collect(
-    numbers: Sequence[int], seed: int, directory: Path, processes: int, report: Callable[[str], None]
-) -> None:
+def collect(numbers: Sequence[int], seed: int, directory: Path, processes: int, report: Callable[[str], None]) -> None:
     """Add the examples of these bodies to the files of all amounts in a directory, without those that are known."""
     known = {number for number, _ in stored(directory)}
     missing = [number for number in numbers if number not in known]
-    chunks = [missing[begin : begin + TOGETHER] for begin in range(0, len(missing), TOGETHER)]
-    with ProcessPoolExecutor(processes) as executor:
-        done = 0
-        for future in as_completed([executor.submit(_found, chunk, seed) for chunk in chunks]):
-            for found in future.result():
-                _append(directory, found)
-                done += 1
-            report(f"{done} of {len(missing)} bodies with further recordings")
+    done = 0
+    for bodies in in_chunks(_found, missing, TOGETHER, seed, processes):
+        for found in bodies:
+            _append(directory, found)
+        done += len(bodies)
+        report(f"{done} of {len(missing)} bodies with further recordings")
     for amount in AMOUNTS:
         pack(_path(directory, amount))
 
@@ -124,23 +120,26 @@ def _append(directory: Path, found: Mapping[str, Example]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """The answers to bodies from one amount, with the catalogue's laws and with the true law of each."""
+    """The answers to bodies from one amount: with the catalogue's laws, and with the true law of each.
+
+    learned: with the true laws by the decision that was learned with true laws.
+    """
 
     catalogue: Sequence[Prediction]
     true_law: Sequence[Prediction]
+    learned: Sequence[Prediction]
 
 
-def answered(found: Sequence[tuple[int, Mapping[str, Example]]], model: LearnedModel) -> dict[str, Answers]:
+def answered(
+    found: Sequence[tuple[int, Mapping[str, Example]]], model: LearnedModel, ideal: IdealDecision
+) -> dict[str, Answers]:
     """The answers by the names of the amounts, in the order of bodies that can be traced from every amount."""
-    ideal = [{name: labelled_with_true_law(one) for name, one in each.items()} for _, each in found]
-    usable = [(each, true) for (_, each), true in zip(found, ideal, strict=True) if all(true.values())]
-
-    def of(every: Sequence[Sequence[Labelled]]) -> list[Prediction]:
-        return answers([one[0] for one in every], model.weights, model.temperature)
-
-    return {
-        amount.name: Answers(
-            of([labelled(each[amount.name]) for each, _ in usable]), of([true[amount.name] for _, true in usable])
-        )
-        for amount in AMOUNTS
-    }
+    with_true_laws = [{name: labelled_with_true_law(one) for name, one in each.items()} for _, each in found]
+    usable = [(each, true) for (_, each), true in zip(found, with_true_laws, strict=True) if all(true.values())]
+    by_amount = {}
+    for amount in AMOUNTS:
+        own = [labelled(each[amount.name])[0] for each, _ in usable]
+        true = [one[amount.name][0] for _, one in usable]
+        by_model = [answers(one, model.weights, model.temperature) for one in (own, true)]
+        by_amount[amount.name] = Answers(*by_model, ideal.answers(true))
+    return by_amount

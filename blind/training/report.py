@@ -113,19 +113,24 @@ def recordings_lines(found: Mapping[str, Answers], named_from: float) -> list[st
     for low, high in zip(RATIOS[:3], (*RATIOS[1:3], np.inf), strict=True):
         mine = [i for i, ratio in enumerate(ratios) if low < ratio <= high]
         for amount in AMOUNTS if mine else ():
-            each = [[of[i] for i in mine] for of in (found[amount.name].catalogue, found[amount.name].true_law)]
+            of = found[amount.name]
+            each = [[every[i] for i in mine] for every in (of.catalogue, of.true_law, of.learned)]
             named, right = [_named_right(one, named_from) for one in each], [_best_right(one) for one in each]
-            sure = [f"{np.mean([one.p_right for one in of]):.2f}" for of in each]
+            sure = [f"{np.mean([one.p_right for one in answers]):.2f}" for answers in each]
             rows.append(cells(f"{_span(low, high)}: {amount.words}", str(len(mine)), *named, *right, *sure))
     words = (
         "Each body has one effect of the catalogue and a background. All its recordings come from one sitting, of which"
         " a part is traced. Events for fitting and held-out events grow alike. The ratio is that of the least data."
         " None of these bodies was learned from, but bodies with the same forms of laws were."
     )
-    both = ("with the true law",)
-    head = ("ratio: recordings", "bodies", "right cause named", *both, "most probable answer right", *both,
-            "mean probability of the right answer", *both)  # fmt: skip
+    head = ("ratio: recordings", "bodies", *_beside_true_law("right cause named", "most probable answer right",
+            "mean probability of the right answer"))  # fmt: skip
     return ["## Further recordings", "", words, "", *table(head, rows), ""] if rows else []
+
+
+def _beside_true_law(*names: str) -> Sequence[str]:
+    """Each name followed by those of the same with the true law, and by a decision that was learned with it."""
+    return [text for name in names for text in (name, "with the true law", "... and learned with it")]
 
 
 def _span(low: float, high: float) -> str:
@@ -226,9 +231,7 @@ def ceiling_lines(
         " models that were learned with true laws too, without the features in which a true law is unlike a fit. What"
         " they miss, better laws alone would not name."
     )
-    head = ("ratio", "bodies")
-    for name in ("right cause named", "most probable answer right"):
-        head += (name, "with the true law", "... and learned with it")
+    head = ("ratio", "bodies", *_beside_true_law("right cause named", "most probable answer right"))
     return ["## The true law in the catalogue", "", words, "", *table(head, rows), ""]
 
 
