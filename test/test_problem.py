@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.identification.fit import mean_percent
 from biodyn_core.identification.problem import Case, CaseSettings, errors, sharpened
 from biodyn_core.recording.recording import WARM_UP_S, Recording
 
@@ -49,6 +50,15 @@ def test_a_missing_segment_is_left_out_and_reported() -> None:
     assert not case.weight[:, [1, 3]].any() and not case.coherence[:, [1, 3]].any()
     found = errors(case, case.measured_mps2)
     assert np.isnan(found.nrmse_rms_percent[[1, 3]]).all() and found.mean_percent == 0.0
+
+
+def test_an_unstable_prediction_is_worse_than_any_other() -> None:
+    """Its error is infinite, not NaN, which would be neither smaller nor larger than others."""
+    case = fitting.ready(*_pair(some_recording()))
+    unstable = errors(case, np.full(case.measured_mps2.shape, np.nan))
+    wrong = errors(case, case.measured_mps2 + 1e6)
+    assert unstable.mean_percent == np.inf and mean_percent([unstable, wrong]) == np.inf
+    assert min((unstable, wrong), key=lambda one: one.mean_percent) is wrong
 
 
 @pytest.mark.parametrize(

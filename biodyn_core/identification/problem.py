@@ -5,6 +5,7 @@ Zaman et al., 5.3 and 6.2.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -141,8 +142,12 @@ class Errors:
 
     @property
     def mean_percent(self) -> float:
-        """J of Eq. 35: the mean of nrmse_rms_percent over the measured segments."""
-        return float(np.nanmean(self.nrmse_rms_percent))
+        """J of Eq. 35: the mean of nrmse_rms_percent over the measured segments; infinite for an unstable simulation.
+
+        An unstable simulation has NaN in every segment. Infinity is larger than any error it is compared with.
+        """
+        known = self.nrmse_rms_percent[~np.isnan(self.nrmse_rms_percent)]
+        return float(known.mean()) if known.size else math.inf
 
 
 def errors(case: Case, accel_mps2: Floats) -> Errors:

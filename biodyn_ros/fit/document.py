@@ -128,7 +128,7 @@ def _error(error: Errors) -> Document:
     return {
         "nrmse_rms": by_segment(error.nrmse_rms_percent),
         "nrmse_range": by_segment(error.nrmse_range_percent),
-        "mean": error.mean_percent,
+        "mean": finite(error.mean_percent),
     }
 
 
