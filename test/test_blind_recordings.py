@@ -14,12 +14,14 @@ from test_probability import EVIDENCE, random_model
 from world.effects.sitting import Plan, Sitting, _planned, draft_of
 from world.seats import CASES
 
+from biodyn_core.tracing.findings import FurtherRecordings
 from blind.tracing.outcome import Cause
 from blind.training import collect as collecting
 from blind.training import recordings
+from blind.training.calibrate import Prediction
 from blind.training.ideal import IdealDecision
 from blind.training.learn import labelled
-from blind.training.recordings import AMOUNTS, SETTINGS, answered, collect, made, recorded, stored
+from blind.training.recordings import AMOUNTS, SETTINGS, Answers, answered, collect, made, recorded, stored, summary
 from blind.training.report import recordings_lines
 from blind.training.traced import TracedBody
 
@@ -122,4 +124,16 @@ def test_the_table_has_a_row_for_each_ratio_and_amount() -> None:
     assert len(rows) == 2 * len(AMOUNTS) and not any("above 1.5" in line for line in lines)
     assert all(row.split("|")[2].strip() == "1" for row in rows)
     nothing = answered([], random_model(), NO_DECISION)
-    assert recordings_lines(nothing, 0.8) == []
+    assert recordings_lines(nothing, 0.8) == [] and summary(nothing, 0.8) == ()
+
+
+def test_right_names_are_counted_for_each_amount() -> None:
+    """Of three bodies one is named, and one more has its mechanism as the most probable answer."""
+    label = labelled(example(FRICTION))[0]
+    right = ("dry_friction",)
+    of = [Prediction(label, {name: p, "none": 1.0 - p}, right) for name, p in
+          (("dry_friction", 0.9), ("dry_friction", 0.7), ("clock", 0.95))]  # fmt: skip
+    found = {amount.name: Answers(of if amount is AMOUNTS[-1] else of[1:2], [], []) for amount in AMOUNTS}
+    *few, every = summary(found, 0.8)
+    assert every == FurtherRecordings(AMOUNTS[-1].words, 3, 1, 2)
+    assert few == [FurtherRecordings(amount.words, 1, 0, 1) for amount in AMOUNTS[:-1]]

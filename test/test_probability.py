@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.tracing import probability
+from biodyn_core.tracing import probability, results
 from biodyn_core.tracing.evidence import BodyEvidence, CandidateEvidence, Evidence, FitEvidence
 from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, LEAST_GAIN, Features, features
+from biodyn_core.tracing.findings import FurtherRecordings
 from biodyn_core.tracing.probability import (
     EFFECT_NAMES,
     SHARED_BODY_NAMES,
@@ -28,6 +29,7 @@ from biodyn_core.tracing.probability import (
     likely,
     probabilities,
 )
+from biodyn_core.tracing.settings import TraceSettings
 
 EFFECTS = tuple(sorted(CATALOGUE))
 
@@ -200,7 +202,8 @@ def test_evidence_is_stored_with_four_digits() -> None:
 
 
 def test_a_learned_model_is_read_as_it_was_written() -> None:
-    model = random_model()
+    further = (FurtherRecordings("the least data", 3, 1, 2), FurtherRecordings("more", 3, 2, 2))
+    model = dataclasses.replace(random_model(), further=further)
     text = learned_text(model)
     again = learned_from(text, "learned.json")
     assert learned_text(again) == text
@@ -208,6 +211,7 @@ def test_a_learned_model_is_read_as_it_was_written() -> None:
         1.3, 0.07, model.power, 1.0, {"bodies": 3},
     )  # fmt: skip
     np.testing.assert_allclose(again.weights.of_effects, model.weights.of_effects, rtol=1e-4)
+    assert again.further == further
 
 
 @pytest.mark.parametrize(
@@ -219,6 +223,7 @@ def test_a_learned_model_is_read_as_it_was_written() -> None:
         ),
         (lambda text: text[:-200], "the learned model is damaged"),
         (lambda text: text.replace('"behind best"', '"in front"'), "the learned model is damaged"),
+        (lambda text: text.replace('"further"', '"later"'), "the learned model is damaged"),
         (lambda text: "[]", "the learned model is damaged"),
     ],
 )
@@ -226,6 +231,15 @@ def test_a_learned_file_of_another_version_or_damaged_is_refused(change, why: st
     with pytest.raises(InputError, match=why) as found:
         learned_from(change(learned_text(random_model())), "learned.json")
     assert "\n" not in str(found.value) and str(found.value).count("make train") == 1
+
+
+def test_further_recordings_are_stated_for_the_probability_that_they_were_counted_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    further = (FurtherRecordings("the least data", 3, 1, 2),)
+    monkeypatch.setattr(results, "packaged", lambda: dataclasses.replace(random_model(), further=further))
+    assert results._further(TraceSettings(named_from=0.8)) == further
+    assert results._further(TraceSettings(named_from=0.7)) == ()
 
 
 def test_the_power_is_a_logistic_curve() -> None:

@@ -30,6 +30,7 @@ from biodyn_core.tracing.findings import (
     ComparedEvent,
     Diagnostics,
     ForceProfile,
+    FurtherRecordings,
     Interval,
     NamingPower,
     Need,
@@ -532,6 +533,25 @@ def test_the_terminal_has_the_verdict_first() -> None:
     ):  # fmt: skip
         assert expected in text, expected
     assert text_of(Report(nothing())).splitlines()[0].startswith("These recordings have too little data")
+
+
+def test_without_a_single_cause_the_gain_of_further_recordings_is_stated() -> None:
+    further = (
+        FurtherRecordings("the least data", 24, 9, 14),
+        FurtherRecordings("twice the road", 24, 10, 15),
+        FurtherRecordings("all of these", 24, 13, 18),
+    )
+    trace = found("ambiguous", further=further)
+    line = (
+        "in simulation of 24 bodies with one missing effect, 9 right causes are named from the least data, for fitting"
+        " and again held out. With further recordings for both: twice the road: 10; all of these: 13"
+    )
+    for text in (" ".join(text_of(Report(trace)).split()), page_of(trace)[1].text):
+        assert line in text and "drive one shock" in text
+    document = trace_document(Report(trace))["further_recordings"]
+    assert document[0] == {"recordings": "the least data", "bodies": 24, "named": 9, "best": 14}
+    assert [one["named"] for one in document] == [9, 10, 13]
+    assert trace_document(Report(found()))["further_recordings"] == []
 
 
 def test_without_a_verdict_one_list_has_the_missing_recordings() -> None:

@@ -236,6 +236,19 @@ class NamingPower:
     share: float
 
 
+@dataclass(frozen=True)
+class FurtherRecordings:
+    """How many simulated bodies with an effect amid a background have the right cause named from some recordings.
+
+    recordings: in words. best: bodies whose most probable answer is right.
+    """
+
+    recordings: str
+    bodies: int
+    named: int
+    best: int
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trace:
     """A whole trace.
@@ -246,7 +259,8 @@ class Trace:
     floor_percent: error by sensor noise alone, None if unknown. untestable: effects that lack a channel. left_out:
     events or sensors that are not used, with the reason. experiment: the next recordings. calibrated: whether the
     screening was computed or read from an earlier trace. nuisance: largest multiple first. named_from: probability from
-    which one cause is named. power: None if unknown or if an effect is missing.
+    which one cause is named. power: None if unknown or if an effect is missing. further: causes named in simulation
+    from the least data and from more, without a named cause.
     """
 
     verdict: Verdict
@@ -265,6 +279,7 @@ class Trace:
     intervals: tuple[tuple[Interval, ...], ...] = ()
     ambiguous_with: tuple[AppliedEffect, ...] = ()
     power: NamingPower | None = None
+    further: tuple[FurtherRecordings, ...] = ()
     family: str = ""
     rounds: tuple[Round, ...] = ()
     nuisance: tuple[NuisanceValue, ...] = ()

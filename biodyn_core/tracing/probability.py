@@ -22,9 +22,10 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.evidence import Evidence
 from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features, features
+from biodyn_core.tracing.findings import FurtherRecordings
 
-VERSION: Final = 2
-"""Of the learned file: it changes with the features."""
+VERSION: Final = 3
+"""Of the learned file: it changes with the features and with its keys."""
 
 NONE: Final = "none"
 OUTSIDE: Final = "outside"
@@ -82,7 +83,8 @@ class LearnedModel:
 
     temperature divides all scores. set_threshold: an answer belongs to the 90 % set if its probability is at least
     this (split conformal prediction). power: the curve of named effects over their ratio. ridge: the precision of the
-    weights' prior. provenance: seed, bodies, commit and scores of the training.
+    weights' prior. provenance: seed, bodies, commit and scores of the training. further: the same bodies from the least
+    data, the first, and from more of several kinds.
     """
 
     weights: Weights
@@ -91,6 +93,7 @@ class LearnedModel:
     power: Power
     ridge: float
     provenance: Mapping[str, Any]
+    further: tuple[FurtherRecordings, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +160,7 @@ def learned_from(text: str, name: str) -> LearnedModel:
             Power(**stored["power"]),
             float(stored["ridge"]),
             stored["provenance"],
+            tuple(FurtherRecordings(**each) for each in stored["further"]),
         )
     except InputError:
         raise
@@ -174,6 +178,7 @@ def learned_text(model: LearnedModel) -> str:
         "set_threshold": model.set_threshold,
         "power": dataclasses.asdict(model.power),
         "ridge": model.ridge,
+        "further": [dataclasses.asdict(each) for each in model.further],
         "weights": {
             "candidates": _named(CANDIDATE_NAMES, of.of_candidates),
             "effects": {name: _named(EFFECT_NAMES, row) for name, row in zip(of.effects, of.of_effects, strict=True)},

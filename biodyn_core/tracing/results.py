@@ -18,6 +18,7 @@ from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.experiments import separating, to_record
 from biodyn_core.tracing.findings import (
     ComparedEvent,
+    FurtherRecordings,
     Interval,
     NamingPower,
     Need,
@@ -80,6 +81,7 @@ def build_result(
         intervals=(*(() for _ in tilted), *_intervals(outcomes, added), *(() for _ in not_added)),
         ambiguous_with=rivals,
         power=_power(samples, s) if verdict == "none" else None,
+        further=_further(s) if verdict != "effect" else (),
         family=_family([*causes[:1], *rivals]),
         experiment=separating([one.effect for one in (*causes[:1], *rivals)]),
         events=_events(given, before, after, train, choose, report),
@@ -103,6 +105,12 @@ def _power(samples: float, s: TraceSettings) -> NamingPower | None:
     """The share of such recordings in which an effect is named; None for a probability that it was not learned for."""
     power, ratio = packaged().power, s.report.power_ratio
     return NamingPower(ratio, power.named(ratio, samples)) if power.named_from == s.named_from else None
+
+
+def _further(s: TraceSettings) -> tuple[FurtherRecordings, ...]:
+    """The causes that further recordings name in simulation; empty for a probability that it was not counted for."""
+    model = packaged()
+    return model.further if model.power.named_from == s.named_from else ()
 
 
 def _same(one: AppliedEffect, other: AppliedEffect) -> bool:

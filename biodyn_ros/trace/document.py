@@ -66,6 +66,7 @@ def trace_document(report: Report) -> Document:
             }
             for need in trace.needs
         ],
+        "further_recordings": [dataclasses.asdict(each) for each in trace.further],
         "error": {when: errors_by_use(trace, when) for when in WHEN},
         "floor": known(trace.floor_percent),
         "p_value": known(trace.p_value),

@@ -306,6 +306,24 @@ def _power(trace: Trace) -> Iterator[str]:
         yield f"An effect of ratio {power.ratio:g} would have been named in {shown} % of such recordings."
 
 
+def record_next(trace: Trace) -> list[str]:
+    """The recordings that separate causes, and what more of the same shows in simulation; empty without a verdict."""
+    separating = [trace.experiment] if trace.experiment and not trace.needs else []
+    return [*separating, *_further(trace)]
+
+
+def _further(trace: Trace) -> Iterator[str]:
+    """The causes named in simulation from the least data, and from more, in one sentence."""
+    if not trace.further:
+        return
+    least, *more = trace.further
+    each = "; ".join(f"{one.recordings}: {one.named}" for one in more)
+    yield (
+        f"in simulation of {least.bodies} bodies with one missing effect, {least.named} right causes are named from"
+        f" {least.recordings}, for fitting and again held out. With further recordings for both: {each}"
+    )
+
+
 def _percent(share: float) -> str:
     """A share in percent with two significant digits."""
     return f"{float(f'{100.0 * share:.2g}'):g} %"

@@ -7,6 +7,7 @@ search, remove the stored examples.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import datetime as dt
 import sys
 import time
@@ -74,9 +75,10 @@ def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) 
     found = learned(every, ideal, provenance, named_from)
     report(f"learned from {traced} bodies")
     unlike = {kind: beyond(every, kind, found.model) for kind in mixture.KINDS}
-    MODEL.write_text(learned_text(found.model), encoding="utf-8")
     own = IdealDecision.of(every, ideal)
-    further = recordings_lines(recordings.answered(recordings.stored(FURTHER), found.model, own), named_from)
+    more = recordings.answered(recordings.stored(FURTHER), found.model, own)
+    further, model = recordings_lines(more, named_from), recordings.summary(more, named_from)
+    MODEL.write_text(learned_text(dataclasses.replace(found.model, further=model)), encoding="utf-8")
     ceilings = ceiling_lines(found.found, [found.ceiling, own.cross_validated()], named_from)
     page = rendered(found, named_from, [*ceilings, *background_lines(unlike, named_from), *further])
     PAGE.write_text(page, encoding="utf-8")

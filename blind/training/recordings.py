@@ -15,6 +15,7 @@ from world.effects.moving import runs_away
 from world.effects.sitting import Planned, Sitting
 from world.seats import Case
 
+from biodyn_core.tracing.findings import FurtherRecordings
 from biodyn_core.tracing.probability import LearnedModel
 from blind.tracing.records import causes
 from blind.training.calibrate import Prediction, answers
@@ -128,6 +129,18 @@ class Answers:
     catalogue: Sequence[Prediction]
     true_law: Sequence[Prediction]
     learned: Sequence[Prediction]
+
+
+def summary(found: Mapping[str, Answers], named_from: float) -> tuple[FurtherRecordings, ...]:
+    """The right causes named from each amount, with the catalogue's laws; empty without bodies."""
+    every = [(amount.words, found[amount.name].catalogue) for amount in AMOUNTS]
+    return tuple(
+        FurtherRecordings(
+            words, len(of), sum(one.names_right(named_from) for one in of), sum(one.best in one.right for one in of)
+        )
+        for words, of in every
+        if of
+    )
 
 
 def answered(
