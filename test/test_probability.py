@@ -14,7 +14,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing import probability, results
 from biodyn_core.tracing.evidence import BodyEvidence, CandidateEvidence, Evidence, FitEvidence
-from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, LEAST_GAIN, Features, features
+from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, LEAST_GAIN, SAMPLES, Features, features
 from biodyn_core.tracing.findings import FurtherRecordings
 from biodyn_core.tracing.probability import (
     EFFECT_NAMES,
@@ -244,8 +244,19 @@ def test_further_recordings_are_stated_for_the_probability_that_they_were_counte
 
 def test_the_power_is_a_logistic_curve() -> None:
     power = Power(0.8, -1.0, 3.0, 0.5)
-    assert power.named(1.0, 1.0) == pytest.approx(1.0 / (1.0 + np.exp(1.0)))
-    assert power.named(10.0, 100.0) == pytest.approx(1.0 / (1.0 + np.exp(-3.0)))
+    for ratio, samples, x in ((1.0, 100.0, 0.0), (10.0, 100.0, 3.0), (1.0, 1e4, 0.5 * np.log10(SAMPLES[1]) - 1.0)):
+        assert power.named(ratio, samples) == pytest.approx(1.0 / (1.0 + np.exp(-x)))
+
+
+def test_more_data_than_any_training_body_count_as_its_limit() -> None:
+    """... and fewer too: no weight of the samples acts beyond the bodies that it was learned from."""
+    most, more, fewer, least = (
+        features(dataclasses.replace(EVIDENCE, body=dataclasses.replace(BODY, samples=count))).of_body
+        for count in (SAMPLES[1], 10.0 * SAMPLES[1], 1.0, SAMPLES[0])
+    )
+    np.testing.assert_array_equal(most, more)
+    np.testing.assert_array_equal(least, fewer)
+    assert (most != least).any()
 
 
 def test_an_effect_without_weights_counts_as_the_mean_of_all() -> None:

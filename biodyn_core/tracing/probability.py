@@ -21,7 +21,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.evidence import Evidence
-from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features, features
+from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, SAMPLES, Features, features
 from biodyn_core.tracing.findings import FurtherRecordings
 
 VERSION: Final = 3
@@ -72,8 +72,8 @@ class Power:
     by_samples: float
 
     def named(self, ratio: float, samples: float) -> float:
-        """The share at a ratio, with so many independent samples for fitting."""
-        x = self.constant + self.by_ratio * np.log10(ratio) + self.by_samples * np.log10(samples)
+        """The share at a ratio, with so many independent samples for fitting, within `SAMPLES`."""
+        x = self.constant + self.by_ratio * np.log10(ratio) + self.by_samples * np.log10(np.clip(samples, *SAMPLES))
         return float(1.0 / (1.0 + np.exp(-x)))
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from biodyn_core.effects import CATALOGUE
+from biodyn_core.tracing.features import SAMPLES
 from biodyn_core.tracing.probability import NONE, OUTSIDE, LearnedModel, Power, Probabilities, Weights, likely
 from blind.training.learn import Design, Labelled, chances, learned_weights
 
@@ -154,7 +155,8 @@ def power(found: Sequence[Prediction], named_from: float) -> Power:
     """
     of_catalogue = [one for one in found if len(one.labelled.forms) == 1 and one.labelled.mechanism]
     single = [one for one in of_catalogue if one.labelled.ratio > 0.0]
-    rows = [(1.0, np.log10(one.labelled.ratio), np.log10(one.labelled.samples)) for one in single]
+    samples = np.clip([one.labelled.samples for one in single], *SAMPLES)
+    rows = [(1.0, np.log10(one.labelled.ratio), np.log10(count)) for one, count in zip(single, samples, strict=True)]
     x, named = np.array(rows).reshape(-1, 3), np.array([one.names_right(named_from) for one in single])
     centre = x[:, 2].mean() if single else 0.0
     x[:, 2] -= centre
