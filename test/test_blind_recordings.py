@@ -128,11 +128,12 @@ def test_the_table_has_a_row_for_each_ratio_and_amount() -> None:
 
 
 def test_right_names_are_counted_for_each_amount() -> None:
-    """Of three bodies one is named, and one more has its mechanism as the most probable answer."""
+    """Of three bodies one is named, and one more has its mechanism as the most probable answer. A weak one is left out."""
     label = labelled(example(FRICTION))[0]
     right = ("dry_friction",)
     of = [Prediction(label, {name: p, "none": 1.0 - p}, right) for name, p in
           (("dry_friction", 0.9), ("dry_friction", 0.7), ("clock", 0.95))]  # fmt: skip
+    of.append(Prediction(labelled(example(FRICTION, ratio=0.2))[0], {"dry_friction": 0.9, "none": 0.1}, right))
     found = {amount.name: Answers(of if amount is AMOUNTS[-1] else of[1:2], [], []) for amount in AMOUNTS}
     *few, every = summary(found, 0.8)
     assert every == FurtherRecordings(AMOUNTS[-1].words, 3, 1, 2)

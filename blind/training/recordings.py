@@ -22,7 +22,7 @@ from blind.training.calibrate import Prediction, answers
 from blind.training.collect import Example, example, examples, in_chunks, pack
 from blind.training.draw import TrainingSettings, drawn, sittings
 from blind.training.ideal import IdealDecision
-from blind.training.learn import labelled, labelled_with_true_law
+from blind.training.learn import WEAK, labelled, labelled_with_true_law
 from blind.training.traced import traced
 
 TOGETHER: Final = 6
@@ -132,8 +132,14 @@ class Answers:
 
 
 def summary(found: Mapping[str, Answers], named_from: float) -> tuple[FurtherRecordings, ...]:
-    """The right causes named from each amount, with the catalogue's laws; empty without bodies."""
-    every = [(amount.words, found[amount.name].catalogue) for amount in AMOUNTS]
+    """The right causes named from each amount, with the catalogue's laws; empty without bodies.
+
+    Bodies whose effect is so weak that `none` is right too are left out.
+    """
+    every = [
+        (amount.words, [one for one in found[amount.name].catalogue if one.labelled.ratio >= WEAK])
+        for amount in AMOUNTS
+    ]
     return tuple(
         FurtherRecordings(
             words, len(of), sum(one.names_right(named_from) for one in of), sum(one.best in one.right for one in of)
