@@ -128,7 +128,7 @@ def test_the_table_has_a_row_for_each_ratio_and_amount() -> None:
 
 
 def test_right_names_are_counted_for_each_amount() -> None:
-    """Of three bodies one is named, and one more has its mechanism as the most probable answer. A weak one is left out."""
+    """Of three bodies one is named, and one more has its mechanism as the best answer; a weak one is left out."""
     label = labelled(example(FRICTION))[0]
     right = ("dry_friction",)
     of = [Prediction(label, {name: p, "none": 1.0 - p}, right) for name, p in
