@@ -76,7 +76,7 @@ def collect(numbers: Sequence[int], seed: int, path: Path, processes: int, repor
 def in_chunks(
     make: Callable[[Sequence[int], int], list[T]], numbers: Sequence[int], together: int, seed: int, processes: int
 ) -> Iterator[list[T]]:
-    """What is made of bodies that are simulated together, as it is ready, in several processes."""
+    """Make the results of bodies in several processes, `together` at once; each group is yielded when it is ready."""
     chunks = [numbers[begin : begin + together] for begin in range(0, len(numbers), together)]
     with ProcessPoolExecutor(processes) as executor:
         for future in as_completed([executor.submit(make, chunk, seed) for chunk in chunks]):

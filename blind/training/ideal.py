@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 from biodyn_core.tracing.features import CANDIDATE_NAMES
@@ -52,8 +53,12 @@ class IdealDecision:
 
     def answers(self, others: Sequence[Labelled]) -> list[Prediction]:
         """The answers to bodies that it was not learned from."""
-        weights = learned_weights(Design.of(self.examples), self.ridge)
-        return answers([_without_unlike(one) for one in others], weights, self.temperature)
+        return answers([_without_unlike(one) for one in others], self._weights, self.temperature)
+
+    @cached_property
+    def _weights(self) -> Weights:
+        """The weights from all examples."""
+        return learned_weights(Design.of(self.examples), self.ridge)
 
 
 def _without_unlike(one: Labelled) -> Labelled:
