@@ -134,7 +134,10 @@ def test_right_names_are_counted_for_each_amount() -> None:
     of = [Prediction(label, {name: p, "none": 1.0 - p}, right) for name, p in
           (("dry_friction", 0.9), ("dry_friction", 0.7), ("clock", 0.95))]  # fmt: skip
     of.append(Prediction(labelled(example(FRICTION, ratio=0.2))[0], {"dry_friction": 0.9, "none": 0.1}, right))
-    found = {amount.name: Answers(of if amount is AMOUNTS[-1] else of[1:2], [], []) for amount in AMOUNTS}
-    *few, every = summary(found, 0.8)
-    assert every == FurtherRecordings(AMOUNTS[-1].words, 3, 1, 2)
-    assert few == [FurtherRecordings(amount.words, 1, 0, 1) for amount in AMOUNTS[:-1]]
+    # The ratio by more data is another one; the least data decide.
+    strong = [dataclasses.replace(one, labelled=label) for one in of]
+    unsure = [dataclasses.replace(one, answers={"dry_friction": 0.6, "none": 0.4}) for one in of]
+    found = {amount.name: Answers(strong, [], []) for amount in AMOUNTS} | {AMOUNTS[0].name: Answers(unsure, [], [])}
+    least, *more = summary(found, 0.8)
+    assert least == FurtherRecordings(AMOUNTS[0].words, 3, 0, 3)
+    assert more == [FurtherRecordings(amount.words, 3, 1, 2) for amount in AMOUNTS[1:]]

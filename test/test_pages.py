@@ -323,6 +323,10 @@ def test_the_summary_of_a_fit_is_that_of_its_file(fitted: FitReport, tmp_path: P
         for one, other in zip(read.estimates, summary.estimates, strict=True)
     )
     assert dataclasses.replace(read, estimates=estimates) == summary
+    document = json.loads((tmp_path / "anna.fit.json").read_text())
+    document["held_out"][0][document["result"]]["mean"] = None  # as for an unstable prediction
+    (tmp_path / "anna.fit.json").write_text(json.dumps(document))
+    assert fit_verdict(read_summary(tmp_path / "anna.fit.json")).tone == "bad"
     (tmp_path / "anna.fit.json").write_text("[3]")
     with pytest.raises(InputError, match=r"^.*anna\.fit\.json: is not a fit\.json of biodyn; fit the subject again$"):
         read_summary(tmp_path / "anna.fit.json")

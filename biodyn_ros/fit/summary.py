@@ -81,7 +81,9 @@ def read_summary(path: Path) -> FitSummary:
 
 def _of_document(document: Any) -> FitSummary:
     result, starts, matrix = document["result"], document["joint"]["starts"], document["mass_matrix"]
-    fitted, held_out = (tuple(event[result]["mean"] for event in document[events]) for events in ("cases", "held_out"))
+    fitted, held_out = (
+        tuple(_percent(event[result]["mean"]) for event in document[events]) for events in ("cases", "held_out")
+    )
     return FitSummary(
         fitted=fitted,
         held_out=held_out,
@@ -101,6 +103,11 @@ def _estimate(name: str, of: Any, identifiability: Identifiability) -> Estimate:
     return Estimate(
         name, of["unit"], of["value"], of["lower"], of["upper"], half_width, identifiability, of["at_bound"]
     )
+
+
+def _percent(stored: float | None) -> float:
+    """A stored error; JSON has no infinity, which an unstable prediction has."""
+    return math.inf if stored is None else stored
 
 
 def _mean(percents: Sequence[float]) -> float | None:

@@ -134,12 +134,10 @@ class Answers:
 def summary(found: Mapping[str, Answers], named_from: float) -> tuple[FurtherRecordings, ...]:
     """The right causes named from each amount, with the catalogue's laws; empty without bodies.
 
-    Bodies whose effect is so weak that `none` is right too are left out.
+    Bodies whose effect is so weak in the least data that `none` is right too are left out.
     """
-    every = [
-        (amount.words, [one for one in found[amount.name].catalogue if one.labelled.ratio >= WEAK])
-        for amount in AMOUNTS
-    ]
+    kept = [i for i, one in enumerate(found[AMOUNTS[0].name].catalogue) if one.labelled.ratio >= WEAK]
+    every = [(amount.words, [found[amount.name].catalogue[i] for i in kept]) for amount in AMOUNTS]
     return tuple(
         FurtherRecordings(
             words, len(of), sum(one.names_right(named_from) for one in of), sum(one.best in one.right for one in of)
